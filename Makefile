@@ -24,7 +24,7 @@ PEERS := $(VENV)/.peers
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: example quickstart test test-gpu faults fuzz peers setup lint types kernels-engine kernels-scene format clean
+.PHONY: example quickstart test wheel test-gpu faults fuzz peers setup lint types kernels-engine kernels-scene format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -43,6 +43,10 @@ test: $(TESTS) $(PEERS)
 	$(BIN)/ruff format --check .
 	@$(MAKE) --no-print-directory -j 2 types kernels-engine kernels-scene
 	$(PYTEST) --ignore tests/engine/gpu $(OF_ENGINE:%=--ignore %) $(OF_SCENE:%=--ignore %)
+
+# The wheel, installed without the pins and outside the clone, with the newest Python there is: 1 GB.
+wheel: $(TESTS)
+	@.ci/wheel $(BIN)/python "$(CURDIR)/$(VENV)/wheel"
 
 test-gpu: $(GPU)
 	$(BIN)/python -m pytest -n 2 --dist worksteal tests/engine/gpu

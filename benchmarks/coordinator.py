@@ -42,7 +42,7 @@ from rich.table import Table
 from dse import store
 from dse.config import load_space
 from dse.models.snn import train as snn
-from dse.study import doctor, explore, jobs
+from dse.study import explore, jobs, tables
 
 NAME = "benchmarks.coordinator"
 """Where workers look the stub up: not in __main__."""
@@ -228,7 +228,7 @@ def main() -> None:
             worker_s = _cpu_s(resource.RUSAGE_CHILDREN) - before_s
             resume_s, _, _ = run(path)
             shutil.rmtree(store.run_folder(folder / "results" / path.stem, n_trials - 1, 0))
-            doctor.write_tables(folder / "results" / path.stem)
+            tables.write_again(folder / "results" / path.stem)
             missing_s, _, first_s = run(path)
             profile.disable()
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -119,7 +119,7 @@ const Budgets = (() => {
     const objectives = Object.entries(page.objectives);
     const nRows = Object.values(columns)[0]?.values.length ?? 0;
     const values = Object.fromEntries(
-      [...new Set([...limited.map(([c]) => c), ...Object.keys(page.objectives), budgets.maximise, ...budgets.ties])]
+      [...new Set([...limited.map(([c]) => c), ...Object.keys(page.objectives), budgets.maximise, ...budgets.ties.map(([c]) => c)])]
         .filter((c) => c && columns[c]).map((c) => [c, numbers(columns[c].values)]));
     const costOf = (column, way) => (way === "max" ? values[column].map((v) => -v) : values[column]);
     const costs = objectives.map(([column, way]) => costOf(column, way));
@@ -257,10 +257,7 @@ const Budgets = (() => {
         command: command(state, chosen, limits, conditions),
       };
       if (!budgets.maximise) return result;
-      const ranking = [costOf(budgets.maximise, "max"), ...objectives.filter(([c]) => c !== budgets.maximise).map(([c, way]) => costOf(c, way)),
-        ...conditions.flatMap(({ column, low, high, values: names }) => (names ? [] : [
-          ...(low !== null ? [numbers(columns[column].values).map((v) => -v)] : []), ...(high !== null ? [numbers(columns[column].values)] : [])])),
-        ...limits.map(({ column, way }) => costOf(column, way)), ...budgets.ties.filter((c) => values[c]).map((c) => costOf(c, "min"))];
+      const ranking = [costOf(budgets.maximise, "max"), ...budgets.ties.filter(([c]) => values[c]).map(([c, way]) => costOf(c, way))];
       const sameDesign = (a, b) => (columns.trial ? columns.trial.values[a] === columns.trial.values[b] : a === b);
       const feasible = rivals.filter(isWithin);
       result.pick = least(feasible, ranking);
@@ -310,7 +307,7 @@ const Budgets = (() => {
       const expressions = [...conditions, ...limits.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
       const priced = budgets.hardware.map((name) => `--hardware ${quoted(name)}`);
       return ["dse pick", quoted(budgets.results), ...priced, ...(budgets.repeats === "mean" ? [] : [`--repeats ${budgets.repeats}`]), ...expressions.map((one) => `--budget ${quoted(one)}`),
-        ...(budgets.maximise === "accuracy" ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
+        ...(budgets.maximise === (objectives.find(([, way]) => way === "max")?.[0] ?? "accuracy") ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
     }
 
     // Each task's front, normalised over the task's points in the selection: 1 is a design that is best in everything.

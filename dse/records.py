@@ -22,6 +22,18 @@ Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.integer[Any]]
 Bools = NDArray[np.bool_]
 
+
+def sum_of_products(x: Array, y: Array) -> Floats:
+    """Return the sum over the last axis of x times y, broadcast together, one term after the other.
+
+    A matrix product adds in the order of the processor's kernels, so that last bits differ between machines.
+    """
+    total = x[..., 0] * np.asarray(y[..., 0], np.float64)
+    for place in range(1, y.shape[-1]):
+        total = total + x[..., place] * y[..., place]
+    return np.asarray(total)
+
+
 Arithmetic = Literal["integer", "float32", "ideal"]
 """integer: 8-bit weights and integer states, as deployed; float32; ideal: real numbers in float64."""
 
@@ -483,7 +495,7 @@ class Workload:
         Pruned weights do not count (`synapses` replaces the brackets).
         """
         reached = self.fan_out if self.synapses is None else self.synapses
-        return np.asarray(self.spikes, dtype=np.float64) @ np.array(reached, dtype=np.float64)
+        return sum_of_products(np.asarray(self.spikes), np.array(reached, dtype=np.float64))
 
     @property
     def macs(self) -> Floats:

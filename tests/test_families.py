@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import dse
 from dse.config import SearchSpace
 from dse.dashboard.gather import gather_page
 from dse.figures.front import draw_front, gather_front
@@ -61,9 +62,9 @@ def test_an_axis_of_another_kind_is_missing(done: Study, name: str) -> None:
 
 
 def test_a_front_goes_across_kinds(done: Study) -> None:
-    found = done.skyline([("accuracy", "max"), ("n_weights", "min")])
+    found = dse.open(done.folder).skyline([("accuracy", "max"), ("n_weights", "min")])
     assert len(found.rows)
-    only = done.skyline(where="model.kind == 'together'")
+    only = dse.open(done.folder).skyline(where="model.kind == 'together'")
     assert set(only.rows["model.kind"]) == {"together"}
     few = front.skyline(done.points(), [("accuracy", "max")], "model.together.true_rate < 0.5")
     assert set(few.rows["model.together.true_rate"]) == {0.2}

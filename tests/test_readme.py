@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from dse.cli import main
 from dse.cli.command_line import commands_by_name
@@ -94,6 +96,27 @@ def test_search_spaces_named_exist():
     named = re.findall(r"search_spaces/[\w/]+\.yaml", README)
     assert named
     assert [name for name in named if not (ROOT / name).is_file()] == []
+
+
+def headline_networks() -> list[int]:
+    """Weights of every network of the table of what `dse` reaches."""
+    rows = re.findall(r"^\| (?:\d+ [^|]+)\|(.+)\|[^|]+\|$", README, flags=re.MULTILINE)
+    return [int(x.replace(" ", "")) for row in rows for x in re.findall(r", (\d[\d ]+\d)", row)]
+
+
+def test_networks_of_the_table_are_shipped_search_spaces(shared_data, monkeypatch, capsys):
+    monkeypatch.setenv("DSE_DATA", str(shared_data))
+    found = {}
+    for path in sorted(ROOT.glob("search_spaces/headline_*.yaml")):
+        pruned = yaml.safe_load(path.read_text(encoding="utf-8"))["model"].get("pruned", 0.0)
+        assert main(["check", path.stem, "--json"]) == 0
+        [row] = json.loads(capsys.readouterr().out)["rows"]
+        assert row["designs"] == 1
+        found[path.stem] = row["n_weights_high"] * (1 - pruned)
+    networks = headline_networks()
+    assert len(networks) == len(found)
+    # Rounding to 8 bits makes a few more weights of a pruned network 0.
+    assert sorted(networks) == pytest.approx(sorted(found.values()), rel=0.04)
 
 
 def touches() -> dict[str, np.ndarray]:

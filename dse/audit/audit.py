@@ -13,6 +13,7 @@ from dse.audit.rows import AuditRow
 from dse.config import SearchSpace
 from dse.dataset.parts import Progress, silent
 from dse.recordings import RecordingError
+from dse.recordings.doubts import silent_windows
 
 _HOW = (
     "a shortcut is at least half of what readers of counts over time reach above chance, and no accident "
@@ -81,7 +82,8 @@ def probe(read: Material, shifts: Sequence[int] = ()) -> tuple[list[AuditRow], l
     rows = [read.row("counts over time", score, verdict) for score in read.scores.values()]
     rows += [*totals.rows(read), *rest.rows(read), *length.rows(read)]
     rows += [*moved, *twins.rows(read), *leaks.rows(read), *groups.rows(read)]
-    notes = [f"{read.task}: {silence}"] if (silence := totals.silence(read)) else []
+    n_spikes = read.counts(read.validation, 1).sum(axis=1)
+    notes = [f"{read.task}: {text}" for text in silent_windows(n_spikes)]
     for part, drawn, every in (
         ("training", read.train, read.drawn_from[0]),
         ("validation", read.validation, read.drawn_from[1]),

@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from dse import dataset, seeds
+from dse import dataset
 from dse.audit import position
 from dse.audit.material import Levels, Material
 from dse.config import SearchSpace
-from dse.config.contracts import Encoder
 from dse.config.resolved import Sections
 from dse.config.settings import Window
 from dse.config.space import Design
 from dse.config.values import echo
-from dse.dataset.parts import Progress, place_signals, seen_by_encoder, silent
+from dse.dataset.parts import Progress, encoded_without, place_signals, silent
 from dse.recordings import RecordingError, trials_of
+from dse.recordings.leakage import MOST, drawn
 from dse.recordings.targets import target_columns
-from dse.recordings.windows import mean_levels
-from dse.records import Bools, Floats, Ints, Rasters, Signals, Spikes
+from dse.records import Bools, Rasters, Signals
 from dse.search.space import corners
 
-MOST = 1000
-"""Training and validation samples that the probes use, each; of more, a random draw."""
 MOST_SIMULATED = 400
-"""The same of simulated touch, a tenth of a second each: no more of it is simulated than the probes use."""
-FIRST = 16
-"""The resting level is the mean of the first sixteenth of a window."""
+"""Samples of simulated touch, a tenth of a second each: no more of it is simulated than the probes use."""
 
 _MOST_ENCODERS = 1000
 _DATA = ("task", "window", "preprocessing", "encoder")
@@ -89,7 +85,7 @@ def material(
     recordings = dataset.recordings(sections, base)
     simulated = not isinstance(recordings, Signals | Rasters) and trials_of(recordings) is not None
     of_split = dataset.split_of(recordings, sections)[:2]
-    train, validation = (_drawn(samples, MOST_SIMULATED if simulated else MOST) for samples in of_split)
+    train, validation = (drawn(samples, MOST_SIMULATED if simulated else MOST) for samples in of_split)
     only = np.concatenate([train, validation]) if simulated else None
     folder = dataset.prepare(roomy, base, root, space.execution.threads, progress, only)
     data = dataset.load(folder)
@@ -101,7 +97,7 @@ def material(
         assert prepared.encoder is not None  # signals without an encoder are refused
         if not prepared.encoder.transductive:
             used = np.isin(np.arange(recordings.n_recordings), np.concatenate([train, validation]))
-            levels = _levels(recordings, prepared, prepared.encoder, used)
+            levels = _levels(recordings, prepared, used)
     return Material(
         task=space.task_name(design),
         dataset=data,
@@ -133,31 +129,12 @@ def _with_room(window: Window, shifts: Sequence[int]) -> Window:
     return dataclasses.replace(window, jitter_steps=max(window.jitter_steps, most))
 
 
-def _drawn(samples: Ints, most: int) -> Ints:
-    """Return some samples, in rising order; of more than `most`, a random draw."""
-    if len(samples) <= most:
-        return samples
-    rng = seeds.generator(0, {}, "audit samples")
-    return np.sort(rng.choice(samples, most, replace=False))
-
-
-def _levels(signals: Signals, design: Sections, encoder: Encoder, used: Bools) -> Levels:
-    (start, _, _, n_steps), _ = place_signals(signals, design.window, used)
+def _levels(signals: Signals, design: Sections, used: Bools) -> Levels:
+    (start, _, _, n_steps), level = place_signals(signals, design.window, used)
     first = signals.offsets[:-1] + start
-    n_first = max(1, n_steps // FIRST)
     time = np.arange(n_steps) - (n_steps - 1) / 2
-    level, slope = np.zeros((2, signals.n_recordings, signals.n_channels))
+    slope = np.zeros_like(level)
     for i in np.flatnonzero(used):
         values = signals.values[first[i] : first[i] + n_steps].astype(np.float64)
-        level[i] = values[:n_first].mean(axis=0)
         slope[i] = time @ values / max((time**2).sum(), 1.0)
-
-    def encoded(constant: Floats, trend: Floats) -> Spikes:
-        since = np.arange(len(signals.values)) - np.repeat(first, signals.lengths)
-        removed = np.repeat(constant, signals.lengths, axis=0)
-        removed = removed + np.repeat(trend, signals.lengths, axis=0) * since[:, None]
-        changed = dataclasses.replace(signals, values=(signals.values - removed).astype(np.float32))
-        shown = seen_by_encoder(changed, design.window, mean_levels(changed, start, n_steps))
-        return encoder.encode_all(shown, start, np.where(used, n_steps, 0))
-
-    return Levels(level, slope, encoded)
+    return Levels(level, slope, functools.partial(encoded_without, signals, design, used))

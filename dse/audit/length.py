@@ -18,7 +18,7 @@ def rows(material: Material) -> list[AuditRow]:
     audit = []
     lengths = np.log(np.maximum(material.lengths, 1.0))[:, None]
     if np.ptp(lengths[material.train]):
-        score = best_of_readers(material, lengths[material.train], lengths[material.validation])
+        score = material.read_alone(lengths)
         explained = weight_of(material, score)
         verdict = f"the length of a recording explains {explained}; windows of one length hide it"
         audit.append(material.row("length of the recording", score, verdict))

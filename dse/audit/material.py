@@ -8,10 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from dse.audit.readers import LOGISTIC, NEAREST, classes_of, distances, logistic, nearest
+from dse.audit.readers import LOGISTIC, NEAREST, NEIGHBOURS, classes_of, distances, logistic, nearest
 from dse.audit.rows import AuditRow, Score, largest_class
 from dse.dataset.shifts import shifted
 from dse.models.counts.rate_windows import as_features, window_counts
+from dse.recordings.leakage import nearest_neighbours
 from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
 
 LOGISTIC_BINS, NEAREST_BINS = 16, 8
@@ -22,7 +23,7 @@ LOGISTIC_BINS, NEAREST_BINS = 16, 8
 class Levels:
     """Sampled signals before the encoder.
 
-    level: (n, channel) mean of the first samples of the window. slope: (n, channel) per step, least squares.
+    level: (n, channel) mean over the window. slope: (n, channel) per step, least squares.
     encoded: returns the spikes of the windows, from step 0, of signals less `constant` (n, channel), less
         `trend` (n, channel) times the steps since the start of the window.
     """
@@ -105,6 +106,11 @@ class Material:
     def score(self, reader: str, predicted: Ints) -> Score:
         """Return the score of predictions for the validation samples."""
         return Score(reader, predicted == self.truth, largest_class(self.truth))
+
+    def read_alone(self, features: Floats) -> Score:
+        """Return what the reader of `leakage.warnings` reaches on (n, feature) of the recordings."""
+        guess = nearest_neighbours(features[self.train], self.codes, features[self.validation])
+        return self.score(NEIGHBOURS, guess)
 
     def row(
         self,

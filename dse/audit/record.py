@@ -14,7 +14,7 @@ from dse.audit.gather import designs, sections_of
 from dse.audit.rows import AuditRow
 from dse.config import SearchSpace
 from dse.dataset import cache, dataset_key
-from dse.store import StoreError, read_json, write_json
+from dse.store import damaged, read_json, write_json
 
 FILE = "audit.json"
 """Of a study."""
@@ -70,7 +70,7 @@ def read(path: Path) -> Audit | None:
     try:
         return Audit(tuple(map(_row, document["rows"])), tuple(document["notes"]))
     except (KeyError, TypeError) as error:
-        raise StoreError(f"{path}: is no audit: {error}") from error
+        raise damaged(path, f"is no audit: {error}") from error
 
 
 def _row(columns: Mapping[str, Any]) -> AuditRow:

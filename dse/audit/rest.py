@@ -28,13 +28,15 @@ def rows(material: Material) -> list[AuditRow]:
     if levels is None:
         return _before_contact(material)
     nothing = np.zeros_like(levels.level)
-    # Whole numbers, so that sensor counts stay whole and no threshold is missed by rounding.
-    whole = np.round(levels.level)
     return [
-        _row(material, levels, "resting level", levels.level, (whole, nothing), "window.remove_mean: true"),
         _row(
-            material, levels, "drift", levels.slope, (nothing, levels.slope),
-            "a split by session, e.g. split.stratified.group",
+            material, levels, "resting level", material.read_alone(levels.level), (levels.level, nothing),
+            "window.remove_mean: true",
+        ),
+        _row(
+            material, levels, "drift",
+            best_of_readers(material, levels.slope[material.train], levels.slope[material.validation]),
+            (nothing, levels.slope), "a split by session, e.g. split.stratified.group",
         ),
     ]  # fmt: skip
 
@@ -43,7 +45,7 @@ def _row(
     material: Material,
     levels: Levels,
     probe: str,
-    features: Floats,
+    score: Score,
     removed: tuple[Floats, Floats],
     remedy: str,
 ) -> AuditRow:
@@ -51,7 +53,6 @@ def _row(
 
     They do where readers lose half of their accuracy above chance without it, or half of the counts change.
     """
-    score = best_of_readers(material, features[material.train], features[material.validation])
     sentence = f"the {probe} of the signals explains {weight_of(material, score)}"
     if not is_shortcut(material, score):
         return material.row(probe, score, sentence)

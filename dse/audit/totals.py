@@ -68,12 +68,6 @@ def rows(material: Material) -> list[AuditRow]:
     return audit
 
 
-def silence(material: Material) -> str:
-    """Return a sentence if most samples have no spike at all; '' if not."""
-    silent = float((material.counts(material.validation, 1).sum(axis=1) == 0).mean())
-    return f"{percent(silent)} of the validation windows have no spike" if silent > HALF else ""
-
-
 def only_class(material: Material) -> bool:
     """Return whether nothing can be told apart: one class in training."""
     return len(np.unique(material.codes)) < 2

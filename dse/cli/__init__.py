@@ -6,6 +6,17 @@ stdout, progress and errors to stderr. Exit codes: 0 success, 1 nothing could be
 3 no design point meets the budgets, 130 stopped by Ctrl-C.
 """
 
-from dse.cli.command_line import main
+from __future__ import annotations
 
-__all__ = ["main"]
+from collections.abc import Sequence
+
+from dse.cli.stopping import INTERRUPTED
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
+    try:
+        from dse.cli import command_line  # takes half a second, in which Ctrl-C may come
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return command_line.main(arguments)

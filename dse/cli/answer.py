@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import itertools
 import json
 import os
 import re
@@ -21,7 +22,9 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, object]
 FORMATS = ("table", "json", "csv", "parquet")
-_MOST_ROWS = 24
+MOST_ROWS = 24
+"""Rows of a table on a terminal, unless all are asked for."""
+
 _FEW_ROWS = 4  # fewer keep columns of one value, where these fit
 _PIPED = 160  # characters of a table that goes to no terminal
 _PROSE = 20  # texts that are longer may be wrapped between words, to no less than this
@@ -41,9 +44,11 @@ class Answer:
     code: exit code.
     essential: columns that a narrow terminal shows too; it leaves out others, the widest first. Empty: it
         leaves out none, and lists a row's values below each other where they do not fit side by side.
-    telling: columns that it leaves out last: what rows of different tasks and chips are told apart by.
+    telling: columns that it leaves out last: what rows are told apart by.
+    groups: columns whose values head the rows of a table that have them, in place of a column.
     table: the rows of a table on a terminal, if these are fewer (equal ones as one row); other formats have
         all rows.
+    best: places of rows of the table, which a terminal shows if it cannot show all; empty: evenly spaced.
     all_rows: whether a terminal shows every row, however many.
     is_printed: whether the command has printed its result, all but the notes.
     sections: further answers by title; CSV and Parquet hold the rows of the first alone.
@@ -54,7 +59,9 @@ class Answer:
     columns: Sequence[str] = ()
     essential: Sequence[str] = ()
     telling: Sequence[str] = ()
+    groups: Sequence[str] = ()
     table: Sequence[Row] | None = None
+    best: Sequence[int] = ()
     text: str = ""
     code: int = 0
     all_rows: bool = False
@@ -68,7 +75,8 @@ def add_format(parser: argparse.ArgumentParser, formats: Sequence[str] = ("table
     group.add_argument(
         "--format",
         choices=formats,
-        help="output format (default: table on a terminal, otherwise text or CSV); json prints one document",
+        help="output format (default: table on a terminal, otherwise text, or CSV of the table's columns); "
+        "csv, parquet and json have every column",
     )
     group.add_argument(
         "--json", action="store_const", const="json", dest="format", help="same as --format json"
@@ -81,8 +89,9 @@ def show(answer: Answer, command: str, form: str | None) -> None:
         for note in answer.notes:
             print(one_line(note), file=sys.stderr)
         return
+    columns: Sequence[str] = ()
     if form is None:
-        form = "table" if answer.text or sys.stdout.isatty() else "csv"
+        form, columns = "table" if answer.text or sys.stdout.isatty() else "csv", answer.columns
     if form == "json":
         print(json_line(document(answer, command)))
         return
@@ -99,7 +108,9 @@ def show(answer: Answer, command: str, form: str | None) -> None:
         return
     if form == "csv":
         if answer.rows or answer.columns:
-            content = _frame(answer).to_csv(index=False)
+            frame = _frame(answer)
+            shown = frame[[name for name in columns or frame if name in frame]]
+            content = shown.to_csv(index=False)
             sys.stdout.write(lines(content) if sys.stdout.isatty() else content)
     else:
         buffer = io.BytesIO()
@@ -135,45 +146,63 @@ def _print_table(answer: Answer) -> None:
     """Print a table that fits the terminal: no header and no number is broken."""
     columns = list(answer.columns) or list(dict.fromkeys(key for row in answer.rows for key in row))
     rows = list(answer.rows if answer.table is None else answer.table)
+    for name in columns:
+        ends = [(row.get(f"{name}_low"), row.get(f"{name}_high")) for row in rows]
+        rows = [with_interval(row, name, *of) for row, of in zip(rows, ends, strict=True)]
     width = _width() or _PIPED
     if len(rows) > 1:
-        columns = [name for name in columns if any(cell(row.get(name)) not in ("", "-") for row in rows)]
+        columns = [name for name in columns if any(_text(row, name) not in ("", "-") for row in rows)]
     fits = _total(_least_width(name, rows) for name in columns) <= width
     same = [] if fits and len(rows) < _FEW_ROWS else _same(rows, columns)
     columns = [name for name in columns if name not in same]
     if same:
-        texts = [f"{name} {cell(rows[0].get(name))}" for name in same]
+        texts = [f"{name} {_text(rows[0], name)}" for name in same]
         print("\n".join(_wrap(f"in all rows: {' · '.join(texts)}", width)))
     shown = rows
-    if len(rows) > _MOST_ROWS and not answer.all_rows:
-        places = [round(i * (len(rows) - 1) / (_MOST_ROWS - 1)) for i in range(_MOST_ROWS)]
-        shown = [rows[place] for place in places]
-    needed = {name: _least_width(name, shown) for name in columns}
+    if len(rows) > MOST_ROWS and not answer.all_rows:
+        spaced = [round(i * (len(rows) - 1) / (MOST_ROWS - 1)) for i in range(MOST_ROWS)]
+        shown = [rows[place] for place in sorted(answer.best or spaced)]
+    groups = [name for name in answer.groups if name in columns]
+    needed = {name: _least_width(name, shown) for name in columns if name not in groups}
     left_out = _left_out(needed, answer.essential, answer.telling, width)
-    side_by_side = [name for name in columns if name not in left_out]
+    side_by_side = [name for name in needed if name not in left_out]
     if _total(needed[name] for name in side_by_side) <= width:
-        _print_grid(shown, side_by_side, needed, width)
+        _print_grid(shown, side_by_side, needed, width, groups)
     else:
         left_out = []
         _print_records(shown, columns, width)
     if len(shown) < len(rows):
-        text = f"{len(shown)} of {len(rows)} rows, evenly spaced; --format csv prints all"
+        which = "those that add most to the front" if answer.best else "evenly spaced"
+        text = f"{len(shown)} of {len(rows)} rows, {which}; --format csv prints all"
         print("\n".join(_wrap(text, width)))
     if left_out:
         text = f"too narrow for {', '.join(left_out)}: widen the terminal, or --format csv prints all columns"
         print("\n".join(_wrap(text, width)))
 
 
+def with_interval(row: Row, name: str, low: object, high: object) -> Row:
+    """Return a row for a terminal: a number whose range is open is a text, and so is a corrected accuracy."""
+    from dse.hardware.interval import is_open
+    from dse.store import plain_cell
+
+    value, low, high = plain_cell(row.get(name)), plain_cell(low), plain_cell(high)
+    if not (isinstance(low, int | float) and isinstance(high, int | float)):
+        return row
+    if is_open(low, high):
+        return {**row, name: f"at least {cell(low)}"}
+    return {**row, name: f"{value:.3f} ({low:.3f}-{high:.3f})"} if name.endswith("corrected") else row
+
+
 def _same(rows: Sequence[Row], columns: Sequence[str]) -> list[str]:
     """Return the columns with one value in all of several rows; the first column is never among them."""
     if len(rows) < 2:
         return []
-    return [name for name in columns[1:] if len({cell(row.get(name)) for row in rows}) == 1]
+    return [name for name in columns[1:] if len({_text(row, name) for row in rows}) == 1]
 
 
 def _least_width(name: str, rows: Sequence[Row]) -> int:
     """Return the width below which a column would break a number, a header or a word."""
-    cells = [cell(row.get(name)) for row in rows]
+    cells = [_text(row, name) for row in rows]
     if _is_prose(name, rows):
         words = max((len(word) for text in cells for word in text.split()), default=0)
         return max(len(name), words, min(_PROSE, max(map(len, cells))))
@@ -203,30 +232,49 @@ def _left_out(
     return [name for name in needed if name in out]
 
 
-def _print_grid(rows: Sequence[Row], columns: Sequence[str], needed: Mapping[str, int], width: int) -> None:
+def _print_grid(
+    rows: Sequence[Row], columns: Sequence[str], needed: Mapping[str, int], width: int, groups: Sequence[str]
+) -> None:
+    """Print the header once, and the rows below the values of the groups that they are of."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from dse.store import plain_cell
 
-    table = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold")
-    for name in columns:
-        numeric = all(isinstance(plain_cell(row.get(name)), int | float | None) for row in rows)
-        table.add_column(
-            Text(one_line(name)),
-            justify="right" if numeric else "left",
-            no_wrap=not _is_prose(name, rows),
-            min_width=needed[name],
+    console = Console(width=width, highlight=False)
+    numeric = {
+        name: all(isinstance(plain_cell(row.get(name)), int | float | None) for row in rows)
+        for name in columns
+    }
+
+    def print_part(part: Sequence[Row], has_header: bool) -> None:
+        table = Table(
+            box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold", show_header=has_header
         )
-    for row in rows:
-        table.add_row(*(Text(cell(row.get(name))) for name in columns))
-    Console(width=width, highlight=False).print(table)
+        for name in columns:
+            table.add_column(
+                Text(one_line(name)),
+                justify="right" if numeric[name] else "left",
+                no_wrap=not _is_prose(name, rows),
+                min_width=needed[name],
+            )
+        for row in part:
+            table.add_row(*(Text(_text(row, name)) for name in columns))
+        console.print(table)
+
+    if not groups:
+        print_part(rows, True)
+        return
+    print_part([], True)
+    for values, part in itertools.groupby(rows, lambda row: [_text(row, name) for name in groups]):
+        console.print(Text(", ".join(values), style="bold"))
+        print_part(list(part), False)
 
 
 def _print_records(rows: Sequence[Row], columns: Sequence[str], width: int) -> None:
     """Print a row's values below each other, and an empty line between rows."""
-    texts = [[(name, cell(row.get(name))) for name in columns] for row in rows]
+    texts = [[(name, _text(row, name)) for name in columns] for row in rows]
     print("\n\n".join(listing([pair for pair in pairs if pair[1]], width) for pairs in texts))
 
 
@@ -280,13 +328,18 @@ def _width() -> int | None:
     return max(shutil.get_terminal_size().columns, 1)
 
 
-def cell(value: object) -> str:
-    """Return a value as text for a table: four significant digits, '-' for a missing value."""
+def _text(row: Row, name: str) -> str:
+    """Return a value of a row as text; of an error two digits are known at most."""
+    return cell(row.get(name), 2 if name.endswith("_se") else 4)
+
+
+def cell(value: object, digits: int = 4) -> str:
+    """Return a value as text for a table: some significant digits, '-' for a missing value."""
     from dse.store import plain_cell
 
     value = plain_cell(value)
     if value is None:
         return "-"
     if isinstance(value, float):
-        return f"{value:.0f}" if abs(value) >= 10_000 else f"{value:.4g}"
+        return f"{value:.0f}" if abs(value) >= 10_000 else f"{value:.{digits}g}"
     return one_line(str(value))

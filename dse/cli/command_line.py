@@ -12,32 +12,39 @@ from dse import trust
 from dse.cli.answer import Answer, show
 from dse.cli.asking import trusts
 from dse.cli.commands import commands_by_name
+from dse.cli.stopping import INTERRUPTED
 from dse.config import ConfigError
+from dse.config.faults import known_names
 from dse.registry import left_out
-from dse.text import lines
+from dse.text import lines, one_line
 
 EXIT_CODES = (
-    "exit codes: 0 success; 1 nothing could be trained; 2 bad input, every fault on stderr; 3 no design "
-    "point meets the budgets; 4 a target that was faithful is so no longer; 130 stopped by Ctrl-C"
+    "exit codes: 0 success; 1 nothing could be trained, or a study is damaged; 2 bad input, every fault on "
+    "stderr; 3 no design point meets the budgets; 4 a target shows less than its verdict; "
+    "130 stopped by Ctrl-C"
 )
 _TRUST = "run the code of plugins that the folder or search space names, now and whenever it is the same"
 _BAD_INPUT = 2
-_STOPPED = 130
 _RESUMABLE = "stopped; finished trials are kept, and the same command resumes the study"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
-    parsed = _parser().parse_args(arguments)
-    left_out()
+    words = sys.argv[1:] if arguments is None else arguments
     try:
+        if words and not words[0].startswith("-") and words[0] not in commands_by_name():
+            known = known_names(words[0], commands_by_name())
+            print(f"dse: unknown command '{one_line(words[0])}'; {known}", file=sys.stderr)
+            return _BAD_INPUT
+        parsed = _parser().parse_args(words)
+        left_out()
         with trust.answering(getattr(parsed, "trust", False) or trusts):
             answer: Answer = parsed.answer(parsed)
         show(answer, parsed.command, getattr(parsed, "format", None))
         sys.stdout.flush()
     except KeyboardInterrupt as stopped:
         print(*(stopped.args or (_RESUMABLE,)), file=sys.stderr)
-        return getattr(stopped, "code", _STOPPED)
+        return getattr(stopped, "code", INTERRUPTED)
     except BrokenPipeError:
         # The reader (`| head`) has closed the pipe; the interpreter must not flush into it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import Answer
+from dse.cli.answer import MOST_ROWS, Answer
 
 if TYPE_CHECKING:
     import pandas
@@ -25,22 +25,24 @@ _IDENTITY = (
     "family",
 )
 
+_OF_WEIGHTS = ("weight_bits", "pruned_after")
 
-TELLING = ("task", "hardware")
+GROUPS = ("hardware", "task")
 """Columns without which rows of a table cannot be compared."""
+
+TELLING = (*GROUPS, "phi", "theta", "read_out_ms", *_OF_WEIGHTS)
+"""Columns without which rows of a trial cannot be told apart."""
 
 POINTS = "points"
 """Column of a table on a terminal: how many points of a trial have these objectives."""
 
 
-def front(
-    points: pandas.DataFrame, objectives: Sequence[Goal], where: str | None = None, by: str | None = None
-) -> Answer:
+def front(points: pandas.DataFrame, objectives: Sequence[Goal]) -> Answer:
     """Return the non-dominated rows of a table of points (`dse.skyline.front.skyline`)."""
     from dse.skyline.front import skyline
 
-    non_dominated = skyline(points, objectives, where, by)
-    return front_answer(non_dominated.rows, objectives, non_dominated.notes)
+    rows, notes = skyline(points, objectives)
+    return front_answer(rows, objectives, notes)
 
 
 def front_answer(
@@ -54,6 +56,11 @@ def front_answer(
         notes: on it.
         beside: further columns to show.
     """
+    from dse.skyline.front import front_columns
+    from dse.skyline.goals import costs_of
+    from dse.skyline.pareto import most_telling
+    from dse.skyline.table import group_numbers
+
     if rows.empty:
         return Answer([], [*notes, "no design point is left"], list(map(str, rows.columns)))
     table = without_equals(rows, objectives)
@@ -66,8 +73,19 @@ def front_answer(
             "least latency, then energy, then weights",
         ]
     shown += [name for name in beside if name in rows and name not in shown]
-    essential = [name for name in ("trial", *(name for name, _ in objectives)) if name in shown]
-    return Answer(records(rows), notes, shown, essential=essential, telling=TELLING, table=records(table))
+    names = [x for name, _ in objectives for x in (f"{name}_corrected", name)]
+    essential = [name for name in ("trial", *names) if name in shown]
+    best: Sequence[int] = ()
+    if len(table) > MOST_ROWS:
+        group = group_numbers(table, front_columns(table, None))
+        best = most_telling(costs_of(table, objectives), group, MOST_ROWS).tolist()
+    return Answer(
+        *(records(rows), notes, shown, essential),
+        telling=TELLING,
+        groups=GROUPS,
+        table=records(table),
+        best=best,
+    )
 
 
 def without_equals(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> pandas.DataFrame:
@@ -90,14 +108,10 @@ def records(frame: pandas.DataFrame) -> list[dict[str, object]]:
 
 
 def columns(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> list[str]:
-    """Return the columns in which designs differ, and the objectives (accuracy with error and test value)."""
-    names = [name for name, _ in objectives]
-    if "accuracy" in names:
-        extra = [
-            name for name in ("accuracy_se", "accuracy_test") if name in rows and rows[name].notna().any()
-        ]
-        place = names.index("accuracy") + 1
-        names[place:place] = [name for name in extra if name not in names]
+    """Return the columns in which designs differ, and the objectives with what stands beside them."""
+    from dse.door.front import measured
+
+    names = measured(rows, [name for name, _ in objectives])
     # An axis that only one family has is left out of a table of several; the other formats have every column.
     # Axes have a point in their names; names of missed budgets may have one too, but also a space.
     dotted = [name for name in map(str, rows.columns) if "." in name and " " not in name]
@@ -105,7 +119,11 @@ def columns(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> list[str]:
     if "family" in rows:  # the same, and also in studies of a single family
         axes = [name for name in axes if name != "model.kind"]
     parameters = [name for name in map(str, rows.columns) if name in axes or name in _IDENTITY]
-    texts = {name: tuple(rows[name].astype(str)) for name in parameters}
+    # Without weights of so many bits, a family has no such setting: it is no other one.
+    texts = {
+        name: tuple((rows[name].dropna() if name in _OF_WEIGHTS else rows[name]).astype(str))
+        for name in parameters
+    }
     varied = [name for name, values in texts.items() if len(set(values)) > 1]
     if "task" in varied and texts.get("task.target") == texts["task"]:
         varied.remove("task.target")

@@ -42,7 +42,11 @@ _OTHERS = {
     ),
     "front_probability": ("", "the same with recordings and seeds resampled too"),
     "confidence": ("", "fraction of samples in which a pick is within all budgets and on the front"),
-    "accuracy_corrected": ("", "accuracy of a pick, corrected for being the best of many"),
+    "accuracy_corrected": (
+        "",
+        "accuracy expected on other recordings, without the luck of the best of many points, with its 90 % "
+        "interval; ..._corrected of another accuracy among the objectives likewise",
+    ),
     "power_mw": ("mW", "mean power at the given inferences per hour, idle time included"),
     "battery_h": ("h", "how long the given battery lasts at power_mw"),
     "origin": (

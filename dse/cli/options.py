@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from dse.cli.numbers import amount
 from dse.config import ConfigError, Fault, SearchSpace, load_space
 
+if TYPE_CHECKING:
+    from dse.door.question import Question
+
 REPAIR = "repair damaged event files or leave them out, with a warning for each, instead of stopping"
+_ASKED = ("oversize", "contacts_per_hour", "battery_mwh", "repeats", "confidence", "draws")
 
 
 def add_space(parser: argparse.ArgumentParser) -> None:
@@ -58,6 +63,30 @@ def add_duty(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_question(parser: argparse.ArgumentParser) -> None:
+    """Declare the options that `question_of` reads, without --draws and --confidence."""
+    add_hardware(parser)
+    parser.add_argument(
+        "--oversize",
+        action="store_true",
+        help="admit designs that do not fit their hardware, priced as if it were larger",
+    )
+    add_duty(parser)
+    add_repeats(parser)
+
+
+def question_of(arguments: argparse.Namespace) -> Question:
+    """Return what is asked beside objectives and budgets."""
+    from dse.door.question import Question
+
+    given = vars(arguments)
+    return Question(
+        targets=tuple(given.get("target") or ()),
+        hardware=tuple(arguments.hardware),
+        **{name: given[name] for name in _ASKED},
+    )
+
+
 def add_repeats(parser: argparse.ArgumentParser) -> None:
     """Declare `--repeats`."""
     from dse.study.repeats import CHOICES
@@ -85,7 +114,7 @@ def add_targets(parser: argparse.ArgumentParser, required: bool = False) -> None
         "--verify",
         metavar="RECORDINGS",
         help="run each target on these recordings, in the format of the training data, and compare all "
-        "decisions and spikes; a target that was faithful and is so no longer gives exit code 4",
+        "decisions and spikes; a target that shows less than its verdict of before gives exit code 4",
     )
 
 

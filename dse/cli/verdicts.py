@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from dse.deploy.verify import Verified
 
 DRIFT = 4
-"""Exit code where a target that was faithful is so no longer."""
+"""Exit code where a target that was faithful or equivalent is less."""
 
 
 def rows(verified: Mapping[str, Verified]) -> list[Row]:
@@ -24,11 +24,11 @@ def rows(verified: Mapping[str, Verified]) -> list[Row]:
 
 
 def drifts(verified: Mapping[str, Verified]) -> list[str]:
-    """Return a sentence per target that was faithful and is so no longer."""
+    """Return a sentence per target that was faithful or equivalent and is less."""
     return [
-        f"target {name} was faithful and is {each.verdict.kind}: {each.verdict.reason}"
+        f"target {name} was {each.before.kind} and is {each.verdict.kind}: {each.verdict.reason}"
         for name, each in verified.items()
-        if each.drifts
+        if each.drifts and each.before is not None
     ]
 
 
@@ -38,10 +38,12 @@ def row(name: str, verdict: Verdict) -> Row:
     return {
         "target": name,
         "verdict": verdict.kind,
+        "run_by": ", ".join(verdict.run_by) if ran else None,
         "recordings": verdict.n_recordings if ran else None,
         "decisions_differ": verdict.decisions_differ if ran else None,
         "spikes_differ": verdict.spikes_differ if ran else None,
         "largest_difference": verdict.largest_difference if ran else None,
+        "output_f1": verdict.output_f1,
         **verdict.figures,
         **({"compiler": verdict.compiler} if verdict.compiler else {}),
         "reason": verdict.reason,

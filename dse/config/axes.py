@@ -271,4 +271,4 @@ def _range(
 
 
 def _is_number(value: Raw) -> TypeGuard[int | float]:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -5,6 +5,9 @@ from __future__ import annotations
 MOST_YAML_BYTES = 1 << 20
 MOST_YAML_VALUES = 100_000
 MOST_TRIALS = 1_000_000
+MOST_EPOCHS = 1_000_000
+MOST_SAMPLES = 1_000_000
+MOST_COLUMNS = 100_000
 MOST_PIXELS = 1 << 24
 MOST_STEPS = 1 << 26
 UNCOMPRESSED_BYTES = 1 << 28
@@ -17,6 +20,9 @@ BOUNDS = {
         "values of a YAML file; an alias counts with all that it names",
     ),
     "trials": (MOST_TRIALS, "trials of a study; a larger grid needs search.n_trials"),
+    "epochs": (MOST_EPOCHS, "passes over the training samples"),
+    "batch_size": (MOST_SAMPLES, "samples per weight update"),
+    "columns": (MOST_COLUMNS, "columns of a CSV file"),
     "pixels": (MOST_PIXELS, "pixels of the frame of a file of events"),
     "steps": (MOST_STEPS, "steps of a recording, from its first event to its last one"),
     "compression": (

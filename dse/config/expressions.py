@@ -7,7 +7,10 @@ is known of a design before it is trained.
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
+
+_TOKEN = re.compile(r"[\w.]+|[^\w\s]+")
 
 
 class ExpressionError(ValueError):
@@ -34,10 +37,23 @@ def parse(expression: str) -> ast.expr:
     """
     try:
         return ast.parse(expression.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise ExpressionError(
             f"condition '{expression}' must read like \"energy_uj <= 50 and task == 'texture'\""
+            f"{_place(expression.strip(), error)}"
         ) from None
+
+
+def _place(text: str, error: Exception) -> str:
+    """Return where a condition cannot be read, '' if that is not known."""
+    if not isinstance(error, SyntaxError) or error.lineno != 1 or error.offset is None:
+        return ""
+    tokens = [token for token in _TOKEN.finditer(text) if error.offset and token.end() >= error.offset]
+    return (
+        f"; it goes wrong at '{tokens[0][0]}', character {tokens[0].start() + 1}"
+        if tokens
+        else "; it ends too early"
+    )
 
 
 def conjuncts(node: ast.expr) -> list[ast.expr]:

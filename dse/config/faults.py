@@ -43,6 +43,11 @@ class ConfigError(Exception):
 def known_names(name: str, known: Iterable[str]) -> str:
     """Return `known: a, b. Did you mean 'a'?`, the end of a sentence about an unknown name."""
     names = list(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
-    hint = f". Did you mean '{near[0]}'?" if near else ""
-    return f"known: {', '.join(names) or 'none'}{hint}"
+    near = did_you_mean(name, names)
+    return f"known: {', '.join(names) or 'none'}{'. ' if near else ''}{near}"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return `Did you mean 'a'?`, '' if no known name is like an unknown one."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
+    return f"Did you mean '{near[0]}'?" if near else ""

@@ -9,6 +9,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from dse.config.bounds import MOST_EPOCHS, MOST_SAMPLES, MOST_TRIALS
 from dse.config.device import DEVICES
 from dse.config.yaml_lines import Raw
 from dse.registry import param
@@ -102,7 +103,14 @@ class Stratified:
     validation: float = param(
         doc="fraction of every class", low=0, low_open=True, high=1, high_open=True, axis=False
     )
-    test: float = param(0.0, doc="fraction of every class", low=0, high=1, high_open=True, axis=False)
+    test: float | Mapping[str, Raw] = param(
+        0.0,
+        doc="fraction of every class, or column -> value or values, of a test set that is given",
+        low=0,
+        high=1,
+        high_open=True,
+        axis=False,
+    )
     seed: int = param(0, doc="seed of the random split", low=0, axis=False)
     group: str | None = param(
         None,
@@ -187,21 +195,22 @@ class Split:
                 "split must be one of: train and validation by column, stratified, k_fold, leave_out"
             )
         if by_column and not (self.train and self.validation):
-            raise ValueError("split needs both train and validation")
+            raise ValueError(
+                "split needs both train and validation; where recordings are given as train and test, "
+                "{stratified: {validation: 0.2, test: {COLUMN: test}}} draws validation from the former"
+            )
 
     @property
     def has_test(self) -> bool:
         """Whether a part of the recordings is the test set."""
-        drawn = self.stratified is not None and self.stratified.test > 0
-        return bool(self.test) or drawn or (self.k_fold is not None and self.k_fold.test is not None)
+        return any(rule is not None and rule.test for rule in (self, self.stratified, self.k_fold))
 
     def columns(self) -> tuple[str, ...]:
         """Return the label columns that the split reads."""
         named: list[str | None] = [*(self.train or {}), *(self.validation or {}), *(self.test or {})]
-        if self.stratified is not None:
-            named.append(self.stratified.group)
-        if self.k_fold is not None:
-            named += [self.k_fold.group, *(self.k_fold.test if isinstance(self.k_fold.test, Mapping) else ())]
+        for rule in (self.stratified, self.k_fold):
+            if rule is not None:
+                named += [rule.group, *(rule.test if isinstance(rule.test, Mapping) else ())]
         if self.leave_out is not None:
             named.append(self.leave_out.column)
         return tuple(dict.fromkeys(name for name in named if name is not None))
@@ -362,9 +371,12 @@ def _shown(value: int | tuple[int, ...]) -> str:
 class Training:
     """Adam with a step schedule; every default is a published or a measured value."""
 
-    epochs: int = param(60, low=1, doc="passes over the training samples")
+    epochs: int = param(60, low=1, high=MOST_EPOCHS, doc="passes over the training samples")
     batch_size: int = param(
-        32, low=1, doc="samples per weight update; the last batch of an epoch may be smaller"
+        32,
+        low=1,
+        high=MOST_SAMPLES,
+        doc="samples per weight update; the last batch of an epoch may be smaller",
     )
     learning_rate: float = param(0.03, low=0, low_open=True, doc="step size of Adam, in units of `step_unit`")
     step_unit: str = param(
@@ -614,6 +626,7 @@ class Search:
         doc="number of designs proposed at a time (default: the whole grid for sampler grid without "
         "execution.storage, otherwise 8)",
         low=1,
+        high=MOST_TRIALS,
         axis=False,
     )
     repeats: int | None = param(

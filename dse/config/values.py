@@ -96,7 +96,7 @@ def bounds(rule: Rule) -> str:
     """Return the bounds of a rule in words, '' without bounds: '>= 1', 'in (0, 1]'."""
     if rule.low is not None and rule.high is not None:
         opening, closing = "(" if rule.low_open else "[", ")" if rule.high_open else "]"
-        return f"in {opening}{rule.low:g}, {rule.high:g}{closing}"
+        return f"in {opening}{rule.low:.10g}, {rule.high:.10g}{closing}"
     if rule.low is not None:
         return f"{'>' if rule.low_open else '>='} {rule.low:g}"
     if rule.high is not None:

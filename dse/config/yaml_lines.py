@@ -33,6 +33,7 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _SPECIAL = re.compile(r"([-+]?)\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _PLAIN_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("str", "seq", "map")}
 _DEEPEST = 50
+_LONGEST_NUMBER = 250  # digits: every integer is less than the largest float
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,9 @@ def scalar(text: str) -> Any:
     """Return the value of a plain (unquoted) scalar."""
     if text in _CONSTANTS:
         return _CONSTANTS[text]
-    # int() refuses thousands of digits by raising ValueError; such a number is as good as text here.
-    if _INTEGER.fullmatch(text) and len(text) < 400:
+    if len(text) > _LONGEST_NUMBER:
+        return text
+    if _INTEGER.fullmatch(text):
         return int(text)
     if _BASE.fullmatch(text):
         return int(text, 0)

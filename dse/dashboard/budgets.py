@@ -12,7 +12,7 @@ from dse.records import Array
 from dse.skyline.admissible import honest
 from dse.skyline.constraints import ExpressionError, split_budgets
 from dse.skyline.pareto import non_dominated
-from dse.skyline.pick import economy
+from dse.skyline.pick import economy, ties
 from dse.skyline.table import groups_of
 
 if TYPE_CHECKING:
@@ -51,17 +51,17 @@ def gather_budgets(
     Returns:
         columns: {column: 'max' or 'min'} of each column with a budget;
         maximise: the column that `dse pick` maximises, None if no column can be maximised;
-        ties: the columns, less being better, that decide between equally good points;
+        ties: [column, 'max' or 'min'], what decides between equally good points, in this order;
         results, hardware: the arguments;
         ranges: values of the filters, and {column: [least, largest]} of the points with these values.
     """
     columns = budget_columns(points, objectives)
-    upwards = [name for name in ("accuracy", *objectives) if objectives.get(name, "max") == "max"]
+    upwards = [*(name for name, way in objectives.items() if way == "max"), "accuracy"]
     maximise = next((name for name in upwards if np.isfinite(numbers(points, name)).any()), None)
     return {
         "columns": columns,
         "maximise": maximise,
-        "ties": [goal.column for goal in economy(points)],
+        "ties": [list(goal) for goal in ties(points, maximise or "", list(objectives.items()))],
         "results": results,
         "hardware": list(hardware),
         "ranges": _ranges(points, list(dict.fromkeys([*objectives, *columns]))),

@@ -108,7 +108,7 @@ def gather_page(
         for column in map(str, points.columns)
         if column not in _BOOKKEEPING and not column.endswith(("_se", "_low", "_high"))
     ]
-    exact = {*present, *budgets["columns"], *budgets["ties"], budgets["maximise"], *at_period}
+    exact = {*present, *budgets["columns"], *dict(budgets["ties"]), budgets["maximise"], *at_period}
     columns = {column: _column(shown, column, exact=column in exact) for column in measured}
     if at_period and ENERGY in present:
         columns[INSTEAD]["label"] = "energy at the sensor's period"

@@ -318,6 +318,7 @@ def _zipped(folder: Path, name: str) -> bytes:
 def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> dict[str, Any]:
     from dse.dashboard.gather import gather_page
     from dse.store import plain_cell
+    from dse.study import held
 
     audit = study.audit
     marks, lacks = _marks(study) if len(table) else ([], [])
@@ -327,7 +328,7 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
         table,
         name=study.space["study"],
         objectives=study.objectives,
-        notes=[*study.warnings, *lacks, *_of_runs(request)],
+        notes=[*study.warnings, *held.remarks(study.folder), *lacks, *_of_runs(request)],
         results=str(study.folder),
         hardware=request.hardware,
         definition=request.definition,
@@ -416,31 +417,14 @@ def _certainty(study: Study, table: pandas.DataFrame, request: PageRequest) -> d
     front_share varies the hardware's uncertain numbers, front_probability also recordings and seeds. NaN for
     rows that are on no front by rule, such as failed trials; a column that has nothing to sample is missing.
     """
-    import pandas
-
-    from dse.measure.on_chips import DRAWN
     from dse.skyline import front
-    from dse.store import StoreError
-    from dse.study import pricing, resampling
+    from dse.study import resampling
 
-    objectives, chips = study.objectives, list(request.hardware)
-    names = [name for name, _ in objectives]
-    among = front.comparable(table, objectives, by="task").rows
-
-    def share(draws: front.Draws) -> pandas.Series:
-        values = front.front_share(among, objectives, draws, "task")
-        return pandas.Series(values, among.index).reindex(table.index)
-
-    columns = {}
-    if "hardware" in table and set(names) & {*DRAWN}:
-        columns["front_share"] = share(pricing.draws([study.folder], [table], chips, names, request.n_draws))
-    if set(names) & {*resampling.ACCURACIES}:
-        # Studies of earlier versions lack what was answered to single recordings.
-        with contextlib.suppress(StoreError):
-            columns["front_probability"] = share(
-                resampling.draws([study.folder], [table], chips, objectives, request.n_draws)
-            )
-    return columns
+    among = front.comparable(table, study.objectives, by="task").rows
+    shares, _ = resampling.certainty(
+        [study.folder], [table], request.hardware, study.objectives, request.n_draws, among, "task"
+    )
+    return {name: share.reindex(table.index) for name, share in shares.items()}
 
 
 def _progress(folder: Path) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from dse import store
+from dse.deploy.verdict import in_words
 from dse.store import StoreError
 
 _FOLDER = "bundles"
@@ -54,12 +55,13 @@ def sentences(study: Path, trial: int) -> list[dict[str, Any]]:
 
 def _sentence(verdict: Mapping[str, Any]) -> str:
     kind, n = verdict["kind"], verdict["n_recordings"]
+    named = in_words(kind, verdict.get("run_by", ()))
     run = f" on {n} recordings" if n else ""
     differ = (
         f", {100 * verdict['decisions_differ']:.3g} % of decisions differ" if kind == "approximate" else ""
     )
     reason = f" ({verdict['reason']})" if verdict["reason"] else ""
-    return f"{kind}{run}{differ}{reason}"
+    return f"{named}{run}{differ}{reason}"
 
 
 def folder_of(study: Path, trial: int, point: int, hardware: str) -> Path | None:

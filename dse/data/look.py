@@ -16,7 +16,7 @@ import numpy as np
 from dse.recordings import EventSource, RecordingError, arrays, beside, npz
 from dse.recordings.formats.arrays import USUAL
 from dse.recordings.grid import UNITS_MS, is_even
-from dse.recordings.tables import TABLES, numbered, read_table
+from dse.recordings.tables import TABLES, first_text, numbered, place, read_table
 from dse.recordings.wide_table import sample_columns
 from dse.records import Array, Floats
 
@@ -72,19 +72,22 @@ class Look:
     n_values: such a column -> the number of its values.
     assumed: what was guessed, one sentence each.
     lacks_step: whether the sampling period is in none of the file's names and numbers.
+    refused: a column that is no label -> why.
     """
 
     data: dict[str, Any]
     n_values: Mapping[str, int]
     assumed: tuple[str, ...] = ()
     lacks_step: bool = False
+    refused: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass
 class _Notes:
-    """Sentences on what is assumed, gathered on the way."""
+    """Sentences on what is assumed, and why columns are no labels, gathered on the way."""
 
     sentences: list[str] = field(default_factory=list)
+    refused: dict[str, str] = field(default_factory=dict)
 
     def add(self, sentence: str) -> None:
         self.sentences.append(sentence)
@@ -108,6 +111,8 @@ def look(path: Path, options: Options) -> Look:
         guess = _table(path, options, notes)
     elif path.suffix.lower() == ".npz" or arrays.is_one(path):
         guess = _arrays(path, options, notes)
+    elif path.suffix.lower() in (".xlsx", ".xls", ".ods"):
+        raise RecordingError(f"{path.name}: spreadsheets are not read; save the sheet as CSV")
     else:
         raise RecordingError(
             f"{path.name}: must be a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or a "
@@ -117,7 +122,7 @@ def look(path: Path, options: Options) -> Look:
         raise RecordingError(f"{path.name}: --step-ms is for sampled signals and spikes, not for events")
     if options.step_ms is not None:
         guess = replace(guess, data=guess.data | {"step_ms": options.step_ms}, lacks_step=False)
-    return replace(guess, assumed=tuple(notes.sentences))
+    return replace(guess, assumed=tuple(notes.sentences), refused=notes.refused)
 
 
 # ---- tables
@@ -129,6 +134,7 @@ def _table(path: Path, options: Options, notes: _Notes) -> Look:
     if table.empty:
         raise RecordingError(f"{path.name}: the table has no rows")
     names = list(table.columns)
+    _check_cells(path, table, options.recording)
     time = next((name for name in names if _time_unit(name) is not None and _is_numeric(table[name])), None)
     starts = _sample_starts(table) if time is None else []
     if starts:
@@ -157,13 +163,13 @@ def _wide(path: Path, table: pd.DataFrame, starts: list[str], options: Options, 
         f"samples, {len(starts)} channel{'s' * (len(starts) > 1)} of {len(samples) // len(starts)}"
     )
     data = {"kind": "wide_table", "file": options.place(path), "step_ms": None, "samples": starts}
-    columns, n_values = _label_candidates({name: table[name] for name in rest}, len(table))
+    columns, n_values = _label_candidates({name: table[name] for name in rest}, len(table), notes, path)
     if (file := options.labels or (None if columns else _labels_beside(path))) is not None:
         beside_it = beside.load(Path(file), beside.names_in(Path(file)))
         for name in set(rest) & set(beside_it):
             if not np.array_equal(table[name].astype(str), beside_it[name].astype(str)):
                 raise RecordingError(f"{file}: '{name}' must be as in {path.name}, in the same order")
-        columns, n_values = _label_candidates(beside_it, len(table))
+        columns, n_values = _label_candidates(beside_it, len(table), notes)
         data["labels"] = options.place(Path(file))
         notes.add(f"labels are in {file}, in the order of the recordings")
     return Look(data | {"columns": columns}, n_values, lacks_step=True)
@@ -227,7 +233,11 @@ def _tidy(
     channels = [name for name in changing if _is_numeric(table[name])]
     if not channels:
         raise RecordingError(
-            f"{path.name}: must have a column of numbers that change within a recording, got {_some(rest)}"
+            f"{path.name}: must have a column of numbers that change within a recording, got "
+            + (
+                ", ".join(f"'{name}' with {first_text(table[name], path)}" for name in changing)
+                or _some(rest)
+            )
         )
     notes.add(
         f"a row is a sample of {len(channels)} channel{'s' * (len(channels) > 1)} ({_some(channels)}); "
@@ -241,7 +251,7 @@ def _tidy(
         step_ms, even = _step(t_ms[order], number[order], notes, options.step_ms)
         data |= {"step_ms": step_ms, "time": time, "time_unit": unit[0]}
         data |= {} if even else {"resample": "linear"}
-    fixed = [name for name in rest if name not in changing]
+    fixed = [name for name in rest if name not in channels]
     guess = _labelled(path, data, table, fixed, number, recording, options, notes)
     return replace(guess, lacks_step=lacks_step)
 
@@ -258,9 +268,17 @@ def _labelled(
 ) -> Look:
     """Return a look at a table of samples with its label columns, or with those of a table beside it."""
     first = np.unique(number, return_index=True)[1]
-    columns, n_values = _label_candidates(
-        {name: table[name].iloc[first] for name in names if not _changes(table[name], number)}, len(first)
-    )
+    for name in (name for name in names if _changes(table[name], number)):
+        column = table[name].to_numpy()
+        row = int((table[name].isna().to_numpy() | (column != column[first][number])).argmax())
+        where = place(path, row)
+        notes.refused[name] = (
+            f"is empty in {where}"
+            if table[name].isna().iloc[row]
+            else f"changes within a recording in {where}"
+        )
+    fixed = {name: table[name].iloc[first] for name in names if name not in notes.refused}
+    columns, n_values = _label_candidates(fixed, len(first), notes, path)
     file = options.labels or (None if columns or recording is None else _labels_beside(path))
     if file is not None:
         if recording is None:
@@ -274,7 +292,7 @@ def _labelled(
         notes.add(f"labels are in {file}, one row per '{recording}'")
         data = data | {"labels": options.place(Path(file))}
         rest = {name: labels[name] for name in labels.columns if name != recording}
-        columns, n_values = _label_candidates(rest, len(labels))
+        columns, n_values = _label_candidates(rest, len(labels), notes, Path(file))
     return Look(data | {"columns": columns}, n_values)
 
 
@@ -333,6 +351,23 @@ def _sample_starts(table: pd.DataFrame) -> list[str]:
     return [start for start, n in counts.items() if n == most] if most >= _FEWEST_SAMPLES else []
 
 
+_STRAY = 0.1  # share of cells without a number that a column of numbers may have by mistake
+
+
+def _check_cells(path: Path, table: pd.DataFrame, recording: str | None) -> None:
+    """Refuse a table in which few cells of a column are no numbers, while the others are."""
+    import pandas
+
+    for name in (name for name in table.columns if not _is_numeric(table[name])):
+        if name != recording and not _RECORDINGS.match(name):
+            column = table[name].dropna()
+            share = float(pandas.to_numeric(column, errors="coerce").isna().mean()) if len(column) else 0.0
+            if 0 < share < _STRAY:
+                raise RecordingError(
+                    f"{path.name}: column '{name}' must hold numbers, got {first_text(table[name], path)}"
+                )
+
+
 def _is_numeric(column: pd.Series[Any]) -> bool:
     return column.dtype.kind in "biuf"
 
@@ -371,24 +406,41 @@ def _some(names: Sequence[str]) -> str:
 # ---- label columns
 
 
-def _label_candidates(columns: Mapping[str, Any], n: int) -> tuple[dict[str, str], dict[str, int]]:
-    """Return the columns that may be labels or groups, and how many values each has: 1 < values < n."""
-    n_values = {}
+def _label_candidates(
+    columns: Mapping[str, Any], n: int, notes: _Notes, table: Path | None = None
+) -> tuple[dict[str, str], dict[str, int]]:
+    """Return the columns that may be labels or groups, and how many values each has: 1 < values < n.
+
+    Why others are none is noted. `table` is the file whose rows the columns are.
+    """
+    kept = {}
     for name, values in columns.items():
         array = np.asarray(values)
-        if array.dtype.kind == "O":
-            array = array[[x is not None and x == x for x in array]].astype(str)
-        if len(array) == n and array.dtype.kind in "biufU" and not _has_nan(array):
-            n_values[name] = len(np.unique(array))
-    kept = {name: k for name, k in n_values.items() if 1 < k < n}
+        if len(array) != n or array.dtype.kind not in "biufUO":
+            continue
+        present = np.array([x is not None and x == x for x in array.tolist()])
+        if not present.all():
+            i = int((~present).argmax())
+            where = (
+                f"recording {i}"
+                if table is None
+                else place(table, int(getattr(values, "index", range(n))[i]))
+            )
+            notes.refused[name] = f"is empty in {where}"
+            continue
+        if array.dtype.kind in "UO":
+            texts = array.astype(str)
+            array = np.char.strip(texts)
+            if (array != texts).any():
+                notes.add(f"labels of '{name}' are read without blanks at their ends")
+        if 1 < (k := len(np.unique(array))) < n:
+            kept[name] = k
+        else:
+            notes.refused[name] = f"has {k} value{'s' * (k > 1)} in {n} recordings"
     short = {name: name.rpartition("/")[2] for name in kept}  # of arrays in a group of HDF5
     if len(set(short.values())) < len(short):
         short = {name: name for name in kept}
     return {short[name]: name for name in kept}, {short[name]: k for name, k in kept.items()}
-
-
-def _has_nan(array: Array) -> bool:
-    return array.dtype.kind == "f" and bool(np.isnan(array).any())
 
 
 # ---- arrays
@@ -406,11 +458,6 @@ def _arrays(path: Path, options: Options, notes: _Notes) -> Look:
     if signal is None or signal not in shapes:
         raise RecordingError(
             f"{path.name}: no array of recordings ({_some(list(shapes))}); --signal NAME names it"
-        )
-    if "packed" in signal.lower():
-        raise RecordingError(
-            f"{path.name}: '{signal}' seems to hold packed bits; describe them as `kind: raster, packed: "
-            "true` (dse describe data raster)"
         )
     shape = shapes[signal]
     vectors = {name: shape[0] for name, shape in shapes.items() if len(shape) == 1 and name != signal}
@@ -436,6 +483,10 @@ def _arrays(path: Path, options: Options, notes: _Notes) -> Look:
         notes.add(
             f"'{signal}' holds {n} recordings of {shape[1]} channels end to end, with borders '{offsets}'"
         )
+    elif "packed" in signal.lower() and len(shape) > 1:
+        data, n = _packed(path, shapes, data, set(vectors.values()), notes)
+        if label_file is not None:
+            raise RecordingError(f"{path.name}: the labels of spikes must be arrays of the same file")
     elif -1 in shape:
         n = shape[0]
         notes.add(f"'{signal}' holds {n} recordings of {shape[2]} channels, of different lengths")
@@ -460,7 +511,7 @@ def _arrays(path: Path, options: Options, notes: _Notes) -> Look:
         )
     candidates = [name for name, length in names.items() if length == n]
     values = beside.load(Path(label_file), candidates) if label_file else npz.load(path, candidates)
-    columns, n_values = _label_candidates(values, n)
+    columns, n_values = _label_candidates(values, n, notes)
     class_names = _class_names(
         path, {} if label_file else vectors, {x: values[name] for x, name in columns.items()}
     )
@@ -470,6 +521,31 @@ def _arrays(path: Path, options: Options, notes: _Notes) -> Look:
         data["step_ms"] = step_ms
         notes.add(f"a step is {step_ms:g} ms, as the file states")
     return Look(data, n_values, lacks_step=step_ms is None)
+
+
+def _packed(
+    path: Path, shapes: npz.Shapes, data: Mapping[str, Any], n_labels: set[int], notes: _Notes
+) -> tuple[dict[str, Any], int]:
+    """Return section `data` of an array of packed bits, and the number of its recordings.
+
+    The axis of steps is the one whose length an array such as `shape` multiplies, else the longest.
+    """
+    signal = data["signal"]
+    sizes = shapes[signal]
+    recording = next((k for k, size in enumerate(sizes) if size in n_labels), 0)
+    others = [k for k in range(len(sizes)) if k != recording]
+    step = max(others, key=lambda k: sizes[k])
+    full, name = [size * (1 + 7 * (k == step)) for k, size in enumerate(sizes)], None
+    for name in (x for x, shape in shapes.items() if shape == (len(sizes),) and "shape" in x.lower()):
+        full = npz.load(path, [name])[name].tolist()
+        step = next((k for k in others if full[k] != sizes[k]), step)
+    rest = [k for k in others if k != step]
+    named = {k: "polarity" if sizes[k] == 2 else "taxel" if k == rest[0] else f"axis_{k}" for k in rest}
+    named |= {recording: "sample", step: "step"} | ({rest[0]: "channel"} if len(rest) == 1 else {})
+    axes = " ".join(named[k] for k in range(len(sizes)))
+    notes.add(f"'{signal}' is ({axes}) = {tuple(full)} of spikes, packed as bits along its steps")
+    raster = {"kind": "raster", "file": data["file"], "step_ms": None, "array": signal, "axes": axes}
+    return raster | {"packed": True} | ({"shape": name} if name else {}), full[recording]
 
 
 def _events(
@@ -490,7 +566,7 @@ def _events(
     notes.add(f"{n} recordings of events at {ends['x']} x {ends.get('y', 1)} addresses, times in us")
     among = [name for name, shape in shapes.items() if shape == (n,)]
     values = npz.load(path, among)
-    columns, n_values = _label_candidates(values, n)
+    columns, n_values = _label_candidates(values, n, notes)
     vectors = {name: shape[0] for name, shape in shapes.items() if len(shape) == 1}
     class_names = _class_names(path, vectors, {x: values[name] for x, name in columns.items()})
     data |= {"columns": columns} | ({"class_names": class_names} if class_names else {})
@@ -498,7 +574,9 @@ def _events(
 
 
 def _largest(shapes: npz.Shapes) -> str | None:
-    """Return the array with most values among those of two or three axes."""
+    """Return the array of packed bits, or that with most values among those of two or three axes."""
+    if packed := next((name for name, x in shapes.items() if "packed" in name.lower() and len(x) > 1), None):
+        return packed
     sizes = {name: abs(int(np.prod(shape))) for name, shape in shapes.items() if len(shape) in (2, 3)}
     ragged = [name for name, shape in shapes.items() if -1 in shape]
     return ragged[0] if ragged else max(sizes, key=lambda name: sizes[name], default=None)
@@ -616,6 +694,6 @@ def _folder(path: Path, options: Options, notes: _Notes) -> Look:
             raise RecordingError(f"{path}: {text}") from None
         raise
     notes.add(f"{source.n_recordings} event files of {source.width} x {source.height} addresses")
-    columns, n_values = _label_candidates(source.columns, source.n_recordings)
+    columns, n_values = _label_candidates(source.columns, source.n_recordings, notes)
     data |= {key: value for key, value in keys.items() if key in ("labels", "label_from")}
     return Look(data | {"columns": columns}, n_values)

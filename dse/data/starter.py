@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import shlex
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -58,18 +60,22 @@ def label_of(look: Look, recordings: Recordings) -> str:
     Raises:
         RecordingError: there is none.
     """
-    candidates = [
-        name
-        for name, n in look.n_values.items()
-        if n <= _MOST_CLASSES
-        and not _PARTS.match(name)
-        and not _GROUPS.match(name)
-        and np.unique(recordings.columns[name], return_counts=True)[1].min() > 1
-    ]
+    why = dict(look.refused)
+    for name, n in look.n_values.items():
+        values = np.asarray(recordings.columns[name])
+        known, counts = np.unique(values, return_counts=True)
+        if _PARTS.match(name) or _parts(values) or _GROUPS.match(name):
+            why[name] = "is named as a part or a group"
+        elif n > _MOST_CLASSES:
+            why[name] = f"has {n} values"
+        elif counts.min() == 1:
+            why[name] = f"has the value '{known[counts.argmin()]}' in one recording alone"
+    candidates = [name for name in look.n_values if name not in why]
     if not candidates:
+        reasons = "; ".join(f"'{name}' {reason}" for name, reason in why.items())
         raise RecordingError(
-            "no label column was found, with two values or more and each in several recordings; --labels "
-            "FILE names a file of labels"
+            "no label column was found, with two values or more and each in several recordings"
+            f"{f' ({reasons})' if reasons else ''}; --labels FILE names a file of labels"
         )
 
     def rank(name: str) -> tuple[bool, bool, int]:
@@ -81,7 +87,7 @@ def label_of(look: Look, recordings: Recordings) -> str:
 
 def starter(
     look: Look,
-    study: str,
+    out: Path,
     recordings: Recordings,
     label: str,
     group: str | None = None,
@@ -90,7 +96,7 @@ def starter(
 
     Args:
         look: at a file, with the sampling period that signals and spikes need.
-        study: name of the study.
+        out: file of the search space, which names the study.
         recordings: as section `data` of the look reads them.
         label: label column to predict.
         group: label column whose values stay in one part of the split; None: one that is named as a session,
@@ -102,17 +108,12 @@ def starter(
     assumed: list[str] = []
     columns = {name: np.asarray(values) for name, values in recordings.columns.items()}
     split = _split(columns, label, group, assumed)
-    used = _names_in(split)
-    data = dict(look.data)
-    data["columns"] = {
-        x: y for x, y in look.data["columns"].items() if x == label or x in used or x in columns
-    }
     n_classes = len(np.unique(columns[label]))
     assumed.insert(0, f"'{label}' is predicted: {n_classes} classes")
     sections: list[tuple[str, dict[str, Any]]] = [
         (
-            "Where the recordings are and how they are read: dse describe data " + str(data["kind"]),
-            {"data": data},
+            "Where the recordings are and how they are read: dse describe data " + str(look.data["kind"]),
+            {"data": dict(look.data)},
         ),
         (
             "What is predicted; other label columns: "
@@ -143,7 +144,7 @@ def starter(
         )
     )
     said = (*look.assumed, *assumed, *recordings.notes())
-    return Starter(_yaml(study, said, sections), label, said)
+    return Starter(_yaml(out, said, sections), label, said)
 
 
 def described(data: Mapping[str, Any], base: Path) -> Look:
@@ -154,7 +155,12 @@ def described(data: Mapping[str, Any], base: Path) -> Look:
     """
     recordings = read(Look(dict(data), {}), base)
     n_values = {name: len(np.unique(values)) for name, values in recordings.columns.items()}
-    return Look(dict(data), {name: n for name, n in n_values.items() if n > 1})
+    assumed: tuple[str, ...] = ()
+    if isinstance(recordings, Signals):
+        ends = sorted({int(recordings.lengths.min()), int(recordings.lengths.max())})
+        steps, n = " to ".join(map(str, ends)), recordings.n_recordings
+        assumed = (f"{n} recordings of {steps} steps and {recordings.n_channels} channels",)
+    return Look(dict(data), {name: n for name, n in n_values.items() if n > 1}, assumed)
 
 
 def read(look: Look, base: Path) -> Recordings:
@@ -176,11 +182,11 @@ def _frozen(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _yaml(study: str, assumed: Sequence[str], sections: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
-    schema = shipped_folder("search_spaces") / "schema.json"
+def _yaml(out: Path, assumed: Sequence[str], sections: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
+    study, file = out.stem, shlex.quote(out.name)
     lines = [
-        f"# yaml-language-server: $schema={schema.as_posix()}",
-        f"# A first search space. dse check {study}.yaml lists every fault; dse run {study}.yaml trains.",
+        *_schema_line(out.absolute().parent),
+        f"# A first search space. dse check {file} lists every fault; dse run {file} trains.",
         "# Assumed:",
         *(
             line
@@ -195,11 +201,19 @@ def _yaml(study: str, assumed: Sequence[str], sections: Sequence[tuple[str, Mapp
     lines += [
         "",
         "# Budgets are given when you pick, e.g.",
-        f'# dse pick results/{study} --budget "energy_uj <= 100" --budget "n_weights <= 10000" \\',
-        "#     --export bundle",
+        f"# dse pick {shlex.quote(f'results/{study}')} \\",
+        '#     --budget "energy_uj <= 100" --budget "n_weights <= 10000" --export bundle',
         "",
     ]
     return "\n".join(lines)
+
+
+def _schema_line(folder: Path) -> list[str]:
+    """Return the line by which editors complete keys, where the file and the schema move together."""
+    schema = shipped_folder("search_spaces") / "schema.json"
+    together = os.path.commonpath([folder, schema]) in map(str, (folder, schema.parents[1]))
+    place = Path(os.path.relpath(schema, folder)).as_posix()
+    return [f"# yaml-language-server: $schema={place}"] if together else []
 
 
 def _batch_size(n: int) -> int:
@@ -211,59 +225,70 @@ def _batch_size(n: int) -> int:
 
 def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed: list[str]) -> dict[str, Any]:
     """Return section `split`: the file's own parts, or a draw of every class with whole groups."""
-    for name, values in columns.items():
-        parts = _parts(values) if _PARTS.match(name) else {}
-        if "train" in parts and "validation" in parts:
-            assumed.append(f"the split is that of column '{name}'")
-            return {part: {name: value} for part, value in parts.items()}
-    labels = columns[label]
-    groups = group or next((x for x in columns if x != label and _GROUPS.match(x)), None)
-    shares = None if groups is None else _shares(labels, columns[groups])
-    if shares is not None:
+    named = ((name, _parts(values)) for name, values in columns.items() if name != label)
+    name, parts = next((x for x in named if {"train"} < x[1].keys()), ("", {}))
+    if "validation" in parts:
+        assumed.append(f"the split is that of column '{name}'")
+        return {part: {name: value} for part, value in parts.items()}
+    drawn = np.ones(len(columns[label]), bool)
+    more: dict[str, Any] = {}
+    if parts:
+        drawn, more = columns[name] == parts["train"], {"test": {name: parts["test"]}}
         assumed.append(
-            f"recordings with one value of '{groups}' stay in one part of the split, so that a {groups} is "
-            "not recognised in place of the class"
+            f"the test set is that of column '{name}', {np.count_nonzero(~drawn)} recordings; validation is "
+            "drawn from the others"
         )
-        return {"stratified": {**shares, "group": groups, "seed": 1}}
+    labels = columns[label][drawn]
+    groups = group or next((x for x in columns if x not in (label, name) and _GROUPS.match(x)), None)
     if groups is not None:
-        text = f"'{groups}' has too few values in a class to be split by; the recordings are drawn one by one"
+        known = columns[groups]
+        if np.isin(known[~drawn], known[drawn]).any():
+            text = f"values of '{groups}' are in training and in the test set of column '{name}'"
+        elif shares := _shares(labels, known[drawn], bool(parts)):
+            assumed.append(
+                f"recordings with one value of '{groups}' stay in one part of the split, so that a {groups} "
+                "is not recognised in place of the class"
+            )
+            return {"stratified": {**shares, **more, "group": groups, "seed": 1}}
+        else:
+            text = f"'{groups}' has too few values in a class to be split by"
         if group is not None:
             raise RecordingError(text)
-        assumed.append(text)
-    shares = _shares(labels, np.arange(len(labels)))
+        assumed.append(f"{text}; the recordings are drawn one by one")
+    shares = _shares(labels, np.arange(len(labels)), bool(parts))
     if shares is None:
         names, counts = np.unique(labels, return_counts=True)
         raise RecordingError(
-            f"every class must have at least 2 recordings, but '{names[counts.argmin()]}' of '{label}' has "
-            f"{counts.min()}"
+            f"every class must have at least 2 recordings{' in training' if parts else ''}, but "
+            f"'{names[counts.argmin()]}' of '{label}' has {counts.min()}"
         )
     if groups is None:
         assumed.append(
             "recordings are drawn for training and validation one by one: if some were made in one session "
             "or by one person, name their column with --group"
         )
-    return {"stratified": {**shares, "seed": 1}}
+    return {"stratified": {**shares, **more, "seed": 1}}
 
 
-def _shares(labels: Array, groups: Array) -> dict[str, float] | None:
-    """Return fractions for validation and test that leave groups of each class in every part, or None."""
+def _shares(labels: Array, groups: Array, has_test: bool) -> dict[str, float] | None:
+    """Return fractions for validation, and test if there is none, with groups of each class in every part.
+
+    None where a class has too few.
+    """
     fewest = min(len(np.unique(groups[labels == label])) for label in np.unique(labels))
     if fewest < 2:
         return None
     if fewest < 3:
         return {"validation": 0.5}
     share = 0.2 if fewest >= 5 else round(1 / fewest, 2)
-    return {"validation": share, "test": share}
+    return {"validation": share} if has_test else {"validation": share, "test": share}
 
 
 def _parts(values: Array) -> dict[str, str]:
-    """Return train, validation and test -> the value that names it."""
+    """Return train, validation and test -> the value that names it; nothing where a value is none of them."""
     texts = {str(x).lower(): str(x) for x in np.unique(values)} if values.dtype.kind == "U" else {}
-    return {part: texts[name] for part, names in _NAMES_OF_PARTS.items() for name in names if name in texts}
-
-
-def _names_in(split: Mapping[str, Any]) -> set[str]:
-    return {str(x) for inner in split.values() for x in (*inner, *inner.values())}
+    found = {part: texts[name] for part, names in _NAMES_OF_PARTS.items() for name in names if name in texts}
+    return found if len(found) == len(texts) else {}
 
 
 # ---- windows, and what makes spikes

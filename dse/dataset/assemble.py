@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,17 +21,24 @@ from dse.dataset.parts import (
     Progress,
     check_frame,
     cropped,
+    encoded_without,
     place_signals,
     placed,
+    refusals,
     seen_by_encoder,
     silent,
 )
 from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, Source, groups, leakage
 from dse.recordings.cutting import cut
+from dse.recordings.doubts import Used, doubts, silent_windows
 from dse.recordings.splits import leak, split
 from dse.recordings.targets import heads, in_use, target, target_columns
-from dse.records import Array, Bools, Dataset, Ints, Signals
+from dse.recordings.windows import chosen
+from dse.records import Array, Bools, Dataset, Ints, Signals, Spikes
+
+_ROUNDING = 0.1  # share of spikes that the rounding of levels may move
+_FEW = 64  # recordings that tell whether spikes follow the level
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,11 +155,20 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     stored = read_spikes(spikes)
     seen = {head.name: head.of_class[codes] for head in joint}
     seen = seen or {" and ".join(target_columns(task.target)): codes}
+    follow = functools.partial(_follow_levels, recordings, fitted, leakage.drawn(validation, _FEW))
     traps = [
         trap
         for what, labels_of in seen.items()
-        for trap in leakage.warnings(stored.lengths, stored.levels, labels_of, train, validation, what)
+        for trap in leakage.warnings(
+            stored.lengths, stored.levels, labels_of, train, validation, what, follow
+        )
     ]
+    if left_out is None:
+        of = Used(
+            recordings, codes, classes, np.flatnonzero(used), stored.n_steps, positions, " and ".join(seen)
+        )
+        n_spikes = np.diff(stored.spikes.row_offsets[:: stored.spikes.n_steps])
+        traps += [*doubts(of), *silent_windows(n_spikes[of.used])]
     reasons.append(fitted.reads_labels)
     shifts = None if left_out is not None or design.evaluation is None else design.evaluation.shifts
     if shifts is not None:
@@ -164,6 +181,29 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
         fitted.fitted_since(design), [*stored.notes, *traps], joint, "; ".join(filter(None, reasons)),
         jitter_steps, out,
     )  # fmt: skip
+
+
+def _follow_levels(recordings: Recordings, design: Sections, samples: Ints) -> bool:
+    """Return whether spikes change with the resting level: their counts in 16 bins of some windows."""
+    if not isinstance(recordings, Signals) or design.encoder is None or design.encoder.transductive:
+        return True
+    some, used = chosen(recordings, samples), np.ones(len(samples), bool)
+    levels = place_signals(some, design.window, used)[1]
+    nothing = np.zeros_like(levels)
+    with refusals():
+        before, after = (
+            _binned(encoded_without(some, design, used, constant, nothing)) for constant in (nothing, levels)
+        )
+    return bool(np.abs(before - after).sum() > _ROUNDING * (before + after).sum())
+
+
+def _binned(spikes: Spikes) -> Ints:
+    """Return the spikes in each sixteenth of a window, by sample and channel, in one row."""
+    n_rows, bins = len(spikes.row_offsets) - 1, 16
+    row = np.repeat(np.arange(n_rows), np.diff(spikes.row_offsets))
+    cell = row // spikes.n_steps * bins + row % spikes.n_steps * bins // spikes.n_steps
+    n_cells = n_rows // spikes.n_steps * bins * spikes.n_channels
+    return np.bincount(cell * spikes.n_channels + spikes.channel, minlength=n_cells)
 
 
 def _folds(

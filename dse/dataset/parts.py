@@ -217,6 +217,30 @@ def seen_by_encoder(signals: Signals, window: Window, levels: Array) -> Signals:
     return without_mean(signals, levels) if window.remove_mean else signals
 
 
+def encoded_without(
+    signals: Signals, design: Sections, used: Bools, constant: Floats, trend: Floats
+) -> Spikes:
+    """Return the spikes of the windows, from step 0, of signals less some of what they show without touch.
+
+    Args:
+        signals: n recordings.
+        design: its encoder is fitted.
+        used: (n,) bool, recordings that get spikes.
+        constant: (n, channel) that is subtracted.
+        trend: (n, channel) that is subtracted per step since the start of the window.
+    """
+    assert design.encoder is not None  # signals without an encoder are refused
+    (start, _, _, n_steps), _ = place_signals(signals, design.window, used)
+    if (signals.values == np.rint(signals.values)).all():
+        constant = np.round(constant)  # counts of a sensor stay whole: no threshold is missed by rounding
+    since = np.arange(len(signals.values)) - np.repeat(signals.offsets[:-1] + start, signals.lengths)
+    removed = np.repeat(constant, signals.lengths, axis=0)
+    removed = removed + np.repeat(trend, signals.lengths, axis=0) * since[:, None]
+    changed = dataclasses.replace(signals, values=(signals.values - removed).astype(np.float32))
+    shown = seen_by_encoder(changed, design.window, mean_levels(changed, start, n_steps))
+    return design.encoder.encode_all(shown, start, np.where(used, n_steps, 0))
+
+
 def _of_signals(signals: Signals, window: Window, encoder: Encoder, used: Bools, positions: Ints) -> Part:
     (start, low, high, n_steps), levels = place_signals(signals, window, used)
     n_kept = np.where(used, high - low + n_steps, 0)

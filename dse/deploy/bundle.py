@@ -27,8 +27,9 @@ from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.deploy import checks
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
+from dse.deploy.prefix import DEFAULT, checked, prefixed
 from dse.deploy.stream import Decision, Stream, Windows
-from dse.deploy.verdict import KINDS, Verdict
+from dse.deploy.verdict import KINDS, Verdict, in_words
 from dse.engine.checks import check_network
 from dse.native.extras import require_torch
 from dse.neurons import neuron_of
@@ -60,6 +61,7 @@ _DOCUMENT = "bundle.json"
 _TARGETS = "targets"
 _WEIGHTS = "weights.npz"
 _PLUGINS = "plugins"
+_README = "README.md"
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,9 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
         temporary.mkdir()
         store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
         plugins = [_copied(source, temporary) for source in bundle.plugins]
-        files = [_WEIGHTS, *(name for name in plugins if name.endswith(".py"))]
+        text = _readme(dataclasses.replace(bundle, targets=verdicts))
+        (temporary / _README).write_text(text, encoding="utf-8")
+        files = [_WEIGHTS, _README, *(name for name in plugins if name.endswith(".py"))]
         for name, source in sources.items():
             files += _copied_target(source, name, temporary)
         document = {
@@ -153,6 +157,7 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
                 "head": bundle.head,
             },
             "heads": store.heads_document(bundle.heads),
+            "prefix": bundle.prefix,
             "input": None if bundle.input is None else dataclasses.asdict(bundle.input),
             "record": bundle.record,
             "evidence": bundle.evidence,
@@ -162,8 +167,6 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
         }
         content = json.dumps(sealed(document), indent=1, default=store.plain) + "\n"
         (temporary / _DOCUMENT).write_text(content, encoding="utf-8")
-        text = _readme(dataclasses.replace(bundle, targets=verdicts))
-        (temporary / "README.md").write_text(text, encoding="utf-8")
         _copy_others(folder, temporary)
         store.remove(folder)
 
@@ -340,6 +343,7 @@ def _bundle(
         head=decision.text("head"),
         plugins=plugins,
         input=_input(document),
+        prefix=checked(document.text("prefix")) if "prefix" in document.keys() else DEFAULT,
         targets={name: _verdict(verdicts.part(name)) for name in verdicts.keys()},
     )
 
@@ -367,6 +371,8 @@ def _verdict(document: checks.Document) -> Verdict:
         figures={name: figures.number(name, -math.inf) for name in figures.keys()},
         recordings=document.text("recordings"),
         compiler=document.text("compiler") if "compiler" in document.keys() else "",
+        output_f1=document.optional_number("output_f1", high=1) if "output_f1" in document.keys() else None,
+        run_by=document.texts("run_by") if "run_by" in document.keys() else (),
     )
 
 
@@ -453,7 +459,7 @@ def _copy_others(folder: Path, bundle: Path) -> None:
     is damaged, which does not say what is its own.
     """
     for path in folder.iterdir() if folder.is_dir() else ():
-        if path.name in (_DOCUMENT, "README.md", _WEIGHTS, _PLUGINS, _TARGETS):
+        if path.name in (_DOCUMENT, _README, _WEIGHTS, _PLUGINS, _TARGETS):
             continue
         if path.is_dir() and not path.is_symlink():
             shutil.copytree(path, bundle / path.name, symlinks=True)
@@ -502,9 +508,13 @@ def _targets_described(bundle: Bundle) -> str:
     if not bundle.targets:
         return ""
     known: dict[str, Any] = registry.known("targets")
+    uses = {
+        name: "" if verdict.kind == "unsupported" else getattr(known.get(name), "use", "")
+        for name, verdict in bundle.targets.items()
+    }
     rows = [
         f"| `{markdown(name)}` | {getattr(known.get(name), 'label', '')} | {_in_words(verdict)} |"
-        f" {'' if verdict.kind == 'unsupported' else getattr(known.get(name), 'use', '')} |"
+        f" {prefixed(uses[name], bundle.prefix)} |"
         for name, verdict in bundle.targets.items()
     ]
     return "\n".join(
@@ -521,7 +531,7 @@ def _targets_described(bundle: Bundle) -> str:
 
 
 def _in_words(verdict: Verdict) -> str:
-    words = [f"**{verdict.kind}**"]
+    words = [f"**{in_words(verdict.kind, verdict.run_by)}**"]
     if verdict.kind == "faithful":
         of = f"{verdict.n_recordings} recordings ({markdown(verdict.recordings)})"
         words.append(f"all decisions and spikes of {of}")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from dse.config import Sections
+from dse.deploy.prefix import DEFAULT
 from dse.deploy.verdict import Verdict
 from dse.records import Head, Network, Parameters
 
@@ -47,6 +48,7 @@ class Classifier:
     phi, theta: the decision rule; both None if the answer comes at a fixed time.
     read_out_ms: that time; None for the end of the window.
     heads: of a joint target; head: the one that answers, '' for all of them together.
+    prefix: of its names in C (`dse.deploy.prefix`).
     plugins: the plugins with its components: names of modules, or paths of files.
     input: what recordings it takes; None where the export could not tell.
     targets: the verdict on each target that it was exported to, by name.
@@ -67,6 +69,7 @@ class Classifier:
     plugins: tuple[str, ...] = ()
     input: Input | None = None
     targets: Mapping[str, Verdict] = field(default_factory=dict)
+    prefix: str = DEFAULT
 
     @property
     def n_outputs(self) -> int:

@@ -4,7 +4,7 @@
 
 SPIKES (.npz): `spikes`, (n_spikes, 3) recording, step, input; `n_recordings`, `n_steps`.
 FIRED (.npz, written): `fired_<k>`, (n_spikes, 3) recording, step, neuron of /layer/<k>, sorted; `n_run`, the
-recordings that were run, from the first on.
+recordings that were run, from the first on; `run_by`, what ran them.
 
 With --brian2 the equations are those of brian2-loihi. Without, they are these integers, at every step, with
 D(x, d) = sign(x) ((|x| (4096 - d)) >> 12) and a the sum of the weights that spikes arrive at:
@@ -19,6 +19,7 @@ after that.
 
 from __future__ import annotations
 
+import importlib.metadata
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -212,13 +213,14 @@ def main(*arguments: str) -> None:
     layers = read(network)
     with np.load(spikes_file) as file:
         spikes, n, n_steps = file["spikes"].astype(np.int64), int(file["n_recordings"]), int(file["n_steps"])
-    n_run = n
+    n_run, run_by = n, "run.py"
     if flags == ["--brian2"]:
         fired, n_run = run_in_brian2(layers, spikes, n, n_steps)
+        run_by = f"brian2-loihi {importlib.metadata.version('brian2-loihi')}"
     else:
         fired = run(layers, spikes, n, n_steps)
     ordered = [x[np.lexsort(x.T[::-1])].astype(np.int32) for x in fired]
-    np.savez(fired_file, n_run=n_run, **{f"fired_{k}": x for k, x in enumerate(ordered)})
+    np.savez(fired_file, n_run=n_run, run_by=run_by, **{f"fired_{k}": x for k, x in enumerate(ordered)})
 
 
 if __name__ == "__main__":

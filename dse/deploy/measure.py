@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.resources
 import math
 import subprocess
@@ -18,6 +19,7 @@ from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.counting import planned
 from dse.deploy.c.plan import Unsupported
+from dse.deploy.prefix import DEFAULT
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.sources import Passed, by_step, items_of_recording
 from dse.deploy.stream import Decision, Stream, Windows
@@ -199,7 +201,7 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
 
 
 def _program(bundle: Bundle, folder: Path, options: list[str]) -> Path:
-    C99().write(bundle, folder / "c")
+    C99().write(dataclasses.replace(bundle, prefix=DEFAULT), folder / "c")
     source = importlib.resources.files("dse.deploy.c") / "measure.c"
     with importlib.resources.as_file(source) as measure_c:
         sources = [measure_c, folder / "c" / "src" / "dse.c"]

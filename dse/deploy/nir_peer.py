@@ -58,7 +58,7 @@ def snntorch(graph: Any) -> tuple[torch.nn.Module, str]:
 
     whole = nir.NIRGraph(nodes=nodes, edges=edges, metadata=graph.metadata)
     module = nirtorch.nir_to_torch(whole, {nir.Linear: neurons, nir.CubaLIF: neurons})
-    return module, "its reader loses recurrent layers, so its neurons were run in nirtorch's graph"
+    return module, "its neurons in the graph of nirtorch, since its own reader loses recurrent layers"
 
 
 READERS: dict[str, Reader] = {"norse": norse, "snntorch": snntorch}

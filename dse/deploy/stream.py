@@ -195,7 +195,7 @@ class Stream:
             self._tracks.append(self._track())
         decisions = [decision for track in self._tracks for decision in step(track)]
         self._step += 1
-        if self._cut and self._step - self._tracks[0].begin == self._cut:
+        if self._tracks and self._step - self._tracks[0].begin == self._cut:
             del self._tracks[0]
         return decisions
 

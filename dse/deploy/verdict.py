@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-Kind = Literal["faithful", "approximate", "unsupported", "not verified"]
-"""faithful: all decisions and spikes equal on all recordings; approximate: some differ;
-unsupported: the target cannot hold the classifier; not verified: nothing was run."""
+Kind = Literal["faithful", "equivalent", "approximate", "unsupported", "not verified"]
+"""faithful: all decisions and spikes are equal on all recordings; equivalent: all decisions are, some spikes
+are not; approximate: some decisions differ; unsupported: the target cannot hold the classifier; not verified:
+nothing was run. From the best to the worst, but for the last."""
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
@@ -24,6 +25,9 @@ class Verdict:
     figures: column -> number, such as ram_bytes, flash_bytes, instructions_per_inference.
     recordings: name of the file that they are from.
     compiler: what compiled the code that `figures` are of; '' where nothing was.
+    output_f1: F1 score of the output spikes, one within a step of another counting as the same; None where
+        there are no output spikes to compare.
+    run_by: what ran the files, names with versions: the verdict is of these alone.
     """
 
     kind: Kind
@@ -35,3 +39,17 @@ class Verdict:
     figures: Mapping[str, float] = field(default_factory=dict)
     recordings: str = ""
     compiler: str = ""
+    output_f1: float | None = None
+    run_by: tuple[str, ...] = ()
+
+    def is_worse_than(self, other: Verdict) -> bool:
+        """Return whether a run has shown less than another one, or what was run is refused."""
+        return "not verified" not in (self.kind, other.kind) and KINDS.index(self.kind) > KINDS.index(
+            other.kind
+        )
+
+
+def in_words(kind: str, run_by: Iterable[str]) -> str:
+    """Return the kind of a verdict with what it is of: 'faithful (norse 1.1.0, snntorch 1.0.0)'."""
+    names = ", ".join(run_by)
+    return f"{kind} ({names})" if names else kind

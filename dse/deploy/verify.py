@@ -13,6 +13,7 @@ import dse
 from dse import registry
 from dse.config.faults import known_names
 from dse.deploy.bundle import Bundle, BundleError, copy_target, read, write
+from dse.deploy.prefix import checked
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.targets import Target, TargetError
 from dse.deploy.verdict import Verdict
@@ -33,9 +34,11 @@ class Verified:
 
     @property
     def drifts(self) -> bool:
-        """Whether the target was faithful and has been shown to be so no longer."""
-        was_faithful = self.before is not None and self.before.kind == "faithful"
-        return was_faithful and self.verdict.kind in ("approximate", "unsupported")
+        """Whether the target was faithful or equivalent and has been shown to be less."""
+        before = self.before
+        if before is None or before.kind not in ("faithful", "equivalent"):
+            return False
+        return self.verdict.is_worse_than(before)
 
 
 def target_named(name: str) -> Target:
@@ -52,7 +55,10 @@ def target_named(name: str) -> Target:
 
 
 def export_targets(
-    folder: str | Path, names: Sequence[str], recordings: str | Path | None = None
+    folder: str | Path,
+    names: Sequence[str],
+    recordings: str | Path | None = None,
+    prefix: str | None = None,
 ) -> dict[str, Verified]:
     """Write targets into a bundle, run them, and stamp the bundle with the verdicts.
 
@@ -60,22 +66,55 @@ def export_targets(
         folder: of the bundle.
         names: of targets; what the bundle holds of them is replaced, other targets stay.
         recordings: to run them on; None: they are written, but not verified.
+        prefix: of the names in C (`dse.deploy.prefix`), which the bundle keeps; None: its own.
 
     Raises:
-        BundleError: the bundle is damaged, a target is unknown or cannot be written or run on this machine;
-            then nothing is changed.
+        BundleError: the bundle is damaged, a target is unknown or cannot be written or run on this machine,
+            or the prefix is none, or not that of other targets of the bundle; then nothing is changed.
         RecordingError: the recordings do not fit.
         StoreError: the bundle cannot be written.
     """
     path = Path(folder)
     bundle = read(path)
+    others = [name for name, x in bundle.targets.items() if name not in names and _is_written(x)]
+    if prefix is not None:
+        bundle = _with_prefix(bundle, prefix, names, others)
     with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
         kept = {}
-        for name, verdict in bundle.targets.items():
-            if name not in names and _is_written(verdict):
-                kept[name] = Path(temporary) / name
-                copy_target(path, name, kept[name])
+        for name in others:
+            kept[name] = Path(temporary) / name
+            copy_target(path, name, kept[name])
         return publish(bundle, path, names, recordings, kept)
+
+
+def _with_prefix(bundle: Bundle, prefix: str, names: Sequence[str], others: Sequence[str]) -> Bundle:
+    """Return a bundle with another prefix of names in C.
+
+    Args:
+        bundle: as read.
+        prefix: the other one.
+        names: of targets to be written.
+        others: of those that stay as they are.
+
+    Raises:
+        BundleError: nothing has a prefix, or something would keep the old one.
+    """
+    try:
+        changed = dataclasses.replace(bundle, prefix=checked(prefix))
+    except ValueError as error:
+        raise BundleError(str(error)) from None
+    if not any(_has_prefix(name) for name in names):
+        raise BundleError(f"a prefix is of names in C, which {', '.join(names)} has not")
+    if prefix != bundle.prefix and (stale := [name for name in others if _has_prefix(name)]):
+        raise BundleError(
+            f"the prefix {prefix} must be that of all targets: name {', '.join(stale)} too, "
+            f"which the bundle has with {bundle.prefix}"
+        )
+    return changed
+
+
+def _has_prefix(name: str) -> bool:
+    return getattr(target_named(name), "has_prefix", False)
 
 
 def publish(

@@ -2,30 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import html
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from dse.skyline.constraints import ExpressionError, named_columns
+from dse.door.front import DRAWS, measured
+from dse.door.question import Question
+from dse.skyline.constraints import named_columns
 from dse.skyline.goals import Goal
-from dse.skyline.pick import budgeted, contestants, pick, sure_pick
+from dse.skyline.pick import budgeted, pick, sure_pick
 from dse.store import StoreError
-from dse.study import pricing, resampling
-from dse.study.repeats import over_repeats
+from dse.study import corrected, held, pricing, resampling
+from dse.study.record import TOLD
 from dse.study.results import open as open_study
 
 if TYPE_CHECKING:
     import pandas
 
+    from dse.deploy.bundle import Bundle
+    from dse.study.results import Study
 
-class Choice(NamedTuple):
-    """The best design point within the budgets, or the nearest ones.
+_IDENTITY = ("trial", "family", "phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware")
+_OPTIONAL = (
+    *("power_mw", "battery_h", "front_share", "confidence"),
+    *("target", "ram_bytes", "table_bytes", "flash_bytes", "cycles"),
+)
 
-    row: its columns, None if no point meets every budget; `accuracy_corrected` is corrected for the choice.
+
+class NothingFeasible(ValueError):
+    """No design point meets every budget; `nearest` holds the nearest ones."""
+
+    def __init__(self, text: str, nearest: pandas.DataFrame) -> None:
+        """Keep the nearest points."""
+        super().__init__(text)
+        self.nearest = nearest
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Choice(Mapping[str, Any]):
+    """The best design point within the budgets, or the nearest ones; a mapping from column to value.
+
+    row: its columns, None if no point meets every budget.
     nearest: in that case, the nearest points, as of `dse.skyline.pick.Pick`.
     notes: what was left out, what decided, and what to look at.
-    goals: what was maximised, then what decided between equals.
+    goals: what was maximised, then the other objectives.
     targets: that the points were looked at on.
+    results: folder of the study, or the table.
     """
 
     row: pandas.Series[Any] | None
@@ -33,131 +57,156 @@ class Choice(NamedTuple):
     notes: list[str]
     goals: list[Goal]
     targets: list[str]
+    results: Path
+
+    @property
+    def found(self) -> pandas.Series[Any]:
+        """The columns of the design point.
+
+        Raises:
+            NothingFeasible: no point meets every budget; the text says what the nearest one misses.
+        """
+        if self.row is not None:
+            return self.row
+        missed = [str(name) for name in self.nearest if str(name).startswith("missed ")]
+        text = "; ".join(self.notes)
+        if len(self.nearest):
+            nearest = self.nearest.iloc[0]
+            by = [
+                f"{name.removeprefix('missed ')} by {nearest[name]:.4g}"
+                for name in missed
+                if nearest[name] > 0 or len(missed) == 1  # a strict limit may be missed by 0
+            ]
+            text += f"; the nearest misses {', '.join(by)}" if by else ""
+        raise NothingFeasible(text, self.nearest)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(map(str, self.found.index))
+
+    def __len__(self) -> int:
+        """Return the number of columns; 0, which is false, if no point meets every budget."""
+        return 0 if self.row is None else len(self.row)
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """The columns that tell the design, what it is good at, and what was asked for."""
+        import pandas
+
+        row = self.found
+        axes = [x for x in map(str, row.index) if "." in x and x != "model.kind" and pandas.notna(row[x])]
+        design = [name for name in map(str, row.index) if name in _IDENTITY or name in axes]
+        numbers = measured(row.to_frame().T, [name for name, _ in self.goals])
+        return {name: row[name] for name in dict.fromkeys([*numbers, *design, *_OPTIONAL]) if name in row}
+
+    def __repr__(self) -> str:
+        if self.row is None:
+            return f"<Choice: {self.notes[0]}; {len(self.nearest)} nearest>"
+        numbers = [f"{name} {self.row[name]:.4g}" for name, _ in self.goals if name in self.row]
+        on = f" on {self.row['hardware']}" if "hardware" in self.row else ""
+        which = f"trial {self.row['trial']} of " if "trial" in self.row else ""
+        return f"<Choice {which}{self.results.name}{on}: {', '.join(numbers)}>"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        import pandas
+
+        table = self.nearest if self.row is None else pandas.Series(self.shown, dtype=object).to_frame("")
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        return f"<p>{html.escape(repr(self))}</p>{table.to_html(border=0, na_rep='-')}{notes}"
+
+    def export(
+        self, folder: str | Path, targets: Sequence[str] = (), recordings: str | Path | None = None
+    ) -> Bundle:
+        """Write the design point as a bundle; arguments and errors as of `dse.export`.
+
+        Raises:
+            StoreError: it is of a table, or was measured elsewhere.
+            NothingFeasible: there is none.
+        """
+        from dse.deploy.export import export
+
+        if not self.results.is_dir():
+            raise StoreError(f"{self.results}: only a design of a study's folder can be exported")
+        if self.found.get("origin") == TOLD:
+            why = "was measured elsewhere (`dse tell`): there is no network to export"
+            raise StoreError(f"{self.results}: trial {self['trial']} {why}")
+        return export(open_study(self.results), self, folder, list(targets) or self.targets, recordings)
 
 
 def choose(
     results: str | Path,
     budgets: Sequence[str] = (),
-    maximise: str = "accuracy",
-    *,
-    hardware: Sequence[str] = (),
-    confidence: float | None = None,
-    draws: int = 200,
-    contacts_per_hour: float | None = None,
-    battery_mwh: float | None = None,
-    targets: Sequence[str] = (),
-    repeats: str = "mean",
+    maximise: str | None = None,
+    question: Question = Question(),  # noqa: B008 (frozen)
 ) -> Choice:
     """Return the best design point of a study, or of a table, within budgets.
 
     Args:
         results: folder of a study, or a CSV, Parquet or JSON table.
         budgets: conditions such as "energy_uj <= 50 and n_weights <= 150000".
-        maximise: column to maximise.
-        hardware: profiles, by name or file, to compute costs on; empty: those of the study.
-        confidence: fraction of the samples in which the point must be within all budgets and on the front.
-        draws: number of samples, for this and for the corrected accuracy.
-        contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
-        battery_mwh: capacity of the battery.
-        targets: names of targets whose memory and cycles budgets may name; empty: those of the study.
-        repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
+        maximise: column to maximise; None: the study's first objective that is maximised, or accuracy.
+        question: what else is asked; without `targets`, those of the study.
 
     Raises:
         ExpressionError: an unknown column, or a budget that cannot be read.
         StoreError: the study is damaged.
         BundleError: a target is unknown.
     """
-    is_study = Path(results).is_dir()
-    if targets and not is_study:
+    folder, oversize, draws = Path(results), question.oversize, question.draws or DRAWS
+    study = open_study(folder) if folder.is_dir() else None
+    if question.targets and study is None:
         raise StoreError(f"{results}: only designs of a study's folder have targets")
-    [points] = pricing.tables([results], list(hardware))
-    if repeats != "mean":
-        if confidence is not None:
-            raise ExpressionError(f"repeats {repeats} is one run of each design: samples are over all runs")
-        pricing.check_studies([results], "repeats needs")
-        points = over_repeats(Path(results), points, repeats)
-    points = pricing.on_duty(points, contacts_per_hour, battery_mwh)
-    remarks: list[str] = []
-    if is_study and not targets:
-        targets = list(open_study(results).space.get("targets", ()))
-    if targets:
+    [points] = question.points([results])
+    targets = list(question.targets or (study.space.get("targets", ()) if study else ()))
+    remarks = held.remarks(folder)
+    if study and targets:
         from dse.deploy.footprints import on_targets
 
-        points, remarks = on_targets(open_study(results), points, targets)
-    objectives: list[Goal] = open_study(results).objectives if is_study else []
+        points, on_target = on_targets(study, points, targets)
+        remarks += on_target
+    objectives = study.objectives if study else []
+    maximise = maximise or next((name for name, way in objectives if way == "max"), "accuracy")
     ties = [goal for goal in objectives if goal.column != maximise and goal.column in points]
     goals = [Goal(maximise, "max"), *ties]
-    if confidence is None:
-        picked = pick(points, budgets, maximise, ties)
+    if question.confidence is None:
+        picked = pick(points, budgets, maximise, ties, oversize=oversize)
     else:
-        drawing = resampling.draws([results], [points], list(hardware), goals, draws, budgeted(budgets))
-        apart = [name for name in ("task",) if name in points]
-        picked = sure_pick(points, budgets, maximise, ties, drawing, confidence, apart)
+        limited = budgeted(budgets)
+        drawing = resampling.draws([results], [points], question.hardware, goals, draws, limited)
+        picked = sure_pick(points, budgets, maximise, ties, drawing, question.confidence, oversize=oversize)
     if picked.row is None:
-        sure = "" if confidence is None else f" in {confidence:.0%} of the samples"
-        notes = [f"no design point meets every budget{sure}; the nearest are shown", *picked.notes, *remarks]
-        return Choice(None, picked.nearest, notes, goals, list(targets))
-    row = picked.row.copy()
-    corrected = []
-    if is_study and repeats == "mean":  # one run is no sample of seeds
-        corrected = _corrected(row, Path(results), points, budgets, maximise, ties, draws)
+        sure = "" if question.confidence is None else f" in {question.confidence:.0%} of the samples"
+        meets = f"no design point meets {' and '.join(budgets) or 'every condition'}{sure}"
+        notes = [meets, *picked.notes, *remarks, *_misfit(study, picked.nearest, question.hardware)]
+        return Choice(None, picked.nearest, notes, goals, targets, folder)
+    found, lacking = corrected.known(picked.row.to_frame().T, [maximise, *(name for name, _ in ties)])
+    row = found.iloc[0].infer_objects()
     # Accuracies on different tasks cannot be compared, nor can energies on different hardware.
     notes = [
         *picked.notes,
         *remarks,
-        *corrected,
-        *_misfit(row),
+        *lacking,
         *_others(points, budgets, "task", "tasks"),
         *_others(points, budgets, "hardware", "hardware profiles"),
         *_others(points, budgets, "target", "targets"),
     ]
-    return Choice(row, picked.nearest, notes, goals, list(targets))
+    return Choice(row, picked.nearest, notes, goals, targets, folder)
 
 
-def _corrected(
-    row: pandas.Series[Any],
-    folder: Path,
-    points: pandas.DataFrame,
-    budgets: Sequence[str],
-    name: str,
-    ties: list[Goal],
-    draws: int,
-) -> list[str]:
-    """Add to a row its accuracy corrected for having been chosen as the best, and return a note on it."""
-    if name not in resampling.ACCURACIES:
-        return []
-    among, stopped = contestants(points, budgets, name, ties), points.iloc[:0]
-    try:
-        if name == "accuracy":
-            chips = [str(x) for x in points["hardware"].dropna().unique()] if "hardware" in points else []
-            rows = resampling.stopped_rows(folder, open_study(folder).trials, chips)
-            if len(rows):
-                stopped = contestants(rows.reindex(columns=points.columns), budgets, name, ties)
-        gained = resampling.optimism_of(folder, among, name, draws, stopped)
-    except StoreError as error:
-        return [f"no corrected {name}: {error}"]
-    row[f"{name}_corrected"] = row[name] - gained
-    n_designs, n_stopped = among["trial"].nunique(), stopped["trial"].nunique()
-    designs = "1 design" if n_designs == 1 else f"{n_designs} designs"
-    beside = f" and {n_stopped} that racing stopped" if n_stopped else ""
-    return [
-        f"{name} {row[name]:.3f} is the best of {len(among)} points of {designs}{beside}; "
-        f"corrected for that choice it is {row[f'{name}_corrected']:.3f}"
-    ]
-
-
-def _misfit(row: pandas.Series[Any]) -> list[str]:
-    """Return a hint if the chip cannot run the picked design, or the design does not fit it."""
+def _misfit(study: Study | None, nearest: pandas.DataFrame, hardware: Sequence[str]) -> list[str]:
+    """Return why the nearest point does not fit its hardware, if it does not."""
     import pandas
 
-    if "energy_uj_high" in row and pandas.isna(row["energy_uj_high"]):
-        return [
-            f"{row['hardware']} cannot run this design; "
-            'exclude such designs with --budget "energy_uj_high >= 0"'
-        ]
-    if pandas.notna(row.get("fits")) and not row["fits"]:
-        return [f"this design does not fit {row['hardware']}; exclude such designs with --budget fits"]
-    return []
+    if study is None or nearest.empty or "fits" not in nearest:
+        return []
+    row = nearest.iloc[0]
+    if pandas.isna(row["fits"]) or row["fits"]:
+        return []
+    why = "; ".join(pricing.misfits(study.folder, row, hardware))
+    return [f"trial {row['trial']} does not fit {row['hardware']}: {why}"]
 
 
 def _others(points: pandas.DataFrame, budgets: Sequence[str], column: str, plural: str) -> list[str]:

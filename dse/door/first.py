@@ -75,15 +75,20 @@ def write(of: Seen, label: str, group: str | None) -> First:
     for option, column in (("--label", label), ("--group", group)):
         if column is not None and column not in of.look.n_values:
             known = ", ".join(of.look.n_values) or "none"
-            raise RecordingError(f"{option} {column}: must be a label column of {of.name}; there are {known}")
-    first = starter.starter(of.look, of.out.stem, of.recordings, label, group)
+            why = f"column '{column}' {of.look.refused[column]}; " if column in of.look.refused else ""
+            raise RecordingError(
+                f"{option} {column}: {why}must be a label column of {of.name}; there are {known}"
+            )
+    first = starter.starter(of.look, of.out, of.recordings, label, group)
     write_text(of.out, first.text)
     try:
         row = {"file": str(of.out), **preview(load_space(of.out, check_data=True))}
     except (ConfigError, RecordingError):
         of.out.unlink()  # nothing is left that does not run
         raise
-    return First(row, first.assumed)
+    doubts = row.pop("doubts", [])
+    assert isinstance(doubts, list)  # as `preview` has it
+    return First(row, (*first.assumed, *doubts))
 
 
 def init(
@@ -110,8 +115,13 @@ def init(
     Raises:
         RecordingError: the data cannot be read, or lack what cannot be guessed.
         StoreError: the file exists.
-        TypeError: an unknown option.
+        TypeError: an unknown option, or data of another type.
     """
+    if not isinstance(data, str | Path | Mapping):
+        raise TypeError(
+            f"data must be a file, a folder, or section `data`, got {type(data).__name__}; "
+            "dse.data.from_arrays(signals, labels, step_ms=...) makes the latter of arrays"
+        )
     place = place_of(data, out, force)
     if isinstance(data, Mapping):
         if options:

@@ -6,48 +6,53 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dse.door.question import Question
 from dse.skyline import front
-from dse.skyline.constraints import ExpressionError
+from dse.skyline.admissible import meeting
+from dse.skyline.constraints import ExpressionError, conditions_of, named_columns
 from dse.skyline.front import Skyline
 from dse.skyline.goals import Goal
-from dse.store import StoreError
-from dse.study import pricing, resampling
-from dse.study.repeats import over_repeats
+from dse.study import corrected, held, resampling
+from dse.study.results import open as open_study
 
 if TYPE_CHECKING:
     import pandas
 
 DRAWS = 200
-"""Default number of samples of recordings, seeds and uncertain numbers."""
+"""Number of samples of recordings, seeds and uncertain numbers where it is not stated."""
+
+ADDED = ("target", "ram_bytes", "cycles", "power_mw", "battery_h", *resampling.CERTAINTY)
+"""Columns of a front that are there because they were asked for."""
+
+
+def measured(rows: pandas.DataFrame, names: Sequence[str]) -> list[str]:
+    """Return the columns of measured numbers to show: what an accuracy is worth comes before it.
+
+    An energy flat out has the one at the sensor's period beside it: they may differ by a factor of 10^5.
+    """
+    shown: list[str] = []
+    for name in names:
+        beside = [f"{name}_test", *(["energy_throttled_uj"] if name == "energy_uj" else [])]
+        beside = [x for x in beside if x in rows and rows[x].notna().any()]
+        shown += [*(x for x in [f"{name}_corrected"] if x in rows), name, *beside]
+    return list(dict.fromkeys(shown))
 
 
 def front_of(
     results: Sequence[str | Path],
     objectives: Sequence[Goal],
-    where: str | Sequence[str] | None = None,
+    where: Sequence[str] = (),
     by: Sequence[str] = (),
-    *,
-    hardware: Sequence[str] = (),
-    contacts_per_hour: float | None = None,
-    battery_mwh: float | None = None,
-    draws: int | None = None,
-    confidence: float | None = None,
-    repeats: str = "mean",
-) -> tuple[Skyline, list[str]]:
-    """Return the non-dominated points, and the columns on duty and certainty that were added to them.
+    question: Question = Question(),  # noqa: B008 (frozen)
+) -> Skyline:
+    """Return the non-dominated points, and notes on what was left out.
 
     Args:
         results: folders of studies, or CSV, Parquet or JSON tables, which are concatenated.
         objectives: columns and directions.
-        where: condition, or several.
-        by: columns whose values have separate fronts.
-        hardware: profiles, by name or file, to compute costs on; empty: those of each study.
-        contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
-        battery_mwh: capacity of the battery.
-        draws: number of samples; column front_share varies the chip's uncertain numbers, front_probability
-            also recordings and seeds. None: 200 for the latter alone.
-        confidence: keep points whose front_probability is at least this.
-        repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
+        where: conditions; those on front_share and front_probability hold for points of the front.
+        by: columns whose values have separate fronts, beside hardware and task.
+        question: what else is asked.
 
     Raises:
         ExpressionError: an unknown column or direction, a condition that cannot be read, or a confidence
@@ -56,51 +61,31 @@ def front_of(
     """
     import pandas
 
-    frames = pricing.tables(results, list(hardware))
-    frames = _repeated(results, frames, repeats, sampled=bool(draws) or confidence is not None)
+    frames = question.points(results)
     frame = pandas.concat(frames, ignore_index=True)
-    frame = pricing.on_duty(frame, contacts_per_hour, battery_mwh)
-    skyline = front.skyline(frame, objectives, where, by)
-    rows, beside, notes = skyline.rows, ["power_mw", "battery_h"], list(skyline.notes)
-    if draws:
-        names = [name for name, _ in objectives]
-        drawing = pricing.draws(results, frames, list(hardware), names, draws)
-        candidates = front.comparable(frame, objectives, where, by).rows
-        share = front.front_share(candidates, objectives, drawing, by)
-        rows = rows.assign(front_share=pandas.Series(share, candidates.index)[rows.index])
-        beside.append("front_share")
-    is_accurate = any(name in resampling.ACCURACIES for name, _ in objectives)
-    if repeats == "mean" and is_accurate and all(Path(path).is_dir() for path in results):
-        try:
-            drawing = resampling.draws(results, frames, list(hardware), objectives, draws or DRAWS)
-            candidates = front.comparable(frame, objectives, where, by).rows
-            share = front.front_share(candidates, objectives, drawing, by)
-        except StoreError as error:
-            notes.append(f"no front_probability: {error}")
-        else:
-            rows = rows.assign(front_probability=pandas.Series(share, candidates.index)[rows.index])
-            beside.append("front_probability")
-    if confidence is not None:
-        if "front_probability" not in rows:
-            raise ExpressionError("confidence needs studies with an accuracy among the objectives")
+    certain = [x for x in conditions_of(where) if named_columns([x]) & set(resampling.CERTAINTY)]
+    early = [x for x in conditions_of(where) if x not in certain]
+    if question.confidence is not None:
+        certain.append(f"front_probability >= {question.confidence}")
+    rows, notes = front.skyline(frame, objectives, early, by, question.oversize)
+    rows, lacking = corrected.known(rows, (name for name, _ in objectives))
+    notes = [*notes, *lacking, *(text for path in results for text in held.remarks(Path(path)))]
+    if question.draws or certain:
+        among = front.comparable(frame, objectives, early, by, oversize=question.oversize).rows
+        shares, remarks = resampling.certainty(
+            results, frames, question.hardware, objectives, question.draws or DRAWS, among, by
+        )
+        rows = rows.assign(**{name: share[rows.index] for name, share in shares.items()})
+        notes += remarks
+    if question.confidence is not None and "front_probability" not in rows:
+        raise ExpressionError("confidence needs studies with an accuracy among the objectives")
+    if certain:
         n_all = len(rows)
-        rows = rows.loc[rows["front_probability"] >= confidence]
+        rows = rows[meeting(rows, certain)]
         notes.append(f"{n_all - len(rows)} of {n_all} points of the front are on it with less confidence")
-    return Skyline(rows, notes), beside
+    if question.targets:
+        from dse.deploy.footprints import on_targets
 
-
-def _repeated(
-    results: Sequence[str | Path], frames: list[pandas.DataFrame], repeats: str, *, sampled: bool
-) -> list[pandas.DataFrame]:
-    """Return the points with the numbers of the chosen runs.
-
-    Raises:
-        ExpressionError: samples are asked for too; they are over all runs.
-        StoreError: a table is no study.
-    """
-    if repeats == "mean":
-        return frames
-    if sampled:
-        raise ExpressionError(f"repeats {repeats} is one run of each design: samples are over all runs")
-    pricing.check_studies(results, "repeats needs")
-    return [over_repeats(Path(path), frame, repeats) for path, frame in zip(results, frames, strict=True)]
+        rows, remarks = on_targets(open_study(results[0]), rows, question.targets)
+        notes += remarks
+    return Skyline(rows, notes)

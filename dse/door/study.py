@@ -11,12 +11,13 @@ import numpy as np
 
 from dse.door import arguments
 from dse.door.choice import Choice, choose
-from dse.door.front import DRAWS, front_of
+from dse.door.front import front_of
 from dse.door.plots import Plots
+from dse.door.question import Question
+from dse.skyline import front
 from dse.skyline.front import Skyline
 from dse.store import StoreError
 from dse.study import results
-from dse.study.repeats import checked
 
 if TYPE_CHECKING:
     import optuna
@@ -27,15 +28,6 @@ if TYPE_CHECKING:
 
 _MOST_ROWS = 10  # of the table in a notebook
 _WIDTH, _HEIGHT, _MARGIN = 360, 200, 36
-
-
-class NothingFeasible(ValueError):
-    """No design point meets every budget; `nearest` holds the nearest ones."""
-
-    def __init__(self, text: str, nearest: pandas.DataFrame) -> None:
-        """Keep the nearest points."""
-        super().__init__(text)
-        self.nearest = nearest
 
 
 class Study(results.Study):
@@ -65,7 +57,7 @@ class Study(results.Study):
         goals = self.objectives
         names = [name for name, _ in goals]
         by = [name for name in ("task",) if name in points and points[name].nunique() > 1]
-        rows = Skyline(*super().skyline(goals, None, ",".join(by) or None)).rows
+        rows = front.skyline(points, goals).rows
         distinct = rows.drop_duplicates(["trial", *names])
         shown: pandas.DataFrame = distinct.head(_MOST_ROWS)[["trial", *by, *names]]
         more = f"<p>{len(distinct) - len(shown)} more: <code>study.skyline()</code></p>"
@@ -77,30 +69,16 @@ class Study(results.Study):
         objectives: str | Sequence[Any] | Mapping[str, str] | None = None,
         where: str | Sequence[str] | None = None,
         by: str | Sequence[str] | None = None,
-        *,
-        hardware: str | Sequence[str] = (),
-        confidence: float | None = None,
-        draws: int | None = None,
-        contacts_per_hour: float | None = None,
-        battery_mwh: float | None = None,
-        targets: str | Sequence[str] = (),
-        repeats: str = "mean",
+        **options: Any,
     ) -> Skyline:
         """Return the non-dominated points and notes on what was left out.
 
         Args:
             objectives: 'accuracy:max,energy_uj:min', pairs, or a mapping; None: those of the search space.
             where: condition such as "n_weights <= 5000", or several.
-            by: columns whose values have separate fronts, such as task.
-            hardware: profiles, by name or file, to compute costs on; empty: those of the study.
-            confidence: keep points that are on the front in this fraction of the samples of recordings, seeds
-                and uncertain numbers (column front_probability).
-            draws: number of samples; adds columns front_share and front_probability.
-            contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
-            battery_mwh: capacity of the battery.
-            targets: names of targets, for columns ram_bytes and cycles; points that none can hold are left
-                out.
-            repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
+            by: columns whose values have separate fronts, beside hardware and task.
+            options: hardware, oversize, contacts_per_hour, battery_mwh, targets, repeats, confidence and
+                draws, as of `dse.door.question.Question`.
 
         Raises:
             ExpressionError: an unknown column, or a condition that cannot be read.
@@ -109,71 +87,22 @@ class Study(results.Study):
         goals = self.objectives if objectives is None else arguments.goals(objectives)
         conditions = arguments.texts(where, "where")
         groups = [x.strip() for each in arguments.texts(by, "by") for x in each.split(",") if x.strip()]
-        chips = arguments.texts(hardware, "hardware")
-        share = arguments.amount(confidence, "confidence", high=1)
-        hours = arguments.amount(contacts_per_hour, "contacts_per_hour")
-        battery = arguments.amount(battery_mwh, "battery_mwh")
-        if share is None and draws is None and not targets and repeats == "mean":
-            points = self._on_duty(chips, hours, battery)
-            from dse.skyline import front
+        return front_of([self.folder], goals, conditions, groups, Question.of(**options))
 
-            return front.skyline(points, goals, conditions or None, groups)
-        skyline, _ = front_of(
-            [self.folder], goals, conditions, groups, hardware=chips, contacts_per_hour=hours,
-            battery_mwh=battery, draws=draws, confidence=share,
-            repeats=checked(repeats),
-        )  # fmt: skip
-        rows, notes = skyline.rows, list(skyline.notes)
-        if names := arguments.texts(targets, "targets"):
-            from dse.deploy.footprints import on_targets
-
-            rows, remarks = on_targets(self, rows, names)
-            notes += remarks
-        return Skyline(rows, notes)
-
-    def pick(  # type: ignore[override]
-        self,
-        budgets: str | Sequence[str] = (),
-        maximise: str = "accuracy",
-        *,
-        hardware: str | Sequence[str] = (),
-        confidence: float | None = None,
-        draws: int = DRAWS,
-        contacts_per_hour: float | None = None,
-        battery_mwh: float | None = None,
-        targets: str | Sequence[str] = (),
-        repeats: str = "mean",
-    ) -> Choice:
+    def pick(self, budgets: str | Sequence[str] = (), maximise: str | None = None, **options: Any) -> Choice:
         """Return the best point within the budgets (`row`), or None and the nearest ones (`nearest`).
 
         Args:
             budgets: conditions such as "energy_uj <= 50", one or several.
-            maximise: column to maximise.
-            hardware: profiles, by name or file, to compute costs on; empty: those of the study.
-            confidence: fraction of the samples in which the point must be within all budgets and on the
-                front.
-            draws: number of samples.
-            contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
-            battery_mwh: capacity of the battery.
-            targets: names of targets whose memory and cycles budgets may name.
-            repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
+            maximise: column to maximise; None: the first objective that is maximised.
+            options: as of `skyline`.
 
         Raises:
             ExpressionError: an unknown column, or a budget that cannot be read.
             TypeError: an argument of another kind.
         """
-        return choose(
-            self.folder,
-            arguments.texts(budgets, "budgets"),
-            arguments.text(maximise, "maximise"),
-            hardware=arguments.texts(hardware, "hardware"),
-            confidence=arguments.amount(confidence, "confidence", high=1),
-            draws=draws,
-            contacts_per_hour=arguments.amount(contacts_per_hour, "contacts_per_hour"),
-            battery_mwh=arguments.amount(battery_mwh, "battery_mwh"),
-            targets=arguments.texts(targets, "targets"),
-            repeats=checked(repeats),
-        )
+        column = None if maximise is None else arguments.text(maximise, "maximise")
+        return choose(self.folder, arguments.texts(budgets, "budgets"), column, Question.of(**options))
 
     def best(self, *budgets: str, **options: Any) -> pandas.Series[Any]:
         """Return the best point within the budgets: `study.best("n_weights <= 5000", hardware="mcu_m4")`.
@@ -188,17 +117,7 @@ class Study(results.Study):
             TypeError: as of `pick`.
         """
         conditions = [text for each in budgets for text in arguments.texts(each, "budgets")]
-        choice = self.pick(conditions, **options)
-        if choice.row is None:
-            missed = [str(name) for name in choice.nearest if str(name).startswith("missed ")]
-            text = f"no design point meets {' and '.join(conditions) or 'every condition'}"
-            if missed and len(choice.nearest):
-                nearest = choice.nearest.iloc[0]
-                missed = [x for x in missed if nearest[x] > 0] or missed  # a strict limit may be missed by 0
-                misses = [f"{name.removeprefix('missed ')} by {nearest[name]:.4g}" for name in missed]
-                text += f"; the nearest misses {', '.join(misses)}"
-            raise NothingFeasible(text, choice.nearest)
-        return choice.row
+        return self.pick(conditions, **options).found
 
     def note(
         self,
@@ -267,7 +186,7 @@ class Study(results.Study):
 
     def export(
         self,
-        point: Mapping[str, Any] | pandas.Series[Any],
+        point: Choice | Mapping[str, Any] | pandas.Series[Any],
         folder: str | Path,
         targets: str | Sequence[str] = (),
         recordings: str | Path | None = None,
@@ -306,13 +225,6 @@ class Study(results.Study):
             copy.set_metric_names([name for name, _ in self.objectives])
         copy.add_trials(storage.get_all_trials(stored._study_id))
         return copy
-
-    def _on_duty(
-        self, hardware: list[str], contacts_per_hour: float | None, battery_mwh: float | None
-    ) -> pandas.DataFrame:
-        from dse.study import pricing
-
-        return pricing.on_duty(self.points(hardware), contacts_per_hour, battery_mwh)
 
 
 def open(folder: str | Path) -> Study:

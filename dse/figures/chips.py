@@ -33,7 +33,7 @@ class Chips:
     hardware: names. pick_gain: of the pick there.
     pick_cost, pick_low, pick_high: its cost, and the distance to the ends of its interval.
     least_cost, least_low, least_high: of the cheapest design with `level`.
-    without: chips that cannot run any design, or whose costs are not known.
+    without: chips that cannot run or hold any design, or whose costs are not known.
     """
 
     gain: str
@@ -89,12 +89,12 @@ def gather_chips(points: pandas.DataFrame, goals: Sequence[Goal], cost: str = ""
         raise ValueError("objectives must maximise a column and minimise another")
     if cost not in points:
         raise ValueError(f"cost must be a column of the points, got '{cost}'")
-    frame = points[honest(points)]
-    frame = frame[fitting(frame)]
+    frame, held = points[honest(points)], fitting(points)[honest(points)]
     ties = [goal for goal in goals if goal.column != gain and goal.column in frame]
     tables, without = {}, []
     for chip, rows in frame.groupby("hardware", sort=False):
-        priced = rows[np.isfinite(numbers(rows, cost)) & np.isfinite(numbers(rows, gain))]
+        known = np.isfinite(numbers(rows, cost)) & np.isfinite(numbers(rows, gain))
+        priced = rows[known & held[frame["hardware"] == chip]]
         if len(priced):
             tables[str(chip)] = priced
         else:

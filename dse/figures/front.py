@@ -112,7 +112,10 @@ class FrontFigure:
         frame = with_value(on_one_chip(results.points(), self.hardware), "task", self.task)
         if self.full:
             frame = full_read_outs(frame)
-        return gather_front(frame[admissible(frame)], columns, objectives)
+        held = frame[admissible(frame)]
+        if held.empty and len(frame):
+            raise ValueError("some design must fit the chip; choose another with the key hardware")
+        return gather_front(held, columns, objectives)
 
     def draw(self, record: Front) -> plotly.graph_objects.Figure:
         return draw_front(record)

@@ -87,6 +87,8 @@ def gather_prices(points: pandas.DataFrame, goals: Sequence[Goal]) -> Prices:
     if gain is None:
         raise ValueError("an objective must be maximised, such as accuracy:max")
     frame = points[admissible(points)]
+    if frame.empty:
+        raise ValueError("some design must fit the chip; choose another with the key hardware")
     values = numbers(frame, gain)
     known = values[np.isfinite(values)]
     if not len(known) or known.min() < 0 or known.max() > 1:

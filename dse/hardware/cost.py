@@ -21,7 +21,7 @@ import numpy as np
 from dse.hardware.interval import Interval
 from dse.hardware.plan import Misfit, NotApplicable, Placement, Plan
 from dse.hardware.profile import Figures, Profile
-from dse.records import Floats, Operations, Workload
+from dse.records import Floats, Operations, Workload, sum_of_products
 
 __all__ = ["Cost", "Drawn", "NotApplicable", "cost", "cost_of_steps", "drawn"]
 
@@ -152,7 +152,7 @@ def _cost(
     throttled_low, throttled_high = _throttled_range_uj(plan, time_us, waiting_us)
     step_us = load.step_us(time_us)
     placement = plan.placement
-    causes = [np.asarray(counts @ per_count[0] * 1e-6) for per_count in plan.energy_pj.values()]
+    causes = [sum_of_products(counts, per_count[0]) * 1e-6 for per_count in plan.energy_pj.values()]
 
     def value(x: Floats) -> Floats:
         return np.full_like(x, np.nan) if profile.interval_only else np.asarray(x)
@@ -191,20 +191,19 @@ def _assumptions(placement: Placement | None, load: Workload | Operations) -> tu
 def _energy_uj(plan: Plan, counts: Floats) -> Floats:
     """Return the dynamic energy (D, ...)."""
     total = np.asarray(sum(plan.energy_pj.values())) * 1e-6
-    flat = counts.reshape(-1, counts.shape[-1])
-    return np.asarray((total @ flat.T).reshape(len(total), *counts.shape[:-1]))
+    return sum_of_products(counts, total.reshape(len(total), *[1] * (counts.ndim - 1), -1))
 
 
 def _time_us(plan: Plan, counts: Floats) -> Floats:
     """Return the time to compute (D, ...): what is slowest, and queues where the network is congested."""
     n_draws, n_candidates, n_features = plan.time_ns.shape
-    flat = counts.reshape(-1, n_features)
+    flat = np.asfortranarray(counts.reshape(-1, n_features))
     per_count = plan.time_ns.reshape(-1, n_features) * 1e-3
     slowest = np.empty((n_draws, len(flat)))
     block = max(1, _BLOCK // (n_draws * n_candidates))
     for start in range(0, len(flat), block):
-        candidates = (per_count @ flat[start : start + block].T).reshape(n_draws, n_candidates, -1)
-        slowest[:, start : start + block] = candidates.max(axis=1)
+        candidates = sum_of_products(per_count[:, None], flat[start : start + block])
+        slowest[:, start : start + block] = candidates.reshape(n_draws, n_candidates, -1).max(axis=1)
     time_us = slowest.reshape(n_draws, *counts.shape[:-1])
     congestion = plan.congestion
     if congestion is not None and congestion.layers.any():

@@ -10,6 +10,9 @@ T_co = TypeVar("T_co", covariant=True)
 U = TypeVar("U")
 
 
+_DECADES = 100.0
+
+
 @dataclass(frozen=True)
 class Interval(Generic[T_co]):
     """A value and the ends of its range; as table columns: name, name_low, name_high.
@@ -31,6 +34,11 @@ class Interval(Generic[T_co]):
     def columns(self, name: str) -> dict[str, T_co]:
         """Return the value and the ends under the names of their table columns."""
         return dict(zip(column_names(name), self, strict=True))
+
+
+def is_open(low: float, high: float) -> bool:
+    """Return whether a range spans more than two decades, so that its low end alone is worth stating."""
+    return 0 < _DECADES * low < high
 
 
 def column_names(name: str) -> tuple[str, str, str]:

@@ -24,7 +24,7 @@ from dse.hardware.interval import Interval
 from dse.hardware.latency import latency_ms
 from dse.hardware.plan import Misfit, NotApplicable, Plan
 from dse.hardware.profile import Evidence, Profile
-from dse.records import Floats
+from dse.records import Floats, sum_of_products
 
 Known = float | None
 """A number, or None where it is not known or has no meaning."""
@@ -196,7 +196,7 @@ def _with_energies(row: CostRow, plan: Plan, counts: Floats, priced: Cost) -> Co
     """Add the terms of the dynamic energy, the static energies and the totals."""
 
     def term(per_count: Floats, value: Floats) -> Interval[Known]:
-        _, low, high = (counts @ one for one in per_count * 1e-6)
+        _, low, high = (sum_of_products(counts, one) for one in per_count * 1e-6)
         return _known(Interval(value, low, high))
 
     row = replace(

@@ -43,6 +43,7 @@ from dse.records import (
     Parameters,
     Response,
     Workload,
+    sum_of_products,
 )
 
 READ_OUTS = 20
@@ -725,7 +726,7 @@ def load_of(
         bits = weight_bits if network.arithmetic == "integer" else 32
     else:
         assert response.synapses is not None  # the family counts what no stack says
-        additions = spikes @ np.array(response.synapses)
+        additions = sum_of_products(spikes, np.array(response.synapses))
         updates = updates * np.array(response.update_work or 1.0)
     return Operations(
         macs=np.zeros_like(additions),

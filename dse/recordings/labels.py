@@ -34,7 +34,7 @@ def label_columns(
     n: int,
     where: str,
 ) -> dict[str, Array]:
-    """Return each column as (n,) numbers or strings.
+    """Return each column as (n,) numbers, or strings without blanks at their ends.
 
     Args:
         arrays: arrays of the file by name.
@@ -59,7 +59,7 @@ def label_columns(
             )
         if column in class_names:
             values = _named(values, arrays[class_names[column]], f"{where}: column '{column}'")
-        labels[column] = values.astype(str) if values.dtype.kind == "S" else values
+        labels[column] = np.char.strip(values.astype(str)) if values.dtype.kind in "US" else values
     return labels
 
 

@@ -5,15 +5,19 @@ These are checked whenever data are prepared; `dse.audit` probes more, and wheth
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dse import seeds
 from dse.recordings import RecordingError
 from dse.records import Floats, Ints
 
 _NEIGHBOURS = 5
 _ROWS_AT_ONCE = 256
+
+MOST = 1000
+"""Training and validation samples that are read, each; of more, a random draw."""
 
 
 def guard(target_columns: Sequence[str], split_columns: Sequence[str]) -> None:
@@ -27,6 +31,13 @@ def guard(target_columns: Sequence[str], split_columns: Sequence[str]) -> None:
             raise RecordingError(f"split cannot use column '{column}', which task.target predicts")
 
 
+def drawn(samples: Ints, most: int = MOST) -> Ints:
+    """Return some samples, in rising order; of more than `most`, a random draw."""
+    if len(samples) <= most:
+        return samples
+    return np.sort(seeds.generator(0, {}, "audit samples").choice(samples, most, replace=False))
+
+
 def warnings(
     lengths: Ints,
     levels: Floats | None,
@@ -34,6 +45,7 @@ def warnings(
     train: Ints,
     validation: Ints,
     name: str,
+    follow_levels: Callable[[], bool],
 ) -> list[str]:
     """Return a sentence for each of length and resting level that alone predicts the target.
 
@@ -47,32 +59,34 @@ def warnings(
         train: indices of the training recordings.
         validation: indices of the validation recordings.
         name: of the target, for the sentence.
+        follow_levels: returns whether the spikes change with the levels.
     """
+    train, validation = drawn(train), drawn(validation)
     largest = float((codes[validation] == np.bincount(codes[train]).argmax()).mean())
     noise = 3 * np.sqrt(largest * (1 - largest) / len(validation))
-    shortcuts = [
-        (
-            "recording length",
-            np.log(np.maximum(lengths, 1.0))[:, None],
-            "use windows of one length, never whole recordings",
-        ),
-        (
-            "resting level (mean of each channel)",
-            levels,
-            "use the encoder send_on_delta or window.remove_mean; never feed absolute levels",
-        ),
-    ]
+    logs = np.log(np.maximum(lengths, 1.0))[:, None]
     sentences = []
-    for shortcut, features, advice in shortcuts:
+    for shortcut, features in (("length", logs), ("level", levels)):
         if features is None or np.ptp(features[train], axis=0).max() == 0:
             continue
         guess = nearest_neighbours(features[train], codes[train], features[validation])
         accuracy = float((guess == codes[validation]).mean())
-        if accuracy >= (1 + largest) / 2 and accuracy > largest + noise:
-            sentences.append(
-                f"{shortcut} alone predicts {name} with accuracy {accuracy:.3f} on validation "
-                f"(largest class {largest:.3f}): {advice}"
+        if accuracy < (1 + largest) / 2 or accuracy <= largest + noise:
+            continue
+        if shortcut == "length":
+            what, advice = "recording length", "windows of one length hide it"
+        else:
+            what = "resting level (mean of each channel)"
+            advice = (
+                "window.remove_mean: true or an encoder of changes, such as send_on_delta, drops it, unless "
+                "the level is what is to be felt (dse audit: whether readers need it)"
+                if follow_levels()
+                else "the encoder drops it already"
             )
+        sentences.append(
+            f"{what} alone predicts {name} with accuracy {accuracy:.3f} on validation "
+            f"(largest class {largest:.3f}): {advice}"
+        )
     return sentences
 
 

@@ -93,31 +93,49 @@ def _some(values: list[object]) -> str:
 
 def _drawn(columns: Mapping[str, Array], codes: Ints, classes: tuple[str, ...], settings: Stratified) -> Ints:
     """Return 0 (train), 1 (validation) or 2 (test) for every recording."""
-    shares = [1 - settings.validation - settings.test, settings.validation, settings.test]
-    sizes = f"validation {settings.validation:g} and test {settings.test:g}"
+    where = "split.stratified"
+    given, groups = _given_test(columns, len(codes), settings, where)
+    test = 0.0 if isinstance(settings.test, Mapping) else settings.test
+    shares = [1 - settings.validation - test, settings.validation, test]
+    sizes = f"validation {settings.validation:g} and test {test:g}"
+    part = np.where(given, 2, 0)
     if settings.group is not None:
-        where = "split.stratified"
         if shares[0] <= 0:
             raise RecordingError(f"{where} must leave recordings for training, got {sizes}")
-        groups = _groups(columns, settings.group, where)
         shares = [share for share in shares if share > 0]
-        _check_enough(codes, groups, classes, len(shares), where, settings.group, sizes)
-        return dealt(codes, groups, shares, seeds.generator(settings.seed, {}, "split"))
-    part = np.zeros(len(codes), dtype=np.int64)
-    for code in np.unique(codes):
+        rest = np.flatnonzero(~given)
+        _check_enough(codes[rest], groups[rest], classes, len(shares), where, settings.group, sizes)
+        rng = seeds.generator(settings.seed, {}, "split")
+        part[rest] = dealt(codes[rest], groups[rest], shares, rng)
+        return part
+    for code in np.unique(codes[~given]):
         # A generator per class: adding recordings of one class leaves the draw of the others as it was.
         members = seeds.generator(settings.seed, {}, "split", int(code)).permutation(
-            np.flatnonzero(codes == code)
+            np.flatnonzero((codes == code) & ~given)
         )
-        n_validation, n_test = round(settings.validation * len(members)), round(settings.test * len(members))
-        if not n_validation or (settings.test and not n_test) or n_validation + n_test >= len(members):
+        n_validation, n_test = round(settings.validation * len(members)), round(test * len(members))
+        if not n_validation or (test and not n_test) or n_validation + n_test >= len(members):
             raise RecordingError(
-                f"split.stratified: class '{classes[code]}' has {len(members)} recordings, too few for "
-                f"{sizes}"
+                f"{where}: class '{classes[code]}' has {len(members)} recordings, too few for {sizes}"
             )
         part[members[:n_validation]] = 1
         part[members[n_validation : n_validation + n_test]] = 2
     return part
+
+
+def _given_test(
+    columns: Mapping[str, Array], n: int, settings: Stratified | KFold, where: str
+) -> tuple[Bools, Ints]:
+    """Return the recordings that label values put into the test set, (n,) bool, and the group of each."""
+    groups = np.arange(n) if settings.group is None else _groups(columns, settings.group, where)
+    given = np.zeros(n, dtype=bool)
+    if isinstance(settings.test, Mapping):
+        given = _chosen(columns, settings.test, f"{where.removeprefix('split.')}.test")
+        torn = np.intersect1d(groups[given], groups[~given])
+        if len(torn):
+            value = columns[str(settings.group)][groups == torn[0]][0]
+            raise RecordingError(f"{where}: group '{value}' is both in the test set and outside of it")
+    return given, groups
 
 
 def _folded(
@@ -125,15 +143,8 @@ def _folded(
 ) -> tuple[Bools, Bools, Bools]:
     """Return the masks of train, validation and test of one fold."""
     where, k = "split.k_fold", settings.k
-    groups = np.arange(len(codes)) if settings.group is None else _groups(columns, settings.group, where)
-    test = np.zeros(len(codes), dtype=bool)
-    if isinstance(settings.test, Mapping):
-        test = _chosen(columns, settings.test, "k_fold.test")
-        torn = np.intersect1d(groups[test], groups[~test])
-        if len(torn):
-            value = columns[str(settings.group)][groups == torn[0]][0]
-            raise RecordingError(f"{where}: group '{value}' is both in the test set and in the folds")
-    elif settings.test is not None:
+    test, groups = _given_test(columns, len(codes), settings, where)
+    if settings.test is not None and not isinstance(settings.test, Mapping):
         sizes = f"test {settings.test:g}"
         _check_enough(codes, groups, classes, 2, where, settings.group, sizes)
         shares = [1 - settings.test, settings.test]

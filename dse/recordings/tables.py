@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.config.bounds import MOST_COLUMNS
 from dse.config.faults import known_names
 from dse.recordings import RecordingError
 from dse.recordings.labels import label_columns
@@ -19,7 +21,8 @@ if TYPE_CHECKING:
 
 TABLES = (".csv", ".tsv", ".parquet")
 """Endings of tables."""
-_SEPARATORS = ",;\t"
+_SEPARATORS = (b",", b";", b"\t")
+_HEAD_BYTES = 1 << 16
 
 
 def column_names(path: Path) -> list[str]:
@@ -50,9 +53,10 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
     columns = None if columns is None else list(dict.fromkeys(columns))
     try:
         if path.suffix in (".csv", ".tsv"):
-            separator = _separator(path)
+            separator, decimal = _marks(path)
+            rows = 0 if head else None
             return pd.read_csv(
-                path, sep=separator, usecols=columns, nrows=0 if head else None, low_memory=False
+                path, sep=separator, decimal=decimal, usecols=columns, nrows=rows, low_memory=False
             )
         if path.suffix == ".parquet":
             if head:
@@ -68,11 +72,22 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
     raise RecordingError(f"{path.name}: a table must be a .csv or .parquet file")
 
 
-def _separator(path: Path) -> str:
-    """Return what separates the columns in the first line: the most frequent of comma, semicolon and tab."""
+def _marks(path: Path) -> tuple[str, str]:
+    """Return what separates the columns of a CSV file, and what the decimals of its numbers.
+
+    The first is the most frequent of comma, semicolon and tab in the first line; commas between the digits of
+    the next lines are decimal where they separate no columns, and no number has a point.
+
+    Raises:
+        RecordingError: there are more columns than `bounds` allows.
+    """
     with path.open("rb") as file:
-        head = file.readline().decode("utf-8", errors="replace")
-    return max(_SEPARATORS, key=head.count)
+        first, head = file.readline(), file.read(_HEAD_BYTES)
+    separator = max(_SEPARATORS, key=first.count)
+    if (n := first.count(separator) + 1) > MOST_COLUMNS:
+        raise RecordingError(f"{path.name}: a table must have at most {MOST_COLUMNS} columns, got {n}")
+    has_comma = separator != b"," and re.search(rb"\d,\d", head) and not re.search(rb"\d\.\d", head)
+    return separator.decode(), "," if has_comma else "."
 
 
 def place(path: Path, row: int) -> str:
@@ -96,7 +111,7 @@ def numbers(table: pd.DataFrame, column: str, path: Path) -> Floats:
     values = table[column].to_numpy()
     if values.dtype.kind not in "biuf":
         raise RecordingError(
-            f"{path.name}: column '{column}' must hold numbers, got {_first_text(values, path)}"
+            f"{path.name}: column '{column}' must hold numbers, got {first_text(table[column], path)}"
         )
     if np.isnan(values).any():
         raise RecordingError(
@@ -105,14 +120,14 @@ def numbers(table: pd.DataFrame, column: str, path: Path) -> Floats:
     return np.asarray(values, dtype=np.float64)
 
 
-def _first_text(values: Array, path: Path) -> str:
+def first_text(column: pd.Series[Any], path: Path) -> str:
     """Return the first value of a column that is no number, and where it is."""
-    for row, value in enumerate(values.tolist()):
+    for row, value in enumerate(column.tolist()):
         try:
             float(value)
         except (TypeError, ValueError):
             return f"{str(value)!r} in {place(path, row)}"
-    return f"{values.dtype}"
+    return f"{column.dtype}"
 
 
 def check_complete(table: pd.DataFrame, columns: Iterable[str], path: Path) -> None:

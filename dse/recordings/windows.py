@@ -82,6 +82,14 @@ def mean_levels(signals: Signals, start: Ints, n_steps: int) -> Floats:
     )
 
 
+def chosen(signals: Signals, samples: Ints) -> Signals:
+    """Return some of the recordings."""
+    offsets = np.concatenate([[0], np.cumsum(signals.lengths[samples])])
+    values = [signals.values[signals.offsets[i] : signals.offsets[i + 1]] for i in samples]
+    columns = {name: labels[samples] for name, labels in signals.columns.items()}
+    return dataclasses.replace(signals, values=np.concatenate(values), offsets=offsets, columns=columns)
+
+
 def without_mean(signals: Signals, levels: Floats) -> Signals:
     """Return the recordings with `levels` (n, channel) subtracted."""
     shift = np.repeat(levels, signals.lengths, axis=0)

@@ -16,12 +16,14 @@ from dse.report.hardware import on_chips
 from dse.report.marks import Mark
 from dse.report.papers import systems
 from dse.report.rows import FAMILIES, Row
-from dse.study import pricing
+from dse.study import held, pricing
 from dse.study.results import Study
 
 _HOW = (
     "designs are selected on validation: the most accurate one, or one with more runs that is as accurate "
     "within the standard errors; `test` is the same design on the test set",
+    "`corrected` is the accuracy expected on other recordings, with its 90 % interval; designs are compared "
+    "by `ours`, which was measured",
     "`ours` is the mean over the runs; `se` the standard error over the runs, or Wilson's over the "
     "recordings where there is one run or all agree",
     "`published` is what a paper prints of its own recordings: shown for comparison, not reproduced",
@@ -149,7 +151,7 @@ def _leaks(part: StudyTask) -> list[str]:
 def _warnings(study: Study) -> list[str]:
     """Return the warnings of a study's data sets; of warnings that differ only in numbers, the first."""
     kinds: dict[str, list[str]] = {}
-    for text in study.warnings:
+    for text in [*study.warnings, *held.remarks(study.folder)]:
         kinds.setdefault(re.sub(r"\d+", "", text), []).append(text)
     return [
         f"{study.folder.name}: warning: {first}" + (f" (and {len(more)} of the kind)" if more else "")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.hardware.interval import column_names, is_open
 from dse.measure.correlation import spearman
 from dse.report.chips import (
     AT_PERIOD,
@@ -257,22 +258,30 @@ def _winner_sentence(part: StudyTask, choice: Choice) -> str:
     axes = described(choice.row)
     design = f"{_name(choice)}: {axes}" if axes else _name(choice)
     accuracy = f"accuracy {choice.row['accuracy']:.3g} ± {accuracy_error(part, choice.row):.2g}"
+    value, low, high = (number(choice.row.get(x)) for x in column_names("accuracy_corrected"))
+    if value is not None:
+        accuracy = f"corrected accuracy {value:.3g} ({low:.3g} to {high:.3g}), measured {accuracy[9:]}"
     return f"{part.name}, {part.task}: {choice.chip.name}: {design} wins, {accuracy}, {_energy(choice)}"
 
 
 def _energy(choice: Choice, column: str = FLAT_OUT) -> str:
-    """Return an energy as its median and quantiles: `10 uJ (8 to 12)`; `8 to 12 uJ` where it has no value."""
+    """Return an energy in words; the range of the chip's numbers says whether it is open, not the draws."""
+    ends = [number(choice.row.get(f"{column}_{end}")) or 0.0 for end in ("low", "high")]
+    if is_open(*ends):
+        return f"at least {_short(ends[0])} uJ"
     values = np.quantile(choice.drawn_uj(column), QUANTILES, method="inverted_cdf")
-    median, low, high = (_short(value) for value in values)
-    return f"{median} uJ ({low} to {high})" if choice.chip.has_values else f"{low} to {high} uJ"
+    return _in_range(*values, " uJ", choice.chip.has_values)
 
 
 def _times(factor: Ratio, has_value: bool) -> str:
-    """Return `2 times the energy (1 to 3)`; `1 to 3 times the energy` where it has no value."""
-    median, low, high = (_short(value) for value in factor[:3])
-    return (
-        f"{median} times the energy ({low} to {high})" if has_value else f"{low} to {high} times the energy"
-    )
+    """Return a ratio of energies in words."""
+    return _in_range(*factor[:3], " times the energy", has_value)
+
+
+def _in_range(median: float, low: float, high: float, unit: str, has_value: bool) -> str:
+    """Return `10 uJ (8 to 12)`; `8 to 12 uJ` where there is no value, or one in a range that is open."""
+    ends = f"{_short(low)} to {_short(high)}"
+    return f"{_short(median)}{unit} ({ends})" if has_value and not is_open(low, high) else f"{ends}{unit}"
 
 
 def _compared(factor: Ratio, has_value: bool) -> str:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, SupportsFloat
 
+from dse.hardware.interval import column_names
 from dse.measure.objectives.accuracy import wilson_se
 from dse.report.designs import StudyTask, described
 
@@ -31,6 +32,7 @@ class Row:
     se: standard error of ours; test: the same design on the test set; runs: number of runs behind ours.
     shifted, unseen: accuracy of the same design on moved windows, and on groups without training recordings;
         shifted_se, unseen_se: their standard errors. None where the study did not evaluate them.
+    corrected, corrected_low, corrected_high: of an accuracy of ours, `accuracy_corrected` and its interval.
     hardware: the chip of ours; low, high: the range of ours, from the chip's uncertain numbers.
     """
 
@@ -54,6 +56,9 @@ class Row:
     shifted_se: float | None = None
     unseen: float | None = None
     unseen_se: float | None = None
+    corrected: float | None = None
+    corrected_low: float | None = None
+    corrected_high: float | None = None
 
     @property
     def columns(self) -> dict[str, object]:
@@ -89,8 +94,10 @@ def measured(
     if not column.startswith("accuracy"):
         return of_design
     error = standard_error(part, row) if column == "accuracy" else number(row.get(f"{column}_se"))
+    corrected = zip(column_names("corrected"), column_names(f"{column}_corrected"), strict=True)
     return replace(
         of_design,
+        **{name: number(row.get(x)) for name, x in corrected},
         se=error,
         shifted=number(row.get("accuracy_shifted")),
         shifted_se=number(row.get("accuracy_shifted_se")),

@@ -73,6 +73,7 @@ def plan(
     Raises:
         ValueError: a run exceeds the budget alone.
     """
+    assert all(one.cost >= 0 for one in demands), "no number of cohorts would be balanced"
     for number, one in enumerate(demands):
         if one.alone_bytes > budget_bytes:
             raise ValueError(f"run {number} needs {one.alone_bytes} bytes, but a worker has {budget_bytes}")

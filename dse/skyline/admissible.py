@@ -1,12 +1,13 @@
 """Which rows of a table may be compared on a front.
 
-A row is admissible if its classifier has not seen the labels that it predicts (it is not transductive) and
-if it fits its hardware; if no row fits a hardware, all its rows are admissible.
+A row is admissible if its classifier has not seen the labels that it predicts (it is not transductive), and
+if its hardware can run and hold it. If no row fits a hardware, none is admissible there: only who asks for it
+(`oversize`) gets the costs of rows that do not fit, which assume a larger chip of the same kind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from collections.abc import Set as AbstractSet
 
 import numpy as np
@@ -14,7 +15,11 @@ import pandas as pd
 
 from dse import registry
 from dse.records import Bools, Ints
+from dse.skyline.constraints import matches
 from dse.skyline.table import group_numbers, numbers
+
+COST = "energy_uj_high"
+"""Column that has a number for each row that its hardware can run: also where only intervals are known."""
 
 _NAMED_IN_NOTE = 5  # rows that a note names; it only counts the others
 
@@ -29,57 +34,89 @@ def honest(rows: pd.DataFrame) -> Bools:
 
 
 def fitting(rows: pd.DataFrame) -> Bools:
-    """Return which rows fit their hardware, (row,); all rows of a hardware that none fits."""
-    fits = _fits(rows)
-    chips = _chips(rows)
-    return np.asarray(fits | ~np.isin(chips, chips[fits]))
+    """Return which rows their hardware can run and hold, (row,)."""
+    return np.logical_and(*_on_hardware(rows))
 
 
 def admissible(rows: pd.DataFrame) -> Bools:
-    """Return which rows a front compares, (row,): the honest ones that fit their hardware, if any fits it."""
+    """Return which rows a front compares, (row,): the honest ones that fit their hardware."""
+    return honest(rows) & fitting(rows)
+
+
+def meeting(frame: pd.DataFrame, conditions: Iterable[str]) -> Bools:
+    """Return which rows meet all conditions, (row,).
+
+    Raises:
+        ExpressionError: an unknown column, or a condition that cannot be read.
+    """
+    meets = np.ones(len(frame), dtype=bool)
+    for condition in conditions:
+        meets[meets] = matches(condition, frame[meets])
+    return meets
+
+
+def candidates(
+    frame: pd.DataFrame,
+    conditions: Sequence[str],
+    named: AbstractSet[str],
+    oversize: bool = False,
+    goals: AbstractSet[str] | None = None,
+) -> tuple[pd.DataFrame, list[str]]:
+    """Return the admissible rows that meet the conditions, and notes on the others that meet them.
+
+    Whether a row fits is judged on the whole table: conditions do not change it.
+
+    Args:
+        frame: design points.
+        conditions: in the language of `dse.skyline.constraints`.
+        named: columns that conditions name; `transductive` and `fits` among them admit rows that are
+            otherwise left out, but none that its hardware cannot run.
+        oversize: admit rows that do not fit their hardware.
+        goals: columns that decide; if none depends on hardware, only the points on the first that some row
+            fits are returned. None: those on all.
+
+    Raises:
+        ExpressionError: as in `meeting`.
+    """
+    runs, fits = _on_hardware(frame)
+    keep = meeting(frame, conditions)
+    notes = []
+    if goals is not None and (first := _only_hardware(frame[keep], (runs & fits)[keep], named | goals)):
+        keep &= np.asarray(frame["hardware"] == first, dtype=bool)
+        notes.append(f"points on {first}: no objective depends on hardware")
+    if "transductive" not in named:
+        leaky = keep & ~honest(frame)
+        notes += _note_on_leaky(int(leaky.sum()))
+        keep &= ~leaky
+    chips = _chips(frame)
+    for chip in dict.fromkeys(chips[keep & ~(runs & fits)].tolist()):
+        here = keep & (chips == chip)
+        on = frame["hardware"].iloc[int(here.argmax())] if "hardware" in frame else None
+        name = "the chip" if pd.isna(on) else str(on)
+        n_unable, n_misfits = int((here & ~runs).sum()), int((here & runs & ~fits).sum())
+        is_held = bool((here & runs & fits).any())
+        if n_unable and not is_held and not n_misfits:
+            notes.append(f"{name} can run none of these designs")
+        elif n_unable:
+            notes.append(f"{_rows(n_unable)} excluded: {name} cannot run {_them(n_unable)}")
+        if n_misfits and oversize:
+            notes.append(f"{_rows(n_misfits)} priced as if {name} were larger")
+        elif n_misfits and "fits" not in named and not is_held:
+            notes.append(
+                f"no design fits {name}; --oversize (oversize=True) prices them as if it were larger"
+            )
+        elif n_misfits and "fits" not in named:
+            notes.append(
+                f"{_rows(n_misfits)} excluded: {'it does' if n_misfits == 1 else 'they do'} not fit {name}"
+            )
+    keep &= runs
+    return frame[keep if oversize or "fits" in named else keep & fits], notes
+
+
+def leave_out_leaky(rows: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
+    """Return the honest rows and a note on the others."""
     keep = honest(rows)
-    of_hardware = [name for name in ("fits", "hardware") if name in rows.columns]
-    keep[keep] = fitting(rows.loc[keep, of_hardware])
-    return keep
-
-
-def leave_out_leaky(rows: pd.DataFrame, named: AbstractSet[str]) -> tuple[pd.DataFrame, list[str]]:
-    """Return the honest rows and a note on the others; all rows if `transductive` is named."""
-    if "transductive" in named:
-        return rows, []
-    keep = honest(rows)
-    n = int((~keep).sum())
-    if not n:
-        return rows, []
-    noun, whose = ("row", "its classifier has") if n == 1 else ("rows", "their classifiers have")
-    return rows[keep], [f"{n} transductive {noun} excluded: {whose} seen the labels"]
-
-
-def leave_out_misfits(rows: pd.DataFrame, named: AbstractSet[str]) -> tuple[pd.DataFrame, list[str]]:
-    """Return the rows that fit their hardware and notes on the others; all rows if `fits` is named."""
-    if "fits" not in rows.columns or "fits" in named:
-        return rows, []
-    keep = fitting(rows)
-    unnamed = pd.Series("the chip", rows.index, dtype=object)
-    chips = rows["hardware"].astype(object).fillna(unnamed) if "hardware" in rows else unnamed
-    notes = [
-        f"{n} {'row' if n == 1 else 'rows'} excluded: {'it does' if n == 1 else 'they do'} not fit {chip}"
-        for chip, n in chips[~keep].value_counts(sort=False).items()
-    ]
-    notes += [
-        f"no design fits {chip}; costs assume a larger chip of the same kind"
-        for chip in chips[keep & ~_fits(rows)].unique()
-    ]
-    return rows[keep], notes
-
-
-def leave_out_copies(rows: pd.DataFrame, named: AbstractSet[str]) -> tuple[pd.DataFrame, list[str]]:
-    """Return the points on the first hardware if no named column depends on hardware, and a note."""
-    depends = "hardware" in named or bool(named & registry.columns("hardware").keys())
-    if depends or "hardware" not in rows or rows["hardware"].isna().any() or rows["hardware"].nunique() < 2:
-        return rows, []
-    first = rows["hardware"].iloc[0]
-    return rows[rows["hardware"] == first], [f"points on {first}: no objective depends on hardware"]
+    return rows[keep], _note_on_leaky(int((~keep).sum()))
 
 
 def leave_out_unmeasured(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.DataFrame, list[str]]:
@@ -99,23 +136,50 @@ def leave_out_unmeasured(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.
     return frame[keep], notes
 
 
-def _fits(rows: pd.DataFrame) -> Bools:
-    """Return which rows fit; a row without a value fits only if no row of its hardware has a value.
+def _on_hardware(rows: pd.DataFrame) -> tuple[Bools, Bools]:
+    """Return which rows their hardware can run, and which ones it can hold, (row,) each.
 
-    A column `fits` with other values than true, false and missing is not about hardware: all rows fit.
+    A row without an answer in `fits` cannot run where other rows of its hardware have an answer, and where
+    its hardware gives it no energy. A column `fits` with other values than true, false and missing is not
+    about hardware: all rows run and fit.
     """
+    everything = np.ones(len(rows), dtype=bool)
     try:
         fits = rows["fits"].astype("boolean")
     except (KeyError, TypeError, ValueError):
-        return np.ones(len(rows), dtype=bool)
+        return everything, everything
+    answered = fits.notna().to_numpy(dtype=bool)
     chips = _chips(rows)
-    answered = np.isin(chips, chips[fits.notna().to_numpy()])
-    return np.where(fits.isna(), ~answered, fits.fillna(False).to_numpy(dtype=bool))
+    unable = np.isin(chips, chips[answered])
+    if COST in rows and "hardware" in rows:
+        unable |= (rows["hardware"].notna() & rows[COST].isna()).to_numpy(dtype=bool)
+    return answered | ~unable, fits.fillna(True).to_numpy(dtype=bool)
 
 
 def _chips(rows: pd.DataFrame) -> Ints:
     """Return the number of each row's hardware; without a column `hardware`, all rows have the same."""
     return group_numbers(rows, ["hardware"] if "hardware" in rows else [])
+
+
+def _only_hardware(rows: pd.DataFrame, fits: Bools, named: AbstractSet[str]) -> object:
+    """Return the first hardware that some row fits; None if a named column depends on hardware."""
+    depends = "hardware" in named or bool(named & registry.columns("hardware").keys())
+    if depends or "hardware" not in rows or rows["hardware"].isna().any() or rows["hardware"].nunique() < 2:
+        return None
+    return rows["hardware"].iloc[int(fits.argmax())]
+
+
+def _note_on_leaky(n: int) -> list[str]:
+    whose = "its classifier has" if n == 1 else "their classifiers have"
+    return [f"{n} transductive {'row' if n == 1 else 'rows'} excluded: {whose} seen the labels"] if n else []
+
+
+def _rows(n: int) -> str:
+    return "1 row" if n == 1 else f"{n} rows"
+
+
+def _them(n: int) -> str:
+    return "it" if n == 1 else "them"
 
 
 def _row_names(frame: pd.DataFrame, mask: Bools) -> str:

@@ -11,7 +11,8 @@ import pandas as pd
 
 from dse import store
 from dse.records import Bools
-from dse.skyline.constraints import ExpressionError, matches, named_columns, split_budgets
+from dse.skyline.admissible import COST, meeting
+from dse.skyline.constraints import ExpressionError, named_columns, split_budgets
 from dse.skyline.front import Skyline, as_list, skyline
 from dse.skyline.goals import Goal, checked_goals, costs_of
 from dse.skyline.pareto import non_dominated_by_group
@@ -20,13 +21,14 @@ from dse.skyline.table import group_numbers
 BLOCK = 1 << 18
 """Rows of a block of a file."""
 
-_OF_CLASS = ("fits", "transductive", "hardware")  # rows that differ in them may be excluded separately
+_OF_CLASS = ("fits", "transductive", "hardware", "task")
+"""Rows that differ in these may be excluded separately, or are not compared."""
 
 
 def skyline_of_blocks(
     blocks: Iterable[pd.DataFrame],
     goals: Sequence[tuple[str, str]],
-    where: str | None = None,
+    where: str | Sequence[str] | None = None,
     by: str | Sequence[str] | None = None,
 ) -> Skyline:
     """Return the front of all blocks together, as `dse.skyline.front.skyline`, in memory for a block.
@@ -36,7 +38,7 @@ def skyline_of_blocks(
     Args:
         blocks: tables of design points with the same columns.
         goals: (column, 'max' or 'min') pairs.
-        where: condition, as of `skyline`.
+        where: condition, or several, as of `skyline`.
         by: columns whose values have separate fronts.
 
     Raises:
@@ -60,27 +62,28 @@ def skyline_of_blocks(
 
 
 def _needed(
-    frame: pd.DataFrame, goals: Sequence[Goal], where: str | None, by: str | Sequence[str] | None
+    frame: pd.DataFrame,
+    goals: Sequence[Goal],
+    where: str | Sequence[str] | None,
+    by: str | Sequence[str] | None,
 ) -> Bools:
     """Return the rows that can be on the front, or decide which ones may be compared, (row,).
 
     A row can be on the front if it meets the conditions, and none of its class dominates it: what excludes
-    one row of a class excludes all. The first row of each class shows that the class exists.
+    one row of a class excludes all. The first row of each class shows that the class exists, and the first
+    that meets the conditions on no number that it is in question.
     """
-    conditions = [where] if where else []
-    rest = split_budgets(conditions)[1]
-    meets_rest, meets = np.ones(len(frame), dtype=bool), np.ones(len(frame), dtype=bool)
-    for condition in rest:
-        meets_rest &= matches(condition, frame)
-    for condition in conditions:
-        meets &= matches(condition, frame)
-    names = dict.fromkeys([*as_list(by), *(name for name in _OF_CLASS if name in frame)])
-    group = group_numbers(frame, list(names))
+    conditions = as_list(where or None)
+    names = list(dict.fromkeys([*as_list(by), *(name for name in _OF_CLASS if name in frame)]))
+    classes = frame[names]
+    if COST in frame:
+        classes, names = classes.assign(**{COST: frame[COST].isna()}), [*names, COST]
+    group = group_numbers(classes, names)
     needed = np.zeros(len(frame), dtype=bool)
-    candidates = np.flatnonzero(meets_rest)
-    needed[candidates[np.unique(group[candidates], return_index=True)[1]]] = True
+    for some in (np.arange(len(frame)), np.flatnonzero(meeting(frame, split_budgets(conditions)[1]))):
+        needed[some[np.unique(group[some], return_index=True)[1]]] = True
     costs = costs_of(frame, goals)
-    compared = np.flatnonzero(meets & np.isfinite(costs).all(axis=1))
+    compared = np.flatnonzero(meeting(frame, conditions) & np.isfinite(costs).all(axis=1))
     needed[compared[non_dominated_by_group(costs[compared], group[compared])]] = True
     return needed
 
@@ -88,7 +91,7 @@ def _needed(
 def parquet_skyline(
     path: Path,
     goals: Sequence[tuple[str, str]],
-    where: str | None = None,
+    where: str | Sequence[str] | None = None,
     by: str | Sequence[str] | None = None,
 ) -> Skyline:
     """Return the front of a Parquet file; only the columns that decide it are read whole.
@@ -96,7 +99,7 @@ def parquet_skyline(
     Args:
         path: the file.
         goals: (column, 'max' or 'min') pairs.
-        where: condition, as of `skyline`.
+        where: condition, or several, as of `skyline`.
         by: columns whose values have separate fronts.
 
     Raises:
@@ -107,8 +110,8 @@ def parquet_skyline(
 
     store.verify(Path(path))
     with pyarrow.parquet.ParquetFile(path) as file:
-        deciding = {*(name for name, _ in goals), *named_columns([where] if where else []), *as_list(by)}
-        names = [name for name in file.schema_arrow.names if name in {*deciding, *_OF_CLASS}]
+        deciding = {*(name for name, _ in goals), *named_columns(as_list(where or None)), *as_list(by)}
+        names = [name for name in file.schema_arrow.names if name in {*deciding, *_OF_CLASS, COST}]
         front = skyline_of_blocks(_blocks(file, names), goals, where, by)
         places = np.sort(front.rows.index.to_numpy())
         parts, start = [], 0

@@ -21,7 +21,7 @@ import pandas as pd
 
 from dse import registry
 from dse.config.expressions import ExpressionError, column_name, conjuncts, constant, named_columns, parse
-from dse.config.faults import known_names
+from dse.config.faults import did_you_mean
 from dse.records import Array, Bools, Floats
 
 __all__ = ["Budget", "ExpressionError", "column", "matches", "named_columns", "split_budgets"]
@@ -95,6 +95,15 @@ def split_budgets(expressions: Sequence[str]) -> tuple[list[Budget], list[str]]:
     return budgets, rest
 
 
+def conditions_of(expressions: Sequence[str]) -> list[str]:
+    """Split conditions at their 'and'.
+
+    Raises:
+        ExpressionError: the text is no condition.
+    """
+    return [ast.unparse(part) for expression in expressions for part in conjuncts(parse(expression))]
+
+
 def column(frame: pd.DataFrame, name: str) -> pd.Series[Any]:
     """Return a column.
 
@@ -107,7 +116,10 @@ def column(frame: pd.DataFrame, name: str) -> pd.Series[Any]:
                 f"column '{name}' needs costs, which these points do not have: add --hardware NAME "
                 "(`dse describe hardware`), in Python hardware='NAME'"
             )
-        raise ExpressionError(f"unknown column '{name}'; {known_names(name, map(str, frame.columns))}")
+        names = list(map(str, frame.columns))
+        known = f"known: {', '.join(names)}"
+        near = did_you_mean(name, names)  # first, since tables have many columns
+        raise ExpressionError(f"unknown column '{name}'{f'. {near} K{known[1:]}' if near else f'; {known}'}")
     return frame[name]
 
 

@@ -15,13 +15,8 @@ import numpy as np
 import pandas as pd
 
 from dse.records import Bools, Floats, Ints
-from dse.skyline.admissible import (
-    leave_out_copies,
-    leave_out_leaky,
-    leave_out_misfits,
-    leave_out_unmeasured,
-)
-from dse.skyline.constraints import column, matches, named_columns, split_budgets
+from dse.skyline.admissible import candidates, leave_out_leaky, leave_out_unmeasured, meeting
+from dse.skyline.constraints import column, named_columns, split_budgets
 from dse.skyline.goals import Goal, checked_goals, costs_of
 from dse.skyline.pareto import members_of, non_dominated, non_dominated_by_group
 from dse.skyline.table import group_numbers, numbers
@@ -66,28 +61,30 @@ def skyline(
     goals: Sequence[tuple[str, str]],
     where: str | Sequence[str] | None = None,
     by: str | Sequence[str] | None = None,
+    oversize: bool = False,
 ) -> Skyline:
     """Return the rows that meet a condition and that no other such row dominates.
 
-    Costs on different hardware do not compare: each hardware has a separate front. Rows with equal goals do
-    not dominate each other: all of them are returned. Rows are sorted by group, then by goals, best first;
-    the index is their index in the table.
+    Neither costs on different hardware nor accuracies of different tasks compare: each hardware and task has
+    a separate front. Rows with equal goals do not dominate each other: all of them are returned. Rows are
+    sorted by hardware, task and further groups, then by goals, best first; the index is that of the table.
 
     Args:
         frame: design points.
         goals: (column, 'max' or 'min') pairs.
         where: condition in the language of `dse.skyline.constraints`, or several.
-        by: columns whose values are compared among themselves only (a front per task, or task and chip).
+        by: further columns whose values are compared among themselves only, such as family.
+        oversize: admit rows that do not fit their hardware.
 
     Raises:
         ExpressionError: an unknown column or direction, or a condition that cannot be read.
     """
-    rows, notes = comparable(frame, goals, where, by)
+    rows, notes = comparable(frame, goals, where, by, oversize=oversize)
     costs = costs_of(rows, checked_goals(goals))
-    group = group_numbers(rows, front_columns(rows, by))
-    on_front = non_dominated_by_group(costs, group)
-    order = np.lexsort((*costs[on_front].T[::-1], group[on_front]))
-    return Skyline(rows[on_front].iloc[order], notes)
+    columns = front_columns(rows, by)
+    on_front = non_dominated_by_group(costs, group_numbers(rows, columns))
+    groups = [group_numbers(rows, [name])[on_front] for name in reversed(columns)]
+    return Skyline(rows[on_front].iloc[np.lexsort((*costs[on_front].T[::-1], *groups))], notes)
 
 
 def comparable(
@@ -96,6 +93,7 @@ def comparable(
     where: str | Sequence[str] | None = None,
     by: str | Sequence[str] | None = None,
     named: Iterable[str] = (),
+    oversize: bool = False,
 ) -> Skyline:
     """Return the candidates of a front: the rows that meet a condition and have every goal.
 
@@ -108,6 +106,7 @@ def comparable(
         where: condition in the language of `dse.skyline.constraints`, or several, all of which must be met.
         by: as in `skyline`.
         named: columns that further conditions of the caller name, such as budgets.
+        oversize: as in `skyline`.
 
     Raises:
         ExpressionError: as in `skyline`.
@@ -115,16 +114,11 @@ def comparable(
     names = [goal.column for goal in checked_goals(goals)]
     conditions = as_list(where or None)
     named = {*named, *named_columns(conditions)}
-    rows = frame
-    for condition in split_budgets(conditions)[1]:
-        rows = rows[matches(condition, rows)]
-    rows, copies = leave_out_copies(rows, {*named, *names, *as_list(by)})
-    rows, leaky = leave_out_leaky(rows, named)
-    rows, misfits = leave_out_misfits(rows, named)
-    for condition in conditions:
-        rows = rows[matches(condition, rows)]
-    rows, unmeasured = leave_out_unmeasured(rows, names)
-    return Skyline(rows, copies + leaky + misfits + unmeasured)
+    depends = {*names, *as_list(by)}
+    rest = split_budgets(conditions)[1]
+    rows, notes = candidates(frame, rest, named, oversize, depends)
+    rows, unmeasured = leave_out_unmeasured(rows[meeting(rows, conditions)], names)
+    return Skyline(rows, notes + unmeasured)
 
 
 def front_mask(
@@ -287,7 +281,7 @@ def front_ends(
     fronts = as_list(by)
     for name in (*design, *fronts):
         column(frame, name)
-    rows, leaky = leave_out_leaky(frame, frozenset())
+    rows, leaky = leave_out_leaky(frame)
     rows, unmeasured = leave_out_unmeasured(rows, [accuracy, spikes, weights])
     costs = costs_of(rows, [Goal(accuracy, "max"), Goal(spikes, "min"), Goal(weights, "min")])
     places, ends = [], []
@@ -301,10 +295,9 @@ def front_ends(
 
 
 def front_columns(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:
-    """Return the columns whose values have separate fronts: `by`, and hardware if there are several."""
-    names = as_list(by)
-    several = "hardware" in rows and rows["hardware"].nunique() > 1
-    return [*names, *(["hardware"] if several and "hardware" not in names else [])]
+    """Return the columns whose values have separate fronts: hardware and task if there are several; `by`."""
+    several = [name for name in ("hardware", "task") if name in rows and rows[name].nunique() > 1]
+    return list(dict.fromkeys([*several, *as_list(by)]))
 
 
 def as_list(by: str | Sequence[str] | None) -> list[str]:

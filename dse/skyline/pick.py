@@ -9,14 +9,18 @@ import numpy as np
 import pandas as pd
 
 from dse.records import Bools, Floats
-from dse.skyline.admissible import leave_out_leaky, leave_out_misfits, leave_out_unmeasured
-from dse.skyline.constraints import Budget, matches, named_columns, split_budgets
+from dse.skyline.admissible import candidates, leave_out_unmeasured, meeting
+from dse.skyline.constraints import Budget, named_columns, split_budgets
 from dse.skyline.front import Drawn, Draws, comparable, front_draws
 from dse.skyline.goals import Goal, checked_goals, costs_of
 from dse.skyline.table import numbers
 
 ECONOMY = (("latency_ms", "decision_latency_ms", "hardware_latency_ms"), ("energy_uj",), ("n_weights",))
 """What decides between equally good points, less being better: the first of each group with numbers."""
+
+
+_VALUES_IN_NOTE = 12
+_OTHER_HARDWARE = "; --hardware NAME prices the designs of a study on another"
 
 
 class Pick(NamedTuple):
@@ -40,40 +44,56 @@ def pick(
     maximise: str = "accuracy",
     tie_breaks: Sequence[tuple[str, str]] = (),
     n_nearest: int = 5,
+    oversize: bool = False,
 ) -> Pick:
     """Return the best row within the budgets; if there is none, the nearest rows.
 
-    Ties of `maximise` go to `tie_breaks` in their order, then to the row that uses least of the
-    budgets in their order, then to less latency, energy and weights (`economy`), then to the first row of the
-    table. A row without the number of a tie break, such as the energy of a classifier that a chip cannot run,
-    comes last there.
+    `ties` says which of several equally good rows it is. If no row fits its hardware, the nearest are those
+    that a larger one would hold.
 
     Args:
         frame: design points.
         budgets: conditions such as "energy_uj <= 50 and n_weights <= 150000". Comparisons of a column
             with a number are budgets; anything else (task == 'texture') is a condition never relaxed.
         maximise: column to maximise.
-        tie_breaks: (column, 'max' or 'min') pairs.
+        tie_breaks: (column, 'max' or 'min') pairs, the other objectives in any order (`ties`).
         n_nearest: number of nearest rows; of several points of a trial on one hardware profile, only the
             nearest counts.
+        oversize: admit rows that do not fit their hardware.
 
     Raises:
         ExpressionError: an unknown column, or a budget that cannot be read.
     """
     limits = split_budgets(budgets)[0]
-    rows, ranking, notes = _candidates(frame, budgets, maximise, tie_breaks)
+    rows, ranking, notes = _candidates(frame, budgets, maximise, tie_breaks, oversize)
     feasible = _feasible(rows, limits)
     if feasible.any():
-        best = int(np.lexsort((*ranking, ~feasible))[0])
-        goals = [Goal(maximise, "max"), *(Goal(*pair) for pair in tie_breaks)]
-        last = [goal.column for goal in _last(rows, goals, limits)]
-        first = ranking[len(last) :]
-        n_equal = int((feasible & (first == first[:, [best]]).all(axis=0)).sum())
-        if last and n_equal > 1:
-            equal = ", ".join(goal.column for goal in goals)
-            notes = [*notes, f"{n_equal} design points tie in {equal}; least {', then '.join(last)} decides"]
-        return Pick(rows.iloc[best], rows.iloc[:0], notes)
+        best = int(np.lexsort((*ranking[::-1], ~feasible))[0])
+        names = [goal.column for goal in ties(rows, maximise, tie_breaks)]
+        decided = _decided(ranking, feasible, best, [maximise, *names])
+        return Pick(rows.iloc[best], rows.iloc[:0], [*notes, *decided])
+    if rows.empty and not oversize:
+        rows, ranking, _ = _candidates(frame, budgets, maximise, tie_breaks, True)
     return Pick(None, _nearest(rows, limits, ranking).iloc[:n_nearest], notes)
+
+
+def ties(frame: pd.DataFrame, maximise: str, tie_breaks: Sequence[tuple[str, str]]) -> list[Goal]:
+    """Return the goals that decide between rows of equal `maximise`, in their order.
+
+    These are the other objectives, so that what is picked is on their front, and then `economy`. Among the
+    objectives, what is maximised comes first, then latency, energy and weights, then other costs. A row
+    without the number of a tie comes last there; rows that are equal in all ties are in the table's order.
+    """
+    last = economy(frame)
+    frugal = [name for names in ECONOMY for name in names]
+    goals = [Goal(*pair) for pair in tie_breaks if pair[0] != maximise]
+
+    def place(goal: Goal) -> int:
+        known = frugal.index(goal.column) if goal.column in frugal else len(frugal)
+        return -1 if goal.direction == "max" else known
+
+    named = {maximise, *(goal.column for goal in goals)}
+    return [*sorted(goals, key=place), *(goal for goal in last if goal.column not in named)]
 
 
 def economy(frame: pd.DataFrame) -> list[Goal]:
@@ -85,51 +105,50 @@ def economy(frame: pd.DataFrame) -> list[Goal]:
     return goals
 
 
-def contestants(
+def _candidates(
     frame: pd.DataFrame,
     budgets: Sequence[str],
-    maximise: str = "accuracy",
-    tie_breaks: Sequence[tuple[str, str]] = (),
-) -> pd.DataFrame:
-    """Return the rows within the budgets that `pick` chooses from, best first; arguments as of `pick`."""
-    rows, ranking, _ = _candidates(frame, budgets, maximise, tie_breaks)
-    order = np.lexsort(tuple(ranking)) if len(rows) else np.zeros(0, np.int64)
-    return rows.iloc[order[_feasible(rows, split_budgets(budgets)[0])[order]]]
-
-
-def _candidates(
-    frame: pd.DataFrame, budgets: Sequence[str], maximise: str, tie_breaks: Sequence[tuple[str, str]]
+    maximise: str,
+    tie_breaks: Sequence[tuple[str, str]],
+    oversize: bool,
 ) -> tuple[pd.DataFrame, Floats, list[str]]:
-    """Return the rows that can be picked under any limits, the keys that rank them, and notes."""
+    """Return the rows that can be picked under any limits, the keys that rank them (key, row), and notes.
+
+    Keys are minimised, the first decides first.
+    """
     limits, conditions = split_budgets(budgets)
-    named = named_columns(budgets)
-    goals = checked_goals([(maximise, "max"), *tie_breaks])
-    rows = frame
-    for condition in conditions:
-        rows = rows[matches(condition, rows)]
-    rows, leaky = leave_out_leaky(rows, named)
-    rows, misfits = leave_out_misfits(rows, named)
-    empty = [f"no row meets {' and '.join(conditions)}"] if conditions and rows.empty else []
+    checked_goals([(maximise, "max"), *tie_breaks])
+    rows, notes = candidates(frame, conditions, named_columns(budgets), oversize)
+    if conditions and not meeting(frame, conditions).any():
+        notes.append(f"no row meets {' and '.join(conditions)}{_values(frame, conditions)}")
     compared = [maximise, *(limit.column for limit in limits)]
     rows, unmeasured = leave_out_unmeasured(rows, list(dict.fromkeys(compared)))
-    return rows, _ranking(rows, goals, limits), leaky + misfits + empty + unmeasured
+    costs = costs_of(rows, [Goal(maximise, "max"), *ties(rows, maximise, tie_breaks)])
+    return rows, np.where(np.isfinite(costs), costs, np.inf).T, [*notes, *unmeasured]
 
 
-def _ranking(rows: pd.DataFrame, goals: Sequence[Goal], limits: Sequence[Budget]) -> Floats:
-    """Return the keys that rank rows, (key, row), all minimised; the last comes first."""
-    costs = costs_of(rows, [*_first(goals, limits), *_last(rows, goals, limits)])
-    return np.where(np.isfinite(costs), costs, np.inf).T[::-1]
+def _values(frame: pd.DataFrame, conditions: Sequence[str]) -> str:
+    """Return what the columns of text hold that conditions name, for a note that no row meets them."""
+    parts = []
+    for name in sorted(named_columns(conditions)):
+        values = [str(value) for value in frame[name].dropna().unique()] if name in frame else []
+        if 0 < len(values) <= _VALUES_IN_NOTE and not pd.api.types.is_numeric_dtype(frame[name].dtype):
+            parts.append(f"; {name} is {' or '.join(values)}")
+    return "".join(parts) + _OTHER_HARDWARE * ("hardware" in named_columns(conditions))
 
 
-def _first(goals: Sequence[Goal], limits: Sequence[Budget]) -> list[Goal]:
-    """Return the goals, then least use of the budgets."""
-    return list(dict.fromkeys([*goals, *(Goal(x.column, x.direction) for x in limits if x.direction)]))
-
-
-def _last(rows: pd.DataFrame, goals: Sequence[Goal], limits: Sequence[Budget]) -> list[Goal]:
-    """Return what decides where goals and budgets leave several rows."""
-    named = [goal.column for goal in _first(goals, limits)]
-    return [goal for goal in economy(rows) if goal.column not in named]
+def _decided(ranking: Floats, feasible: Bools, best: int, names: Sequence[str]) -> list[str]:
+    """Return a note if rows are equal in what is maximised and others decide."""
+    equal = feasible & (ranking[0] == ranking[0, best])
+    n_equal, deciding = int(equal.sum()), []
+    for name, key in zip(names[1:], ranking[1:], strict=True):
+        left = equal & (key == key[best])
+        if left.sum() < equal.sum():
+            deciding.append(name)
+        equal = left
+    if not deciding:
+        return []
+    return [f"{n_equal} design points have the same {names[0]}; the best {', then '.join(deciding)} decides"]
 
 
 def _feasible(rows: pd.DataFrame, limits: Sequence[Budget]) -> Bools:
@@ -148,7 +167,7 @@ def _nearest(rows: pd.DataFrame, limits: Sequence[Budget], ranking: Floats) -> p
         shortfall += miss / (abs(limit.limit) or 1.0)
     beside = {f"missed {limit}": miss for limit, miss in missed.items()} | {"shortfall": shortfall}
     table = pd.concat([rows, pd.DataFrame(beside, index=rows.index)], axis=1)  # one by one, pandas warns
-    nearest = table.iloc[np.lexsort((*ranking, shortfall))]
+    nearest = table.iloc[np.lexsort((*ranking[::-1], shortfall))]
     if "trial" not in nearest.columns:
         return nearest
     # Several points of one design would repeat it.
@@ -164,12 +183,13 @@ def sure_pick(
     confidence: float,
     by: str | Sequence[str] | None = None,
     n_nearest: int = 5,
+    oversize: bool = False,
 ) -> Pick:
     """Return the pick among the rows that meet the conditions in a fraction `confidence` of the samples.
 
     In that fraction of the samples a row must be within all budgets at once, and on the front of `maximise`
-    and the tie breaks. Its numbers are those of the table, with the columns `front_share`, the fraction of
-    samples in which it is on the front, and `confidence`, that in which it is within all budgets too.
+    and the other objectives. Its numbers are those of the table, with the columns `front_share`, the fraction
+    of samples in which it is on the front, and `confidence`, that in which it is within all budgets too.
 
     Args:
         frame: design points.
@@ -180,13 +200,18 @@ def sure_pick(
         confidence: the fraction, in (0, 1].
         by: columns whose values have separate fronts.
         n_nearest: as in `pick`.
+        oversize: as in `pick`.
 
     Raises:
         ExpressionError: as in `pick`.
     """
     limits, conditions = split_budgets(budgets)
     goals = [(maximise, "max"), *tie_breaks]
-    among = comparable(frame, goals, conditions, by, named_columns(budgets))
+    among = comparable(frame, goals, conditions, by, named_columns(budgets), oversize)
+    if among.rows.empty:
+        return Pick(
+            None, pick(frame, budgets, maximise, tie_breaks, n_nearest, oversize).nearest, among.notes
+        )
     drawn = front_draws(among.rows, goals, draws, by)
     if not drawn.values and drawn.rows.size and any(limit.column in draws.columns for limit in limits):
         values = draws.of(among.rows.iloc[drawn.rows])
@@ -201,7 +226,7 @@ def sure_pick(
     on_front, sure = share >= confidence, joint >= confidence
     chosen = sure if sure.any() else on_front
     bounds = _bounds(drawn, chosen, limits, confidence)
-    bounded = pick(rows[chosen].assign(**bounds), budgets, maximise, tie_breaks, n_nearest)
+    bounded = pick(rows[chosen].assign(**bounds), budgets, maximise, tie_breaks, n_nearest, oversize)
     notes = [*among.notes, *bounded.notes]
     # Columns are those of the table; misses are those of the bounds.
     if sure.any():
@@ -239,22 +264,6 @@ def _bounds(drawn: Drawn, among: Bools, limits: Sequence[Budget], confidence: fl
             better = np.sort(values, axis=0)[:: 1 if limit.direction == "min" else -1]
             bounds[limit.column] = better[int(np.ceil(confidence * len(better) - 1e-9)) - 1]
     return bounds
-
-
-def optimism(values: Floats, errors: Floats) -> float:
-    """Return by how much the best of many rows is overestimated, for having been chosen as the best.
-
-    The whole choice is repeated in every resample: the chosen row's value there, less its value here, which
-    plays the truth. The mean over resamples is what the choice adds.
-
-    Source: Efron, J. Am. Stat. Assoc. 78, 1983 (optimism of an apparent value by the bootstrap).
-
-    Args:
-        values: (row,) to maximise, in the order in which ties are decided.
-        errors: (draw, row) values of resamples less those of the table.
-    """
-    chosen = (values + errors).argmax(axis=1)
-    return float(errors[np.arange(len(errors)), chosen].mean())
 
 
 def budgeted(budgets: Sequence[str]) -> list[str]:

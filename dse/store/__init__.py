@@ -45,6 +45,7 @@ from dse.store.files import (
     is_temporary,
     published,
     read_json,
+    read_or_remove,
     read_sealed_text,
     remove,
     sweep,
@@ -54,10 +55,12 @@ from dse.store.files import (
     write_text,
 )
 from dse.store.plain import heads_document, heads_of, plain, plain_cell
-from dse.store.runs import RECORD, SCHEMA, load_run, read_record, run_folder, save_run
+from dse.store.runs import RECORD, SCHEMA, load_run, read_record, run_folder, runs_in, save_run
 from dse.store.sealed import (
     ENVIRONMENT,
+    JOURNAL,
     REMEDY,
+    SPACE,
     Damaged,
     StoreError,
     damaged,
@@ -75,9 +78,11 @@ from dse.store.tables import made_from, parquet, write_table
 __all__ = [
     "DAMAGED_ARCHIVE",
     "ENVIRONMENT",
+    "JOURNAL",
     "RECORD",
     "REMEDY",
     "SCHEMA",
+    "SPACE",
     "TEMPORARY",
     "WARNINGS",
     "Damaged",
@@ -103,6 +108,7 @@ __all__ = [
     "published",
     "read_bytes",
     "read_json",
+    "read_or_remove",
     "read_record",
     "read_sealed_text",
     "record_arrays",
@@ -112,6 +118,7 @@ __all__ = [
     "response_arrays",
     "response_of",
     "run_folder",
+    "runs_in",
     "save_arrays",
     "save_run",
     "seal_archive",

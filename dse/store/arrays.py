@@ -286,7 +286,9 @@ def _element(hint: Any) -> Any:
 
 
 def _is_array(hint: Any) -> bool:
-    return typing.get_origin(hint) is np.ndarray
+    # The origin of NDArray[...] is ndarray; from NumPy 2.5 on it is the alias NDArray, of such a value.
+    alias = typing.get_origin(hint)
+    return typing.get_origin(getattr(alias, "__value__", hint)) is np.ndarray
 
 
 def _is_mapping(hint: Any) -> bool:

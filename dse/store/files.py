@@ -10,12 +10,12 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from dse.store.plain import plain
-from dse.store.sealed import StoreError, blank, damaged, is_sealed, read_bytes, seal
+from dse.store.sealed import REMEDY, Damaged, StoreError, blank, damaged, is_sealed, read_bytes, seal
 
 WARNINGS = "warnings.json"
 TEMPORARY = ".writing-"
@@ -57,6 +57,8 @@ def exclusive(folder: Path) -> Iterator[None]:
         # The folder too: somebody may remove the file. Not every file system locks folders.
         for path, flags in ((folder, os.O_RDONLY), (folder / ".lock", os.O_RDWR | os.O_CREAT)):
             with explained(path):
+                if path != folder and os.path.lexists(path) and not path.is_file():
+                    remove(path)  # such as a link that leads nowhere
                 handle = os.open(path, flags, 0o644)
             held.callback(os.close, handle)
             try:
@@ -71,11 +73,15 @@ def exclusive(folder: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def atomic(path: Path) -> Iterator[Path]:
+def atomic(path: Path, *, replaces: bool = False) -> Iterator[Path]:
     """Yield a temporary path beside `path` to write a file or a folder at; rename it when the block succeeds.
 
     A crash at any moment leaves the old file or the new one. A file is replaced. A folder that exists already
     stays, and the new one is dropped.
+
+    Args:
+        path: where it will be.
+        replaces: whether a folder that exists gives way; a crash may then leave none.
 
     Raises:
         OSError: the disk is full, read-only, or fails otherwise; nothing is left behind.
@@ -86,6 +92,8 @@ def atomic(path: Path) -> Iterator[Path]:
         yield temporary
         for each in [*temporary.rglob("*"), temporary] if temporary.is_dir() else [temporary]:
             _sync(each)
+        if replaces:
+            remove(path)
         try:
             os.replace(temporary, path)
         except OSError as error:
@@ -97,13 +105,13 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def published(path: Path) -> Iterator[Path]:
+def published(path: Path, *, replaces: bool = False) -> Iterator[Path]:
     """Do as `atomic`, for a path of a study: a finished run is never replaced.
 
     Raises:
         StoreError: the disk is full, read-only, or fails otherwise.
     """
-    with explained(path), atomic(path) as temporary:
+    with explained(path), atomic(path, replaces=replaces) as temporary:
         yield temporary
 
 
@@ -198,6 +206,20 @@ def write_sealed_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -
     content = json.dumps({_SEAL: blank(path).decode(), **members}, indent=1, default=plain)
     path.write_text(content + "\n", encoding="utf-8")
     seal(path)
+
+
+def read_or_remove(path: Path, note: Callable[[str], object]) -> Any:
+    """Return the document of a JSON file; None where there is none, or a damaged one, which is removed.
+
+    Raises:
+        StoreError: it cannot be read now.
+    """
+    try:
+        return read_json(path) if path.exists() else None
+    except Damaged as error:
+        note(f"{str(error).removesuffix(f'; {REMEDY}')}; it is written anew")
+        remove(path)
+        return None
 
 
 def read_json(path: Path, *, needs_seal: bool | None = None) -> Any:

@@ -41,10 +41,10 @@ _NAMED = re.compile(rb'dse-sha256:[0-9a-f]{64}@([0-9a-f]{16})|"identity":"([0-9a
 _NEAR = 1 << 16
 _BEGINNING = 512
 
-ENVIRONMENT, SPACE = "environment.json", "search_space.yaml"
+ENVIRONMENT, SPACE, JOURNAL = "environment.json", "search_space.yaml", "journal.log"
 _DEEPEST = 6  # folders of a study above a file: checkpoints/<epochs>/artefacts/<trial>/repeat_<k>
 # What says which study a folder holds, should its files disagree: these, and so many of its runs.
-_WITNESSES, _RUNS, _MOST_RUNS = (SPACE, "journal.log"), "artefacts/*/repeat_*/record.json", 9
+_WITNESSES, _RUNS, _MOST_RUNS = (SPACE, JOURNAL), "artefacts/*/repeat_*/record.json", 9
 
 # The machine is short of something, and the file is none the worse.
 _MACHINE = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EACCES, errno.EPERM, errno.EINTR, errno.ESTALE)
@@ -189,7 +189,7 @@ def read_bytes(path: Path, *, needs_seal: bool | None = None) -> bytes:
         StoreError: it cannot be read now, such as for lack of file descriptors.
     """
     try:
-        _check_kind(path)
+        check_kind(path)
         content = path.read_bytes()
     except OSError as error:
         raise unreadable(path, error) from None
@@ -204,7 +204,7 @@ def verify(path: Path) -> None:
         Damaged, StoreError: as in `read_bytes`.
     """
     try:
-        _check_kind(path)
+        check_kind(path)
         with path.open("rb") as file:
             if not os.fstat(file.fileno()).st_size:
                 raise damaged(path, "is empty")
@@ -224,8 +224,13 @@ def unreadable(path: Path, error: OSError) -> StoreError:
     return StoreError(f"{path}: cannot be read: {os.strerror(error.errno)}{hint}")
 
 
-def _check_kind(path: Path) -> None:
-    """Refuse what is no file: a pipe would never end."""
+def check_kind(path: Path) -> None:
+    """Refuse what is no file: a pipe would never end.
+
+    Raises:
+        Damaged: it is none.
+        OSError: there is nothing.
+    """
     if not stat.S_ISREG(path.stat().st_mode):
         raise damaged(path, "is not a file")
 

@@ -69,13 +69,26 @@ def newest(study: Path, trial: int, repeat: int, training: str) -> Checkpoint | 
     for epochs, folder in folders(study, trial, repeat).items():
         try:
             plain = store.load_run(folder)
-            if plain is not None and (plain["states"], plain["training"]) == (SCHEMA, training):
+            if plain is not None and made_as(plain, epochs) == (SCHEMA, epochs, training):
                 rungs = {int(n): Numbers.from_plain(x) for n, x in plain.get("rungs", {}).items()}
                 return Checkpoint(epochs, folder, rungs)
         except (Damaged, KeyError, TypeError, ValueError):
             pass
         store.remove(folder)
     return None
+
+
+def made_as(plain: Mapping[str, Any], epochs: int) -> tuple[int, int, str]:
+    """Return the schema of a checkpoint, its epochs, and what the training follows from.
+
+    Args:
+        plain: its record.
+        epochs: by its folder, for a record of an earlier version.
+
+    Raises:
+        KeyError: it is the record of something else.
+    """
+    return plain["states"], plain.get("epochs", epochs), plain["training"]
 
 
 def save(
@@ -99,10 +112,8 @@ def save(
     trial, repeat = int(record["trial"]), int(record["repeat"])
     path = store.run_folder(rung_folder(study, epochs), trial, repeat)
     older = [folder for folder in folders(study, trial, repeat).values() if folder != path]
-    store.remove(path)
-    store.save_run(
-        path, {**record, "states": SCHEMA, "training": training}, {**(files or {}), _STATE: _writer(state)}
-    )
+    about = {"states": SCHEMA, "training": training, "epochs": epochs}
+    store.save_run(path, {**record, **about}, {**(files or {}), _STATE: _writer(state)}, replaces=True)
     for folder in older:
         store.remove(folder)
 
@@ -130,8 +141,9 @@ def at_rung(study: Path, trial: int, repeat: int, epochs: int) -> RunRecord | No
     folder = store.run_folder(rung_folder(study, epochs), trial, repeat)
     try:
         plain = store.load_run(folder)
-        is_rung = plain is not None and plain.get("status") == "finished"
-        return RunRecord.from_plain(plain, folder) if plain is not None and is_rung else None
+        if plain is None or plain.get("status") != "finished" or plain.get("epochs", epochs) != epochs:
+            return None
+        return RunRecord.from_plain(plain, folder)
     except Damaged:
         return None
 

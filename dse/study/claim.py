@@ -49,7 +49,7 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
         if not _trains_the_same(path, now, copies):
             for name in _UNFINISHED:
                 store.remove(folder / name)
-    elif path.exists():
+    else:
         before = now
         try:
             before = plain_space(path)

@@ -12,7 +12,7 @@ from dse import registry
 from dse.skyline.compare import Comparison, compare
 from dse.skyline.constraints import ExpressionError
 from dse.skyline.goals import Goal
-from dse.study import pricing
+from dse.study import held, pricing
 from dse.study.results import open as open_study
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def compare_studies(
         if lacks := [name for name, _ in goals if name not in frame or not frame[name].notna().any()]:
             raise ExpressionError(f"{path}: has no numbers of {lacks[0]}; both must have every objective")
     names = _names(paths)
-    notes = []
+    notes = [text for path in paths for text in held.remarks(path)]
     by = ["task"]
     if any(name in registry.columns("hardware") for name, _ in goals):
         by.append("hardware")

@@ -22,6 +22,7 @@ def describe() -> dict[str, object]:
         "system": platform.platform(),
         "machine": platform.machine(),
         "cpus": os.cpu_count(),
+        "process": os.getpid(),
         "versions": {name: version for name in PACKAGES if (version := _version(name)) is not None},
     }
 
@@ -55,6 +56,12 @@ def begin(folder: Path, earlier: list[Any], *, is_sealed: bool = True) -> None:
         identity = store.new_identity()
     session = {**describe(), "sealed": is_sealed, **({"identity": identity} if identity else {})}
     store.write_json(folder / store.ENVIRONMENT, [*earlier, session])
+
+
+def process_before(folder: Path) -> int | None:
+    """Return the process of the session before the one that has begun; None: none is known."""
+    process = sessions(folder)[-2:][0].get("process")
+    return process if type(process) is int and process != os.getpid() else None
 
 
 def _version(package: str) -> str | None:

@@ -25,9 +25,11 @@ from dse.search.proposals import Sampler, limited
 from dse.search.space import design_at
 from dse.search.stop import Spent, reached
 from dse.seeds import design_key
-from dse.study import decisions, imported, points, precision, pricing, queue, warm
+from dse.study import decisions, environment, imported, points, precision, pricing, queue, warm
+from dse.study import tables as both
 from dse.study import trials as tables
 from dse.study.claim import claim
+from dse.study.executors import loky
 from dse.study.fronts import fronts
 from dse.study.journal import Entry
 from dse.study.known import Group, KnownBefore
@@ -146,6 +148,8 @@ def _workers(space: SearchSpace, n: int, folder: Path) -> Workers:
     """
     execution = space.execution
     if execution.backend == "loky":
+        if (dead := environment.process_before(folder)) is not None:  # we have its lock
+            loky.clear(dead)
         return Workers(n)
     from dse.study.executors.dask import Dask, Unusable
 
@@ -234,17 +238,8 @@ class _Tables:
 
     def write(self) -> None:
         """Write both tables, and the hardware profiles that costs are computed from."""
-        pricing.keep(self._profiles, self._folder)
         runs = self._runs.trials() | imported.records(self._folder)
-        with store.published(self._folder / "trials.parquet") as path:
-            entries = self._ledger.entries
-            excluded = [entry for entry in entries if entry.excluded]
-            if excluded:  # under other limits, some may have been trained since
-                trained = {design_key(entry.design) for entry in entries if not entry.excluded}
-                excluded = [entry for entry in excluded if design_key(entry.design) not in trained]
-            store.write_table(path, tables.trials_table(self._space, runs, excluded))
-        path = self._folder / "points.parquet"
-        points.write_points(path, self._space, self._folder, runs, self._profiles)
+        both.write(self._space, self._folder, runs, self._profiles, self._ledger.entries)
 
 
 def _search(
@@ -595,7 +590,7 @@ def _repeat_undecided(
     assert search.front_undecided is not None
     low, high = search.front_undecided
     step = space.split.k_fold.k if space.split.k_fold is not None else 1
-    rounds: list[dict[str, Any]] = list(store.read_json(path)["rounds"]) if path.exists() else []
+    rounds: list[dict[str, Any]] = list((store.read_or_remove(path, report.note) or {"rounds": []})["rounds"])
     while True:
         repeats = {int(trial): n for one in rounds for trial, n in one["repeats"].items()}
         for n in sorted(set(repeats.values())):

@@ -36,13 +36,23 @@ def faults(trials: pandas.DataFrame) -> list[str]:
     """
     finished = trials[trials["status"] == "finished"]
     sentences = []
+    n = len(finished)
+    if "input_spike_rate_hz" in finished:
+        blind = finished["input_spike_rate_hz"] == 0
+        if blind.any():  # all other faults follow from it
+            sentences.append(
+                f"{blind.sum()} of {n} designs get no input spikes (input_spike_rate_hz 0, first in trial "
+                f"{int(finished['trial'][blind].iloc[0])}): lower the threshold of the encoder or of "
+                "preprocessing"
+            )
+        finished = finished[~blind]
     for columns, what, remedy in _FAULTS:
         shown = [name for name in columns if name in finished]
         faulty = finished[(finished[shown] > 0).any(axis=1)] if shown else finished.iloc[:0]
         if len(faulty):
             where = " or ".join(name for name in shown if (faulty[name] > 0).any())
             sentences.append(
-                f"{len(faulty)} of {len(finished)} designs {what} ({where} > 0, first in trial "
+                f"{len(faulty)} of {n} designs {what} ({where} > 0, first in trial "
                 f"{int(faulty['trial'].iloc[0])}): {remedy}"
             )
     return sentences

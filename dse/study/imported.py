@@ -8,7 +8,7 @@ The sampler does not learn of it.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,8 @@ from dse.hardware.profile import load_all
 from dse.recordings import RecordingError
 from dse.records import Network, Outcome, Response
 from dse.store import StoreError
-from dse.study import doctor, jobs, pricing
-from dse.study.record import RunRecord, load_record
-
-FIRST = 90_000
-"""Number of the first imported trial."""
+from dse.study import jobs, pricing, tables
+from dse.study.record import IMPORTED, RunRecord, load_record
 
 
 def records(folder: Path) -> dict[int, list[RunRecord]]:
@@ -31,7 +28,7 @@ def records(folder: Path) -> dict[int, list[RunRecord]]:
     found: dict[int, list[RunRecord]] = {}
     for run in sorted(folder.glob("artefacts/9????/repeat_0")):
         with contextlib.suppress(StoreError, ValueError):
-            if int(run.parent.name) >= FIRST and (record := load_record(run)) is not None:
+            if int(run.parent.name) >= IMPORTED and (record := load_record(run)) is not None:
                 found[record.trial] = [record]
     return found
 
@@ -42,15 +39,24 @@ def source_of(folder: Path, record: RunRecord) -> tuple[SearchSpace, Sections, P
     Returns:
         None where the recordings are not found, or have changed.
     """
+    return next((found[:3] for found in _found(folder, record) if found[3] == record.data), None)
+
+
+def have_changed(folder: Path, record: RunRecord) -> bool:
+    """Return whether the recordings of a run are found, and nowhere as they were."""
+    keys = [key for *_, key in _found(folder, record)]
+    return bool(keys) and record.data not in keys
+
+
+def _found(folder: Path, record: RunRecord) -> Iterator[tuple[SearchSpace, Sections, Path, str]]:
+    """Yield search space, sections, base and key of the recordings of a run, wherever they are found."""
     for base in (Path.cwd(), folder, folder.parent.parent):
         with contextlib.suppress(ConfigError, RecordingError, ValueError, OSError):
             space = load_space(folder / "search_space.yaml")
             sections = space.resolve(record.design)
             if space.split.k_fold is not None:
                 sections = sections.on_fold(record.repeat % space.split.k_fold.k)
-            if dataset.dataset_key(sections, base) == record.data:
-                return space, sections, base
-    return None
+            yield space, sections, base, dataset.dataset_key(sections, base)
 
 
 def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, Any]) -> int:
@@ -79,7 +85,7 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
         for trial, [record] in before.items():
             if record.taken_from == dict(about):
                 raise StoreError(f"{folder}: trial {trial} has these weights already")
-        trial = max(before, default=FIRST - 1) + 1
+        trial = max(before, default=IMPORTED - 1) + 1
         run = jobs.Run(
             trial=trial,
             repeat=0,
@@ -104,5 +110,5 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
         )
         assert isinstance(validation, Response)
         jobs.publish(run, Outcome(network, validation, test, {}), loaded)
-        doctor.write_tables(folder)
+        tables.write_again(folder)
     return trial

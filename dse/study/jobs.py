@@ -52,7 +52,7 @@ from dse.search.cohorts import Demand
 from dse.study import checkpoints
 from dse.study.checkpoints import Checkpoint
 from dse.study.executors.work import Failure
-from dse.study.record import Numbers, RunRecord, plain_rungs
+from dse.study.record import Numbers, RunRecord, is_stopped, plain_rungs
 
 PROCESS_BYTES = 320 * 2**20
 """Memory of a worker in addition to arrays, rounded up: interpreter, libraries, compiled kernels."""
@@ -301,7 +301,7 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
                 unseen[left[place]].setdefault(fold.left_out.column, {})[fold.left_out.name] = result
     yield from failed.items()
     # A cluster may run a job again by itself.
-    published = [number for number, run in enumerate(job.runs) if run.folder.is_dir()]
+    published = [n for n, run in enumerate(job.runs) if run.folder.is_dir() and not is_stopped(run.folder)]
     yield from ((number, None) for number in published if number not in failed)
     left = [number for number in range(len(job.runs)) if number not in failed and number not in published]
     if not left:
@@ -503,7 +503,7 @@ def _publish(
             job.study, ended.epochs, _training(job, device), record.to_plain(), ended.state, files
         )
     else:
-        store.save_run(job.folder, record.to_plain(), files)
+        store.save_run(job.folder, record.to_plain(), files, replaces=is_stopped(job.folder))
         checkpoints.remove(job.study, job.trial, job.repeat)
 
 

@@ -70,8 +70,10 @@ class Ledger:
         self._writer = f"{uuid.uuid4()}-0"  # as Optuna names who wrote a line
         with self._explained(), quiet():
             self._lines = JournalLines(path)
-            if self._is_of_another(self._lines.logs):
-                self._lines.faults, self._lines.logs = ["it is the journal of another study"], []
+            if fault := of_another(path.parent, self._lines.logs):
+                self._lines.faults, self._lines.logs = [fault], []
+            if not self._lines.faults:
+                self._lines.faults = lost(path.parent, self._lines.logs)
             if self._lines.faults:
                 self._mend(self._lines)
             storage = self._opened()
@@ -85,17 +87,6 @@ class Ledger:
             self._of_batch.setdefault(entry.batch, []).append(entry.trial)
         self._unwritten: list[Log] = []
         self._is_open = False
-
-    def _is_of_another(self, logs: Sequence[Log]) -> bool:
-        """Return whether the first trials whose runs have records have other designs there."""
-        created = [log["user_attrs"]["design"] for log in logs if log["op_code"] == CREATE_TRIAL]
-        pairs = (
-            (design_key(design), recorded)
-            for trial, design in enumerate(created[:_COMPARED])
-            if (recorded := _recorded_design(self._path.parent, trial)) is not None
-        )
-        same = [key == design_key(recorded) for key, recorded in pairs]
-        return bool(same) and not any(same)
 
     def _opened(self) -> JournalStorage:
         """Return Optuna's storage of the journal; what Optuna refuses is damage."""
@@ -343,6 +334,25 @@ def _replayed(lines: JournalLines) -> JournalStorage:
     for study in storage.get_all_studies():
         storage.get_study_system_attrs(study._study_id)
     return storage
+
+
+def of_another(folder: Path, logs: Sequence[Log]) -> str:
+    """Return a sentence if the first trials whose runs have records have other designs there; '' if not."""
+    created = [log["user_attrs"]["design"] for log in logs if log["op_code"] == CREATE_TRIAL]
+    pairs = (
+        (design_key(design), recorded)
+        for trial, design in enumerate(created[:_COMPARED])
+        if (recorded := _recorded_design(folder, trial)) is not None
+    )
+    same = [key == design_key(recorded) for key, recorded in pairs]
+    return "it is the journal of another study" if same and not any(same) else ""
+
+
+def lost(folder: Path, logs: Sequence[Log]) -> list[str]:
+    """Return a sentence if lines at the end are lost: a design is written down before it is trained."""
+    if (n := _n_trials(logs)) and _recorded_design(folder, n) is not None:
+        return [f"lines are missing at the end: trial {n} has a run"]
+    return []
 
 
 def drop_refused(logs: list[Log]) -> list[str]:

@@ -47,7 +47,8 @@ class Lines:
     """The content of a journal.
 
     logs: of the intact lines. faults: what is wrong with the others, each with the number of its line.
-    n_bytes: without the last line, if a process died while it wrote it.
+    n_bytes: without the last line, if a process died while it wrote it. cut: what is wrong with that; '' if
+        nothing is.
     n: that of the last line that has one.
     """
 
@@ -55,6 +56,7 @@ class Lines:
     faults: list[str] = field(default_factory=list)
     n_bytes: int = 0
     n: int = 0
+    cut: str = ""
 
 
 def read(path: Path) -> Lines:
@@ -99,12 +101,14 @@ def read(path: Path) -> Lines:
             logs.append(log)
             if log["op_code"] == CREATE_STUDY and log.get(_IDENTITY, identity) != identity:
                 return Lines(faults=["it is the journal of another study"], n_bytes=len(content))
-    n_bytes = len(content) - len(torn)
+    n_bytes, cut = len(content) - len(torn), ""
     if fault and not torn:  # what the machine was writing when it went down
-        n_bytes -= len(lines[-1]) + 1
+        n_bytes, cut = n_bytes - len(lines[-1]) - 1, fault
     elif fault:
         faults.append(fault)
-    return Lines(logs, faults, n_bytes, n)
+    if torn:
+        cut = f"line {len(lines) + 1} is incomplete"
+    return Lines(logs, faults, n_bytes, n, cut)
 
 
 def _log(line: bytes) -> Log | str:
@@ -221,6 +225,7 @@ class JournalLines:
         self._n = self._n_trials = 0
         lines = [self._line(log) for log in logs]
         aside = self._path.with_name(f"{self._path.name}.damaged")
+        store.remove(aside)
         if self._path.is_file():
             shutil.copy2(self._path, aside)
         else:

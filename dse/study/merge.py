@@ -13,9 +13,8 @@ from typing import Any
 from dse import seeds, store
 from dse.config import ConfigError, Fault, SearchSpace, load_space
 from dse.search.limits import Exclusion
-from dse.study import pricing
+from dse.study import pricing, tables
 from dse.study.claim import changes_elsewhere
-from dse.study.doctor import write_tables
 from dse.study.explore import values_of
 from dse.study.journal import Entry, read_journal
 from dse.study.ledger import Ledger
@@ -175,7 +174,7 @@ def _written(space: SearchSpace, studies: Sequence[_Study], folder: Path) -> dic
             records = [record for _, (_, record) in sorted(runs.items())]
             if 0 in runs:
                 ledger.tell(trial, values_of(space, records[: space.search.repeats]))
-    write_tables(folder, ledger)
+    tables.write_again(folder)
     return {"designs": len(merged), "in_both": n_both, "runs": n_runs}
 
 

@@ -18,9 +18,8 @@ from dse.config import ConfigError, Fault, SearchSpace, load_space
 from dse.config.space import Design
 from dse.hardware.profile import load_all
 from dse.search.proposals import Sampler
-from dse.study import warm
+from dse.study import tables, warm
 from dse.study.claim import claim
-from dse.study.doctor import write_tables
 from dse.study.explore import Excluding, values_of
 from dse.study.journal import Entry
 from dse.study.known import KnownBefore
@@ -115,7 +114,7 @@ def tell(folder: Path, trial: int, told: Mapping[str, float], failed: str = "") 
         store.remove(run)  # of a `tell` that was interrupted
         store.save_run(run, record.to_plain(), {})
         ledger.tell(trial, None if failed else values_of(space, [record]))
-        return write_tables(folder, ledger)[trial]
+        return tables.write_again(folder)[trial]
 
 
 def _asked(folder: Path, ledger: Ledger, trial: int) -> Entry:

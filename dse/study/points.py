@@ -12,6 +12,7 @@ import functools
 import hashlib
 import itertools
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ from dse.measure.objectives.accuracy_unseen import merged, unseen_columns
 from dse.measure.on_chips import columns_on, drawn_on
 from dse.measure.run import unseen_name
 from dse.records import Array, Ints, Operations, Workload
-from dse.study import precision
+from dse.study import corrected, held, precision
 from dse.study import trials as tables
 from dse.study.record import Numbers, RunRecord
 
@@ -68,7 +69,11 @@ def points_table(
     Raises:
         StoreError: an artefact is damaged.
     """
-    return _table([*_parts(space, folder, trials, profiles, None, {})], space)
+    parts = [*_parts(space, folder, trials, profiles, None, {})]
+    names, asked = corrected.names(space), corrected.asked(space, trials)
+    counted = sum((corrected.tally(part, names, asked) for part in parts), Counter())
+    known = corrected.values(counted)
+    return _table([corrected.with_corrected(part, names, asked, known) for part in parts], space)
 
 
 def write_points(
@@ -93,10 +98,13 @@ def write_points(
     Raises:
         StoreError: an artefact is damaged.
     """
-    common, digests = _digest(space, profiles), _digests(folder, trials)
+    common = _digest(space, profiles)
+    digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in trials.items()})
     before = json.loads(store.made_from(path) or "{}")
     if before.get("common") != common:
         before = {}
+    elif "parts" in before and sum(n for *_, n in before["parts"]) != held.n_rows(path):
+        before = {}  # it is not what was written
     elif before["digests"] == digests:
         return
     kept = _kept(path, before, digests) if before.get("kinds") else {}
@@ -109,23 +117,6 @@ def _digest(space: SearchSpace, profiles: Sequence[Profile]) -> str:
     settings = {k: x for k, x in space.to_plain().items() if k not in ("search", "execution")}
     plain = [settings, sorted(registry.loaded_plugins()), [chip.text for chip in profiles]]
     return hashlib.sha256(_code() + json.dumps(plain, default=store.plain).encode()).hexdigest()
-
-
-def _digests(folder: Path, trials: Mapping[int, Sequence[RunRecord]]) -> dict[str, str]:
-    """Return trial -> a digest of its runs.
-
-    A record holds the checksums of the files of its run, but of its evaluations at other precisions.
-    """
-    digests = {}
-    for trial, records in sorted(trials.items()):
-        digest = hashlib.sha256()
-        for record in records:
-            run = store.run_folder(folder, trial, record.repeat)
-            for path in (run / store.RECORD, *sorted(run.glob("precision_*.npz"))):
-                with contextlib.suppress(OSError):  # a record that is lost is in memory yet
-                    digest.update(f"{path.name} {store.checksum(path)}".encode())
-        digests[str(trial)] = digest.hexdigest()
-    return digests
 
 
 @functools.cache
@@ -176,23 +167,29 @@ def _write(
     noted: list[tuple[int, int, int]] = []
     kinds: dict[tuple[tuple[str, str], ...], Part] = {}  # a part without rows for every kind
     n_rows = 0
+    names, asked = corrected.names(space), corrected.asked(space, trials)
+    counted: Counter[corrected.Key] = Counter()
     for part in _parts(space, folder, trials, profiles, BLOCK, kept):
+        counted += corrected.tally(part, names, asked)
         kind = tuple((k, x.dtype.str) for k, x in part.items())
         kinds.setdefault(kind, {k: x[:0] for k, x in part.items()})
         noted.append((int(part["trial"][0]), list(kinds).index(kind), len(part["trial"])))
         n_rows += len(part["trial"])
         parts = parts if n_rows <= IN_MEMORY else []
         parts.append(part)
+    known = corrected.values(counted)
     if n_rows <= IN_MEMORY:
         made_from |= {"parts": noted, "kinds": list(kinds)}
-        store.write_table(path, _table(parts, space), json.dumps(made_from))
+        whole = [corrected.with_corrected(part, names, asked, known) for part in parts]
+        store.write_table(path, _table(whole, space), json.dumps(made_from))
         return
     import pyarrow
 
     with contextlib.ExitStack() as opened:
         writer = None
         for part in _parts(space, folder, trials, profiles, BLOCK, kept):
-            frame = _table([*kinds.values(), part], space)
+            whole = [*kinds.values(), corrected.with_corrected(part, names, asked, known)]
+            frame = _table(whole, space)
             if writer is None:
                 schema = pyarrow.Table.from_pandas(frame, preserve_index=False).schema
                 for i, name in enumerate(schema.names):

@@ -225,6 +225,8 @@ def _read(path: Path) -> Evaluation | None:
         setting = int(arrays["weight_bits"]), float(arrays["pruned"])
         if "trial" in arrays and path.parent.parts[-2:] != _place(arrays):
             return None
+        if path != _path(path.parent, setting):
+            return None
     except (store.Damaged, KeyError, ValueError, TypeError, AttributeError):
         return None
     files: dict[str, dict[str, Array]] = {}

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+
 from dse import dataset
 from dse.config import SearchSpace
 from dse.config.chips import chips
@@ -21,16 +23,23 @@ from dse.search.space import corners, design_at, n_designs_of_each
 
 if TYPE_CHECKING:
     from dse.dataset.shape import Shape
+    from dse.recordings import Recordings
+    from dse.records import Ints
 
 # Larger files are not read just to count their channels and classes.
 _MOST_BYTES = 200_000_000
 _MOST_COMBINATIONS = 10_000
 _PLACES: tuple[Literal["file", "folder"], ...] = ("file", "folder")
+_MOST_ENCODERS = 16  # that are tried on some training recordings, `_FEW`
+_FEW = 8
+_MOST_WEIGHTS = 10_000_000
 _SIZING = ("task", "preprocessing", "encoder", "model")
 
 
 def preview(space: SearchSpace) -> dict[str, object]:
     """Return the row that `dse check` prints; `designs` is None if an axis is a range without steps.
+
+    Key `doubts` holds sentences about the recordings, of which the row has none where there are none.
 
     Raises:
         RecordingError: the recordings do not fit the search space.
@@ -110,10 +119,10 @@ def _loaded(plugin: Plugin) -> str:
 def _from_data(space: SearchSpace) -> dict[str, object]:
     """Return recordings, classes and the range of the number of weights, if known before preprocessing."""
     from dse.dataset.shape import announced
-    from dse.recordings import RecordingError
+    from dse.recordings import RecordingError, doubts
     from dse.recordings.cutting import cut
     from dse.recordings.splits import split
-    from dse.recordings.targets import heads, target
+    from dse.recordings.targets import heads, in_use, target, target_columns
     from dse.records import Events
     from dse.study.evaluation import previewed
 
@@ -135,6 +144,18 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     if notes := recordings.notes():
         row["repairs"] = notes
     of_file = first.data.channel_positions(space.source.parent)
+    used = np.zeros(len(codes), bool)
+    used[np.concatenate(parts)] = True
+    k_fold = first.split.k_fold
+    name = " and ".join(target_columns(first.task.target))
+    labels = in_use(codes, classes, used)
+    row["doubts"] = said = [
+        *doubts.few(len(parts[1]), 1 if k_fold is None else k_fold.k),
+        *doubts.doubts(
+            doubts.Used(recordings, *labels, np.flatnonzero(used), first.window.n_steps, of_file, name)
+        ),
+        *_without_spikes(space, recordings, of_file, parts[0]),
+    ]
     shapes: dict[str, Shape | None] = {}
 
     def shape(sections: Sections) -> Shape | None:
@@ -151,7 +172,40 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
         if known is None or not trains_in_cohorts(model):  # other families have weights only after training
             return row
         weights.add(placed(model, known.positions).n_weights(len(known.positions), known.n_outputs))
+    if max(weights) > _MOST_WEIGHTS:
+        said.append(
+            f"model: the largest design has {max(weights)} weights; a network for touch needs fewer than a "
+            "million, and each has to be stored on the device"
+        )
     return row | {"n_weights_low": min(weights), "n_weights_high": max(weights)}
+
+
+def _without_spikes(
+    space: SearchSpace, recordings: Recordings, positions: Ints | None, train: Ints
+) -> list[str]:
+    """Return a sentence for each encoder that makes no spikes of some training recordings."""
+    from dse.audit.gather import values_of
+    from dse.dataset.parts import placed as windows_of
+    from dse.recordings import RecordingError
+    from dse.recordings.doubts import silent_windows
+    from dse.recordings.windows import chosen
+    from dse.records import Signals
+
+    if not isinstance(recordings, Signals):
+        return []
+    some = chosen(recordings, train[:: max(1, len(train) // _FEW)][:_FEW])
+    sentences = []
+    for design in corners(space, ("encoder",), _MOST_ENCODERS):
+        sections = space.resolve(design)
+        if sections.encoder is None or sections.encoder.learns:
+            continue
+        with contextlib.suppress(RecordingError):
+            part = windows_of(some, sections, np.ones(some.n_recordings, bool), positions=positions)
+            n_spikes = np.array([row.counts.sum() for row in part.rows(1)])
+            values = {name: x for name, x in design.items() if name.startswith("encoder.")}
+            at = f" (at {values_of(values)})" if values else ""
+            sentences += [f"{text}{at}" for text in silent_windows(n_spikes) if not n_spikes.any()]
+    return sentences
 
 
 def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None]) -> dict[str, object]:

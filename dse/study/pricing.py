@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from dse import registry, store
 from dse.config import ConfigError, Fault
+from dse.hardware.cost import cost
 from dse.hardware.duty import battery_h, mean_power_mw
 from dse.hardware.profile import End, Profile, load, read
 from dse.measure.on_chips import DRAWN
@@ -20,6 +21,7 @@ from dse.records import Floats, Ints, Workload
 from dse.skyline.front import Draws
 from dse.skyline.table import read as read_table
 from dse.store import StoreError
+from dse.study import held
 from dse.study import points as _points
 from dse.study.precision import AS_TRAINED, Setting
 from dse.study.record import TOLD, load_records
@@ -56,7 +58,7 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
                 f"{stored} lacks {lacking} numbers that {chip.name} has now: classifiers trained before may "
                 f"lack the counts that these price, and then cost otherwise than those of new trials"
             )
-        if _differ(before, chip):
+        if differ(before, chip):
             hint = "change it back, rename the profile, or use another --results folder"
             faults.append(Fault(chip.name, 0, f"the numbers differ from those in {stored}; {hint}"))
     if faults:
@@ -66,12 +68,12 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
 
 def differences(one: Path, other: Path, name: str) -> list[str]:
     """Return a sentence if two studies have other numbers of a chip."""
-    if not _differ(profile(one, name), profile(other, name)):
+    if not differ(profile(one, name), profile(other, name)):
         return []
     return [f"hardware {name}: the numbers differ from those in {one}"]
 
 
-def _differ(one: Profile, other: Profile) -> bool:
+def differ(one: Profile, other: Profile) -> bool:
     """Return whether two profiles price differently: any number that both have, without sources and notes."""
     if type(one) is not type(other) or one.interval_only != other.interval_only:
         return True
@@ -94,23 +96,13 @@ def profile(folder: Path, name: str) -> Profile:
     stored = folder / _FOLDER / f"{name}.yaml"
     if not stored.is_file():
         return load(name)
-    if fault := outdated(stored):
-        remedy = f"`dse doctor {folder} --repair` prices the study with the profile as it is now"
-        raise ConfigError([Fault(str(stored), 0, f"{fault}; {remedy}")])
-    return read(store.read_sealed_text(stored), str(stored))
-
-
-def outdated(stored: Path) -> str:
-    """Return why a study's copy of a profile is none to this version of dse; '' if it is one.
-
-    Raises:
-        Damaged: it is not what was written.
-    """
+    text = store.read_sealed_text(stored)
     try:
-        read(store.read_sealed_text(stored), stored.name)
+        return read(text, str(stored))
     except ConfigError as error:
-        return f"another version of dse wrote this profile ({error.faults[0].message.split(';')[0]})"
-    return ""
+        why = f"another version of dse wrote this profile ({error.faults[0].message.split(';')[0]})"
+        remedy = f"`dse doctor {folder} --repair` prices the study with the profile as it is now"
+        raise ConfigError([Fault(str(stored), 0, f"{why}; {remedy}")]) from None
 
 
 def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:
@@ -142,7 +134,7 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
 
     folder = Path(folder)
     chips = profiles(folder, hardware)
-    table = read_table(folder)
+    table = held.without_lost(folder, read_table(folder))
     if "origin" in table:  # costs that were told are those of one chip
         table = table[table["origin"].ne(TOLD)]
     if "hardware" in table and len(table):
@@ -191,7 +183,7 @@ def tables(paths: Sequence[str | Path], hardware: Sequence[str]) -> list[pandas.
         TableError: a file is no table.
     """
     if not hardware:
-        return [read_table(path) for path in paths]
+        return [held.without_lost(Path(path), read_table(path)) for path in paths]
     check_studies(paths, "--hardware needs")
     return [points(path, hardware) for path in paths]
 
@@ -314,6 +306,23 @@ def drawn(
                 for column, values in costs.items():
                     samples[column][:, indices[on_chip]] = values
     return samples
+
+
+def misfits(folder: str | Path, row: pandas.Series[Any], hardware: Sequence[str] = ()) -> list[str]:
+    """Return why a design point does not fit its hardware, a sentence each.
+
+    Args:
+        folder: of the study.
+        row: of its points.
+        hardware: as in `points`, if the row is from there.
+
+    Raises:
+        ConfigError, StoreError: as in `points`.
+    """
+    chips = {chip.name: chip for chip in profiles(Path(folder), hardware)}
+    chip = chips.get(row["hardware"]) or profile(Path(folder), row["hardware"])
+    [piece, *_] = _answers(Path(folder), row.to_frame().T)
+    return [str(misfit) for misfit in cost(chip, piece.work[0]).misfits]
 
 
 def work_is_counted(folder: str | Path, rows: pandas.DataFrame) -> bool:

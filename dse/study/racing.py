@@ -65,12 +65,13 @@ class Race:
         self._space, self._folder, self._profiles = space, folder, tuple(profiles)
         self._runs, self._progress = runs, progress
         self._settings: Racing = space.search.racing
-        self._stopped = {
-            int(stop["trial"])
-            for path in sorted((folder / _FOLDER).glob("[0-9]*.json"))
-            for one in _rounds(path)
-            for stop in one["stopped"]
-        }
+        # How many designs there were at the last audit, and which stopped ones train to their ends.
+        audited = store.read_or_remove(folder / _FOLDER / _AUDIT, progress.note)
+        self._audited: dict[str, Any] = audited or {"designs": 0, "trials": []}
+        rounds = (one for path in (folder / _FOLDER).glob("[0-9]*.json") for one in self._rounds(path))
+        self._stopped = {int(stop["trial"]) for one in rounds for stop in one["stopped"]}
+        self._stopped.update(trial for trial, of in runs.trials().items() if any(map(_is_stopped, of)))
+        self._stopped.update(self._audited["trials"])
 
     def complete(self, batch: int, entries: Sequence[Entry], after_each: Callable[[], None]) -> None:
         """Train a batch of designs until each has finished, failed or stopped.
@@ -84,7 +85,7 @@ class Race:
             StoreError, RecordingError: as in `Runs.complete`.
         """
         path = self._folder / _FOLDER / f"{batch:05d}.json"
-        rounds = _rounds(path)
+        rounds = self._rounds(path)
         repeats = self._space.search.repeats
         self._runs.recall(entries)
         upcoming: dict[str, Any] | None = None
@@ -96,24 +97,27 @@ class Race:
                 rounds.append(upcoming)
                 store.write_json(path, {"rounds": rounds})
             self._stop(rounds)
-            stands = _stands(rounds)
+            stands = _stands(rounds, self._audited["trials"])
             for epochs in sorted(set(stands.values()), key=lambda n: math.inf if n is None else n):
                 there = [entry for entry in entries if stands.get(entry.trial, 0) == epochs]
                 self._runs.complete(there, repeats, after_each, epochs)
+            self._stop(rounds)  # who stopped before, and had to train to the rung again
             upcoming = self._next(stands)
             if upcoming is None:
                 break
         left = [e for e in entries if e.trial not in self._stopped or not self._runs.of(e.trial)]
         self._runs.complete(left, repeats, after_each)
 
+    def _rounds(self, path: Path) -> list[dict[str, Any]]:
+        """Return the rounds of a batch so far; none from a damaged file: records tell what was decided."""
+        return list((store.read_or_remove(path, self._progress.note) or {"rounds": []})["rounds"])
+
     def _stop(self, rounds: Iterable[Mapping[str, Any]]) -> None:
-        """Record what rounds have stopped, where an interruption has prevented it."""
+        """Record what rounds have stopped, unless it is recorded."""
         for stop in (stop for one in rounds for stop in one["stopped"]):
-            trial, epochs = int(stop["trial"]), int(stop["epochs"])
-            self._stopped.add(trial)
-            at_rung = self._runs.paused(trial, self._space.search.repeats, epochs)
-            if at_rung is not None and trial not in self._audited()["trials"]:
-                self._runs.stop(trial, at_rung, epochs, stop["reason"])
+            self._stopped.add(int(stop["trial"]))
+            repeats, epochs = self._space.search.repeats, int(stop["epochs"])
+            self._runs.stop(int(stop["trial"]), repeats, epochs, stop["reason"])
 
     def _next(self, stands: Mapping[int, int | None]) -> dict[str, Any] | None:
         """Return the next round of a batch; None: no design pauses."""
@@ -128,7 +132,7 @@ class Race:
             return None
         epochs = min(epochs for epochs, _ in at_rung.values())
         waiting = {trial: of for trial, (n, of) in sorted(at_rung.items()) if n == epochs}
-        reasons = self._reasons(waiting, epochs, min(stands))
+        reasons = self._reasons(waiting, epochs)
         return {
             "epochs": next((rung for rung in self._settings.rungs if rung > epochs), None),
             "trials": [trial for trial in waiting if trial not in reasons],
@@ -137,19 +141,18 @@ class Race:
             ],
         }
 
-    def _reasons(self, waiting: Mapping[int, Sequence[RunRecord]], epochs: int, first: int) -> dict[int, str]:
+    def _reasons(self, waiting: Mapping[int, Sequence[RunRecord]], epochs: int) -> dict[int, str]:
         """Return trial -> why it stops, of the designs at a rung that do not go on.
 
         Args:
-            waiting: trial -> records of its runs at the rung.
+            waiting: trial -> records of its runs at the rung; other designs stood there before.
             epochs: of the rung.
-            first: trial of the batch; earlier ones stood at the rung before.
         """
         repeats, goals = self._space.search.repeats, self._space.objectives
         stood: dict[Group, dict[int, Floats]] = {}
         for trial, records in self._runs.trials().items():
             before = [record.rungs[epochs] for record in records[:repeats] if epochs in record.rungs]
-            if trial < first and len(before) == repeats:
+            if trial not in waiting and len(before) == repeats:
                 for group, values in self._full(records, before):
                     stood.setdefault(group, {})[trial] = values
         for trial, at_rung in waiting.items():
@@ -222,27 +225,21 @@ class Race:
             after_each: called when a run has ended.
             points_now: returns the design points of the study.
         """
-        path, audited = self._folder / _FOLDER / _AUDIT, self._audited()
-        if len(entries) > audited["designs"] and self._settings.audit:
+        path, known = self._folder / _FOLDER / _AUDIT, self._audited["trials"]
+        if len(entries) > self._audited["designs"] and self._settings.audit:
             rng = seeds.generator(self._space.seed, {}, "racing audit", len(entries))
-            left = sorted(self._stopped - set(audited["trials"]))
+            left = sorted(self._stopped - set(known))
             drawn = sorted(left[i] for i in rng.permutation(len(left))[: self._settings.audit])
-            audited = {"designs": len(entries), "trials": [*audited["trials"], *drawn]}
-            store.write_json(path, audited)
-        trials = set(audited["trials"])
-        for trial in audited["trials"]:
-            self._runs.train_on(trial)
+            self._audited = {"designs": len(entries), "trials": [*known, *drawn]}
+            store.write_json(path, self._audited)
+        trials = set(self._audited["trials"])
+        self._runs.train_on(trials)
         sample = [entry for entry in entries if entry.trial in trials]
         self._runs.complete(sample, self._space.search.repeats, after_each)
         sentences = [self._saved(entries, trials), *self._lost(trials, points_now)] if self._stopped else []
-        if sentences and audited.get("sentences") != sentences:
-            store.write_json(path, {**audited, "sentences": sentences})
+        if sentences and self._audited.get("sentences") != sentences:
+            store.write_json(path, {**self._audited, "sentences": sentences})
         return sentences
-
-    def _audited(self) -> dict[str, Any]:
-        """Return how many designs there were at the last audit, and which stopped ones were trained on."""
-        path = self._folder / _FOLDER / _AUDIT
-        return dict(store.read_json(path)) if path.exists() else {"designs": 0, "trials": []}
 
     def _saved(self, entries: Sequence[Entry], audited: Collection[int]) -> str:
         """Return how many designs stopped and what that saved."""
@@ -291,10 +288,11 @@ def sentences(folder: Path) -> list[str]:
     return list(store.read_json(path).get("sentences", [])) if path.exists() else []
 
 
-def _rounds(path: Path) -> list[dict[str, Any]]:
-    return list(store.read_json(path)["rounds"]) if path.exists() else []
+def _is_stopped(record: RunRecord) -> bool:
+    return record.stopped_at_epoch is not None
 
 
-def _stands(rounds: Sequence[Mapping[str, Any]]) -> dict[int, int | None]:
-    """Return trial -> the rung to which the rounds let it train; None: to its end."""
-    return {int(trial): one["epochs"] for one in rounds for trial in one["trials"]}
+def _stands(rounds: Sequence[Mapping[str, Any]], audited: Collection[int]) -> dict[int, int | None]:
+    """Return trial -> the rung to which the rounds let it train; None: to its end. Audits are no round."""
+    trials = ((int(trial), one["epochs"]) for one in rounds for trial in one["trials"])
+    return {trial: epochs for trial, epochs in trials if trial not in audited}

@@ -16,6 +16,8 @@ from dse.store import StoreError
 
 STOPPED = "stopped"
 """The status of a run that racing stopped before its end."""
+IMPORTED = 90_000
+"""Number of the first trial that was trained on elsewhere (`dse.study.imported`); no search reaches it."""
 TOLD = "told"
 """The status of a run that was measured elsewhere (`dse tell`): it has numbers, and no files."""
 
@@ -251,6 +253,15 @@ def load_record(folder: Path) -> RunRecord | None:
     """
     plain = store.load_run(folder)
     return None if plain is None else RunRecord.from_plain(plain, folder / "record.json")
+
+
+def is_stopped(folder: Path) -> bool:
+    """Return whether the folder of a run holds one that racing stopped: it may yet be trained on.
+
+    Raises:
+        StoreError: its record is damaged.
+    """
+    return folder.is_dir() and store.read_record(folder).get("status") == STOPPED
 
 
 def load_records(folder: Path, trial: int) -> list[RunRecord]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from dse.store import StoreError
 from dse.study import points as _points
+from dse.study.corrected import ACCURACIES, corrected_of
 from dse.study.record import RunRecord, load_records
 
 if TYPE_CHECKING:
@@ -81,7 +82,8 @@ def over_repeats(folder: Path, table: pandas.DataFrame, repeats: str) -> pandas.
                 column = measured.setdefault(name, np.full(len(rows), np.nan, kind))
                 column[here] = x[places[here]]
         kept = {name: x for name, x in measured.items() if name in rows and name not in _IDENTITY}
-        parts.append(rows.assign(**{name: _as(x, rows[name]) for name, x in kept.items()}))
+        lost = {x: np.nan for name in ACCURACIES for x in corrected_of(name) if x in rows}  # of the means
+        parts.append(rows.assign(**{name: _as(x, rows[name]) for name, x in kept.items()}, **lost))
     return pandas.concat(parts).loc[table.index]
 
 

@@ -9,9 +9,9 @@ point at the trained precision does.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,21 +21,23 @@ from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.on_chips import DRAWN
 from dse.records import Array, Bools, Floats, Ints
 from dse.seeds import generator
-from dse.skyline.front import Draws, comparable, front_draws
-from dse.skyline.pick import optimism
+from dse.skyline.front import Draws, comparable, front_draws, front_share
 from dse.skyline.posterior import posterior_samples
 from dse.skyline.table import group_numbers, numbers
-from dse.study import pricing
-from dse.study.fronts import GROUPS
+from dse.store import StoreError
+from dse.study import corrected, pricing
+from dse.study.fronts import GROUPS, as_if_larger
 from dse.study.precision import as_trained
-from dse.study.record import STOPPED, TOLD, RunRecord, load_records
-from dse.study.trials import summary
+from dse.study.record import TOLD, RunRecord, load_records
 
 if TYPE_CHECKING:
     import pandas
 
-ACCURACIES = ("accuracy", "accuracy_strict", "accuracy_shifted", "accuracy_shifted_min")
+ACCURACIES = corrected.ACCURACIES
 """Columns that are resampled, if the table has them."""
+
+CERTAINTY = ("front_share", "front_probability")
+"""Columns of `certainty`."""
 
 _SEED = 20261122
 _DRAWS = 400
@@ -63,7 +65,7 @@ def errors(folder: Path, rows: pandas.DataFrame, n_draws: int) -> Floats:
         records = load_records(folder, int(trials[places[0]]))[: repeats[places[0]]]
         if records[0].told:  # single answers are not known: it stands as it was told
             continue
-        right = [_right(folder, record, of_trial) for record in records]
+        right = [right_answers(folder, record, of_trial) for record in records]
         of_runs = np.stack(
             [_resampled(record, *answers, n_draws) for record, answers in zip(records, right, strict=True)]
         )
@@ -97,7 +99,7 @@ def front_probabilities(
         points: its table of design points.
         goals: of the front.
     """
-    table = as_trained(points)
+    table = as_trained(as_if_larger(points))
     rows = comparable(table, goals).rows if len(table) else table
     if rows.empty:
         return {}
@@ -179,92 +181,51 @@ def draws(
     return Draws([*accuracies, *(chips.columns if chips else ())], of, ends)
 
 
-def optimism_of(
-    folder: Path,
-    contestants: pandas.DataFrame,
-    maximise: str,
+def certainty(
+    paths: Sequence[str | Path],
+    frames: Sequence[pandas.DataFrame],
+    hardware: Sequence[str],
+    goals: Sequence[tuple[str, str]],
     n_draws: int,
-    stopped: pandas.DataFrame | None = None,
-) -> float:
-    """Return by how much the accuracy of the best of some points is too high for having been chosen.
+    among: pandas.DataFrame,
+    by: str | Sequence[str] | None = None,
+) -> tuple[dict[str, pandas.Series], list[str]]:
+    """Return the fractions of samples in which points are on their front, and why one is missing.
+
+    front_share varies the hardware's uncertain numbers, front_probability also recordings and seeds.
 
     Args:
-        folder: of the study.
-        contestants: the points that the choice was among, best first, with all columns that identify them.
-        maximise: one of `ACCURACIES`.
-        n_draws: number of resamples.
-        stopped: rows of `stopped_rows` that the choice was among too; their errors are independent of others.
+        paths: as of `draws`.
+        frames: as of `draws`.
+        hardware: as of `draws`.
+        goals: as of `draws`.
+        n_draws: number of samples.
+        among: the rows of all frames that are compared.
+        by: columns whose values have separate fronts.
 
     Raises:
-        StoreError: as in `errors`.
-    """
-    values = numbers(contestants, maximise)
-    se = _largest_se(folder, contestants) * _scale(contestants, maximise)
-    near = values >= values[0] - _WITHIN_SE * (se + se[0])  # worse ones are never chosen
-    rows = contestants[near]
-    sampled = errors(folder, rows, n_draws) * _scale(rows, maximise)
-    if stopped is None or stopped.empty:
-        return optimism(values[near], sampled)
-    drawn = [
-        generator(_SEED, {}, "a stopped trial", int(trial)).standard_normal(n_draws)
-        for trial in stopped["trial"]
-    ]
-    every = np.concatenate([values[near], numbers(stopped, maximise)])
-    return optimism(
-        every, np.concatenate([sampled, np.array(drawn).T * numbers(stopped, "accuracy_se")], axis=1)
-    )
-
-
-def stopped_rows(folder: Path, trials: pandas.DataFrame, chips: Sequence[str]) -> pandas.DataFrame:
-    """Return a row per chip of every design that racing stopped: its full read-out at the end, as expected.
-
-    That is the read-out at its rung, with the accuracy that finished designs of its family have gained in the
-    mean since this rung.
-
-    Args:
-        folder: of the study.
-        trials: its table of trials.
-        chips: hardware profiles; empty: rows without hardware.
-
-    Raises:
-        StoreError: a record is damaged.
+        StoreError: a frame is not from a study, or nothing among the objectives is uncertain.
     """
     import pandas
 
-    def records(status: str) -> Iterator[tuple[dict[str, Any], list[RunRecord]]]:
-        for row in trials[trials["status"] == status].to_dict("records"):
-            runs = [store.run_folder(folder, int(row["trial"]), k) for k in range(int(row["repeats"]))]
-            yield (
-                {str(name): x for name, x in row.items()},
-                [RunRecord.from_plain(store.read_record(run), run) for run in runs],
-            )
+    pricing.check_studies(paths, "sampling needs")
+    names = {name for name, _ in goals}
+    columns: dict[str, pandas.Series] = {}
+    notes = []
 
-    stopped = list(records(STOPPED))
-    gains: dict[tuple[object, ...], list[float]] = {}
-    for row, runs in records("finished") if stopped else ():
-        for head in list[str | None](runs[0].measured.of_heads) or [None]:
-            for epochs in set.intersection(*(set(run.rungs) for run in runs)):
-                gained = [
-                    run.measured.of_head(head).columns["accuracy"]
-                    - run.rungs[epochs].of_head(head).columns["accuracy"]
-                    for run in runs
-                ]
-                gains.setdefault((head or row["task"], row["family"], epochs), []).append(np.mean(gained))
-    rows = []
-    for row, runs in stopped:
-        for head in list[str | None](runs[0].last.of_heads) or [None]:
-            task = head or row["task"]
-            numbers_there = [run.last.of_head(head) for run in runs]
-            gain = gains.get((task, row["family"], runs[0].stopped_at_epoch), [0.0])
-            for chip in list[str | None](chips) or [None]:
-                known = chip if chip in numbers_there[0].hardware else None
-                read_out = summary(numbers_there, known)
-                accuracy = float(np.clip(read_out["accuracy"] + np.mean(gain), 0.0, 1.0))
-                n = len(runs) * max(1, min(run.samples["validation"] for run in runs))
-                error = {"accuracy": accuracy, "accuracy_se": float(wilson_se(round(accuracy * n), n))}
-                on_chip = {} if chip is None else {"hardware": chip}
-                rows.append({**row, **read_out, **error, **on_chip, "task": task})
-    return pandas.DataFrame(rows)
+    def share(drawing: Draws) -> pandas.Series:
+        return pandas.Series(front_share(among, goals, drawing, by), among.index)
+
+    if not names & {*ACCURACIES} or (names & {*DRAWN} and all("hardware" in x for x in frames)):
+        columns["front_share"] = share(
+            pricing.draws(paths, frames, hardware, [name for name, _ in goals], n_draws)
+        )
+    if names & {*ACCURACIES}:
+        try:
+            columns["front_probability"] = share(draws(paths, frames, hardware, goals, n_draws))
+        except StoreError as error:  # studies of earlier versions lack answers to single recordings
+            notes.append(f"no front_probability: {error}")
+    return columns, notes
 
 
 def _resampled(record: RunRecord, index: Ints, right: Bools, n_draws: int) -> Floats:
@@ -319,9 +280,11 @@ def _scale(rows: pandas.DataFrame, name: str) -> Floats:
     return np.where(np.isfinite(ratio), np.clip(ratio, 0.5, 4.0), 1.0)
 
 
-def _right(folder: Path, record: RunRecord, rows: pandas.DataFrame) -> tuple[Ints, Bools]:
+def right_answers(
+    folder: Path, record: RunRecord, rows: pandas.DataFrame, answers: str = "response.npz"
+) -> tuple[Ints, Bools]:
     """Return the recordings that a run was validated on, (n,), and which it answers right, (n, row)."""
-    path = store.run_folder(folder, record.trial, record.repeat) / "response.npz"
+    path = store.run_folder(folder, record.trial, record.repeat) / answers
     arrays = store.load_arrays(path, _ANSWERS)
     right = np.zeros((len(arrays["index"]), len(rows)), dtype=bool)
     tasks = rows["task"].to_numpy(object) if record.heads else np.full(len(rows), "", object)

@@ -1,4 +1,4 @@
-"""The results of a study that runs or has finished: tables, records, skyline and pick."""
+"""The results of a study that runs or has finished: tables and records."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from dse import registry, store
-from dse.study import pricing
+from dse.study import held, pricing
 from dse.study.record import load_records, plain_records
 
 if TYPE_CHECKING:
@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from dse.hardware.profile import Profile
     from dse.preprocessing.stages import Stages
     from dse.records import Array, Dataset
-    from dse.skyline.front import Skyline
     from dse.skyline.goals import Goal
-    from dse.skyline.pick import Pick
+
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C, where PyYAML has it: ten times as fast
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Study:
     @property
     def trials(self) -> pandas.DataFrame:
         """One row per trial (`dse.study.trials`)."""
-        return _table(self.folder / "trials.parquet")
+        return held.without_lost(self.folder, held.read(self.folder / held.TRIALS))
 
     def load_plugins(self) -> None:
         """Load those plugins of the search space that the user trusts already (`dse.registry.load_trusted`).
@@ -65,7 +66,10 @@ class Study:
             hardware: names or files of profiles to price the points on; empty: the profiles of the study.
             repeats: numbers are means over a design's runs, or those of its 'last' or 'worst' run alone.
         """
-        table = pricing.points(self.folder, hardware) if hardware else _table(self.folder / "points.parquet")
+        if hardware:
+            table = pricing.points(self.folder, hardware)
+        else:
+            table = held.without_lost(self.folder, held.read(self.folder / held.POINTS))
         if repeats == "mean":
             return table
         from dse.study.repeats import over_repeats
@@ -169,25 +173,6 @@ class Study:
 
         return record.read(self.folder / record.FILE)
 
-    def skyline(
-        self,
-        objectives: Sequence[tuple[str, str]] | None = None,
-        where: str | None = None,
-        by: str | None = None,
-    ) -> Skyline:
-        """Return the non-dominated points; objectives None: those of the search space."""
-        from dse.skyline.front import skyline
-
-        return skyline(self.points(), objectives or self.objectives, where, by)
-
-    def pick(self, budgets: Sequence[str], maximise: str = "accuracy") -> Pick:
-        """Return the best point within the budgets, or the nearest ones (`dse.skyline.pick`)."""
-        from dse.skyline.pick import pick
-
-        points = self.points()
-        ties = [goal for goal in self.objectives if goal.column != maximise and goal.column in points]
-        return pick(points, budgets, maximise, ties)
-
 
 def open(folder: str | Path) -> Study:
     """Return the study in a folder.
@@ -196,7 +181,7 @@ def open(folder: str | Path) -> Study:
         StoreError: there is none, or nothing has finished yet.
     """
     path = Path(folder)
-    for name in ("search_space.yaml", "trials.parquet", "points.parquet"):
+    for name in ("search_space.yaml", held.TRIALS, held.POINTS):
         if not (path / name).is_file():
             raise store.StoreError(f"{path}: is not the folder of a study with results: there is no {name}")
     study = Study(path)
@@ -211,21 +196,9 @@ def plain_space(path: Path) -> dict[str, Any]:
         StoreError: it is missing or damaged.
     """
     try:
-        space = yaml.safe_load(store.read_sealed_text(path))
+        space = yaml.load(store.read_sealed_text(path), _LOADER)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise store.damaged(path, f"cannot be read: {' '.join(str(error).split())}") from error
     if not isinstance(space, dict) or not space:
         raise store.damaged(path, "is no search space")
     return space
-
-
-def _table(path: Path) -> pandas.DataFrame:
-    import pandas
-
-    store.verify(path)
-    try:
-        return pandas.read_parquet(path)
-    except OSError as error:
-        raise store.unreadable(path, error) from error
-    except Exception as error:  # Arrow raises errors of many kinds
-        raise store.damaged(path, f"cannot be read: {str(error).splitlines()[0]}") from error

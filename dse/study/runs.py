@@ -35,7 +35,7 @@ from dse.study import checkpoints, jobs, precision
 from dse.study.executors.work import Failure
 from dse.study.journal import Entry
 from dse.study.progress import Progress
-from dse.study.record import RunRecord, load_record
+from dse.study.record import RunRecord, is_stopped, load_record
 from dse.study.workers import Workers
 
 Job = TypeVar("Job")
@@ -100,6 +100,7 @@ class Runs:
         self._work: dict[tuple[int, int], float] = {}  # of planned runs: estimated seconds of training
         self._untrained: dict[tuple[int, int], str] = {}  # why the machine could not train a run
         self._paused: dict[tuple[int, int, int], RunRecord] = {}  # runs at rungs: trial, repeat, epochs
+        self._going_on: set[int] = set()  # trials that train to their ends although racing stopped them
 
     def of(self, trial: int) -> list[RunRecord]:
         """Return the records of a trial's finished runs, repeat 0 first."""
@@ -115,7 +116,9 @@ class Runs:
         return sum(repeats is None or repeat < repeats for repeat in runs)
 
     def _has(self, trial: int, repeat: int) -> bool:
-        return repeat in self._records.get(trial, {})
+        """Return whether a run has ended."""
+        record = self._records.get(trial, {}).get(repeat)
+        return record is not None and (record.stopped_at_epoch is None or trial not in self._going_on)
 
     def train_s(self) -> float:
         """Return the seconds that all finished runs took to train, those taken over left out."""
@@ -188,21 +191,20 @@ class Runs:
                 return None
         return [self._paused[trial, repeat, epochs] for repeat in range(repeats)]
 
-    def stop(self, trial: int, records: Sequence[RunRecord], epochs: int, reason: str) -> None:
-        """Record that racing stops the runs of a trial at a rung; checkpoints stay, for an audit."""
-        for record in records:
-            stopped = dataclasses.replace(record, numbers=None, stopped_at_epoch=epochs, reason=reason)
-            folder = store.run_folder(self._folder, trial, record.repeat)
-            store.save_run(folder, stopped.to_plain(), {})
-            self._keep(stopped)
+    def stop(self, trial: int, repeats: int, epochs: int, reason: str) -> None:
+        """Record that racing stops the runs of a trial at a rung; their checkpoints stay, for an audit."""
+        for repeat in range(repeats):
+            if not self._has(trial, repeat) and self._is_paused(trial, repeat, epochs):
+                at_rung = self._paused[trial, repeat, epochs]
+                stopped = dataclasses.replace(at_rung, numbers=None, stopped_at_epoch=epochs, reason=reason)
+                store.save_run(store.run_folder(self._folder, trial, repeat), stopped.to_plain(), {})
+                self._keep(stopped)
 
-    def train_on(self, trial: int) -> None:
-        """Forget that racing stopped a trial: its runs are missing again."""
-        for repeat, record in list(self._records.get(trial, {}).items()):
-            if record.stopped_at_epoch is not None:
-                store.remove(store.run_folder(self._folder, trial, repeat))
-                del self._records[trial][repeat]
-                self._progress.expect(1)
+    def train_on(self, trials: Iterable[int]) -> None:
+        """Let trials train to their ends that racing stopped; each keeps its record until it has another."""
+        self._going_on = set(trials)
+        records = (record for trial in self._going_on for record in self.of(trial))
+        self._progress.expect(sum(record.stopped_at_epoch is not None for record in records))
 
     def complete(
         self,
@@ -380,6 +382,9 @@ class Runs:
         for run in runs:
             demand = jobs.demand(run, load(run.data), execution.threads)
             epochs = max(checkpoints.folders(self._folder, run.trial, run.repeat), default=0)
+            if until is not None and epochs > until:  # what the run was at the rung is lost
+                checkpoints.remove(self._folder, run.trial, run.repeat)
+                epochs = 0
             # Runs at one epoch may train together.
             share = ((until or run.sections.training.epochs) - epochs) / run.sections.training.epochs
             demand = dataclasses.replace(demand, key=(demand.key, epochs), cost=demand.cost * share)
@@ -415,7 +420,7 @@ class Runs:
         _stop_if_blameless(why)
         unfinished = []
         for run in runs:
-            if run.folder.is_dir():  # the worker died after publishing it
+            if run.folder.is_dir() and not is_stopped(run.folder):  # the worker died after publishing it
                 self._settle(run, None)
             elif not self._has(run.trial, run.repeat) and not self._is_paused(run.trial, run.repeat, until):
                 unfinished.append(run)
@@ -467,7 +472,8 @@ class Runs:
             details=why.details,
             needs_bytes=needs_bytes,
         )
-        store.save_run(store.run_folder(self._folder, number, repeat), record.to_plain(), {})
+        folder = store.run_folder(self._folder, number, repeat)
+        store.save_run(folder, record.to_plain(), {}, replaces=is_stopped(folder))
         checkpoints.remove(self._folder, number, repeat)
         self._keep(record)
 
@@ -644,13 +650,7 @@ class Runs:
 
     def _known_warnings(self) -> list[str]:
         """Return the warnings that are stored; they are collected anew in place of a damaged file."""
-        path = self._folder / store.WARNINGS
-        try:
-            known = store.read_json(path) if path.exists() else []
-        except Damaged as error:
-            self._progress.note(f"{error}; it is written anew")
-            store.remove(path)
-            return []
+        known = store.read_or_remove(self._folder / store.WARNINGS, self._progress.note)
         return known if isinstance(known, list) else []
 
     def remark(self, sentences: Sequence[str], prefix: str) -> None:

@@ -5,6 +5,7 @@ A run may be writing the folder, so this module only reads: it writes, repairs a
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,8 @@ import numpy as np
 from dse.config import ConfigError, load_space
 from dse.figures.progress import Progress, gather_progress
 from dse.records import Floats
-from dse.store import StoreError, read_json, read_record, run_folder, verify
+from dse.skyline.admissible import COST
+from dse.store import RECORD, StoreError, read_json, read_record, run_folder, runs_in, verify
 from dse.study.fronts import GROUPS, fronts
 from dse.study.journal import Entry, read_journal, seconds
 from dse.study.record import STOPPED
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 
 ENDED_EARLY = ("failed", STOPPED)
 
-_OF_POINTS = ("trial", *GROUPS, "fits", "transductive", "weight_bits", "pruned_after")
+_OF_POINTS = ("trial", *GROUPS, "fits", COST, "transductive", "weight_bits", "pruned_after")
 _CLOCKS_S = 60.0  # a file system's clock may be ahead by this
 
 _Runs = dict[int, dict[int, float]]  # trial -> repeat -> when it ended, in seconds since 1970
@@ -184,26 +186,12 @@ def _search(study: Study) -> _Search:
 def _written(folder: Path) -> _Runs:
     """Return trial -> repeat -> time of the record, for every run in the folder."""
     written: _Runs = {}
-    for trial, at in _numbered(folder / "artefacts", ""):
-        runs = {}
-        for repeat, path in _numbered(at, "repeat_"):
-            try:
-                runs[repeat] = os.stat(f"{path}/record.json").st_mtime
-            except OSError:  # it is being removed
-                continue
-        if runs:
-            written[trial] = dict(sorted(runs.items()))
-    return dict(sorted(written.items()))
-
-
-def _numbered(folder: Path | str, prefix: str) -> list[tuple[int, str]]:
-    """Return (number, path) of the entries of a folder whose names are a prefix and a number."""
-    try:
-        names = os.listdir(folder)
-    except OSError:
-        return []
-    of = {name: name.removeprefix(prefix) for name in names if name.startswith(prefix)}
-    return [(int(n), f"{folder}/{name}") for name, n in of.items() if n.isascii() and n.isdigit()]
+    for trial, repeats in runs_in(folder).items():
+        for repeat in repeats:
+            with contextlib.suppress(OSError):  # it is being removed
+                at = os.stat(run_folder(folder, trial, repeat) / RECORD).st_mtime
+                written.setdefault(trial, {})[repeat] = at
+    return written
 
 
 def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:

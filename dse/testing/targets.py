@@ -84,7 +84,7 @@ def _check_run(target: Target, bundle: Bundle, reference: Reference, folder: Pat
 
 def _expect_verdict(name: str, verdict: Verdict, reference: Reference) -> None:
     kind = verdict.kind
-    allowed = ("faithful", "approximate", "not verified")
+    allowed = ("faithful", "equivalent", "approximate", "not verified")
     expect(kind in allowed, f"{name}.verify must return one of {', '.join(allowed)}, got {kind!r}")
     expect(bool(verdict.reason) == (kind != "faithful"), f"{name}: every verdict but faithful has a reason")
     expect("\n" not in verdict.reason, f"{name}: a reason must be one sentence")
@@ -92,6 +92,7 @@ def _expect_verdict(name: str, verdict: Verdict, reference: Reference) -> None:
     expect(kind != "faithful" or not differs, f"{name} must not be faithful where something differs")
     n = 0 if kind == "not verified" else reference.n_recordings
     expect(verdict.n_recordings == n, f"{name} must answer {n} recordings, got {verdict.n_recordings}")
+    expect(kind == "not verified" or verdict.run_by, f"{name}.verify must say in run_by what ran the files")
     for column, value in verdict.figures.items():
         expect(np.isfinite(value), f"{name}: {column} must be a finite number, got {value}")
 

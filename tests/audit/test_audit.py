@@ -211,3 +211,25 @@ def test_one_class(tmp_path):
     result = audit(write(tmp_path, label=np.zeros(80)), tmp_path / "cache")
     assert result.rows == ()
     assert "material: training has one class, so that there is nothing to tell apart" in result.notes
+
+
+@pytest.mark.parametrize(
+    ("encoder", "advice"),
+    [
+        ("{kind: receptors}", "window.remove_mean: true or"),
+        ("{kind: send_on_delta, thresholds: [1]}", "drops it already"),
+    ],
+)
+def test_run_and_audit_read_the_resting_level_alike(encoder, advice, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = SPACE.replace("{kind: send_on_delta, thresholds: {choice: [[1], [1, 2]]}}", encoder)
+    write(tmp_path, level=8, text=text)
+    assert main(["audit", "felt.yaml", "--json"]) == 0
+    rows = {row["probe"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
+    assert main(["run", "felt.yaml", "--quiet", "--json"]) == 0
+    (note,) = (x for x in json.loads(capsys.readouterr().out)["notes"] if x.startswith("resting level"))
+    assert f"with accuracy {rows['resting level']['accuracy']:.3f} on validation" in note
+    assert advice in note
+    verdict = rows["resting level"]["verdict"]
+    assert verdict.startswith("the resting level of the signals explains 100 %")
+    assert ("(0 % of the spike counts follow it)" in verdict) == ("already" in advice)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +85,7 @@ def test_check_lists_faults_in_both_forms(tmp_path: Path, capsys: Captured) -> N
     assert plain.out == ""
     assert plain.err.splitlines() == [
         f"{path}:2: seed must be an integer, got 'x'",
-        f"{path}:15: training.epochs must be >= 1, got 0",
+        f"{path}:15: training.epochs must be in [1, 1000000], got 0",
     ]
     assert main(["check", str(path), "--json"]) == 2
     rows = document(capsys.readouterr().out)["rows"]
@@ -174,6 +176,21 @@ def test_run_reports_when_nothing_could_be_trained(
     assert "1 of 1 designs failed; the first: the loss is NaN in epoch 1" in found["notes"]
 
 
+@pytest.mark.parametrize("module", ["dse.config", "dse.cli.commands.check"])
+def test_ctrl_c_before_a_command_begins_is_130_without_traceback(module: str) -> None:
+    code = (
+        "import signal, sys\n"
+        "def look(event, arguments):\n"
+        f"    if event == 'import' and arguments[0] == {module!r}: signal.raise_signal(signal.SIGINT)\n"
+        "sys.addaudithook(look)\n"
+        "from dse.cli import main\n"
+        "sys.exit(main(['--version']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.returncode == 130
+    assert "Traceback" not in done.stderr and done.stdout == ""
+
+
 def test_ctrl_c_is_130(tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
@@ -182,7 +199,10 @@ def test_ctrl_c_is_130(tmp_path: Path, capsys: Captured, monkeypatch: pytest.Mon
     assert main(["run", str(write_space(tmp_path))]) == 130
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err == "stopped; finished trials are kept, and the same command resumes the study\n"
+    assert captured.err.splitlines() == [
+        "the tables hold 0 of 6 trials",
+        "stopped; finished trials are kept, and the same command resumes the study",
+    ]
 
 
 def test_a_bug_is_not_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,9 +231,12 @@ def test_jobs_must_be_a_number(tmp_path: Path, capsys: Captured, jobs: str) -> N
 def test_skyline_of_a_table(table: Path, capsys: Captured) -> None:
     arguments = ["skyline", str(table), "--objectives", "accuracy:max,n_weights:min"]
     assert main([*arguments, "--json"]) == 0
-    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [3, 1, 0]
+    rows = document(capsys.readouterr().out)["rows"]
+    assert [(row["task"], row["trial"]) for row in rows] == [("a", 1), ("a", 0), ("b", 3), ("b", 2)]
     assert main([*arguments, "--json", "--by", "task"]) == 0
-    assert {row["trial"] for row in document(capsys.readouterr().out)["rows"]} == {0, 1, 2, 3}
+    assert document(capsys.readouterr().out)["rows"] == rows
+    assert main([*arguments, "--json", "--where", "task == 'b'"]) == 0
+    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [3, 2]
     assert main([*arguments, "--json", "--where", "n_weights <= 100 and model.hidden > 4"]) == 0
     assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
     twice = ["--where", "n_weights <= 100 or model.hidden > 4", "--where", "model.hidden > 4"]
@@ -225,19 +248,21 @@ def test_skyline_formats(table: Path, capfdbinary: pytest.CaptureFixture[bytes])
     arguments = ["skyline", str(table), "--objectives", "accuracy:max,n_weights:min", "--format"]
     assert main([*arguments, "csv"]) == 0
     frame = pd.read_csv(io.BytesIO(capfdbinary.readouterr().out))
-    assert frame["trial"].tolist() == [3, 1, 0]
+    assert frame["trial"].tolist() == [1, 0, 3, 2]
     assert frame.columns.tolist() == ["trial", "task", "model.hidden", "accuracy", "n_weights"]
     assert main([*arguments, "parquet"]) == 0
     assert pd.read_parquet(io.BytesIO(capfdbinary.readouterr().out)).equals(frame)
     assert main([*arguments, "table"]) == 0
-    assert capfdbinary.readouterr().out.decode().split("\n")[0].split() == [
-        "trial", "task", "model.hidden", "accuracy", "n_weights"
-    ]  # fmt: skip
+    lines = [line.split() for line in capfdbinary.readouterr().out.decode().splitlines()]
+    assert lines[0] == ["trial", "model.hidden", "accuracy", "n_weights"]
+    assert (lines[1], lines[4]) == (["a"], ["b"]) and lines[5] == ["3", "32", "0.95", "320"]
 
 
-def test_without_a_terminal_the_default_is_csv(table: Path, capsys: Captured) -> None:
+def test_without_a_terminal_the_default_is_csv_of_the_columns_that_a_terminal_shows(
+    table: Path, capsys: Captured
+) -> None:
     assert main(["skyline", str(table), "--objectives", "accuracy:max"]) == 0
-    assert capsys.readouterr().out == "trial,task,model.hidden,accuracy,n_weights\n3,b,32,0.95,320\n"
+    assert capsys.readouterr().out == "trial,task,model.hidden,accuracy\n1,a,8,0.9\n3,b,32,0.95\n"
 
 
 def test_skyline_of_several_tables_and_of_a_study(results: Path, table: Path, capsys: Captured) -> None:
@@ -294,7 +319,7 @@ def test_pick_says_when_it_went_across_tasks(table: Path, capsys: Captured) -> N
 def test_pick_says_when_it_went_across_hardware(tmp_path: Path, capsys: Captured) -> None:
     (tmp_path / "x.csv").write_text("accuracy,energy_uj,hardware\n0.9,40,chip\n0.9,0.1,counted\n")
     assert main(["pick", str(tmp_path / "x.csv"), "--budget", "energy_uj <= 50", "--json"]) == 0
-    (note,) = document(capsys.readouterr().out)["notes"]
+    *_, note = document(capsys.readouterr().out)["notes"]
     assert note == (
         "this is the best over the hardware profiles chip, counted; "
         "restrict it to one with --budget \"hardware == 'chip'\""
@@ -306,7 +331,7 @@ def test_pick_without_a_feasible_design_names_the_nearest(table: Path, capsys: C
     found = document(capsys.readouterr().out)
     assert found["rows"][0]["trial"] == 0
     assert found["rows"][0]["missed n_weights<=30"] == 10
-    assert found["notes"][0] == "no design point meets every budget; the nearest are shown"
+    assert found["notes"][0] == "no design point meets n_weights<=30"
     assert main(["pick", str(table), "--budget", "n_weights<=30", "--format", "table"]) == 3
     assert "missed n_weights<=30" in capsys.readouterr().out
 

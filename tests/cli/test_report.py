@@ -21,7 +21,7 @@ from tests.spaces import write_space
 Captured = pytest.CaptureFixture[str]
 COLUMNS = [
     *("system", "figure", "task", "published", "ours", "se", "test", "runs", "family", "trial", "design"),
-    *("split", "study", "hardware", "low", "high"),
+    *("split", "study", "hardware", "low", "high", "corrected", "corrected_low", "corrected_high"),
 ]
 
 

@@ -328,7 +328,7 @@ def test_overrides(tmp_path: Path) -> None:
 def test_faults_of_overrides_come_last_and_name_the_key(tmp_path: Path) -> None:
     path = write_space(tmp_path, ("epochs: 1", "epochs: 0"))
     faults = faults_of(path, {"model.hidden": "none", "modell.hidden": "3", "seed": "[1"})
-    assert faults[0] == "15: training.epochs must be >= 1, got 0"
+    assert faults[0] == "15: training.epochs must be in [1, 1000000], got 0"
     assert sorted(fault.split(":")[0] for fault in faults[1:]) == [
         "--set model.hidden", "--set modell.hidden", "--set seed"
     ]  # fmt: skip
@@ -340,7 +340,7 @@ def test_data_faults_are_listed_with_the_others(tmp_path: Path) -> None:
     )
     faults = faults_of(path, check_data=True)
     assert faults[0].startswith("7: ") and "repetitoin" in faults[0]
-    assert faults[1] == "15: training.epochs must be >= 1, got 0"
+    assert faults[1] == "15: training.epochs must be in [1, 1000000], got 0"
 
 
 def test_a_number_at_fault_does_not_hide_a_wrong_array_name(tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def test_a_bundle_whose_targets_were_run_is_shown_and_sent(
     (tmp_path / "c99").mkdir()
     (tmp_path / "c99" / "dse.c").write_text("int x;\n")
     targets = {
-        "c99": Verdict("faithful", n_recordings=18),
+        "c99": Verdict("faithful", n_recordings=18, run_by=("gcc 12.2.0",)),
         "nir": Verdict("approximate", "leaks round", 18, 0.25, 0.5, 3),
         "xylo": Verdict("unsupported", "it needs neurons of kind xylo_lif"),
     }
@@ -111,7 +111,7 @@ def test_a_bundle_whose_targets_were_run_is_shown_and_sent(
         body = ask(server, query())[2]
         others = ask(server, query(point=4))[2]
     assert details["targets"] == [
-        {"point": 3, "text": "c99: faithful on 18 recordings"},
+        {"point": 3, "text": "c99: faithful (gcc 12.2.0) on 18 recordings"},
         {"point": 3, "text": "nir: approximate on 18 recordings, 25 % of decisions differ (leaks round)"},
         {"point": 3, "text": "xylo: unsupported (it needs neurons of kind xylo_lif)"},
     ]

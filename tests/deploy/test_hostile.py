@@ -153,7 +153,10 @@ DOCUMENTS = {
     "input of a kind": (document(input__kind="smells"), "key 'input.kind' must be one of samples, spikes"),
     "targets a list": (document(targets=[]), "key 'targets' must be a mapping"),
     "target outside": (document(targets={"../x": {}}), "targets/arrays"),
-    "verdict by hand": (document(targets__arrays__kind="perfect"), "must be one of faithful, approximate"),
+    "verdict by hand": (
+        document(targets__arrays__kind="perfect"),
+        "must be one of faithful, equivalent, approximate",
+    ),
     "verdict endless": (document(targets__arrays__figures={"ram_bytes": float("inf")}), "must be a number"),
     "verdict short": (document(targets__arrays__reason=None), "key 'targets.arrays.reason' is missing"),
 }

@@ -16,7 +16,7 @@ from dse.cli import main
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError, sealed
 from dse.deploy.verdict import Verdict
-from dse.deploy.verify import export_targets, verify
+from dse.deploy.verify import Verified, export_targets, verify
 from dse.recordings import RecordingError
 from dse.records import Parameters
 from dse.testing.targets import small_bundle, small_recordings
@@ -67,7 +67,7 @@ def test_targets_are_written_run_and_stamped(folder: Path, touch: Path) -> None:
     assert set(content(folder)) == {*before, "targets/arrays/network.npz"}
     assert content(folder)["weights.npz"] == before["weights.npz"]
     readme = (folder / "README.md").read_text()
-    assert "**faithful**; all decisions and spikes of 5 recordings (touch.npz)" in readme
+    assert "**faithful (numpy)**; all decisions and spikes of 5 recordings (touch.npz)" in readme
     assert "`dse verify THIS_FOLDER --data RECORDINGS`" in readme and "targets/arrays/network.npz" in readme
 
 
@@ -154,6 +154,7 @@ def test_verifying_repeats_the_run_and_changes_nothing(folder: Path, touch: Path
         "faithful",
         5,
     )
+    assert (row["run_by"], row["output_f1"]) == ("numpy", 1)
     assert row["flash_bytes"] > 0 and printed["schema"] == "dse/verify/1" and printed["notes"] == []
     assert content(folder) == before
 
@@ -182,6 +183,34 @@ def test_files_that_are_not_those_of_the_weights_are_named_and_not_run(
     [row] = json.loads(capsys.readouterr().out)["rows"]
     assert (row["verdict"], row["before"]) == ("not verified", "faithful")
     assert row["reason"].startswith("network.npz is not what dse ") and "`dse export`" in row["reason"]
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "drifts"),
+    [
+        ("faithful", "faithful", False),
+        ("faithful", "equivalent", True),
+        ("equivalent", "faithful", False),
+        ("equivalent", "equivalent", False),
+        ("equivalent", "approximate", True),
+        ("faithful", "unsupported", True),
+        ("equivalent", "not verified", False),
+        ("approximate", "unsupported", False),
+    ],
+)
+def test_less_than_before_is_drift(before: Any, now: Any, drifts: bool) -> None:
+    assert Verified(Verdict(now), Verdict(before)).drifts is drifts
+    assert not Verified(Verdict(now), None).drifts
+
+
+def test_bundles_without_the_newer_words_are_read(folder: Path, touch: Path) -> None:
+    export_targets(folder, ["arrays"], touch)
+    document = json.loads((folder / "bundle.json").read_text())
+    for name in ("run_by", "output_f1"):
+        del document["targets"]["arrays"][name]
+    (folder / "bundle.json").write_text(json.dumps(sealed(document)))
+    verdict = bundle.read(folder).targets["arrays"]
+    assert (verdict.kind, verdict.run_by, verdict.output_f1) == ("faithful", (), None)
 
 
 def test_what_cannot_be_run_here_is_exit_code_2(folder: Path, touch: Path, capsys: Captured) -> None:

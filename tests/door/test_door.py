@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import dse
-from dse.door.study import NothingFeasible
+from dse.door.choice import NothingFeasible
 from dse.skyline.constraints import ExpressionError
 
 SPACE: dict[str, Any] = {

@@ -46,7 +46,7 @@ from dse.recordings.events import EventFile
 from dse.recordings.raster import RasterFile
 from dse.records import Array
 from dse.registry import known
-from dse.study import doctor, explore, lines, workers
+from dse.study import doctor, explore, lines, tables, workers
 from dse.study.journal import read_journal
 from dse.study.ledger import Ledger
 from dse.study.results import Study
@@ -196,7 +196,7 @@ def record_of(folder: Path) -> Kind:
         for read in (
             lambda: opened.trials, opened.points, lambda: opened.warnings, lambda: opened.runs(0),
             lambda: opened.arrays(0, "read_out.npz"), lambda: doctor.examine(study),
-            lambda: doctor.write_tables(study), opened.points,
+            lambda: tables.write_again(study), opened.points,
         ):  # fmt: skip
             try:
                 read()

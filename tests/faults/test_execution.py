@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib.util
 import os
 import platform
@@ -13,7 +14,8 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
@@ -24,9 +26,11 @@ import pytest
 from dse.cli import main
 from dse.study import results
 from dse.study import workers as study_workers
+from dse.study.executors import Executor
+from dse.study.executors.work import Failure
 from dse.study.results import Study
 from tests import tiny_study
-from tests.in_process import Forked, InProcess
+from tests.in_process import Forked, InProcess, Post
 from tests.study import test_crash
 from tests.study.test_crash import assert_same, finished_runs
 from tests.waiting import PATIENCE_S, until
@@ -134,12 +138,14 @@ def test_killed_at_moments_spread_over_a_study(
         assert set(results.open(folder / "results" / "tiny").trials["status"]) == {"finished"}
 
 
-def command(folder: Path, more_kib: int | None, cache: str) -> None:
+def command(
+    folder: Path, more_kib: int | None, cache: str, executor: Callable[[int], Executor] = InProcess
+) -> None:
     """Run the study of a folder as the command line does, with little more memory than there is now."""
     os.environ["DSE_CACHE"] = cache
     os.dup2(os.open(folder / "told", os.O_WRONLY | os.O_CREAT), 2)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored where the tests run under nohup
-    study_workers.Loky = InProcess  # type: ignore[assignment, misc]
+    study_workers.Loky = executor  # type: ignore[assignment, misc]
     tiny_study.register()
     if more_kib is not None:
         pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -148,9 +154,11 @@ def command(folder: Path, more_kib: int | None, cache: str) -> None:
     sys.exit(main(arguments))
 
 
-def start_command(folder: Path, more_kib: int | None = None) -> ForkServerProcess:
+def start_command(
+    folder: Path, more_kib: int | None = None, executor: Callable[[int], Executor] = InProcess
+) -> ForkServerProcess:
     test_crash.CHILDREN.set_forkserver_preload([__name__, *test_crash.LAZY])
-    arguments = folder, more_kib, os.environ["DSE_CACHE"]
+    arguments = folder, more_kib, os.environ["DSE_CACHE"], executor
     process = test_crash.CHILDREN.Process(target=command, args=arguments, daemon=True)
     process.start()
     return process
@@ -228,6 +236,42 @@ def test_a_signal_ends_a_run_with_its_tables(
     told = (tmp_path / "told").read_text()
     assert (process.exitcode, told.startswith(f"stopped by {number.name}; finished trials")) == (code, True)
     assert len(pd.read_parquet(tmp_path / "results" / "tiny" / "trials.parquet")) >= 1
+    tried["a signal"] += 1
+
+
+@dataclass
+class Dying:
+    """Signals its process as it is deleted, where Python swallows exceptions."""
+
+    number: signal.Signals
+
+    def __del__(self) -> None:
+        os.kill(os.getpid(), self.number)
+        for _ in range(100):  # here the signal is handled
+            pass
+
+
+@dataclass
+class Swallowing(InProcess):
+    """Is signalled in each task, which waits for that."""
+
+    number: signal.Signals = signal.SIGTERM
+
+    def _performed(self, task: bytes, post: Post) -> list[bytes] | Failure:
+        Dying(self.number)
+        until(lambda: False, "the signal to come again")
+        raise AssertionError
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_that_python_swallows_comes_again(
+    tmp_path: Path, number: signal.Signals, code: int, tried: Counter[str]
+) -> None:
+    tiny_study.make_space(tmp_path, execution={"jobs": 1})
+    process = start_command(tmp_path, executor=functools.partial(Swallowing, number=number))
+    process.join(PATIENCE_S)
+    told = (tmp_path / "told").read_text()
+    assert (process.exitcode, "Exception ignored" in told) == (code, False), told
     tried["a signal"] += 1
 
 

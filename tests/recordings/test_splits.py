@@ -208,7 +208,7 @@ def test_a_test_set_by_column_is_the_same_in_all_folds():
         _, _, test = fold(f, columns, codes, k=2, test={"force": 3}, group="plate")
         assert test.tolist() == np.flatnonzero(columns["force"] == 3).tolist()
     with pytest.raises(
-        RecordingError, match=r"split\.k_fold: group '0' is both in the test set and in the folds"
+        RecordingError, match=r"split\.k_fold: group '0' is both in the test set and outside of it"
     ):
         fold(0, {**columns, "plate": np.zeros(24, int)}, codes, k=2, test={"force": 3}, group="plate")
     with pytest.raises(RecordingError, match=r"split\.k_fold\.test: column 'force' has no value 7"):

@@ -86,6 +86,11 @@ def test_a_split_spreads_the_runs_evenly() -> None:
     assert [len(c) for c in plan(alike(4, memory_bytes=30), BUDGET, 2, 1e9)] == [2, 2]
 
 
+def test_work_that_costs_less_than_none_is_no_plan() -> None:
+    with pytest.raises(AssertionError):  # makespans of such work are never near enough
+        plan([*alike(2, cost=-0.5)], BUDGET, 1, 1e9)
+
+
 def test_a_run_that_no_worker_can_hold_is_refused() -> None:
     with pytest.raises(ValueError, match="run 1 needs 101 bytes, but a worker has 100"):
         plan([Demand("a", 90, 10, 1.0), Demand("a", 90, 11, 1.0)], BUDGET, 1, 1e9)

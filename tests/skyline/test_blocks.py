@@ -31,6 +31,8 @@ def table(n, rng):
             "family": rng.choice(["a", "b"], n),
             "hardware": rng.choice(["x", "y"], n),
             "fits": pd.array(rng.choice([True, False, None], n, p=[0.2, 0.5, 0.3]), dtype="boolean"),
+            "task": rng.choice(["s", "t"], n),
+            "energy_uj_high": rng.choice([4.0, np.nan], n, p=[0.7, 0.3]),
             "transductive": pd.array(rng.choice([True, False], n, p=[0.2, 0.8]), dtype="boolean"),
         }
     )

@@ -66,7 +66,7 @@ def test_conditions_select_rows(expression, rows):
         ("abs(energy_uj) < 2", "must be a column, a number"),
         ("__import__('os').system('true') == 0", "must be a column, a number"),
         ("energy_uj.__class__ == 0", "unknown column 'energy_uj.__class__'"),
-        ("energy < 2", "unknown column 'energy'; known: .* Did you mean 'energy_uj'"),
+        ("energy < 2", "unknown column 'energy'. Did you mean 'energy_uj'. Known: "),
         ("energy_uj < None", "'None' must be a column"),
         ("energy_uj is 5", "may only use =="),
         ("energy_uj in 5", "must be followed by a list"),

@@ -165,3 +165,30 @@ def test_hypervolume_rejects_what_has_no_volume():
         pareto.hypervolume([[0, 0]], [1, 1, 1])
     with pytest.raises(ValueError, match="reference must be 2 finite numbers"):
         pareto.hypervolume([[0, 0]], [1, np.inf])
+
+
+@given(st.integers(0, 2**31), st.integers(1, 25), st.integers(1, 8))
+def test_the_most_telling_points_are_the_best_then_those_that_add_most(seed: int, n: int, most: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, group = rng.integers(0, 9, (n, 2)) / 8 - 0.5, rng.integers(0, 3, n)
+    found = pareto.most_telling(points, group, most).tolist()
+    assert len(found) == min(n, most) and len(set(found)) == len(found)
+    unit = points.copy()
+    for number in set(group):
+        here = points[group == number]
+        unit[group == number] = (here - here.min(axis=0)) / np.where(
+            np.ptp(here, axis=0), np.ptp(here, axis=0), 1
+        )
+
+    def volume(chosen: list[int]) -> float:
+        return sum(
+            pareto.hypervolume(unit[[i for i in chosen if group[i] == k]], [1, 1])
+            for k in {group[i] for i in chosen}
+        )
+
+    n_groups = len(set(group.tolist()))
+    for i in found[:n_groups]:
+        assert points[i, 0] == points[group == group[i], 0].min()
+    for k in range(min(n_groups, most), len(found)):
+        others = [volume([*found[:k], i]) for i in range(n) if i not in found[:k]]
+        assert volume(found[: k + 1]) == pytest.approx(max(others))

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -6,7 +8,7 @@ from hypothesis import strategies as st
 
 from dse.skyline.constraints import ExpressionError
 from dse.skyline.front import Draws
-from dse.skyline.pick import Pick, contestants, optimism, pick, sure_pick
+from dse.skyline.pick import Pick, pick, sure_pick, ties
 from tests.skyline.tables import (
     DRAWN,
     GOALS,
@@ -23,9 +25,12 @@ from tests.skyline.tables import (
 
 def test_pick_is_the_most_accurate_within_the_budgets():
     found = pick(POINTS, ["energy_uj <= 50 and n_weights <= 150000"])
-    assert found.row.name == 2  # as accurate as row 1, with less of the first budget
+    assert found.row.name == 2  # as accurate as row 1, with less energy
     assert found.nearest.empty
-    assert found.notes == ["row 4 excluded: accuracy is NaN"]
+    assert found.notes == [
+        "row 4 excluded: accuracy is NaN",
+        "2 design points have the same accuracy; the best energy_uj decides",
+    ]
 
 
 def test_ties_go_to_what_was_asked_for_then_to_the_first_row():
@@ -45,13 +50,28 @@ def test_ties_in_every_goal_go_to_less_latency_then_energy_then_weights():
     found = pick(frame, [])
     assert found.row.name == 2
     assert found.notes == [
-        "3 design points tie in accuracy; least latency_ms, then energy_uj, then n_weights decides"
+        "3 design points have the same accuracy; the best latency_ms, then energy_uj decides"
     ]
-    assert pick(frame, [], tie_breaks=[("energy_uj", "min")]).row.name == 0  # the study's goals come first
-    assert pick(frame, ["energy_uj <= 3.5"]).row.name == 0  # and then the budgets
+    assert pick(frame, ["energy_uj <= 3.5"]).row.name == 2  # a budget is met or not, and decides nothing
+    assert pick(frame, [], tie_breaks=[("energy_uj", "min")]).row.name == 0  # objectives come first
     decided = frame.rename(columns={"latency_ms": "decision_latency_ms"}).assign(latency_ms=np.nan)
     assert pick(decided, []).row.name == 2  # a chip that cannot say how long it takes
-    assert contestants(frame, []).index.tolist() == [2, 1, 0, 3]
+
+
+def test_ties_of_objectives_go_to_what_is_maximised_then_to_the_least_costly() -> None:
+    frame = table(
+        accuracy=[0.9] * 4,
+        accuracy_shifted=[0.7, 0.8, 0.8, 0.8],
+        n_weights=[1, 2, 3, 3],
+        energy_uj=[1.0, 3.0, 2.0, 2.0],
+        latency_ms=[1.0, 1.0, 9.0, 8.0],
+    )
+    objectives = [("n_weights", "min"), ("energy_uj", "min"), ("accuracy_shifted", "max")]
+    for order in itertools.permutations(objectives):  # a search space lists them in any order
+        assert [goal.column for goal in ties(frame, "accuracy", order)] == [
+            *("accuracy_shifted", "energy_uj", "n_weights", "latency_ms")
+        ]
+        assert pick(frame, [], tie_breaks=order).row.name == 3
 
 
 def test_a_row_that_lacks_a_tie_break_can_still_be_picked():
@@ -92,7 +112,7 @@ def test_conditions_that_are_no_budget_are_never_relaxed():
     nobody = pick(POINTS, ["task == 'joint'"])
     assert nobody.row is None
     assert nobody.nearest.empty
-    assert nobody.notes == ["no row meets task == 'joint'"]
+    assert nobody.notes == ["no row meets task == 'joint'; task is texture or speed"]
 
 
 def test_strict_limits_are_not_met_by_equality():
@@ -184,19 +204,6 @@ def test_a_sure_pick_meets_all_budgets_at_once() -> None:
     neither = picked(0.75, [])
     assert neither.row is None and neither.nearest["trial"].tolist() == [0]
     assert neither.notes == ["no design meets all budgets at once in more than 50% of the samples"]
-
-
-def test_optimism_is_what_the_choice_adds() -> None:
-    errors = np.array([[0.1, -0.1], [-0.1, 0.1], [0.0, 0.0]])
-    assert optimism(np.array([0.5, 0.5]), errors) == pytest.approx(0.2 / 3)
-    assert optimism(np.array([0.9, 0.5]), errors) == pytest.approx(0.0)
-    assert optimism(np.array([0.5]), errors[:, :1]) == pytest.approx(0.0)
-
-
-def test_contestants_are_the_rows_within_the_budgets_best_first() -> None:
-    frame = pd.DataFrame({"trial": [0, 1, 2], "accuracy": [0.5, 0.9, 0.7], "energy_uj": [1.0, 9.0, 2.0]})
-    assert contestants(frame, ["energy_uj <= 5"])["trial"].tolist() == [2, 0]
-    assert contestants(frame, ["energy_uj <= 0"]).empty
 
 
 def test_when_no_design_is_sure_it_is_said() -> None:

@@ -7,14 +7,32 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
+from typing_extensions import TypeAliasType
 
 from dse import store
 from dse.records import Answers, Array, Floats, Layer, Network, Operations, Parameters, Response, Workload
 from tests.layers import cuba_parameters
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+NDArray = TypeAliasType("NDArray", np.ndarray[tuple[Any, ...], np.dtype[Scalar]], type_params=(Scalar,))
+"""As NumPy 2.5 defines it."""
+
+
+@dataclass(frozen=True)
+class Aliased:
+    weight: NDArray[np.floating[Any]]
+    delay: NDArray[Any] | None = None
+
+
+def test_an_array_by_the_alias_of_numpy_2_5_survives_the_disk() -> None:
+    arrays = store.record_arrays(Aliased(np.ones(3)))
+    assert set(arrays) == {"weight"}
+    found = store.record_of(Aliased, arrays)
+    assert found.weight.tolist() == [1, 1, 1] and found.delay is None
 
 
 def test_arrays_that_are_no_archive_are_named(tmp_path: Path) -> None:

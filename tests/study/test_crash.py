@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import multiprocessing
 import os
 import random
@@ -163,6 +164,25 @@ def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(tmp_path: Path, whole
     assert tiny_study.run_folder(str(folder)) == 0
     assert stopped.items() <= finished_runs(folder).items()
     assert_same(folder, whole)
+
+
+def test_semaphores_of_a_killed_group_are_removed_by_the_next_run(tmp_path: Path) -> None:
+    tiny_study.write_recordings(tmp_path / "tiny.npz")
+    model = {**tiny_study.plain()["model"], "gate": str(tmp_path / "gate"), "hidden": [4]}
+    tiny_study.make_space(tmp_path, model=model, execution={"jobs": 1})
+    code = f"import sys; from tests.tiny_study import run_folder; sys.exit(run_folder({str(tmp_path)!r}))"
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, start_new_session=True)
+    name = f"/dev/shm/sem.loky-{process.pid}-"
+    results_folder = tmp_path / "results" / "tiny"
+    until(lambda: process.poll() is not None or glob.glob(f"{name}*"), "semaphores")
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    if not glob.glob(f"{name}*"):
+        pytest.skip("this system keeps them elsewhere, or removes them")
+    (tmp_path / "gate").touch()
+    assert tiny_study.run_folder(str(tmp_path)) == 0
+    assert results.open(results_folder).trials["status"].eq("finished").all()
+    assert not glob.glob(f"{name}*")
 
 
 def test_a_full_disk_while_data_are_prepared(

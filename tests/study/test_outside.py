@@ -71,7 +71,7 @@ def test_designs_are_asked_for_told_and_on_the_front(
     assert read_journal(folder / "journal.log")[1].values == (0.9, 20.0, 0.5)
     points = study.points()
     assert points[points["trial"] == 1]["origin"].tolist() == ["told"]
-    assert 1 in set(study.skyline().rows["trial"])
+    assert 1 in set(dse.open(study.folder).skyline().rows["trial"])
     assert (study.trials.set_index("trial")["repeats"] == 2).sum() >= 1, "others are repeated"
     best = ["pick", str(folder), "--budget", "n_weights <= 20"]
     assert "trial 1 was measured elsewhere" in dse(*best, "--export", str(tmp_path / "bundle"), code=2)

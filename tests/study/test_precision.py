@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import dse
 from dse import store
 from dse.config import load_space
 from dse.measure.run import measure
@@ -255,7 +256,7 @@ def test_a_study_evaluates_its_front_and_goes_on_where_it_was_stopped(
     plain = load_space(write_space(tmp_path, SMALL))
     found = explore.run(plain, tmp_path, progress=False)
     assert stored(found.folder) == {}, "a file without the section"
-    front = set(found.skyline().rows["trial"])
+    front = set(dse.open(found.folder).skyline().rows["trial"])
 
     space = load_space(write_space(tmp_path, SMALL, PRECISION))  # no other study: nothing is trained for it
     evaluate, count = precision.evaluate, 0

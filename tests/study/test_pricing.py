@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import dse
 from dse import store
 from dse.cli import main
 from dse.hardware.profile import load
@@ -78,7 +79,7 @@ def test_a_copy_of_an_older_profile_is_one_line_and_is_repaired(
     stored = folder / "hardware" / "loihi1_silicon.yaml"
     lines = load("loihi1_silicon").text.replace("static_mw:", "rest_mw:").replace("value: 104.0", "value: 9")
     store.write_sealed_text(stored, lines)
-    assert main(["skyline", str(folder)]) == 2
+    assert main(["skyline", str(folder), "--draws", "9"]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith(f"{stored}: another version of dse wrote this profile (static_mw is required")
     assert "dse doctor" in line and main(["doctor", str(folder), "--repair"]) == 0
@@ -133,7 +134,7 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
     none = answered(
         capsys, "pick", str(results), "--budget", "energy_uj <= 1e-9", "--confidence", "0.5", code=3
     )
-    assert none["notes"][0].startswith("no design point meets every budget in 50% of the samples")
+    assert none["notes"][0] == "no design point meets energy_uj <= 1e-9 in 50% of the samples"
     assert all(row["missed energy_uj<=1e-09"] > 0 for row in none["rows"])
 
 
@@ -151,7 +152,7 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
         ),
         (["pick", "FOLDER", "--confidence", "1.5"], "must be a number > 0 and <= 1, got '1.5'"),
         (["pick", "FOLDER", "--confidence", "sure"], "must be a number > 0 and <= 1, got 'sure'"),
-        (["skyline", "FOLDER", "--draws", "9", "--objectives", "accuracy:max"], "nothing to sample"),
+        (["skyline", "FOLDER", "--draws", "9", "--objectives", "n_weights:min"], "nothing to sample"),
         (
             ["skyline", "TABLE", "--hardware", "loihi1_silicon", "--objectives", "accuracy:max"],
             "--hardware needs the folder of a study",
@@ -203,7 +204,7 @@ def test_battery_life_of_a_study_s_designs(results: Path, capsys: Captured) -> N
 def test_battery_life_that_is_not_known(results: Path, capsys: Captured) -> None:
     notes = answered(
         capsys,
-        *("skyline", str(results), "--contacts-per-hour", "60", "--hardware", "odin"),
+        *("skyline", str(results), "--contacts-per-hour", "60", "--hardware", "odin", "--oversize"),
         *("--objectives", "accuracy:max,power_mw:min"),
     )["notes"]
     assert any("power_mw is NaN" in note for note in notes), "nobody published what it draws when idle"
@@ -215,7 +216,7 @@ def test_single_answers_of_a_run_average_to_the_accuracies_of_its_points(results
     points = open_study(results).points()
     for trial, rows in points.groupby("trial"):
         [record] = load_records(results, int(str(trial)))
-        index, right = resampling._right(results, record, rows)
+        index, right = resampling.right_answers(results, record, rows)
         assert len(index) == record.samples["validation"]
         np.testing.assert_allclose(right.mean(axis=0), rows["accuracy"].to_numpy())
 
@@ -223,15 +224,28 @@ def test_single_answers_of_a_run_average_to_the_accuracies_of_its_points(results
 def test_probabilities_of_the_front_and_the_corrected_accuracy_are_printed(
     results: Path, capsys: Captured
 ) -> None:
-    rows = answered(capsys, "skyline", str(results))["rows"]
+    rows = answered(capsys, "skyline", str(results), "--draws", "200")["rows"]
     assert all(0 <= row["front_probability"] <= 1 for row in rows)
     assert len({row["front_probability"] for row in rows}) > 1
-    assert answered(capsys, "skyline", str(results))["rows"] == rows
+    plain = answered(capsys, "skyline", str(results))["rows"]
+    added = ("front_share", "front_probability")  # drawn only if that is asked for
+    assert plain == [{name: x for name, x in row.items() if name not in added} for row in rows]
+    share = max(row["front_probability"] for row in rows)
+    likely = [row for row in rows if row["front_probability"] >= share]
+    assert 0 < len(likely) < len(rows)
+    for asked in (
+        ("--confidence", f"{share}"),
+        ("--where", f"front_probability >= {share} and accuracy >= 0"),
+    ):
+        assert answered(capsys, "skyline", str(results), *asked)["rows"] == likely
+    study = dse.open(results)
+    for drawn, options in ((plain, {}), (rows, {"draws": 200}), (likely, {"confidence": share})):
+        assert list(study.skyline(**options).rows) == list(drawn[0]), "the columns of the command line"
+        assert len(study.skyline(**options).rows) == len(drawn)
     picked = answered(capsys, "pick", str(results))
     [row] = picked["rows"]
-    assert row["accuracy_corrected"] < row["accuracy"]
-    note = next(note for note in picked["notes"] if "corrected for that choice" in note)
-    assert f"{row['accuracy']:.3f}" in note and f"{row['accuracy_corrected']:.3f}" in note
+    low, value, high = (row[f"accuracy_corrected{end}"] for end in ("_low", "", "_high"))
+    assert 0 <= low < value <= row["accuracy"] and value < high <= 1
     [sure] = answered(capsys, "pick", str(results), "--confidence", "0.5", "--budget", "energy_uj <= 1e9")[
         "rows"
     ]
@@ -244,7 +258,8 @@ def test_a_study_without_its_answers_says_why_there_are_no_probabilities(
     shutil.copytree(results, tmp_path / "copy")
     for path in (tmp_path / "copy").rglob("response.npz"):
         path.unlink()
-    document = answered(capsys, "skyline", str(tmp_path / "copy"))
+    asked = ("--draws", "9", "--objectives", "accuracy:max,n_weights:min")
+    document = answered(capsys, "skyline", str(tmp_path / "copy"), *asked)
     assert any(note.startswith("no front_probability: ") for note in document["notes"])
     assert "front_probability" not in document["rows"][0]
 

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import optuna
+import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
 from dse import store
 from dse.cli.command_line import main
-from dse.door.choice import choose
-from dse.study import explore, resampling
+from dse.study import explore
 from dse.study.journal import read_journal
 from dse.study.racing import sentences
 from dse.study.results import Study
@@ -114,36 +116,6 @@ def test_an_audit_trains_stopped_designs_on_and_says_what_was_lost(raced: Study)
     assert lost == "racing: of 2 stopped designs, drawn at random and trained on, none is on the front"
 
 
-def test_a_pick_is_corrected_for_stopped_designs_too(raced: Study) -> None:
-    table = raced.trials
-    rows = resampling.stopped_rows(raced.folder, table, ["loihi1_silicon"]).set_index("trial")
-    stopped = table[table["status"] == "stopped"].set_index("trial")
-    assert list(rows.index) == list(stopped.index) and set(rows["hardware"]) == {"loihi1_silicon"}
-    for trial, row in stopped.iterrows():
-        epochs = int(row["stopped_at_epoch"])
-        gains = [
-            run["columns"]["accuracy"] - run["rungs"][str(epochs)]["columns"]["accuracy"]
-            for ended in table["trial"][table["status"] == "finished"]
-            for run in raced.runs(int(ended))
-            if str(epochs) in run["rungs"]
-        ]
-        expected = min(1.0, row["accuracy_when_stopped"] + np.mean(gains))
-        assert rows["accuracy"][trial] == pytest.approx(expected)
-    choice = choose(raced.folder)
-    assert choice.row is not None and choice.row["accuracy_corrected"] < choice.row["accuracy"]
-    n = (table["status"] == "finished").sum()
-    assert any(f"points of {n} designs and {len(stopped)} that racing stopped; " in x for x in choice.notes)
-    [tight] = [x for x in choose(raced.folder, ["n_weights <= 56"]).notes if "corrected" in x]
-    within = (stopped["model.hidden"].astype(int) == 8).sum()  # neurons of 7 weights
-    assert f"and {within} that racing stopped" in tight
-    points = raced.points().sort_values("accuracy", ascending=False)
-    as_good = rows.reset_index().assign(accuracy=points["accuracy"].max())
-    plain, beside = (
-        resampling.optimism_of(raced.folder, points, "accuracy", 100, more) for more in (None, as_good)
-    )
-    assert beside > plain
-
-
 def test_the_journal_is_optunas_with_intermediate_values(raced: Study) -> None:
     path = str(raced.folder / "journal.log")
     storage = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(path))
@@ -178,6 +150,53 @@ def test_who_stops_depends_neither_on_workers_nor_on_interruptions(
         with pytest.raises(KeyboardInterrupt):
             explore.run(space, tmp_path / "results", progress=False)
     assert_same(explore.run(space, tmp_path / "results", progress=False), raced)
+
+
+def test_tables_are_written_while_an_audit_goes_on(
+    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a clock on which more than a minute passes between any two looks at it."""
+    minutes = itertools.count()
+    monkeypatch.setattr(Workers, "stream", in_process)
+    monkeypatch.setattr("dse.study.explore.time.monotonic", lambda: 100.0 * next(minutes))
+    ended: list[str] = []
+    written = explore.tables.trials_table
+
+    def noted(*arguments: Any) -> pd.DataFrame:
+        table = written(*arguments)
+        ended.append("".join(table["status"].str[0]))
+        return table
+
+    monkeypatch.setattr(explore.tables, "trials_table", noted)
+    assert_same(explore.run(space_of(tmp_path), tmp_path / "results", progress=False), raced)
+    n_finished = [one.count("f") for one in ended if len(one) == 24]
+    assert n_finished[-3:] == [5, 6, 6] and all(set(one) <= {"f", "s"} for one in ended)
+
+
+@pytest.mark.parametrize("name", ["00000.json", "audit.json"])
+@pytest.mark.parametrize("n_ends", [27, 35, None])
+def test_a_damaged_file_of_a_race_is_written_anew(
+    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, n_ends: int | None
+) -> None:
+    monkeypatch.setattr(Workers, "stream", in_process)
+    space, left = space_of(tmp_path), n_ends or 0
+
+    def interrupted(_: object) -> None:
+        nonlocal left
+        left -= 1
+        if not left:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
+        patch.setattr(explore._Tables, "refresh", interrupted)
+        explore.run(space, tmp_path / "results", progress=False)
+    path = tmp_path / "results" / "tiny" / "racing" / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("{}")
+    study = explore.run(space, tmp_path / "results", progress=False)
+    for one, other in ((study.trials, raced.trials), (study.points(), raced.points())):
+        assert_frame_equal(one.drop(columns="train_s"), other.drop(columns="train_s"), check_exact=True)
+    assert sentences(study.folder) == sentences(raced.folder)
 
 
 def test_a_batch_competes_with_those_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

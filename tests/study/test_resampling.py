@@ -6,8 +6,7 @@ import pytest
 
 from dse.skyline.front import Draws, front_share
 from dse.skyline.pareto import non_dominated
-from dse.skyline.pick import optimism
-from dse.skyline.posterior import posterior_samples
+from dse.skyline.posterior import expected, posterior_samples
 from dse.study import resampling
 
 GOALS = [("accuracy", "max"), ("n_weights", "min"), ("latency_ms", "min")]
@@ -51,7 +50,7 @@ class Population:
         def records(folder, trial):
             return [SimpleNamespace(told=False, trial=trial, repeat=repeat) for repeat in range(self.repeats)]
 
-        monkeypatch.setattr(resampling, "_right", right)
+        monkeypatch.setattr(resampling, "right_answers", right)
         monkeypatch.setattr(resampling, "load_records", records)
         return resampling.errors("", self.rows, n_draws)
 
@@ -96,11 +95,12 @@ def test_stated_probabilities_of_the_front_are_true_as_often(populations):
 
 def test_the_corrected_accuracy_of_the_best_is_the_true_one_on_average(populations):
     gained, corrected_by = [], []
-    for population, errors in populations:
+    for population, _ in populations:
         measured = population.rows["accuracy"].to_numpy()
+        n = np.full(len(measured), population.right[0, ..., 0].size)  # answers of a trial
         best = measured.argmax()
         gained.append(measured[best] - population.truth[best])
-        corrected_by.append(optimism(measured, errors))
+        corrected_by.append(measured[best] - expected(measured, n, np.ones(len(measured)))[best])
     assert np.mean(corrected_by) == pytest.approx(
         np.mean(gained), abs=2.5 * np.std(gained) / np.sqrt(len(gained))
     )

@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
+import dse
 from dse import store
 from dse.config import ConfigError, load_space
 from dse.dataset import load
@@ -578,7 +579,7 @@ def test_real_networks_do_not_depend_on_cohorts(tmp_path: Path, monkeypatch: pyt
 def test_front_designs_are_repeated_and_averaged(tmp_path: Path) -> None:
     space = make_space(tmp_path, search={"sampler": "grid", "repeats": 1, "repeats_on_front": 3})
     found = explore.run(space, tmp_path / "results", progress=False)
-    front = set(found.skyline().rows["trial"])
+    front = set(dse.open(found.folder).skyline().rows["trial"])
     repeats = found.trials.set_index("trial")["repeats"]
     assert set(repeats[sorted(front)]) == {3}
     assert set(repeats) <= {1, 3}
@@ -727,10 +728,10 @@ def test_two_processes_cannot_run_one_study(copied: Path) -> None:
 
 
 def test_skyline_and_pick_answer_from_the_points(finished: Study) -> None:
-    front = finished.skyline().rows
+    front = dse.open(finished.folder).skyline().rows
     assert len(front) and set(front.columns) == set(finished.points().columns)
-    best = finished.pick(["n_weights <= 60"])
+    best = dse.open(finished.folder).pick(["n_weights <= 60"])
     assert best.row is not None
     points = finished.points()
     assert best.row["accuracy"] == points[points["n_weights"] <= 60]["accuracy"].max()
-    assert finished.pick(["n_weights <= 1"]).row is None
+    assert dse.open(finished.folder).pick(["n_weights <= 1"]).row is None

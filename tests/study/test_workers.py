@@ -6,16 +6,18 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from joblib.externals.loky.process_executor import _ExecutorManagerThread
 
 from dse import registry
 from dse.study.executors import loky
-from dse.study.executors.work import THREADS, Failure
+from dse.study.executors.work import THREADS, Failure, pack
 from dse.study.workers import Workers
 from tests.waiting import PATIENCE_S, until
 
@@ -182,6 +184,29 @@ def test_ctrl_c_while_a_task_is_submitted_leaves_no_worker(
     with pytest.raises(KeyboardInterrupt), Workers(1) as workers:
         list(workers.map(announce, [str(place)]))
     assert _gone(int(place.read_text()))
+
+
+def test_a_stop_before_a_worker_takes_its_task_ends_without_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    wait, is_late = _ExecutorManagerThread.wait_result_broken_or_wakeup, threading.Event()
+
+    def waited(self: Any) -> Any:
+        arrived = wait(self)
+        if is_late.is_set():
+            until(lambda: self.executor_flags.shutdown, "the workers to be stopped")
+        return arrived
+
+    errors: list[threading.ExceptHookArgs] = []
+    monkeypatch.setattr(_ExecutorManagerThread, "wait_result_broken_or_wakeup", waited)
+    monkeypatch.setattr(threading, "excepthook", errors.append)
+    executor = loky.Loky(1)
+    task = pack(0, environment, [])
+    handle = executor.submit(task, list, list)
+    until(handle.done, "the first task")
+    executor.result(handle)
+    is_late.set()
+    executor.submit(task, list, list)
+    executor.close()
+    assert errors == []
 
 
 def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ class Claims(Arrays):
     """It never runs what it wrote."""
 
     def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
-        return compare(reference, reference)  # type: ignore[arg-type]
+        return compare(reference, reference, run_by=["nothing"])  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,14 @@ class Endless(Arrays):
 
 
 @dataclass(frozen=True)
+class Nameless(Arrays):
+    """Nobody knows what ran it."""
+
+    def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
+        return replace(super().verify(bundle, folder, reference), run_by=())
+
+
+@dataclass(frozen=True)
 class Silent(Arrays):
     """It declares what it never says."""
 
@@ -107,6 +115,7 @@ class Silent(Arrays):
         (Claims(), "Claims.verify must run the files: other weights are faithful"),
         (Untidy(), "Untidy.verify must not change the files"),
         (Boasts(), "Boasts: every verdict but faithful has a reason"),
+        (Nameless(), "Nameless.verify must say in run_by what ran the files"),
         (Endless(), "Endless: ram_bytes must be a finite number, got inf"),
     ],
 )

@@ -38,7 +38,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
             raise
         print(error, file=sys.stderr)
         return Answer([vars(fault) for fault in error.faults], code=_BAD_INPUT)
-    return Answer([row], text=listing([(name, _text(value)) for name, value in row.items()]))
+    doubts = row.pop("doubts", [])
+    assert isinstance(doubts, list)  # as `preview` has it
+    return Answer([row], doubts, text=listing([(name, _text(value)) for name, value in row.items()]))
 
 
 def _refuse(space: SearchSpace, arguments: argparse.Namespace) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from dse.cli.answer import Answer, add_format
 
 GROUP = "search"
-HELP = "say what is damaged in a study's folder and what it costs; repair what can be repaired"
+HELP = "say what is damaged or missing in a study's folder and what it costs; repair what can be repaired"
 _DAMAGED = 1
 
 
@@ -18,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repair",
         action="store_true",
-        help="drop damaged journal lines, runs and copies, and write tables again",
+        help="remove damaged runs, checkpoints and copies, or move them aside; write the journal and the "
+        "tables again. `dse run` trains what is missing then",
     )
     add_format(parser)
 
@@ -33,8 +34,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if not damages:
         return Answer([], text=f"{folder}: nothing is damaged")
     if not arguments.repair:
-        return Answer(rows, [f"`dse doctor {folder} --repair` repairs it"], all_rows=True, code=_DAMAGED)
-    left = repair(folder, damages)
-    notes = [f"{len(damages) - len(left)} of {len(damages)} repaired"]
-    notes += [f"not repaired: {file}" for file in left]
+        mended = any(x.repair is not None for x in damages)
+        left, notes = damages, [f"`dse doctor {folder} --repair` repairs what it can"] if mended else []
+    else:
+        left = repair(folder)
+        n_left = len({x.file for x in left} & {x.file for x in damages})
+        notes = [f"{len(damages) - n_left} of {len(damages)} repaired"]
+        notes += [f"not repaired: {x.file} {x.fault}; {x.remedy}" for x in left]
     return Answer(rows, notes, all_rows=True, code=_DAMAGED if left else 0)

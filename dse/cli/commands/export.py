@@ -15,6 +15,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bundle", metavar="BUNDLE", help="folder written by `dse pick --export`")
     add_targets(parser, required=True)
+    parser.add_argument(
+        "--prefix",
+        metavar="NAME_",
+        help="of the names and files in C, so that several classifiers live in one program: texture_ gives "
+        "texture_init and texture.h (default: that of the bundle, dse_ at first)",
+    )
     add_format(parser)
 
 
@@ -23,6 +29,6 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.cli import verdicts
     from dse.deploy.verify import export_targets
 
-    verified = export_targets(arguments.bundle, arguments.target, arguments.verify)
+    verified = export_targets(arguments.bundle, arguments.target, arguments.verify, arguments.prefix)
     drifts = verdicts.drifts(verified)
     return Answer(verdicts.rows(verified), drifts, code=verdicts.DRIFT if drifts else 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -82,8 +83,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
             f"{out}: {row['designs']} designs, {seen.recordings.n_recordings} "
             f"recordings{f' ({parts})' if parts else ''}"
         ),
-        f"next: dse audit {out}",
-        f"      dse run {out}",
+        f"next: dse audit {shlex.quote(str(out))}",
+        f"      dse run {shlex.quote(str(out))}",
     ]
     text = "\n".join(listing([("-", sentence) for sentence in written.assumed]).splitlines() + ends)
     return Answer([row], list(written.assumed) if arguments.format == "json" else (), text=text)

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import TELLING, columns, records
 from dse.cli.numbers import draws, fraction
-from dse.cli.options import add_duty, add_hardware, add_repeats, add_targets
-
-if TYPE_CHECKING:
-    from dse.skyline.goals import Goal
+from dse.cli.options import add_question, add_targets, question_of
 
 GROUP = "choose"
 HELP = "pick the best design point that meets all budgets, and export it as a bundle"
@@ -32,11 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='condition that the pick must meet, e.g. "energy_uj<=50"; repeatable',
     )
     parser.add_argument(
-        "--maximise", default="accuracy", metavar="COLUMN", help="column to maximise (default: accuracy)"
+        "--maximise",
+        metavar="COLUMN",
+        help="column to maximise (default: the first objective that is maximised; of a table, accuracy)",
     )
-    add_hardware(parser)
-    add_duty(parser)
-    add_repeats(parser)
+    add_question(parser)
     parser.add_argument(
         "--confidence",
         type=fraction,
@@ -47,9 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--draws",
         type=draws,
-        default=200,
         metavar="N",
-        help="number of samples for --confidence and the corrected accuracy (default: 200)",
+        help="number of samples for --confidence (default: 200)",
     )
     parser.add_argument(
         "--export",
@@ -58,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "RESULTS/bundles, with the verdicts on their targets",
     )
     add_targets(parser)
-    add_format(parser)
+    add_format(parser, FORMATS)
 
 
 def answer(arguments: argparse.Namespace) -> Answer:
@@ -71,54 +66,25 @@ def answer(arguments: argparse.Namespace) -> Answer:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
     if arguments.verify and not (arguments.target and arguments.export):
         raise StoreError("--verify needs --target NAME, the target to run, and --export DIR, its folder")
-    choice = choose(
-        arguments.results,
-        arguments.budget,
-        arguments.maximise,
-        hardware=arguments.hardware,
-        confidence=arguments.confidence,
-        draws=arguments.draws,
-        contacts_per_hour=arguments.contacts_per_hour,
-        battery_mwh=arguments.battery_mwh,
-        targets=arguments.target,
-        repeats=arguments.repeats,
-    )
-    goals, notes = choice.goals, choice.notes
+    choice = choose(arguments.results, arguments.budget, arguments.maximise, question_of(arguments))
     if choice.row is None:
         missed = [str(name) for name in choice.nearest.columns if str(name).startswith("missed ")]
-        shown = [*columns(choice.nearest, goals), *missed]
-        essential = [name for name in ("trial", *(name for name, _ in goals), *missed) if name in shown]
+        shown = [*columns(choice.nearest, choice.goals), *missed]
+        essential = [
+            name for name in ("trial", *(name for name, _ in choice.goals), *missed) if name in shown
+        ]
         return Answer(
-            records(choice.nearest), notes, shown, essential, telling=TELLING, code=_NOTHING_FEASIBLE
+            records(choice.nearest), choice.notes, shown, essential, TELLING, code=_NOTHING_FEASIBLE
         )
-    row: dict[str, Any] = {str(name): value for name, value in choice.row.items()}
-    if arguments.export and row.get("origin") == "told":
-        text = f"trial {row['trial']} was measured elsewhere (`dse tell`): there is no network to export"
-        raise StoreError(f"{arguments.results}: {text}")
-    if arguments.export:
-        from dse.cli import verdicts
-        from dse.deploy.export import export
-        from dse.study.results import open as open_study
+    if not arguments.export:
+        return Answer([dict(choice)], choice.notes, list(choice.shown))
+    from dse.cli import verdicts
 
-        study = open_study(arguments.results)
-        bundle = export(study, row, arguments.export, choice.targets, arguments.verify)
-        notes = [*notes, f"bundle: {arguments.export}"]
-        if bundle.targets:
-            rows = [verdicts.row(name, verdict) for name, verdict in bundle.targets.items()]
-            return Answer([row], notes, _shown(row, goals), sections={"targets": Answer(rows)})
-    return Answer([row], notes, _shown(row, goals))
-
-
-def _shown(row: dict[str, Any], goals: list[Goal]) -> list[str]:
-    """Return the columns of one row that a table shows: the design and the objectives."""
-    import pandas
-
-    identity = ("trial", "family", "phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware")
-    axes = [
-        name for name, value in row.items() if "." in name and name != "model.kind" and pandas.notna(value)
-    ]
-    design = [name for name in row if name in identity or name in axes]
-    on_target = ("target", "ram_bytes", "table_bytes", "flash_bytes", "cycles")
-    optional = ("power_mw", "battery_h", "front_share", "confidence", *on_target)
-    measured = [name for goal, _ in goals for name in (goal, f"{goal}_corrected")]
-    return [name for name in dict.fromkeys([*design, *measured, *optional]) if name in row]
+    bundle = choice.export(arguments.export, recordings=arguments.verify)
+    rows = [verdicts.row(name, verdict) for name, verdict in bundle.targets.items()]
+    return Answer(
+        [dict(choice)],
+        [*choice.notes, f"bundle: {arguments.export}"],
+        list(choice.shown),
+        sections={"targets": Answer(rows)} if rows else {},
+    )

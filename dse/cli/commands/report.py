@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import FORMATS, Answer, add_format
+from dse.cli.answer import FORMATS, Answer, add_format, with_interval
 from dse.cli.audits import audit_answer
 
 if TYPE_CHECKING:
@@ -16,11 +16,11 @@ GROUP = "choose"
 HELP = "compare studies with published systems, spiking with other families, and chips with each other"
 _HONEST = ("shifted", "shifted_se", "unseen", "unseen_se")  # where a study evaluates them
 _SHOWN = (
-    *("system", "figure", "task", "published", "ours", "se", "low", "high", "test"),
+    *("system", "figure", "task", "published", "corrected", "ours", "se", "low", "high", "test"),
     *_HONEST,
     *("runs", "hardware", "family", "trial", "study"),
 )
-_ESSENTIAL = ("system", "figure", "published", "ours")
+_ESSENTIAL = ("system", "figure", "published", "corrected", "ours")
 _TELLING = ("task",)
 _PAPER = (
     *(
@@ -70,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return the rows of every named study, and of every study in a named folder."""
+    from dse.measure.on_chips import DRAWN
     from dse.report import report
     from dse.report.papers import systems
 
@@ -94,7 +95,14 @@ def answer(arguments: argparse.Namespace) -> Answer:
     shown = [name for name in _SHOWN if len(values[name]) > (name == "study")]
     audits = {f"audit of {name}": audit_answer(audit) for name, audit in gathered.audits.items()}
     notes = [*titles, *splits_of_rows, *gathered.notes]
-    return Answer(columns, notes, shown, _ESSENTIAL, _TELLING, code=code, all_rows=True, sections=audits)
+    essential = [name for name in _ESSENTIAL if name in shown]
+    table = [
+        with_interval(row, "ours", row["low"], row["high"]) if str(row["figure"]).endswith(DRAWN) else row
+        for row in columns  # the ends of a ratio stand beside it, whatever they are
+    ]
+    return Answer(
+        columns, notes, shown, essential, _TELLING, table, code=code, all_rows=True, sections=audits
+    )
 
 
 def _of_paper(studies: list[Study], arguments: argparse.Namespace) -> Answer:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import FORMATS, Answer, add_format
@@ -45,10 +47,15 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.study.health import faults
     from dse.study.racing import sentences
     from dse.study.runs import UNTRAINED
+    from dse.study.tables import n_held
 
-    with by_signals():
-        study = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
-    notes = [*study.warnings, _page(study)]
+    try:
+        with by_signals():
+            study = explore.run(space, arguments.results, jobs=arguments.jobs, progress=not arguments.quiet)
+    except KeyboardInterrupt:
+        print(n_held(space, Path(arguments.results) / space.study), file=sys.stderr)
+        raise
+    notes = [*study.warnings, n_held(space, Path(arguments.results) / space.study), _page(study)]
     failed = study.trials[study.trials["status"] == "failed"]
     trained = study.trials[study.trials["status"] != "excluded"]
     if len(excluded := study.trials[study.trials["status"] == "excluded"]):
@@ -60,15 +67,14 @@ def answer(arguments: argparse.Namespace) -> Answer:
     points = study.points()
     if points.empty:
         return Answer([], notes, code=_NOTHING_TRAINED)
-    # Neither costs on different chips nor accuracies on different tasks can be compared.
+    # Costs on different chips cannot be compared.
     if "hardware" in points and points["hardware"].nunique() > 1:
         first = points["hardware"].iloc[0]
         points = points[points["hardware"] == first]
         notes.append(
             f"costs are those on {first}; for another chip use dse skyline --where \"hardware == '...'\""
         )
-    has_tasks = points["task"].nunique() > 1
-    result = front(points, study.objectives, by="task" if has_tasks else None)
+    result = front(points, study.objectives)
     code = _NOT_ALL_TRAINED if any(note.startswith(UNTRAINED) for note in notes) else result.code
     return dataclasses.replace(result, notes=[*result.notes, *notes], code=code)
 

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 from dse.cli.answer import FORMATS, Answer, add_format
 from dse.cli.fronts import front_answer
 from dse.cli.numbers import draws, fraction
-from dse.cli.options import add_duty, add_hardware, add_repeats
+from dse.cli.options import add_question, question_of
 
 if TYPE_CHECKING:
     import pandas
 
+    from dse.door.question import Question
     from dse.skyline.goals import Goal
 
-_DRAWS = 200
 _IN_MEMORY = 4_000_000  # rows of a table that is read whole
 
 GROUP = "choose"
@@ -51,16 +51,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="compute one front per value of this column, e.g. task; separate several columns by commas. "
         "Costs on different hardware are never compared",
     )
-    add_hardware(parser)
-    add_duty(parser)
-    add_repeats(parser)
+    add_question(parser)
     parser.add_argument(
         "--draws",
         type=draws,
         metavar="N",
-        help="sample the chip's uncertain numbers N times; column front_share is the fraction of samples in "
-        "which a point stays non-dominated. Column front_probability, of studies, also varies recordings and "
-        f"seeds; N is the number of its samples too (default: {_DRAWS})",
+        help="sample N times what is uncertain: column front_share is the fraction of samples of the chip's "
+        "numbers in which a point stays non-dominated, column front_probability also varies recordings and "
+        "seeds (default: 200 if --confidence or a condition asks for them, else none)",
     )
     parser.add_argument(
         "--confidence",
@@ -76,33 +74,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return the front of all the tables together."""
-    from dse.door.front import front_of
+    from dse.door.front import ADDED, front_of
     from dse.skyline import blocks
+    from dse.study import corrected
 
-    conditions = arguments.where
-    where = conditions[0] if len(conditions) == 1 else " and ".join(f"({one})" for one in conditions) or None
-    by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
-    if (large := _large(arguments)) is not None:
-        objectives = objectives_of(arguments.objectives, arguments.results[0])
-        skyline = blocks.parquet_skyline(large, objectives, where, by)
-        return front_answer(skyline.rows, objectives, skyline.notes)
     objectives = objectives_of(arguments.objectives, arguments.results[0])
-    skyline, beside = front_of(
-        arguments.results,
-        objectives,
-        where,
-        by,
-        hardware=arguments.hardware,
-        contacts_per_hour=arguments.contacts_per_hour,
-        battery_mwh=arguments.battery_mwh,
-        draws=arguments.draws,
-        confidence=arguments.confidence,
-        repeats=arguments.repeats,
-    )
-    rows = skyline.rows
+    question = question_of(arguments)
+    by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
+    if (large := _large(arguments, question)) is not None:
+        rows, notes = blocks.parquet_skyline(large, objectives, arguments.where, by)
+        rows, lacking = corrected.known(rows, (name for name, _ in objectives))
+        notes = [*notes, *lacking]
+    else:
+        rows, notes = front_of(arguments.results, objectives, arguments.where, by, question)
+    beside = list(ADDED)
     if arguments.notes:
         rows, beside = _with_notes(rows, arguments.results), [*beside, "pinned", "note"]
-    return front_answer(rows, objectives, skyline.notes, beside)
+    return front_answer(rows, objectives, notes, beside)
 
 
 def _with_notes(rows: pandas.DataFrame, results: Sequence[str]) -> pandas.DataFrame:
@@ -114,22 +102,16 @@ def _with_notes(rows: pandas.DataFrame, results: Sequence[str]) -> pandas.DataFr
     return with_notes(rows, Path(results[0]))
 
 
-def _large(arguments: argparse.Namespace) -> Path | None:
+def _large(arguments: argparse.Namespace, question: Question) -> Path | None:
     """Return the file of a table that is too large for memory, if its front needs nothing but its columns."""
     import pyarrow.parquet
 
+    from dse.door.question import Question
+
     path = Path(arguments.results[0])
     file = path / "points.parquet" if path.is_dir() else path
-    others = (
-        arguments.hardware,
-        arguments.draws,
-        arguments.contacts_per_hour is not None,
-        arguments.battery_mwh,
-        arguments.confidence,
-        arguments.notes,
-        arguments.repeats != "mean",
-    )
-    if len(arguments.results) > 1 or any(others) or file.suffix != ".parquet" or not file.is_file():
+    asks = question != Question() or arguments.notes
+    if len(arguments.results) > 1 or asks or file.suffix != ".parquet" or not file.is_file():
         return None
     try:
         n_rows = pyarrow.parquet.read_metadata(file).num_rows

@@ -6,28 +6,24 @@ import numpy as np
 
 from dse.deploy.c.counting import Bayes, Classifier, CountingPlan, Extreme, Nearest, Perceptron, Units
 from dse.deploy.c.files import Code
-from dse.deploy.c.front_end import front_end, level_type
+from dse.deploy.c.front_end import floats, front_end, level_type, needs_double
 from dse.deploy.c.memory import Member, Table, front_end_members, struct_bytes
-from dse.deploy.c.text import filled, strings
-
-_NOT_FUSED = """\
-#ifdef __clang__
-#pragma STDC FP_CONTRACT OFF /* of gcc: -std=c99, or -ffp-contract=off */
-#endif
-
-"""
+from dse.deploy.c.text import filled
 
 
 def code(plan: CountingPlan) -> Code:
     """Return a classifier of counts as C."""
-    ram, constant = struct_bytes(members(plan)), sum(table.n_bytes for table in tables(plan))
+    variables, constants = members(plan), tables(plan)
+    ram, constant = struct_bytes(variables), sum(table.n_bytes for table in constants)
     return Code(
         frame=plan,
         source=_source(plan, ram, constant),
         n_outputs=0,
         steps_per_sample=1,
         ram_bytes=ram,
+        of_reals_bytes=struct_bytes(variables, of_reals=True),
         table_bytes=constant,
+        needs_double=needs_double(plan, [table.kind for table in constants]),
         what=f"A classifier of family {plan.family} on {plan.n_features} spike counts. "
         f"{_arithmetic(plan.classifier)}",
     )
@@ -56,7 +52,7 @@ def members(plan: CountingPlan) -> list[Member]:
         Member("uint32_t", "step", (), "steps since dse_reset()"),
         Member("uint32_t", "answered", (), "step of the answer"),
         Member("uint16_t", "window", (), "counting window"),
-        Member("int16_t", "label", (), "the answer"),
+        Member("int16_t", "answer", (), "the class + 1; 0: none so far"),
         Member("uint32_t", "spikes", (1, plan.channel_words), "input spikes, a bit per channel"),
         Member("uint8_t", "pushed", (), "whether there are any in this step"),
     ]
@@ -122,7 +118,7 @@ def _source(plan: CountingPlan, ram_bytes: int, table_bytes: int) -> str:
         table_bytes=table_bytes,
         family=plan.family,
         n_steps=plan.n_steps,
-        arithmetic="" if isinstance(plan.classifier, Nearest) else _NOT_FUSED,
+        floats=floats(plan, [table.kind for table in tables(plan)]),
         tables="\n".join(table.text for table in tables(plan)) + level_type(plan),
         members="".join(member.text for member in members(plan)),
         bound="" if plan.n_channels == 2**16 else f"channel >= {plan.n_channels}u || ",
@@ -135,7 +131,7 @@ def _source(plan: CountingPlan, ram_bytes: int, table_bytes: int) -> str:
         front_end=front_end(plan),
         n_features=plan.n_features,
         init=init,
-        names=strings(plan.classes),
+        names="NAMES",
         n_classes=len(plan.classes),
     )
 

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from dse.deploy.c.plan import Frame, SendOnDeltaPlan
-from dse.deploy.c.text import filled, real
+from dse.deploy.c.text import filled, real, strings
+from dse.deploy.prefix import DEFAULT, prefixed
+from dse.preprocessing import Pooling
 from dse.text import c_comment, markdown
 
 
@@ -17,10 +19,12 @@ class Code:
     """A classifier as C.
 
     frame: its input and answers.
-    source: the text of dse.c, but for its title.
+    source: the text of dse.c, but for its title and the names of classes.
     n_outputs: output neurons that are counted; 0: none.
     steps_per_sample: network steps per input step.
-    ram_bytes: static data. table_bytes: constant data of the classifier.
+    ram_bytes: static data; of_reals_bytes: where samples are real numbers.
+    table_bytes: constant data of the classifier.
+    needs_double: whether it computes in double, whatever samples are.
     what: what it is, and in which arithmetic, in a sentence.
     """
 
@@ -29,37 +33,42 @@ class Code:
     n_outputs: int
     steps_per_sample: int
     ram_bytes: int
+    of_reals_bytes: int
     table_bytes: int
+    needs_double: bool
     what: str
 
 
-def write(code: Code, folder: Path, title: str, version: str) -> None:
-    """Write the files of a classifier into an empty folder.
+def write(code: Code, folder: Path, title: str, version: str, prefix: str = DEFAULT) -> None:
+    """Write the files of a classifier into an empty folder; the same arguments give the same bytes.
 
     Args:
         code: what is written.
         folder: it is empty or missing.
         title: a line about the classifier.
         version: of dse.
+        prefix: of the names (`dse.deploy.prefix`).
     """
     heading, title = markdown(title), c_comment(title)
-    for place in ("src", "examples/touch"):
-        (folder / place).mkdir(parents=True)
-    project = "dse_touch"
+    names = strings(code.frame.classes)
     for name, text in (
-        ("src/dse.h", header(code, title)),
-        ("src/dse.c", code.source.replace("TITLE", title, 1)),
-        ("main.c", program(code.frame, title)),
-        ("CMakeLists.txt", filled("CMakeLists.txt", project=project)),
-        ("library.properties", filled("library.properties", project=project, version=version)),
-        ("examples/touch/touch.ino", filled(f"touch_{code.frame.front_end}.ino", title=title)),
-        ("README.md", readme(code, heading)),
+        ("src/dse.h", header(code)),
+        ("src/dse.c", code.source),
+        ("main.c", program(code.frame)),
+        ("CMakeLists.txt", _cmake(code, prefix)),
+        ("library.properties", _library(code, version)),
+        ("examples/touch/touch.ino", sketch(code.frame)),
+        ("README.md", readme(code)),
     ):
-        (folder / name).write_text(text, encoding="utf-8")
+        path = folder / prefixed(name, prefix)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # What the user has named keeps its letters.
+        text = prefixed(text, prefix).replace(_NAMES, names, 1)
+        path.write_text(text.replace(_TITLE, heading if name == "README.md" else title, 1), encoding="utf-8")
 
 
-def header(code: Code, title: str) -> str:
-    """Return dse.h."""
+def header(code: Code) -> str:
+    """Return dse.h; TITLE stands for the title, here and below."""
     plan = code.frame
     declaration, comment, defines, kept = {
         "samples": (
@@ -73,7 +82,7 @@ def header(code: Code, title: str) -> str:
     }[plan.front_end]
     text = filled(
         "dse.h",
-        title=title,
+        title=_TITLE,
         n_channels=plan.n_channels,
         n_classes=len(plan.classes),
         n_outputs=code.n_outputs,
@@ -88,25 +97,11 @@ def header(code: Code, title: str) -> str:
     return text.replace("dse_push(...);               dse_push_spike", "dse_push_spike")
 
 
-def program(plan: Frame, title: str) -> str:
+def program(plan: Frame) -> str:
     """Return main.c, which reads recordings from stdin."""
-    at = plan.window
-    onset = plan.onset_threshold
-    constants = [
-        f"#define WINDOW_AT_{at.upper()}",
-        f"#define ONSET {real(float(np.float32(onset)) if plan.front_end == 'samples' else float(onset))}",
-    ]
+    constants = [f"#define WINDOW_AT_{plan.window.upper()}", f"#define ONSET {_onset(plan)}"]
     if plan.pooling is not None:
-        x, y, columns, rows = plan.pooling.crop
-        constants += [
-            f"#define BIN_US {plan.pooling.bin_us}",
-            f"#define START_US {plan.pooling.start_us}",
-            f"#define END_US {min(plan.pooling.end_us, 2**62)}",
-            f"#define CROP_X {x}",
-            f"#define CROP_Y {y}",
-            f"#define CROP_COLUMNS {columns}",
-            f"#define CROP_ROWS {rows}",
-        ]
+        constants += [f"#define BIN_US {plan.pooling.bin_us}", *_crop(plan.pooling)]
         if plan.t0_us is not None:
             constants += [
                 "#ifndef RECORDED /* trials begin at 0; recordings with their first event */",
@@ -116,7 +111,7 @@ def program(plan: Frame, title: str) -> str:
             ]
     return filled(
         "main.c",
-        title=title,
+        title=_TITLE,
         rows=_ROWS[plan.front_end],
         constants="\n".join(constants),
         longest_line=_LONGEST_LINE[plan.front_end],
@@ -124,14 +119,70 @@ def program(plan: Frame, title: str) -> str:
     )
 
 
-def readme(code: Code, title: str) -> str:
+def sketch(plan: Frame) -> str:
+    """Return touch.ino: windows begin as in `dse.deploy.stream.Stream` as in training.
+
+    Of recordings that overlap in a stream, a board takes those that begin while none runs.
+    """
+    at_contact, cut, apart = plan.window == "contact_onset", plan.cut_steps or 0, plan.every_steps or 1
+    first = (cut - plan.n_steps) // 2 if cut and plan.window == "middle" else 0
+    constants = [
+        f"#define ONSET {_onset(plan) if at_contact else '0.0'}",
+        f"#define WINDOW_FIRST {first}u",
+        f"#define RECORDING {cut}u",
+        f"#define EVERY {-(-cut // apart) * apart}u",
+        *([] if plan.pooling is None else _crop(plan.pooling)),
+    ]
+    begins = "at each contact" if at_contact else f"at step {first}" if cut else "after each answer"
+    return filled(
+        f"touch_{plan.front_end}.ino",
+        title=_TITLE,
+        windows=f"Windows begin {begins}" + (f" of recordings of {cut} steps." if cut else "."),
+        constants="\n".join(constants),
+        window=filled("window.ino"),
+        contact=filled("contact.ino") if at_contact else "",
+        touches="touches()" if at_contact else "true",
+    )
+
+
+def _onset(plan: Frame) -> str:
+    """Return the number of events or spikes of a contact, or how far a sensor moves, in float32."""
+    threshold = plan.onset_threshold
+    return real(float(np.float32(threshold)) if plan.front_end == "samples" else float(threshold))
+
+
+def _crop(pools: Pooling) -> list[str]:
+    """Return the constants that say which events are looked at."""
+    values = (pools.start_us, min(pools.end_us, 2**62), *pools.crop)
+    names = ("START_US", "END_US", "CROP_X", "CROP_Y", "CROP_COLUMNS", "CROP_ROWS")
+    return [f"#define {name} {value}" for name, value in zip(names, values, strict=True)]
+
+
+def _cmake(code: Code, prefix: str) -> str:
+    """Return CMakeLists.txt; in a project of several classifiers it adds the library alone."""
+    library = prefix[:-1]
+    rounded = f"target_compile_options({library} PRIVATE -ffp-contract=off)"
+    if "FP_CONTRACT" in code.source:
+        rounded = f'if(CMAKE_C_COMPILER_ID MATCHES "GNU|Clang")\n    {rounded}\nendif()\n'
+    else:
+        rounded = ""
+    return filled("CMakeLists.txt", project=_PROJECT, library=library, rounded=rounded)
+
+
+def _library(code: Code, version: str) -> str:
+    """Return library.properties; the double of AVR has 32 bits."""
+    architectures = ",".join(_OF_64_BIT_DOUBLE) if code.needs_double else "*"
+    return filled("library.properties", project=_PROJECT, version=version, architectures=architectures)
+
+
+def readme(code: Code) -> str:
     """Return README.md of the folder."""
     plan = code.frame
     why = f"\nSpikes are pushed because {plan.no_front_end}.\n" if plan.no_front_end else ""
     if plan.encoder is not None:
         why = (
             "\nSamples are whole numbers; `-DDSE_REAL_SAMPLES` makes them `float`, and the encoder then "
-            "computes in `double`.\n"
+            f"computes in `double` and takes {code.of_reals_bytes} bytes of RAM.\n"
             if isinstance(plan.encoder, SendOnDeltaPlan) and plan.encoder.takes_whole
             else "\nSamples are whole numbers; `-DDSE_REAL_SAMPLES` makes them `float`. The encoder computes "
             "in `double`, the network in integers.\n"
@@ -151,7 +202,7 @@ def readme(code: Code, title: str) -> str:
     }[plan.window]
     return filled(
         "README.md",
-        title=title,
+        title=_TITLE,
         what=code.what,
         rows=_ROWS[plan.front_end],
         why=why,
@@ -160,9 +211,21 @@ def readme(code: Code, title: str) -> str:
         step_ms=real(plan.step_ms),
         ram_bytes=code.ram_bytes,
         table_bytes=code.table_bytes,
+        rounding=_ROUNDING if "FP_CONTRACT" in code.source else "",
     )
 
 
+_TITLE, _NAMES, _PROJECT = "TITLE", "NAMES", "dse_touch"
+_OF_64_BIT_DOUBLE = (
+    *("esp32", "esp8266", "mbed", "mbed_edge", "mbed_giga", "mbed_nano", "mbed_nicla", "mbed_opta"),
+    *("mbed_portenta", "mbed_rp2040", "nrf52", "renesas_portenta", "renesas_uno", "rp2040", "sam", "samd"),
+    *("stm32", "zephyr"),
+)
+"""Architectures of Arduino whose double has 64 bits."""
+_ROUNDING = """
+Products are rounded before they are added, as in training: `dse.c` tells gcc and clang so; other compilers
+need their option for it. Where it needs a `double` of 64 bits and finds one of 32, it does not compile.
+"""
 _ROWS = {
     "samples": "a row per sample: one number per sensor, separated by commas",
     "events": "a row per event: time in us, x, y, polarity (1 ON, 0 OFF)",
@@ -170,8 +233,9 @@ _ROWS = {
 }
 _LONGEST_LINE = {"samples": 65536, "events": 4096, "spikes": 262144}
 _PUSH_SAMPLES = """\
-/* One sample of every sensor: the spikes that it gives belong to this step. */
-void dse_push(const dse_sample_t *sample);
+/* One sample of every sensor: the spikes that it gives belong to this step. Returns 0, and does nothing, if a
+ * value is no finite number. */
+uint8_t dse_push(const dse_sample_t *sample);
 """
 _PUSH_EVENTS = """\
 /* Bins are counted from a time; without a call, from the first event. */

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from dse.deploy.c.plan import Frame, ReceptorsPlan, SendOnDeltaPlan, is_endless
 from dse.deploy.c.text import filled, real, wrapped
 from dse.encoders.receptors import KINDS
@@ -15,6 +17,69 @@ static double whole(double x)
     return x < 9007199254740992.0 ? (double)(int64_t)x : x;
 }
 """
+
+
+_NUMBERS = """\
+#ifdef DSE_REAL_SAMPLES
+/* Whether all samples are finite, told by their exponents: compilers may take every float for finite. */
+static uint8_t are_numbers(const dse_sample_t *sample)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } of;
+    uint32_t k;
+    for (k = 0; k < DSE_SENSORS; k++) {
+        of.value = sample[k];
+        if ((of.bits & 0x7F800000u) == 0x7F800000u) {
+            return 0;
+        }
+    }
+    return 1;
+}
+#endif
+
+"""
+_REFUSE = """\
+#ifdef DSE_REAL_SAMPLES
+    if (!are_numbers(sample)) {
+        return 0;
+    }
+#endif
+"""
+_ROUNDED = """\
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF /* every product is rounded, as by the engine */
+#elif defined(__GNUC__)
+#pragma GCC optimize ("fp-contract=off")
+#endif
+"""
+_WIDE = """\
+/* Levels and tables of 64 bits: where double has 32, as on AVR, this does not compile. */
+typedef char dse_needs_a_double_of_64_bits[sizeof(double) >= 8 ? 1 : -1];
+"""
+
+
+def needs_double(plan: Frame, kinds: Collection[str] = ()) -> bool:
+    """Return whether a source computes in double, whatever samples are.
+
+    Args:
+        plan: says what the encoder computes in.
+        kinds: types of the classifier's tables.
+    """
+    encoder = plan.encoder
+    always = isinstance(encoder, ReceptorsPlan) or (encoder is not None and not encoder.takes_whole)
+    return always or "double" in kinds
+
+
+def floats(plan: Frame, kinds: Collection[str] = ()) -> str:
+    """Return what a source asks of compilers where it computes in floating point (arguments as above)."""
+    if plan.encoder is None and not {"float", "double"} & set(kinds):
+        return ""
+    wide = _WIDE
+    if not needs_double(plan, kinds):
+        wide = "" if plan.encoder is None else f"#ifdef DSE_REAL_SAMPLES\n{_WIDE}#endif\n"
+    return f"{_ROUNDED}{wide}\n"
 
 
 def level_type(plan: Frame) -> str:
@@ -31,9 +96,9 @@ def level_type(plan: Frame) -> str:
 def front_end(plan: Frame) -> str:
     """Return the functions that take what is pushed; '' where that is spikes."""
     if isinstance(plan.encoder, ReceptorsPlan):
-        return _receptors(plan.encoder)
+        return _NUMBERS + _receptors(plan.encoder)
     if plan.encoder is not None:
-        return _send_on_delta(plan.encoder)
+        return _NUMBERS + _send_on_delta(plan.encoder)
     return "" if plan.pooling is None else _pooling(plan, plan.pooling)
 
 
@@ -53,6 +118,7 @@ def _send_on_delta(encoder: SendOnDeltaPlan) -> str:
         rule=encoder.rule,
         n_thresholds=len(encoder.thresholds),
         thresholds="THRESHOLDS",
+        refuse=_REFUSE,
         move="".join(f"{' ' * 16}{line}\n" for line in move),
         channel=channel,
     )
@@ -104,6 +170,7 @@ def _receptors(plan: ReceptorsPlan) -> str:
         n_kinds=len(kinds),
         kinds=", ".join(f"{{{', '.join(map(real, kind))}}}" for kind in kinds.tolist()),
         held=_HELD if encoder.method == "half_steps" else "",
+        refuse=_REFUSE,
         advance=advance,
         value=value,
         step_s=real(plan.step_ms / 1000),

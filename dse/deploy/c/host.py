@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dse.deploy.prefix import prefixed
 from dse.records import Bools, Floats, Ints
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -90,21 +92,40 @@ def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
 _FOR_SIZE = "-Os"
 
 
+def compiler_version() -> str:
+    """Return the name and version of the compiler, such as gcc 12.2.0.
+
+    Raises:
+        NoCompiler: there is none.
+    """
+    command = compiler()
+    told = _answer(command, "--version")
+    line, *others = told.splitlines() or [Path(command[0]).name]
+    numbers = re.findall(r"\d+\.\d+(?:\.\d+)*", line)
+    if "clang" in line:
+        name = "zig clang" if "ziglang" in command else "clang"
+        return " ".join([name, *numbers[:1]])
+    is_gcc = any("Free Software Foundation" in other for other in others)
+    return " ".join(["gcc" if is_gcc else line.split()[0], *numbers[-1:]])
+
+
 def compiler_name() -> str:
     """Return what compiled the code whose memory `sizes` reports: compiler, version, target and flags.
 
     Raises:
         NoCompiler: there is none.
     """
-    command = compiler()
-    answers = []
-    for option in ("--version", "-dumpmachine"):
-        try:
-            done = subprocess.run([*command, option], capture_output=True, text=True, check=False)
-        except OSError as error:
-            raise NoCompiler(f"the C compiler {command[0]} does not run: {error.strerror}") from None
-        answers.append(done.stdout.strip().split("\n")[0])
+    answers = [_answer(compiler(), option).split("\n")[0] for option in ("--version", "-dumpmachine")]
     return ", ".join([x for x in answers if x] + [_FOR_SIZE])
+
+
+def _answer(command: Sequence[str], option: str) -> str:
+    """Return what a compiler says of itself."""
+    try:
+        done = subprocess.run([*command, option], capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise NoCompiler(f"the C compiler {command[0]} does not run: {error.strerror}") from None
+    return done.stdout.strip()
 
 
 @dataclass(frozen=True)
@@ -118,8 +139,12 @@ class Sizes:
     flash_bytes: int
 
 
-def sizes(folder: Path) -> Sizes | None:
+def sizes(folder: Path, *options: str) -> Sizes | None:
     """Return the memory of the C in a folder as compiled here for size; None without the program `size`.
+
+    Args:
+        folder: of `files.write`.
+        options: of the compiler, with the names of the prefix dse_.
 
     Raises:
         NoCompiler: there is none.
@@ -127,10 +152,11 @@ def sizes(folder: Path) -> Sizes | None:
     """
     if (size := shutil.which("size")) is None:
         return None
+    source, prefix = classifier_in(folder)
     with tempfile.TemporaryDirectory() as temporary:
         code = Path(temporary) / "dse.o"
         plain = (_FOR_SIZE, "-c", "-fno-pie", "-fno-asynchronous-unwind-tables")
-        compiled([folder / "src" / "dse.c"], code, *plain)
+        compiled([source], code, *plain, *(prefixed(option, prefix) for option in options))
         done = subprocess.run([size, str(code)], capture_output=True, text=True, check=False)
     if done.returncode:
         return None
@@ -138,13 +164,33 @@ def sizes(folder: Path) -> Sizes | None:
     return Sizes(data + bss, text + data)
 
 
+def classifier_in(folder: Path) -> tuple[Path, str]:
+    """Return the source of the classifier in a folder, and the prefix of its names."""
+    [source] = (folder / "src").glob("*.c")
+    return source, f"{source.stem}_"
+
+
+def driven(folder: Path, place: Path, *options: str) -> tuple[list[Path], list[str]]:
+    """Return the sources and options that compile the C in a folder with replay.c to drive it.
+
+    Args:
+        folder: of `files.write`.
+        place: folder for replay.c with the names of the classifier.
+        options: of the compiler, with the names of the prefix dse_.
+    """
+    source, prefix = classifier_in(folder)
+    driver = place / "replay.c"
+    driver.write_text(prefixed(Path(__file__).with_name("replay.c").read_text("utf-8"), prefix), "utf-8")
+    return [driver, source], [f"-I{source.parent}", *(prefixed(option, prefix) for option in options)]
+
+
 def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> Played:
     """Run recordings through the C in a folder.
 
     Args:
-        folder: of `source.write`.
+        folder: of `files.write`.
         commands: per recording, int32 numbers for replay.c that begin with INIT and end with ANSWER.
-        options: of the compiler.
+        options: of the compiler, with the names of the prefix dse_.
 
     Raises:
         NoCompiler: there is none.
@@ -152,8 +198,8 @@ def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> Pl
     """
     with tempfile.TemporaryDirectory() as temporary:
         program = Path(temporary) / "replay"
-        sources = [Path(__file__).with_name("replay.c"), folder / "src" / "dse.c"]
-        compiled(sources, program, f"-I{folder / 'src'}", "-DDSE_TRACE", "-O1", *options)
+        sources, all_options = driven(folder, Path(temporary), "-DDSE_TRACE", *options)
+        compiled(sources, program, "-O1", *all_options)
         done = subprocess.run(
             [str(program)],
             input=np.concatenate(commands).astype(np.int32).tobytes(),

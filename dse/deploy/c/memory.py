@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -108,7 +109,7 @@ def members(plan: Plan) -> list[Member]:
         Member("uint32_t", "total", (), "of all outputs that answer"),
         Member("uint32_t", "step", (), "network steps since dse_reset()"),
         Member("uint32_t", "answered", (), "step of the answer"),
-        Member("int16_t", "label", (), "the answer"),
+        Member("int16_t", "answer", (), "the class + 1; 0: none so far"),
         Member("uint8_t", "confident"),
         Member("uint8_t", "changed", (), "whether an output spiked since the last look"),
         Member("uint32_t", "spikes", (plan.n_slots, plan.channel_words), "input spikes, a bit per channel"),
@@ -134,7 +135,8 @@ def front_end_members(plan: Frame) -> list[Member]:
     out = []
     if isinstance(plan.encoder, SendOnDeltaPlan):
         places = (len(plan.encoder.thresholds), plan.encoder.n_sensors)
-        out += [Member("level_t", "level", places, "last sent"), Member("uint8_t", "begun")]
+        kind = "level_t" if plan.encoder.takes_whole else "double"  # level_t: of whole samples
+        out += [Member(kind, "level", places, "last sent"), Member("uint8_t", "begun")]
     if isinstance(plan.encoder, ReceptorsPlan):
         places, n_totals = (len(plan.encoder.kinds), plan.encoder.n_sensors), plan.encoder.smoothed + 1
         out += [
@@ -167,10 +169,18 @@ def ram_bytes(plan: Plan) -> int:
     return struct_bytes(members(plan))
 
 
-def struct_bytes(listed: Sequence[Member]) -> int:
-    """Return the size of variables that lie in a row, the widest first."""
-    widest = max(m.width for m in listed)
-    used = sum(m.n_bytes for m in listed)
+def struct_bytes(listed: Sequence[Member], of_reals: bool = False) -> int:
+    """Return the size of variables that lie in a row, each at a multiple of its width.
+
+    Args:
+        listed: the variables.
+        of_reals: whether samples are real numbers, so that the levels of an encoder are double.
+    """
+    if of_reals:
+        listed = [dataclasses.replace(m, kind="double") if m.kind == "level_t" else m for m in listed]
+    used, widest = 0, max(m.width for m in listed)
+    for m in listed:
+        used = -(-used // m.width) * m.width + m.n_bytes
     return -(-used // widest) * widest
 
 

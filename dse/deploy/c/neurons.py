@@ -211,13 +211,14 @@ def layer_text(plan: Plan, k: int) -> str:
     a, b = states(layer)
     spikes = [f"SPIKE({k}, i);"]
     if last:
-        spikes.append("net.counts[i]++;")
         rule = plan.rule
-        if (rule.first, rule.n) == (0, layer.n_neurons):
-            spikes += ["net.total++;", "net.changed = 1;"]
-        else:
+        counted = ["net.total++;", "net.changed = 1;"]
+        if (rule.first, rule.n) != (0, layer.n_neurons):
             inside = f"i < {rule.n}u" if rule.first == 0 else f"i - {rule.first}u < {rule.n}u"
-            spikes += [f"if ({inside}) {{", "    net.total++;", "    net.changed = 1;", "}"]
+            counted = [f"if ({inside}) {{", *(f"    {line}" for line in counted), "}"]
+        # Counts stay those that the answer was made from.
+        spikes.append("if (net.answer == 0) {")
+        spikes += [*(f"    {line}" for line in ("net.counts[i]++;", *counted)), "}"]
     else:
         spikes += [f"reach_{k + 1}(i);", f"net.awake_{k + 1} = 1;"]
     declare, after, several = "", "", layer.most_spikes > 1

@@ -165,6 +165,7 @@ class Frame:
 
     n_channels: of the input spikes. n_steps: input steps of the window. step_ms: duration of an input step.
     window: where it begins in a recording: start, middle or contact_onset. onset_threshold: of the contact.
+    cut_steps, every_steps: length and distance of the recordings that a stream is cut into; None: into none.
     front_end: what is pushed. no_front_end: why spikes are pushed although the design has an encoder or
         preprocessing; '' where it does not apply.
     t0_us, n_bins: of simulated trials, the time that bins are counted from, and how many there are; None:
@@ -183,6 +184,8 @@ class Frame:
     pooling: Pooling | None = None
     t0_us: int | None = None
     n_bins: int | None = None
+    cut_steps: int | None = None
+    every_steps: int | None = None
 
     @property
     def channel_words(self) -> int:
@@ -273,20 +276,22 @@ def frame_of(bundle: Bundle) -> Frame:
     if bundle.input is None:
         raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
     front_end, no_front_end, encoder, pools = front_end_of(bundle.sections, bundle.input)
-    trials = _trials(bundle)
+    trials, window = _trials(bundle), bundle.sections.window
     return Frame(
         n_channels=bundle.fitted.n_channels,
         n_steps=bundle.input.n_steps,
         step_ms=bundle.input.step_ms,
         classes=next((x.classes for x in bundle.heads if x.name == bundle.head), bundle.classes),
-        window=bundle.sections.window.at,
-        onset_threshold=bundle.sections.window.onset_threshold,
+        window=window.at,
+        onset_threshold=window.onset_threshold,
         front_end=front_end,
         no_front_end=no_front_end,
         encoder=encoder,
         pooling=pools,
         t0_us=None if trials is None else 0,
         n_bins=None if trials is None or pools is None else pools.n_bins(trials.duration_us),
+        cut_steps=window.cut_steps,
+        every_steps=window.every_steps or window.cut_steps,
     )
 
 

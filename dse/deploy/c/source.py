@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dse.deploy.c.files import Code
-from dse.deploy.c.front_end import front_end, level_type
-from dse.deploy.c.memory import is_delayed, members, ram_bytes, states, table_bytes, tables
+from dse.deploy.c.front_end import floats, front_end, level_type, needs_double
+from dse.deploy.c.memory import is_delayed, members, ram_bytes, states, struct_bytes, table_bytes, tables
 from dse.deploy.c.neurons import layer_text, leaks, rows
 from dse.deploy.c.plan import Plan
-from dse.deploy.c.text import filled, indented, strings
+from dse.deploy.c.text import filled, indented
 
 
 def code(plan: Plan) -> Code:
@@ -21,7 +21,9 @@ def code(plan: Plan) -> Code:
         n_outputs=plan.layers[-1].n_neurons,
         steps_per_sample=plan.steps_per_sample,
         ram_bytes=ram_bytes(plan),
+        of_reals_bytes=struct_bytes(members(plan), of_reals=True),
         table_bytes=table_bytes(plan),
+        needs_double=needs_double(plan),
         what=f"A {sizes} network of spiking neurons: integers only",
     )
 
@@ -34,6 +36,7 @@ def source(plan: Plan) -> str:
         ram_bytes=ram_bytes(plan),
         table_bytes=table_bytes(plan),
         network_steps=plan.network_steps,
+        floats=floats(plan),
         tables="\n".join(table.text for table in tables(plan)) + level_type(plan),
         members="".join(member.text for member in members(plan)),
         leaks=leaks(plan),
@@ -47,7 +50,7 @@ def source(plan: Plan) -> str:
         clear=_clear(plan),
         init=_init(plan),
         n_outputs=plan.layers[-1].n_neurons,
-        names=strings(plan.classes),
+        names="NAMES",
         n_classes=len(plan.classes),
     )
 
@@ -110,10 +113,14 @@ def _decision(plan: Plan) -> str:
         for first, n in rule.heads:
             lines += _argmax("best", first, n)
             lines.append(f"at = at * {n}u + (best{f' - {first}u' if first else ''});")
-        lines += ["net.label = joint[at];", "net.confident = 1;", "net.answered = net.step + 1u;"]
+        lines += [
+            "net.answer = (int16_t)(joint[at] + 1);",
+            "net.confident = 1;",
+            "net.answered = net.step + 1u;",
+        ]
         return _decide(lines)
     end = f"net.step == {rule.last}u"
-    label = f"(int16_t)(best{f' - {rule.first}u' if rule.first else ''})"
+    answer = f"(int16_t)(best - {rule.first}u + 1u)" if rule.first else "(int16_t)(best + 1u)"
     lines = ["uint32_t i, best;"]
     if rule.least_total is None:
         lines += [f"if (!({end})) {{", "    return;", "}", *_argmax("best", rule.first, rule.n)]
@@ -130,7 +137,7 @@ def _decision(plan: Plan) -> str:
         if rule.confidence == 0:
             sure = ""
         lines += [
-            f"if (net.label != DSE_UNDECIDED || (!({end}) && (!net.changed || !({enough})))) {{",
+            f"if (net.answer != 0 || (!({end}) && (!net.changed || !({enough})))) {{",
             "    return;",
             "}",
             "net.changed = 0;",
@@ -140,7 +147,7 @@ def _decision(plan: Plan) -> str:
             "    return;",
             "}",
         ]
-    lines += [f"net.label = {label};", "net.answered = net.step + 1u;"]
+    lines += [f"net.answer = {answer};", "net.answered = net.step + 1u;"]
     return _decide(lines)
 
 

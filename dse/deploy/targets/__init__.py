@@ -7,7 +7,6 @@ Contract: `Target`. To add one, here or in a module of your own, write a file wi
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +33,8 @@ class Target(Protocol):
     A target that knows what a classifier takes before anything is written has a method `footprint(bundle)`,
     which returns column -> number, such as ram_bytes; `dse pick` chooses by these columns. If it also has
     `profile`, the name of a hardware profile of kind processor, this predicts the column cycles.
+
+    A target whose names begin with the bundle's `prefix` (`dse export --prefix`) has `has_prefix`, True.
 
     A target that knows some of it before training declares these columns in `known_before`, a tuple of
     `registry.Column`; `limits` of a search space may name them. Its method `least_footprint(sections, shape)`
@@ -63,6 +64,8 @@ class Target(Protocol):
 
     def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
         """Run the files that `write` wrote on recordings, and compare; the folder is not changed.
+
+        The verdict names what ran them: `run_by`.
 
         Raises:
             TargetError: something that running needs is missing, or it fails to run.
@@ -99,7 +102,11 @@ class Run:
 
 
 def compare(
-    reference: Reference, run: Run, figures: Mapping[str, float] | None = None, compiler: str = ""
+    reference: Reference,
+    run: Run,
+    figures: Mapping[str, float] | None = None,
+    compiler: str = "",
+    run_by: Sequence[str] = (),
 ) -> Verdict:
     """Return the verdict of a run.
 
@@ -108,6 +115,7 @@ def compare(
         run: what the target does on the same recordings.
         figures: column -> number that the run has measured.
         compiler: of the code that was run, where there is one.
+        run_by: what ran the files, names with versions.
 
     Raises:
         ValueError: the run has other numbers of recordings or layers.
@@ -128,19 +136,29 @@ def compare(
     strayed = np.zeros(n, bool)
     for of_run, of_reference in zip(run.fired, reference.fired, strict=True):
         strayed[_recordings_that_differ(of_run, of_reference)] = True
-    verdict = Verdict(
-        "approximate" if other.any() or strayed.any() else "faithful",
+    reasons = []
+    if other.any() or strayed.any():
+        reasons.append(
+            f"{int(other.sum())} of {n} recordings decide and {int(strayed.sum())} spike otherwise"
+        )
+    largest, f1 = 0, None
+    if reference.fired:
+        counted = [_counted(x[-1], reference.n_steps) for x in (run.fired, reference.fired)]
+        largest, f1 = _largest_difference(*counted), _f1(*counted)
+        if strayed.any():
+            reasons.append(f"output F1 {f1:.3f} within one step, class counts differ by {largest} at most")
+    return Verdict(
+        "approximate" if other.any() else "equivalent" if strayed.any() else "faithful",
+        "; ".join(reasons),
         n_recordings=n,
         decisions_differ=float(other.mean()),
         spikes_differ=float(strayed.mean()),
-        largest_difference=_largest_difference(run.fired, reference) if reference.fired else 0,
+        largest_difference=largest,
         figures=dict(figures or {}),
         compiler=compiler,
+        output_f1=f1,
+        run_by=tuple(run_by),
     )
-    if verdict.kind == "faithful":
-        return verdict
-    reason = f"{int(other.sum())} of {n} recordings decide and {int(strayed.sum())} spike otherwise"
-    return dataclasses.replace(verdict, reason=reason)
 
 
 def _recordings_that_differ(first: Ints, second: Ints) -> Ints:
@@ -153,14 +171,31 @@ def _recordings_that_differ(first: Ints, second: Ints) -> Ints:
     return np.unique(spikes[surplus != 0, 0])
 
 
-def _largest_difference(fired: Sequence[Ints], reference: Reference) -> int:
-    """Return the largest difference in the output spikes of a class that were counted in a recording."""
-    both = [np.asarray(x, np.int64).reshape(-1, 3) for x in (fired[-1], reference.fired[-1])]
-    n_outputs = 1 + max(int(x[:, 2].max(initial=0)) for x in both)
-    shape = (reference.n_recordings, n_outputs)
-    counts = []
-    for spikes in both:
-        in_time = spikes[spikes[:, 1] < reference.n_steps - 1]  # what fires last is received by nobody
-        cells = np.ravel_multi_index((in_time[:, 0], in_time[:, 2]), shape)
-        counts.append(np.bincount(cells, minlength=int(np.prod(shape))))
-    return int(np.abs(counts[0] - counts[1]).max(initial=0))
+def _counted(fired: Ints, n_steps: int) -> Ints:
+    """Return the output spikes that a decision can count: nobody receives those of the last step."""
+    spikes = np.asarray(fired, np.int64).reshape(-1, 3)
+    return spikes[spikes[:, 1] < n_steps - 1]
+
+
+def _largest_difference(first: Ints, second: Ints) -> int:
+    """Return the largest difference in the spikes of an output in a recording."""
+    cells = np.concatenate([first, second])[:, ::2]
+    signs = np.repeat([1, -1], [len(first), len(second)])
+    places = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+    return int(np.abs(np.bincount(places, signs)).max(initial=0))
+
+
+def _f1(first: Ints, second: Ints) -> float:
+    """Return the F1 score of spikes, each matched with at most one that is up to a step away."""
+    both = np.concatenate([first, second])
+    if not len(both):
+        return 1.0
+    _, trains = np.unique(both[:, ::2], axis=0, return_inverse=True)
+    times = trains.ravel() * (both[:, 1].max() + 2) + both[:, 1]  # trains lie more than a step apart
+    a, b = (np.sort(x).tolist() for x in np.split(times, [len(first)]))
+    i = j = matched = 0
+    while i < len(a) and j < len(b):
+        gap = a[i] - b[j]
+        matched += abs(gap) <= 1
+        i, j = i + (gap <= 1), j + (gap >= -1)
+    return 2 * matched / len(both)

@@ -30,6 +30,7 @@ class C99:
 
     label: ClassVar[str] = "C99 for any processor"
     extra: ClassVar[str] = ""
+    has_prefix: ClassVar[bool] = True
     known_before: ClassVar[tuple[Column, ...]] = (RAM,)
     use: ClassVar[str] = "`cc -O2 -Isrc main.c src/dse.c -o touch` there, then `./touch < recording.csv`"
 
@@ -63,7 +64,7 @@ class C99:
             plan = planned(bundle)
         except Unsupported as error:
             raise TargetError(str(error)) from None
-        files.write(_code(plan), folder, _title(bundle), dse.__version__)
+        files.write(_code(plan), folder, _title(bundle), dse.__version__, bundle.prefix)
 
     def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
         """Compile the files here, run them on recordings, compare all spikes and decisions.
@@ -76,11 +77,12 @@ class C99:
         real = ["-DDSE_REAL_SAMPLES"] if replay.reals(reference, plan) else []
         try:
             played = host.played(folder, recorded or replay.of_spikes(reference), *real)
-            sizes, compiler = host.sizes(folder), host.compiler_name()
+            sizes, compiler = host.sizes(folder, *real), host.compiler_name()
+            run_by = [host.compiler_version()]
         except (host.NoCompiler, host.RunFailed) as error:
             raise TargetError(str(error)) from None
         figures = {} if sizes is None else {name: float(x) for name, x in vars(sizes).items()}
-        return replay.verdict_of(played, plan, reference, figures, compiler)
+        return replay.verdict_of(played, plan, reference, figures, compiler, run_by)
 
 
 @dataclass(frozen=True)

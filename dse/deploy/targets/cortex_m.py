@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from dse.deploy.c.host import Played
 from dse.deploy.c.least import FLASH, RAM, least_memory
 from dse.deploy.c.matrix import Matrix
 from dse.deploy.c.plan import Plan, Unsupported
+from dse.deploy.prefix import prefixed
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Target, Verdict, emulator
 from dse.deploy.targets.c99 import C99
@@ -43,6 +45,7 @@ class CortexM(Target):
     core: ClassVar[Core]
     profile: ClassVar[str] = ""
     known_before: ClassVar[tuple[Column, ...]] = (RAM, FLASH)
+    has_prefix: ClassVar[bool] = True
     code_bytes: ClassVar[Mapping[str, float]] = code_size.CORTEX_M
     extra: ClassVar[str] = "targets"
     use: ClassVar[str] = "compile `src/dse.c` there with your firmware; README.md beside it has the flags"
@@ -75,7 +78,8 @@ class CortexM(Target):
         """Write the files of `c99`, and how they are compiled for the core."""
         C99().write(bundle, folder)
         readme = folder / "README.md"
-        readme.write_text(readme.read_text(encoding="utf-8") + _readme(self.core), encoding="utf-8")
+        text = readme.read_text(encoding="utf-8") + prefixed(_readme(self.core), bundle.prefix)
+        readme.write_text(text, encoding="utf-8")
 
     def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
         """Compile the files for the core, run all recordings in an emulator, compare spikes and decisions.
@@ -112,12 +116,15 @@ class CortexM(Target):
             _played(machine, replay.of_spikes(reference)[:_APART])
             beyond = with_front_end - machine.counts().instructions
             figures["front_end_instructions"] = beyond / max(1, min(_APART, n))
-        return replay.verdict_of(played, plan, reference, figures, emulator.compiler_name())
+        return replay.verdict_of(
+            played, plan, reference, figures, emulator.compiler_name(), emulator.versions()
+        )
 
     def program(self, folder: Path, *options: str) -> Program:
         """Return the C in a folder, with replay.c to drive it, compiled for the core."""
-        sources = [Path(replay.__file__).with_suffix(".c"), folder / "src" / "dse.c"]
-        return compiled(sources, self.core, f"-I{folder / 'src'}", f"-isystem{_MEMORY}", *options)
+        with tempfile.TemporaryDirectory() as place:
+            sources, all_options = host.driven(folder, Path(place), *options)
+            return compiled(sources, self.core, f"-isystem{_MEMORY}", *all_options)
 
 
 @register("targets", "cortex_m0plus")

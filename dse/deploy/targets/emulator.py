@@ -114,9 +114,14 @@ def missing() -> str:
     return ""
 
 
+def versions() -> list[str]:
+    """Return the names and versions of the compiler and the emulator."""
+    return [f"{name} {importlib.metadata.version(name)}" for name in ("ziglang", "unicorn")]
+
+
 def compiler_name() -> str:
     """Return the compiler and its version and options."""
-    return f"ziglang {importlib.metadata.version('ziglang')}, {' '.join(FLAGS)}"
+    return f"{versions()[0]}, {' '.join(FLAGS)}"
 
 
 def compiled(sources: Sequence[Path], core: Core, *options: str) -> Program:

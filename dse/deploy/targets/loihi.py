@@ -107,15 +107,18 @@ class Loihi:
             return Verdict("not verified", "h5py is not installed")
         network = bundle.fitted
         assert isinstance(network, Network)
-        fired, _ = run_script(sys.executable, _RUN, [folder / _NET], network, reference)
-        verdict = compare(reference, Run.of_fired(bundle, reference, fired))
+        fired, written = run_script(sys.executable, _RUN, [folder / _NET], network, reference)
+        run_by = [str(written["run_by"])]
+        verdict = compare(reference, Run.of_fired(bundle, reference, fired), run_by=run_by)
         python, n_run = interpreter("brian2_loihi"), 0
         if python is not None and verdict.kind == "faithful":
             emulated, written = run_script(python, _RUN, ["--brian2", folder / _NET], network, reference)
             n_run = int(written["n_run"])
             others = [spikes[spikes[:, 0] >= n_run] for spikes in fired]
             both = [np.concatenate(pair) for pair in zip(emulated, others, strict=True)]
-            verdict = compare(reference, Run.of_fired(bundle, reference, both))
+            of_all = f" on {n_run} of {reference.n_recordings} recordings"
+            run_by.append(f"{written['run_by']}{of_all if n_run < reference.n_recordings else ''}")
+            verdict = compare(reference, Run.of_fired(bundle, reference, both), run_by=run_by)
         return dataclasses.replace(verdict, figures={"brian2_loihi_recordings": n_run})
 
 

@@ -1,9 +1,9 @@
-"""NIR: the network as a graph that Norse, snnTorch, Nengo, Spyx, hxtorch and others read.
+"""NIR: the network as a graph, run in Norse and in snnTorch.
 
 graph.nir    input -> weights_0 -> layer_0 -> weights_1 -> ... -> output; recurrent_<k>: from layer_<k> back
 golden.h5    made-up input spikes and the spikes of every layer, in NIR's format of data (`nir.read_data`)
 
-A step of NIR's readers is forward Euler: with tau_syn = dt/(1-a), tau_mem = dt/(1-b), w_in = tau_syn/dt,
+A step of Norse and snnTorch is forward Euler: with tau_syn = dt/(1-a), tau_mem = dt/(1-b), w_in = tau_syn/dt,
 r = tau_mem/dt and v_leak = 0 it is
 
     I = a I + W s,    v = b v + I,    s = 1 and v = 0 where v > v_threshold
@@ -11,14 +11,16 @@ r = tau_mem/dt and v_leak = 0 it is
 which is a CUBA-LIF neuron (dse.neurons.cuba_lif) of a = (4096 - d_u) / 4096 and b = (4096 - d_v) / 4096. Time
 constants are float64 and weights are those that run, so that a, b and W are exact. A decay of 0, whose time
 constant is infinite, is written as 2**-40. dt is 1e-4, which snnTorch takes for granted: it stands for a
-network step of any duration.
+network step of any duration. Other readers may integrate otherwise and run another network: Rockpool 3.1
+decays exponentially, by a dt of its own. A verdict is of the readers that it names.
 
 What NIR has no word for is in the graph's metadata:
 
   * Layers hand on their spikes one step later, readers of NIR at once: layer k fires k steps earlier there.
     Recurrent spikes arrive one step later in both.
-  * Input delays are copies of the inputs: input d * n_channels + c is channel c, delays[d] steps ago. (Norse
-    and snnTorch do not read the node Delay.)
+  * Delays of inputs, and of synapses of the first layer, are copies of the inputs, fed by whoever runs the
+    graph: input d * n_channels + c is channel c, delays[d] steps ago. (Norse and snnTorch do not read the
+    node Delay.) Delays of synapses of later layers are refused.
   * Input spikes arrive on the first of `steps_per_sample` steps.
   * The decision rule.
 
@@ -49,6 +51,7 @@ from dse.deploy.bundle import Bundle
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Run, TargetError, Verdict, compare
 from dse.deploy.targets.peers import interpreter
+from dse.deploy.verdict import KINDS
 from dse.engine.events import gather
 from dse.models.snn.initialise import deployed
 from dse.models.snn.respond import spikes_of_layers
@@ -73,7 +76,7 @@ _GOLDEN_STEPS = 64
 class Nir:
     """The network as a NIR graph, run in Norse and in snnTorch."""
 
-    label: ClassVar[str] = "NIR graph for Norse, snnTorch and others"
+    label: ClassVar[str] = "NIR graph for Norse and snnTorch"
     extra: ClassVar[str] = "h5"
     use: ClassVar[str] = "`nir.read('targets/nir/graph.nir')`; golden.h5 beside it says what must come out"
 
@@ -82,9 +85,9 @@ class Nir:
         network = bundle.fitted
         if not isinstance(network, Network):
             return f"NIR holds networks of neurons, and family {bundle.sections.kinds['model']} is none"
-        if network.delay_bits:
-            return "no reader of NIR delays single synapses, and this network's have delays of their own"
-        for layer in network.layers:
+        for k, layer in enumerate(network.layers, 1):
+            if k > 1 and layer.delay is not None and layer.delay.any():
+                return f"no reader of NIR delays single synapses, and those of layer {k} have their own"
             population = population_of(layer.neuron, layer.parameters)
             if not isinstance(population, cuba_lif.Population):
                 if layer.neuron == "resonator":
@@ -95,31 +98,46 @@ class Nir:
     def write(self, bundle: Bundle, folder: Path) -> None:
         """Write graph.nir and golden.h5 (`dse.deploy.targets.Target`)."""
         _require_h5py()
-        network = bundle.fitted
-        assert isinstance(network, Network)
+        assert isinstance(bundle.fitted, Network)
+        network = with_copies(bundle.fitted)
         _write_graph(folder / _GRAPH, network, _metadata(bundle, network))
         _write_golden(folder / _GOLDEN, network)
 
     def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
         """Run graph.nir in the frameworks that are installed; the verdict is of the one that strays most."""
-        network = bundle.fitted
-        assert isinstance(network, Network)
-        verdicts, sentences = [], []
+        assert isinstance(bundle.fitted, Network)
+        network = with_copies(bundle.fitted)
+        verdicts, sentences, run_by = [], [], []
         for framework in FRAMEWORKS:
             python = interpreter(framework, "nir")
             if python is None:
                 sentences.append(f"{framework} is not installed")
                 continue
             fired, version, note = _run(framework, python, folder / _GRAPH, network, reference)
-            verdict = compare(reference, Run.of_fired(bundle, reference, fired))
-            verdicts.append(verdict)
-            how = f" ({note})" if note else ""
-            what = verdict.reason or "all decisions and spikes are equal"
-            sentences.append(f"{framework} {version}{how}: {what}")
+            verdicts.append(compare(reference, Run.of_fired(bundle, reference, fired)))
+            run_by.append(f"{framework} {version}" + (f", {note}" if note else ""))
+            sentences.append(f"{run_by[-1]}: {verdicts[-1].reason or 'all decisions and spikes are equal'}")
         if not verdicts:
             return Verdict("not verified", " and ".join(sentences))
-        worst = max(verdicts, key=lambda x: (x.kind != "faithful", x.decisions_differ, x.spikes_differ))
-        return dataclasses.replace(worst, reason="" if worst.kind == "faithful" else "; ".join(sentences))
+        worst = max(verdicts, key=lambda x: (KINDS.index(x.kind), x.decisions_differ, x.spikes_differ))
+        reason = "" if worst.kind == "faithful" else "; ".join(sentences)
+        return dataclasses.replace(worst, reason=reason, run_by=tuple(run_by))
+
+
+def with_copies(network: Network) -> Network:
+    """Return a network whose inputs are copied by the delays of the first layer; it spikes alike."""
+    first = network.layers[0]
+    if first.delay is None:
+        return network
+    weights, delays = [], []
+    for copy, lag in enumerate(network.delays):
+        columns = slice(copy * network.n_channels, (copy + 1) * network.n_channels)
+        weight, delay = first.weight[:, columns], first.delay[:, columns]
+        for late in np.unique(delay).tolist():
+            weights.append(np.where(delay == late, weight, np.float32(0)))
+            delays.append(lag + late)
+    layer = dataclasses.replace(first, weight=np.concatenate(weights, axis=1), delay=None, shared=None)
+    return dataclasses.replace(network, layers=(layer, *network.layers[1:]), delays=tuple(delays))
 
 
 def time_constant(decay: Ints) -> Floats:

@@ -63,7 +63,8 @@ class Torch:
             for first, spikes in _batches(reference):
                 for layer, of_layer in zip(fired, module.fired(torch.from_numpy(spikes)), strict=True):
                     layer.append(listed(of_layer, first))
-        return compare(reference, Run.of_fired(bundle, reference, [np.concatenate(x) for x in fired]))
+        run = Run.of_fired(bundle, reference, [np.concatenate(x) for x in fired])
+        return compare(reference, run, run_by=[f"torch {torch.__version__}"])
 
 
 def _batches(reference: Reference) -> Iterator[tuple[int, Floats]]:

@@ -32,6 +32,7 @@ Source: xylosim, Rockpool (REFERENCES.md).
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import shutil
 import sys
@@ -111,7 +112,8 @@ class Xylo:
         network = bundle.fitted
         assert isinstance(network, Network)
         fired, _ = run_script(sys.executable, _RUN, [folder / _SPECIFICATION], network, reference)
-        return compare(reference, Run.of_fired(bundle, reference, fired), spike_counts(network, fired))
+        run, figures = Run.of_fired(bundle, reference, fired), spike_counts(network, fired)
+        return compare(reference, run, figures, run_by=[f"xylosim {importlib.metadata.version('xylosim')}"])
 
 
 def spike_counts(network: Network, fired: Sequence[Ints]) -> dict[str, float]:

@@ -31,7 +31,7 @@ import numpy as np
 
 from dse.hardware.plan import Misfit, Placement, Plan
 from dse.hardware.profile import Figures, Number, Profile, figure
-from dse.records import Floats, Workload
+from dse.records import Floats, Workload, sum_of_products
 from dse.registry import register
 
 
@@ -83,7 +83,7 @@ class Clocked(Profile):
         """Return the clock at which a step in which everything spikes is done in time, with the margin."""
         per_count = np.sum(list(_cycles(load, self.ends).values()), axis=0)[0]
         n_layers = len(load.sizes)
-        cycles = per_count[0] + per_count[1 : 1 + n_layers] @ np.array(load.sizes, np.float64)
+        cycles = per_count[0] + sum_of_products(per_count[1 : 1 + n_layers], np.array(load.sizes))
         return float(cycles) * self.clock_margin.value / (load.step_ms * 1e3)
 
     def _placement(self, load: Workload) -> Placement:

@@ -35,7 +35,7 @@ import numpy as np
 from dse.hardware.placement import Architecture, Rules, architecture, hops, place
 from dse.hardware.plan import Congestion, Plan
 from dse.hardware.profile import Figures, Number, Profile, figure
-from dse.records import Floats, Ints, Workload
+from dse.records import Floats, Ints, Workload, sum_of_products
 from dse.registry import register
 
 _EVENTS = ("neuron_access", "neuron_update", "spike", "synaptic_event", "message", "hop_x", "hop_y")
@@ -149,7 +149,7 @@ class Mesh(Profile):
         }
         energy_pj["hop"] = energy_pj.pop("hop_x") + energy_pj.pop("hop_y")
         ns = np.array([figures[f"{event}_ns"] for event in _BUSY]).T
-        time_ns = (ns @ work.busy.reshape(len(_BUSY), -1)).reshape(*ns.shape[:-1], *work.busy.shape[1:])
+        time_ns = sum_of_products(ns[..., None, None, :], np.moveaxis(work.busy, 0, -1))
         time_ns[..., 0] += self._barrier_ns(placement.n_cores, figures)[..., None]
         chips = -(-max(placement.n_cores, placement.low or 0) // rules.cores)
         static_mw = figures["static_mw"] * chips

@@ -81,6 +81,17 @@ def wilson_se(k: ArrayLike, n: ArrayLike) -> Floats:
     return np.asarray(np.sqrt(p * (1 - p) / trials + 0.25 / trials**2) / (1 + 1 / trials))
 
 
+def wilson_interval(p: ArrayLike, n: ArrayLike, z: float) -> tuple[Floats, Floats]:
+    """Return the ends of the Wilson score interval of a fraction p of n, z standard errors to each side.
+
+    Source: Wilson, J. Am. Stat. Assoc. 22, 1927.
+    """
+    fraction, share = np.asarray(p, dtype=np.float64), z**2 / np.asarray(n, dtype=np.float64)
+    middle = (fraction + share / 2) / (1 + share)
+    half = np.sqrt(fraction * (1 - fraction) * share + share**2 / 4) / (1 + share)
+    return np.asarray(middle - half), np.asarray(middle + half)
+
+
 def seeds_se(values: ArrayLike) -> Floats:
     """Return the standard error of the mean over seeds or folds: s / sqrt(r), s with r - 1.
 

@@ -17,7 +17,7 @@ from dse.models.snn.settings import Stack
 from dse.neurons import LayerSpec, Population, tiled
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.fixed_point import quantise, within_range
-from dse.records import Arithmetic, Array, Floats, Ints
+from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
 _IMPULSE = 2.0**-30  # a power of two scales float64 exactly, and so small a drive makes nothing fire
@@ -173,7 +173,7 @@ def initialise(
         target = model.initial_rate
         if depth == len(model.hidden):
             share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
-            fixed = spread * (drawn - share @ drawn)
+            fixed = spread * (drawn - sum_of_products(drawn.T, share))
             drawn = np.broadcast_to(unit, drawn.shape)
             target = (n_heads * model.true_rate + (n - n_heads) * model.false_rate) / n
         elif model.recurrent:

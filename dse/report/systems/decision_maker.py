@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.hardware.interval import column_names
 from dse.measure.objectives.accuracy import seeds_se
 from dse.report.designs import StudyTask, best
 from dse.report.marks import Mark, mark
@@ -105,7 +106,8 @@ def _of_length(part: StudyTask, chosen: pandas.Series[Any], length: float, at: i
         peak = measured(
             part, "A", f"peak over phi and theta, {length:g} ms", _printed("accuracy", at), chosen
         )
-        yield replace(peak, ours=last["accuracy_best"], se=None, test=None)
+        none = dict.fromkeys(("se", "test", *column_names("corrected")))
+        yield replace(peak, ours=last["accuracy_best"], **none)
     for time, settings in _TIMES.items():
         row = measured(part, "A", f"{time}, {where}", _printed(time, at), chosen, time)
         if row.ours is None and time not in chosen.index:

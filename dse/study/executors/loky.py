@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import queue
 import re
 import signal
 import threading
@@ -123,6 +124,9 @@ class _Slot:
 
     def close(self) -> None:
         self._post = _ignore
+        with contextlib.suppress(queue.Empty):  # loky would look for tasks that `kill_workers` has dropped
+            while True:
+                self._executor._work_ids.get_nowait()
         self._executor.shutdown(wait=True, kill_workers=True)
         self._theirs.close()
         self._reader.join()
@@ -175,6 +179,14 @@ def _watch(connection: Connection) -> None:
 
 def _run(task: bytes) -> list[bytes]:
     return perform(task, _to_parent[0].send_bytes)
+
+
+def clear(process: int) -> None:
+    """Remove the semaphores of a coordinator that was killed with all that would have done so (Linux)."""
+    if not Path(f"/proc/{process}").exists():
+        for semaphore in Path("/dev/shm").glob(f"sem.loky-{process}-*"):
+            with contextlib.suppress(OSError):  # of another user, who has this number now
+                semaphore.unlink()
 
 
 def memory_bytes(device: str) -> int:

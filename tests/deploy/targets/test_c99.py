@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import subprocess
 import sys
@@ -380,51 +379,11 @@ def test_no_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 # Builds.
 
 
-ARDUINO_H = """\
-#include <stdint.h>
-extern "C" { unsigned long micros(void); int analogRead(int pin); void print_line(const char *text); }
-struct Port { void begin(unsigned long) {} void println(const char *text) { print_line(text); } };
-static Port Serial;
-enum { A0 = 14 };
-"""
-BOARD_C = """\
-#include <stdio.h>
-void setup(void);
-void loop(void);
-static unsigned long now;
-unsigned long micros(void) { return now; }
-int analogRead(int pin) { return (int)(now / 1000) * (pin - 13); }
-void print_line(const char *text) { puts(text); }
-int main(void)
-{
-    for (setup(); now < 3000000u; now += 1000u) { loop(); }
-    return 0;
-}
-"""
-
-
 def run(*command: str, **options: str) -> str:
     """Run a command that succeeds, and return what it prints."""
     done = subprocess.run(command, capture_output=True, text=True, check=False, **options)  # type: ignore[call-overload]
     assert done.returncode == 0, done.stderr
     return str(done.stdout)
-
-
-def _of_spikes() -> Bundle:
-    return nets.bundle(network(3), 20)
-
-
-def _of_samples() -> Bundle:
-    design = sections({**SAMPLES, "encoder": {"kind": "send_on_delta", "thresholds": [1, 4]}})
-    made = nets.bundle(network(16), 20)
-    return replace(made, sections=design, input=Input("samples", 4, 0, 0, 20, 5.0))
-
-
-def _of_events() -> Bundle:
-    design = sections({**EVENTS, "preprocessing": {"bin_ms": 2, "pool": 2}})
-    taken = Input("events", 0, 20, 6, 20, 2.0)
-    n_channels = nets.pools_of(replace(nets.bundle(network(1), 1), sections=design, input=taken)).n_channels
-    return replace(nets.bundle(network(n_channels), 20), sections=design, input=taken)
 
 
 @pytest.mark.skipif(find_spec("cmake") is None or not host.has_compiler(), reason="CMake is not installed")
@@ -438,36 +397,3 @@ def test_cmake_builds_the_program(tmp_path: Path) -> None:
     text = "\n".join(",".join(map(str, row)) for row in fired[0].tolist())
     answer = run(str(tmp_path / "build" / "touch"), input=text).splitlines()[1].split(",")[0]
     assert answer == made.classes[nets.reference(made, fired).label[0]]
-
-
-@pytest.mark.skipif(find_spec("ziglang") is None, reason="ziglang is not installed")
-@pytest.mark.parametrize("kind", ["spikes", "samples", "events"])
-def test_the_sketch_runs_as_an_arduino_library(kind: str, tmp_path: Path) -> None:
-    library = tmp_path / "dse_touch"
-    made = {"spikes": _of_spikes, "samples": _of_samples, "events": _of_events}[kind]()
-    C99().write(made, library)
-    # What the Arduino library specification asks for: src is compiled, the sketch has its folder's name.
-    properties = dict(x.split("=", 1) for x in (library / "library.properties").read_text().splitlines())
-    assert {"name", "version", "author", "maintainer", "sentence", "paragraph", "category"} <= set(properties)
-    assert properties["includes"] == "dse.h" and re.fullmatch(r"\d+\.\d+\.\d+", properties["version"])
-    assert sorted(x.name for x in (library / "src").iterdir()) == ["dse.c", "dse.h"]
-    sketch = (library / "examples" / "touch" / "touch.ino").read_text()
-    # The Arduino builder includes Arduino.h and declares the functions of a sketch.
-    prototypes = "".join(
-        f"{x};\n" for x in re.findall(r"^((?:void|static bool) \w+\([^)]*\)) {", sketch, re.M)
-    )
-    (tmp_path / "Arduino.h").write_text(ARDUINO_H)
-    (tmp_path / "board.c").write_text(BOARD_C)
-    setup = 'extern "C" void setup(); extern "C" void loop();\n'
-    (tmp_path / "touch.cpp").write_text(
-        f"#include <Arduino.h>\n#include <dse.h>\n{setup}{prototypes}{sketch}"
-    )
-    zig, include = (sys.executable, "-m", "ziglang"), f"-I{library / 'src'}"
-    strict = ("-Wall", "-Wextra", "-Werror", "-O1", f"-I{tmp_path}", include)
-    parts = [str(tmp_path / name) for name in ("touch.o", "dse.o", "board.o")]
-    run(*zig, "c++", "-std=c++11", *strict, "-c", str(tmp_path / "touch.cpp"), "-o", parts[0])
-    run(*zig, "cc", "-std=c99", *strict, "-c", str(library / "src" / "dse.c"), "-o", parts[1])
-    run(*zig, "cc", "-c", str(tmp_path / "board.c"), "-o", parts[2])
-    run(*zig, "cc", *parts, "-o", str(tmp_path / "touch"))
-    answers = run(str(tmp_path / "touch")).splitlines()
-    assert answers and set(answers) <= set(made.classes)

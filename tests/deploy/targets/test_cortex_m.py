@@ -39,6 +39,7 @@ def test_spikes_and_decisions_equal(
     target.write(made, tmp_path)
     verdict = target.verify(made, tmp_path, nets.reference(made, fired))
     assert verdict.kind == "faithful" and verdict.n_recordings == len(fired)
+    assert [name.split()[0] for name in verdict.run_by] == ["ziglang", "unicorn"]
     figures = verdict.figures
     assert figures["ram_bytes"] == ram_bytes(plan_of(made))
     # Random networks are small, and their code is most of it.

@@ -101,6 +101,7 @@ def test_brian2_loihi_runs_every_recording_with_delays_of_synapses_too(tmp_path:
     verdict = verified(bundles.bundle(replace(network, layers=layers)), tmp_path, rng)
     assert verdict.kind == "faithful"
     assert verdict.figures == {"brian2_loihi_recordings": 12}
+    assert verdict.run_by == ("run.py", "brian2-loihi 0.5.2")
 
 
 def test_the_file_alone_is_run(tmp_path: Path) -> None:

@@ -28,7 +28,9 @@ def test_a_module_in_a_file_is_faithful(tmp_path: Path, monkeypatch: pytest.Monk
         (tmp_path / name).mkdir()
         Torch().write(made, tmp_path / name)
     assert (tmp_path / "a" / "module.pt").read_bytes() == (tmp_path / "b" / "module.pt").read_bytes()
-    assert Torch().verify(made, tmp_path / "a", reference) == Verdict("faithful", n_recordings=12)
+    assert Torch().verify(made, tmp_path / "a", reference) == Verdict(
+        "faithful", n_recordings=12, output_f1=1.0, run_by=(f"torch {torch.__version__}",)
+    )
     content = torch.load(tmp_path / "a" / "module.pt", weights_only=True)
     assert content["network"]["0/neuron"] == "resonator"
     other = bundles.bundle(bundles.network(rng, (4, 8, 6, 3)))

@@ -79,6 +79,7 @@ def test_it_spikes_as_the_engine_does(features: dict[str, Any], tmp_path: Path) 
     rng = np.random.default_rng(7)
     verdict, most = verified(bundles.bundle(network(rng, **features)), tmp_path, rng)
     assert verdict.kind == "faithful" and verdict.n_recordings == 12
+    assert [name.split()[0] for name in verdict.run_by] == ["xylosim"]
     assert most > 1, "hidden neurons spike several times in a step"
     assert verdict.figures["most_spikes_per_step"] == most
     assert (verdict.figures["capped_steps"] > 0) == (most == 31)

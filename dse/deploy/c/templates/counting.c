@@ -18,7 +18,7 @@
 #endif
 #define STEPS ${n_steps}u /* steps of a window */
 
-$arithmetic$tables
+$floats$tables
 /* All memory that there is. */
 static struct {
 $members} net;
@@ -48,7 +48,7 @@ $advance    if (net.step >= STEPS) {
     if (net.window < ${n_windows}u && net.step == ends[net.window]) {
         net.window++;
         if (net.window == ${n_windows}u) {
-            net.label = labels[classify()];
+            net.answer = (int16_t)(labels[classify()] + 1);
             net.answered = net.step;
         }
     }
@@ -73,7 +73,7 @@ void dse_reset(void)
 $clear    net.pushed = 0;
     net.step = 0;
     net.window = 0;
-    net.label = DSE_UNDECIDED;
+    net.answer = 0;
 }
 
 void dse_init(void)
@@ -83,7 +83,7 @@ $init    dse_reset();
 
 int16_t dse_decision(void)
 {
-    return net.label;
+    return (int16_t)(net.answer - 1);
 }
 
 uint8_t dse_confident(void)
@@ -93,7 +93,7 @@ uint8_t dse_confident(void)
 
 uint32_t dse_steps(void)
 {
-    return net.label == DSE_UNDECIDED ? net.step : net.answered;
+    return net.answer == 0 ? net.step : net.answered;
 }
 
 uint32_t dse_count(uint16_t output)

@@ -24,7 +24,7 @@
 
 #define STEPS ${network_steps}u /* network steps of a window */
 
-$tables
+$floats$tables
 /* All memory that there is. */
 static struct {
 $members} net;
@@ -35,7 +35,7 @@ static APART void rest(void)
 {
 $clear    net.step = 0;
     net.total = 0;
-    net.label = DSE_UNDECIDED;
+    net.answer = 0;
     net.confident = 0;
     net.changed = 0;
 }
@@ -52,7 +52,7 @@ $init    rest();
 
 int16_t dse_decision(void)
 {
-    return net.label;
+    return (int16_t)(net.answer - 1);
 }
 
 uint8_t dse_confident(void)
@@ -62,7 +62,7 @@ uint8_t dse_confident(void)
 
 uint32_t dse_steps(void)
 {
-    return net.label == DSE_UNDECIDED ? net.step : net.answered;
+    return net.answer == 0 ? net.step : net.answered;
 }
 
 uint32_t dse_count(uint16_t output)

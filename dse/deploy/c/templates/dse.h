@@ -48,7 +48,7 @@ uint8_t dse_confident(void);
 /* Network steps from dse_reset() to the answer, or so far. */
 uint32_t dse_steps(void);
 
-/* Output spikes so far, of every output neuron. */
+/* Output spikes so far; once there is an answer, those that it was made from. */
 uint32_t dse_count(uint16_t output);
 
 /* Name of a class. */

@@ -21,6 +21,10 @@ static void add_row(const char *text)
         if (!(value > -16777216.0 && value < 16777216.0) || value != (double)(int32_t)value) {
             refuse("a sample must be a whole number below 2^24; for others compile with -DDSE_REAL_SAMPLES");
         }
+#else
+        if (!(value > -3.4028235677973366e38 && value < 3.4028235677973366e38)) { /* none that rounds to infinity */
+            refuse("a sample must be a finite number");
+        }
 #endif
         samples[n_rows * DSE_SENSORS + i] = (dse_sample_t)value;
         for (text = end; *text == ',' || *text == ';' || *text == ' ' || *text == '\t'; text++) {

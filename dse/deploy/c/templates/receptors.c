@@ -1,7 +1,3 @@
-#if defined(__clang__)
-#pragma STDC FP_CONTRACT OFF /* every product is rounded, as the encoder was trained */
-#endif
-
 static const double lowest[$n_sensors] = {
 $low};
 static const double span[$n_sensors] = {
@@ -10,10 +6,10 @@ $span};
 static const double kinds[$n_kinds][4] = {$kinds};
 
 $held/* Receptors: neurons of Izhikevich, driven by the value of a sensor and by its changes. */
-void dse_push(const dse_sample_t *sample)
+uint8_t dse_push(const dse_sample_t *sample)
 {
     uint32_t q, k, s, j;
-$advance    for (k = 0; k < DSE_SENSORS; k++) {
+$refuse$advance    for (k = 0; k < DSE_SENSORS; k++) {
         const double x = $value;
         const double level = span[k] > 0 ? (x - lowest[k]) / span[k] : 0;
         const double change = net.begun ? (level - net.last[k]) / $step_s : 0;
@@ -43,5 +39,6 @@ $method                u = u + $h * (a * (b * seen - u));
         }
     }
     net.begun = 1;
+    return 1;
 }
 

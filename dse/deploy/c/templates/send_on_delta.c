@@ -1,9 +1,9 @@
 /* Send-on-delta: a spike wherever a sample has moved by a threshold since the last spike (reference: $rule). */
-void dse_push(const dse_sample_t *sample)
+uint8_t dse_push(const dse_sample_t *sample)
 {
     static const level_t thresholds[$n_thresholds] = {$thresholds};
     uint32_t k, c;
-    for (k = 0; k < ${n_thresholds}u; k++) {
+$refuse    for (k = 0; k < ${n_thresholds}u; k++) {
         const level_t theta = thresholds[k];
         for (c = 0; c < DSE_SENSORS; c++) {
             const level_t x = (level_t)sample[c] * LEVEL_UNIT;
@@ -19,5 +19,6 @@ $move                dse_push_spike((uint16_t)($channel));
         }
     }
     net.begun = 1;
+    return 1;
 }
 

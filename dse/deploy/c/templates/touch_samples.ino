@@ -2,9 +2,13 @@
 // Reads a sensor array at its own pace and prints the class once it is decided.
 #include <dse.h>
 
+// $windows
+$constants
+
 static dse_sample_t samples[DSE_SENSORS];
 static unsigned long due_us;
 
+$window$contact
 void setup() {
   Serial.begin(115200);
   dse_init();
@@ -15,10 +19,6 @@ void loop() {
   if ((long)(micros() - due_us) < 0) return;
   due_us += (unsigned long)(DSE_STEP_MS * 1000);
   for (unsigned i = 0; i < DSE_SENSORS; i++) samples[i] = analogRead(A0 + i);  // your sensor
-  dse_push(samples);
-  dse_step();
-  if (dse_decision() != DSE_UNDECIDED) {
-    Serial.println(dse_class_name(dse_decision()));
-    dse_reset();
-  }
+  if (!dse_push(samples)) return;  // a value is no number: the sample is left out
+  end_step($touches);
 }

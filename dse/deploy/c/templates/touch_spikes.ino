@@ -2,6 +2,9 @@
 // Takes spikes from your encoder and prints the class once it is decided.
 #include <dse.h>
 
+// $windows
+$constants
+
 static unsigned long due_us;
 
 // Yours: whether a channel spikes in this step.
@@ -10,6 +13,7 @@ static bool spikes(uint16_t channel) {
   return false;
 }
 
+$window
 void setup() {
   Serial.begin(115200);
   dse_init();
@@ -19,12 +23,12 @@ void setup() {
 void loop() {
   if ((long)(micros() - due_us) < 0) return;
   due_us += (unsigned long)(DSE_STEP_MS * 1000);
-  for (uint16_t channel = 0; channel < DSE_CHANNELS; channel++) {
-    if (spikes(channel)) dse_push_spike(channel);
+  unsigned long n_spikes = 0;
+  for (unsigned long channel = 0; channel < DSE_CHANNELS; channel++) {
+    if (spikes((uint16_t)channel)) {
+      dse_push_spike((uint16_t)channel);
+      n_spikes++;
+    }
   }
-  dse_step();
-  if (dse_decision() != DSE_UNDECIDED) {
-    Serial.println(dse_class_name(dse_decision()));
-    dse_reset();
-  }
+  end_step(n_spikes >= ONSET);
 }

@@ -1,0 +1,26 @@
+static bool is_open, touched, is_over;  // the window; contact in the step before; this recording's window
+static unsigned long at;                // step of the recording
+
+// Ends a step. Until a window begins, every step is taken for its first one.
+static void end_step(bool touches) {
+  dse_step();
+  if (!is_open && !is_over && at + 1 > WINDOW_FIRST && touches && !touched) is_open = true;
+  touched = ONSET > 0 && touches;
+  if (is_open && dse_decision() != DSE_UNDECIDED) {
+    Serial.println(dse_class_name(dse_decision()));
+    is_open = false;
+    is_over = RECORDING > 0;
+  }
+  at += RECORDING > 0 || at == 0;
+  if (at == RECORDING) {
+    is_open = false;
+    is_over = true;
+  }
+  if (at == EVERY) {
+    at = 0;
+    touched = is_over = false;
+    dse_init();
+  } else if (!is_open) {
+    dse_reset();
+  }
+}

@@ -1,0 +1,156 @@
+"""What is doubtful about recordings before anything is trained: one sentence each, with the way out.
+
+A doubt refuses nothing: recordings like these may be meant. `dse check` and `dse init` say all of them, and
+preparing data those of the recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse.recordings import Recordings
+from dse.records import Floats, Ints, Signals
+
+_MISSING = ("", "nan", "none", "null", "na", "n/a")
+_SHORT = 0.5  # of the median length
+_SHORTEST_MS = 10.0  # no touch ends earlier
+_FAR = 50.0  # ranges of nearly all samples
+_MOST_VALUES = 1_000_000
+_LARGEST_SE = 0.1
+
+
+@dataclass(frozen=True)
+class Used:
+    """Recordings of a split as doubts are about.
+
+    codes: (n,) classes. n_steps: length of the windows. positions: (channel, 3), None of events.
+    used: indices of the recordings of all parts. name: of the target.
+    """
+
+    recordings: Recordings
+    codes: Ints
+    classes: tuple[str, ...]
+    used: Ints
+    n_steps: int | None
+    positions: Ints | None
+    name: str
+
+
+def doubts(of: Used) -> list[str]:
+    """Return a sentence for each doubt about recordings and their labels."""
+    return [sentence for check in _CHECKS for sentence in check(of)]
+
+
+def few(n_validation: int, n_folds: int = 1) -> list[str]:
+    """Return a sentence if the standard error of an accuracy on so few recordings is large.
+
+    Args:
+        n_validation: recordings of the validation part.
+        n_folds: folds of which each validates on so many.
+    """
+    se = 0.5 / np.sqrt(n_validation * n_folds)
+    if se < _LARGEST_SE:
+        return []
+    return [
+        f"an accuracy on {n_validation * n_folds} validation recordings has a standard error of up to "
+        f"{se:.2f}, and designs that differ by less cannot be told apart: `split: {{k_fold: {{k: 5}}}}` "
+        "validates on every recording, search.repeats averages over trainings"
+    ]
+
+
+def silent_windows(n_spikes: Ints) -> list[str]:
+    """Return a sentence if most windows have no input spike.
+
+    Args:
+        n_spikes: (n,) input spikes of each window.
+    """
+    share = float((n_spikes == 0).mean())
+    if share <= _SHORT:
+        return []
+    how_many = "no window has" if share == 1 else f"{100 * share:.0f} % of the windows do not have"
+    return [
+        f"no input spikes: {how_many} a spike, and a network learns nothing from such windows; lower the "
+        "threshold of the encoder or of preprocessing"
+    ]
+
+
+def _labels(of: Used) -> Iterator[str]:
+    names: dict[str, list[str]] = {}
+    for name in of.classes:
+        names.setdefault(name.strip().casefold(), []).append(name)
+    for alike in names.values():
+        if len(alike) > 1:
+            known = " and ".join(map(repr, alike))
+            yield f"{of.name}: classes {known} differ only in case or blanks; rename one if they are the same"
+    for name in of.classes:
+        if name.strip().casefold() in _MISSING:
+            yield (
+                f"{of.name}: class {name!r} reads like a missing label; leave its recordings out of the data "
+                "or out of the split"
+            )
+
+
+def _axes(of: Used) -> Iterator[str]:
+    signals = of.recordings
+    if not isinstance(signals, Signals) or of.positions is None or np.ptp(of.positions[:, 1]):
+        return
+    longest = int(signals.lengths[of.used].max())
+    if longest < signals.n_channels:
+        yield (
+            f"recordings have {longest} steps of {signals.n_channels} channels; if these are {longest} "
+            "channels, name the axes in their order: data.axes of a file, `axes` of dse.data.from_arrays, "
+            "such as 'recording channel step'"
+        )
+
+
+def _lengths(of: Used) -> Iterator[str]:
+    signals = of.recordings
+    if not isinstance(signals, Signals):
+        return
+    lengths = signals.lengths[of.used]
+    median, shortest = float(np.median(lengths)), int(lengths.min())
+    if of.n_steps in (None, shortest) and shortest < _SHORT * median:
+        i = int(of.used[lengths.argmin()])
+        n = np.count_nonzero(lengths < _SHORT * median)
+        others = f", as {n - 1} others are shorter than half of that" if n > 1 else ""
+        yield (
+            f"recording {i} (class '{of.classes[of.codes[i]]}') has {shortest} steps, the median is "
+            f"{median:g}{others}; all windows are as short as it: leave it out of the data or of the split, "
+            "and raise window.n_steps"
+        )
+    if (longest_ms := float(lengths.max() * signals.step_ms)) < _SHORTEST_MS:
+        yield (
+            f"the longest recording lasts {longest_ms:g} ms; step_ms is in milliseconds, got "
+            f"{signals.step_ms:g}"
+        )
+
+
+def _glitches(of: Used) -> Iterator[str]:
+    signals = of.recordings
+    if not isinstance(signals, Signals):
+        return
+    values = signals.values
+    some = values[:: max(1, values.size // _MOST_VALUES)]
+    low, high = np.percentile(some, (1, 99), axis=0)
+    for channel, distance in enumerate(_distances(values, low, high)):
+        if distance > _FAR * (high - low)[channel] > 0:
+            row = int(
+                np.maximum(values[:, channel] - high[channel], low[channel] - values[:, channel]).argmax()
+            )
+            i = int(np.searchsorted(signals.offsets, row, side="right")) - 1
+            yield (
+                f"channel {channel} reads {values[row, channel]:g} at step {row - signals.offsets[i]} of "
+                f"recording {i}, and 98 % of its samples lie in {low[channel]:g} to {high[channel]:g}; if "
+                "the sensor failed there, leave the recording out of the data or of the split"
+            )
+
+
+def _distances(values: Floats, low: Floats, high: Floats) -> Floats:
+    """Return by how much the farthest sample of each channel lies outside of its range, (channel,)."""
+    return np.asarray(np.maximum(values.max(axis=0) - high, low - values.min(axis=0)))
+
+
+_CHECKS: tuple[Callable[[Used], Iterator[str]], ...] = (_labels, _axes, _lengths, _glitches)

@@ -1,0 +1,81 @@
+"""Writing the two tables of a study: trials.parquet, a row per trial, and points.parquet, one per point."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dse import store
+from dse.config import SearchSpace, load_space
+from dse.hardware.profile import Profile, load_all
+from dse.seeds import design_key
+from dse.study import held, points, pricing
+from dse.study import trials as of_trials
+from dse.study.journal import Entry, read_journal
+from dse.study.record import IMPORTED, RunRecord, load_record
+from dse.study.results import plain_space
+
+if TYPE_CHECKING:
+    import pandas
+
+
+def write(
+    space: SearchSpace,
+    folder: Path,
+    runs: Mapping[int, Sequence[RunRecord]],
+    profiles: Sequence[Profile],
+    entries: Sequence[Entry],
+) -> pandas.DataFrame:
+    """Write the tables of a study, and the profiles that price them; return that of the trials.
+
+    Args:
+        space: its search space.
+        folder: of the study, which the caller has locked.
+        runs: trial -> records of its runs, repeat 0 first.
+        profiles: of its hardware.
+        entries: of its journal; excluded designs have a row too, unless they have been trained since.
+    """
+    pricing.keep(profiles, folder)
+    trained = {design_key(entry.design) for entry in entries if not entry.excluded}
+    excluded = [x for x in entries if x.excluded and design_key(x.design) not in trained]
+    table = of_trials.trials_table(space, runs, excluded)
+    digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in runs.items()})
+    with store.published(folder / held.TRIALS) as path:
+        store.write_table(path, table, json.dumps({"digests": digests}))
+    points.write_points(folder / held.POINTS, space, folder, runs, profiles)
+    return table
+
+
+def n_held(space: SearchSpace, folder: Path) -> str:
+    """Return how many trials of a search the tables of its study hold, in a sentence."""
+    n_designs = sum(not entry.excluded for entry in read_journal(folder / store.JOURNAL))
+    n_trials = max(n_designs, space.search.n_trials or space.n_designs or 0)
+    try:
+        n = sum(trial < IMPORTED for trial in held.counted(held.read(folder / held.TRIALS)))
+    except (store.StoreError, KeyError):  # there is none yet, or it is damaged
+        n = 0
+    return f"the tables hold {n} of {n_trials} trials"
+
+
+def write_again(folder: Path) -> dict[int, dict[str, Any]]:
+    """Write the tables of a study from the files in its folder; return trial -> its row.
+
+    Args:
+        folder: of the study, which the caller has locked.
+
+    Raises:
+        ConfigError, StoreError: the search space, a profile or a run cannot be read.
+    """
+    plain_space(folder / store.SPACE)  # raises if it is not what was written
+    space = load_space(folder / store.SPACE)
+    entries = read_journal(folder / store.JOURNAL)
+    runs = {
+        trial: [record for x in repeats if (record := load_record(store.run_folder(folder, trial, x)))]
+        for trial, repeats in store.runs_in(folder).items()
+        if trial < len(entries) or trial >= IMPORTED
+    }
+    table = write(space, folder, runs, load_all(space.hardware, space.source.parent), entries)
+    rows = table.to_dict("records")
+    return {int(row["trial"]): {str(name): store.plain_cell(x) for name, x in row.items()} for row in rows}

@@ -1,0 +1,305 @@
+"""Odd inputs at the command line: one line with exit code 2 each, or said before anything is trained."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+
+import dse
+from dse.cli import main
+from dse.config import load_space
+from dse.data import starter
+from tests.spaces import write_space
+
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def refused(capsys: Captured, *arguments: str) -> str:
+    """Return the one line that a command refuses its arguments with."""
+    capsys.readouterr()
+    assert main(list(arguments)) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1, printed.err
+    return printed.err
+
+
+def notes(capsys: Captured, *arguments: str) -> str:
+    """Return the notes of a command that is right."""
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
+    return "\n".join(json.loads(capsys.readouterr().out)["notes"])
+
+
+@pytest.mark.parametrize(
+    ("old", "value"),
+    [
+        ("true_rate: 0.8", "{range: [0, 1], step: .nan}"),
+        ("true_rate: 0.8", "{range: [0, 1], step: .inf}"),
+        ("seed: 3", f"0x{'f' * 100_000}"),
+        ("seed: 3", "9" * 350),
+        ("epochs: 1", "100000000000"),
+        ("batch_size: 8", "1000000000000"),
+    ],
+)
+def test_a_number_beyond_bounds_is_refused(tmp_path: Path, capsys: Captured, old: str, value: str) -> None:
+    key = old.split(":", maxsplit=1)[0]
+    space = write_space(tmp_path, (old, f"{key}: {value}"))
+    error = refused(capsys, "check", str(space))
+    assert error.startswith(f"{space}:") and f"{key}" in error and len(error) < 300 + len(str(space))
+
+
+DAMAGES = {
+    "complex": (145, b"\x08"),  # an array without its imaginary part crashes scipy
+    "no_class": (144, b"\x00"),
+    "dimensions": (152, b"\x09"),
+    "no_matrix": (128, b"\x14"),
+    "noise": (128, bytes(range(250, 50, -1))),
+}
+
+
+def test_damaged_files_of_matlab_are_refused() -> None:
+    file = io.BytesIO()
+    savemat(file, {"p": np.arange(48).reshape(4, 6, 2), "label": np.arange(4) % 2})
+    for name, (at, new) in DAMAGES.items():
+        content = bytearray(file.getvalue())
+        content[at : at + len(new)] = new
+        Path(f"{name}.mat").write_bytes(content)
+    # In a process of its own: what crashes may not take the tests along.
+    code = "import sys; from dse.cli import main; print([main(['init', x]) for x in sys.argv[1:]])"
+    command = [sys.executable, "-c", code, *(f"{name}.mat" for name in DAMAGES)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == str([2] * len(DAMAGES)), done.stderr
+    lines = done.stderr.splitlines()
+    assert len(lines) == len(DAMAGES)
+    for name, line in zip(DAMAGES, lines, strict=True):
+        assert line.startswith(f"{name}.mat: the file cannot be read: it is not a MATLAB file")
+
+
+def test_a_table_of_a_million_columns_is_refused_at_once(capsys: Captured) -> None:
+    names = ",".join(f"v{k}" for k in range(1_000_000))
+    Path("wide.csv").write_text(f"{names}\n{names.replace('v', '')}\n")
+    assert "at most 100000 columns, got 1000000" in refused(capsys, "init", "wide.csv", "--step-ms", "4")
+
+
+def waves(n: int = 40, n_steps: int = 50) -> tuple[np.ndarray, np.ndarray]:
+    """Return recordings (n, step, 2) of two classes, and their labels."""
+    rng = np.random.default_rng(1)
+    hz = np.where(np.arange(n) % 2, 4.0, 22.0)[:, None, None]
+    t_s = 0.004 * np.arange(n_steps)[None, :, None]
+    noise = rng.normal(0, 0.05, (n, n_steps, 2))
+    signal = np.sin(2 * np.pi * hz * t_s + rng.uniform(0, 6, (n, 1, 2))) + noise
+    return signal, np.where(np.arange(n) % 2, "denim", "silk")
+
+
+def tidy(signal: np.ndarray | list[np.ndarray], **labels: Any) -> pd.DataFrame:
+    """Return a table with a row per sample of 4 ms."""
+    parts = [
+        pd.DataFrame({"trial": i, "time_s": 0.004 * np.arange(len(x)), "left": x[:, 0], "right": x[:, 1]})
+        for i, x in enumerate(signal)
+    ]
+    return pd.concat([p.assign(**{k: v[i] for k, v in labels.items()}) for i, p in enumerate(parts)])
+
+
+def test_a_published_test_set_stays_one(capsys: Captured) -> None:
+    signal, label = waves()
+    usage = np.where(np.arange(40) < 30, "TRAIN", "TEST")
+    np.savez("touch.npz", signal=signal, fabric=label, usage=usage, session=np.arange(40) // 5)
+    assert main(["init", "touch.npz", "--step-ms", "4", "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    assert row["test"] == 10 and row["train"] + row["validation"] == 30 and row["validation"] >= 5
+    (checked,) = answered(capsys, "check", "touch.yaml")
+    assert (checked["train"], checked["test"]) == (row["train"], 10)
+    # What no key could say before: validation from training recordings, by class or by whole groups.
+    for group in ("", ", group: session"):
+        rule = f"{{stratified: {{validation: 0.2, test: {{usage: TEST}}, seed: 2{group}}}}}"
+        (checked,) = answered(capsys, "check", "touch.yaml", "--set", f"split={rule}")
+        assert (checked["train"], checked["validation"], checked["test"]) == (
+            24 + bool(group),
+            6 - bool(group),
+            10,
+        )
+    error = refused(
+        capsys, "check", "touch.yaml", "--set", "split={train: {usage: TRAIN}, test: {usage: TEST}}"
+    )
+    assert "stratified: {validation: 0.2, test: {COLUMN: test}}" in error
+
+
+def answered(capsys: Captured, *arguments: str) -> list[dict[str, Any]]:
+    """Return the rows of a command that is right."""
+    capsys.readouterr()
+    assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
+    return list(json.loads(capsys.readouterr().out)["rows"])
+
+
+@pytest.mark.parametrize("axis", [1, 3])
+def test_packed_bits_are_read(capsys: Captured, axis: int) -> None:
+    rng = np.random.default_rng(2)
+    spikes = rng.integers(0, 2, (12, 20, 5, 2)) * (np.arange(12) % 2 + 1)[:, None, None, None].clip(0, 1)
+    spikes = np.moveaxis(spikes, 1, axis)
+    packed = np.packbits(spikes.astype(np.uint8), axis=axis)
+    np.savez("spikes.npz", spikes_packed=packed, shape=spikes.shape, label=np.arange(12) % 2)
+    assert main(["init", "spikes.npz", "--step-ms", "5"]) == 0
+    capsys.readouterr()
+    space = load_space("spikes.yaml")
+    found = space.data.read(Path())
+    assert (found.spikes.n_steps, found.spikes.n_channels) == (20, 10)
+    assert len(found.spikes.channel) == spikes.sum()
+    assert answered(capsys, "check", "spikes.yaml")[0]["classes"] == ["0", "1"]
+
+
+@pytest.fixture
+def space() -> str:
+    """A search space, `x.yaml`, for the arrays of `x.npz`."""
+    Path("x.yaml").write_text(
+        "study: x\nseed: 1\n"
+        "data: {kind: time_series, file: x.npz, step_ms: 4, columns: {fabric: fabric}}\n"
+        "task: {target: fabric}\nsplit: {stratified: {validation: 0.3, seed: 1}}\n"
+        "encoder: {kind: send_on_delta, thresholds: [0.2]}\n"
+        "model: {kind: snn, hidden: 4}\ntraining: {epochs: 1, batch_size: 8}\nhardware: [mcu_m4]\n"
+    )
+    signal, label = waves(120)
+    np.savez("x.npz", signal=signal, fabric=label)
+    return "x.yaml"
+
+
+def test_recordings_as_they_should_be_are_left_in_peace(space: str, capsys: Captured) -> None:
+    assert notes(capsys, "check", space) == ""
+
+
+def doubtful(name: str) -> tuple[dict[str, Any], str]:
+    """Return arrays with a fault, and what is said of it."""
+    signal, label = waves(120)
+    if name == "axes":
+        return {"signal": signal.transpose(0, 2, 1), "fabric": label}, "2 steps of 50 channels"
+    if name == "case":
+        return {"signal": signal, "fabric": np.where(np.arange(120) % 7, label, "Silk")}, "'Silk' and 'silk'"
+    if name == "missing":
+        return {"signal": signal, "fabric": np.where(np.arange(120) % 7, label, "nan")}, "class 'nan'"
+    if name == "glitch":
+        signal[17, 9, 1] = 99999
+        return {"signal": signal, "fabric": label}, "channel 1 reads 99999 at step 9 of recording 17"
+    lengths = np.where(np.arange(120) == 31, 21, 50)
+    rows = np.concatenate([x[:n] for x, n in zip(signal, lengths, strict=True)])
+    offsets = np.cumsum([0, *lengths])
+    return {"signal": rows, "offsets": offsets, "fabric": label}, "recording 31 (class 'denim') has 21 steps"
+
+
+@pytest.mark.parametrize("name", ["axes", "case", "missing", "glitch", "short"])
+def test_what_is_doubtful_is_said_before_training(space: str, capsys: Captured, name: str) -> None:
+    arrays, sentence = doubtful(name)
+    np.savez("x.npz", **arrays)
+    more = ("--set", "data.offsets=offsets", "--set", "window.n_steps=21") if name == "short" else ()
+    assert sentence in notes(capsys, "check", space, *more)
+    # A run says it too, once its data are prepared.
+    assert sentence in notes(capsys, "run", space, *more, "--quiet")
+
+
+def test_a_step_in_seconds_is_doubtful(space: str, capsys: Captured) -> None:
+    assert "the longest recording lasts 0.2 ms" in notes(
+        capsys, "check", space, "--set", "data.step_ms=0.004"
+    )
+
+
+def test_few_validation_recordings_are_doubtful(space: str, capsys: Captured) -> None:
+    signal, label = waves(30)
+    np.savez("x.npz", signal=signal, fabric=label)
+    assert "8 validation recordings has a standard error of up to 0.18" in notes(capsys, "check", space)
+    folds = ("--set", "split={k_fold: {k: 5}}")
+    assert notes(capsys, "check", space, *folds) == ""
+    assert main(["init", "x.npz", "--step-ms", "4", "--force"]) == 0
+    assert "standard error" in capsys.readouterr().out
+
+
+def test_an_encoder_that_never_spikes_is_named(space: str, capsys: Captured) -> None:
+    silent = ("--set", "encoder.thresholds={choice: [[600], [0.2]]}")
+    assert "no input spikes" in notes(capsys, "check", space, *silent)
+    assert "(at encoder.thresholds 600" in notes(capsys, "check", space, *silent)
+    said = notes(capsys, "run", space, "--set", "encoder.thresholds=[600]", "--quiet")
+    assert "no input spikes: no window has a spike" in said
+    assert "1 of 1 designs get no input spikes" in said and "learning_rate" not in said
+
+
+def test_a_mistyped_number_of_neurons_is_doubtful(space: str, capsys: Captured) -> None:
+    assert "12000000 weights" in notes(capsys, "check", space, "--set", "model.hidden=2000000")
+
+
+def test_blanks_around_labels_make_no_class(capsys: Captured) -> None:
+    signal, label = waves()
+    activity = np.where(np.arange(40) % 5, label, np.char.add(label, " "))
+    tidy(signal, activity=activity).to_csv("touch.csv", index=False)
+    assert main(["init", "touch.csv", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["rows"][0]["classes"] == ["denim", "silk"]
+    assert any("'activity' are read without blanks" in note for note in document["notes"])
+
+
+def test_why_no_column_is_a_label(capsys: Captured) -> None:
+    signal, label = waves(20)
+    table = tidy(signal, number=np.arange(20)).reset_index(drop=True)
+    for name, row, value in (("empty", 260, None), ("changing", 310, "denim")):
+        table[name] = np.repeat(label, 50)
+        table.loc[row : (row if value else 299), name] = value
+    table.to_csv("touch.csv", index=False)
+    error = refused(capsys, "init", "touch.csv")
+    assert "'empty' is empty in line 262" in error and "'number' has 20 values in 20 recordings" in error
+    assert "'changing' changes within a recording in line 312" in error
+    table.assign(fabric=np.repeat(label, 50)).to_csv("touch.csv", index=False)
+    assert "column 'empty' is empty in line 262" in refused(capsys, "init", "touch.csv", "--label", "empty")
+
+
+def test_a_table_as_german_excel_writes_it_is_read(capsys: Captured) -> None:
+    signal, label = waves(20)
+    tidy(signal, fabric=label).to_csv("touch.csv", index=False, sep=";", decimal=",")
+    (row,) = answered(capsys, "init", "touch.csv")
+    assert row["recordings"] == 20 and row["classes"] == ["denim", "silk"]
+    found = load_space("touch.yaml").data.read(Path())
+    assert found.values == pytest.approx(signal.reshape(-1, 2)) and found.step_ms == 4
+
+
+def test_one_text_among_numbers_is_named_with_its_line(capsys: Captured) -> None:
+    signal, label = waves(20)
+    table = tidy(signal, fabric=label).reset_index(drop=True).astype({"left": object})
+    table.loc[99, "left"] = "error"
+    table.to_csv("touch.csv", index=False)
+    assert "column 'left' must hold numbers, got 'error' in line 101" in refused(capsys, "init", "touch.csv")
+
+
+def test_small_mistakes_have_a_way_out(capsys: Captured) -> None:
+    Path("touch.xlsx").write_bytes(b"PK")
+    assert "save the sheet as CSV" in refused(capsys, "init", "touch.xlsx")
+    assert "Did you mean 'check'?" in refused(capsys, "chek", "touch.yaml")
+    with pytest.raises(TypeError, match=r"dse\.data\.from_arrays"):
+        dse.init(waves()[0])  # type: ignore[arg-type]
+    signal, label = waves(20)
+    tidy(signal, fabric=label).to_csv("mein test.csv", index=False)
+    assert main(["init", "mein test.csv"]) == 0
+    assert "dse run 'mein test.yaml'" in capsys.readouterr().out
+
+
+def test_the_file_of_init_names_no_folder_of_its_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
+    signal, label = waves(20)
+    tidy(signal, fabric=label).to_csv("touch.csv", index=False)
+    assert main(["init", "touch.csv"]) == 0
+    assert str(Path.home()) not in (text := Path("touch.yaml").read_text()) and "$schema=/" not in text
+    assert str(Path.cwd()) not in text
+    # Where the package lies in the same folder, editors find its schema.
+    monkeypatch.setattr(starter, "shipped_folder", lambda name: tmp_path / "lib" / name)
+    assert main(["init", "touch.csv", "--force"]) == 0
+    first = Path("touch.yaml").read_text().splitlines()[0]
+    assert first == "# yaml-language-server: $schema=lib/search_spaces/schema.json"
