@@ -191,10 +191,10 @@ def verify(
     for name, target in targets.items():
         try:
             with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
-                written = Path(temporary) / name
-                written.mkdir()
-                if (verdict := _written(target, bundle, written, None)).kind != "unsupported":
-                    verdict = _differs(path, name, written) or target.verify(bundle, written, reference)
+                anew = Path(temporary) / name
+                anew.mkdir()
+                if (verdict := _written(target, bundle, anew, None)).kind != "unsupported":
+                    verdict = _differs(path, name, anew) or target.verify(bundle, anew, reference)
         except BundleError as error:
             faults.append(f"target {name}: {error}")
             continue

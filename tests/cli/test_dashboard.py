@@ -296,7 +296,7 @@ def test_a_view_of_a_plugin_of_the_study(
         assert "Views.blank = " in path.read_text(encoding="utf-8")
         capsys.readouterr()
     plugin.unlink()
-    registry._components["views"].pop("blank", None)  # as in another process
+    registry._components.get("views", {}).pop("blank", None)  # as in another process
     registry._plugins.clear()
     assert main(["dashboard", str(folder), "--port", "0", "--page", str(definition)]) == 2
     error = capsys.readouterr().err

@@ -47,7 +47,7 @@ Views.spread = { view(root, app) {
 
 
 @pytest.fixture(autouse=True)
-def no_view_stays() -> Iterator[None]:
+def no_view_stays(trusting: None) -> Iterator[None]:
     before = dict(registry._components.get("views", {}))
     yield
     registry._components["views"] = before

@@ -38,7 +38,7 @@ class SquaredCounts:
 '''
 
 
-def test_a_users_loss_is_an_axis_and_trains(tmp_path: Path) -> None:
+def test_a_users_loss_is_an_axis_and_trains(trusting: None, tmp_path: Path) -> None:
     (tmp_path / "my_loss.py").write_text(PLUGIN, encoding="utf-8")
     model = "{kind: snn, hidden: 8, loss: {choice: [spike_rate, squared_counts]}, spikes: {choice: [9, 12]}}"
     path = write_space(tmp_path, ("{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}", model))

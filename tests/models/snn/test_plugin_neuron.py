@@ -56,7 +56,7 @@ def test_a_users_neuron_goes_from_a_file_to_a_bundle(
     space = tmp_path / "adaptive.yaml"
     space.write_text(SPACE, encoding="utf-8")
     results = tmp_path / "results" / "adaptive"
-    run("run", space, "--results", tmp_path / "results", "--quiet", capsys=capsys)
+    run("run", space, "--results", tmp_path / "results", "--quiet", "--trust", capsys=capsys)
     space.write_text(SPACE.replace("n_trials: 1", "n_trials: 2"), encoding="utf-8")
     first = np.load(results / "artefacts" / "00000" / "repeat_0" / "weights.npz")["0/weight"]
     run("run", space, "--results", tmp_path / "results", "--quiet", capsys=capsys)  # trains what is missing
