@@ -17,7 +17,7 @@ from dse.records import Floats, Ints, Signals
 _MISSING = ("", "nan", "none", "null", "na", "n/a")
 _SHORT = 0.5  # of the median length
 _SHORTEST_MS = 10.0  # no touch ends earlier
-_FAR = 50.0  # ranges of nearly all samples
+_FAR = 50.0  # times the widest range of a channel
 _MOST_VALUES = 1_000_000
 _LARGEST_SE = 0.1
 
@@ -135,8 +135,9 @@ def _glitches(of: Used) -> Iterator[str]:
     values = signals.values
     some = values[:: max(1, values.size // _MOST_VALUES)]
     low, high = np.percentile(some, (1, 99), axis=0)
+    widest = (high - low).max()  # a channel may be touched seldom, and then as others are
     for channel, distance in enumerate(_distances(values, low, high)):
-        if distance > _FAR * (high - low)[channel] > 0:
+        if distance > _FAR * widest > 0:
             row = int(
                 np.maximum(values[:, channel] - high[channel], low[channel] - values[:, channel]).argmax()
             )
