@@ -101,7 +101,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
         for row in columns  # the ends of a ratio stand beside it, whatever they are
     ]
     return Answer(
-        columns, notes, shown, essential, _TELLING, table, code=code, all_rows=True, sections=audits
+        *(columns, notes, shown, essential, _TELLING),
+        table=table,
+        code=code,
+        all_rows=True,
+        sections=audits,
     )
 
 
