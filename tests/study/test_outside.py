@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from dse.cli.command_line import main
+from dse.door.study import open as open_study
 from dse.study import explore, results
 from dse.study.journal import read_journal
 from dse.study.results import Study
@@ -71,7 +72,7 @@ def test_designs_are_asked_for_told_and_on_the_front(
     assert read_journal(folder / "journal.log")[1].values == (0.9, 20.0, 0.5)
     points = study.points()
     assert points[points["trial"] == 1]["origin"].tolist() == ["told"]
-    assert 1 in set(dse.open(study.folder).skyline().rows["trial"])
+    assert 1 in set(open_study(study.folder).skyline().rows["trial"])
     assert (study.trials.set_index("trial")["repeats"] == 2).sum() >= 1, "others are repeated"
     best = ["pick", str(folder), "--budget", "n_weights <= 20"]
     assert "trial 1 was measured elsewhere" in dse(*best, "--export", str(tmp_path / "bundle"), code=2)
