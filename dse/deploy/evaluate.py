@@ -81,12 +81,12 @@ class Evaluation:
 
 
 def evaluate(
-    bundle: str | Path, data_file: str | Path, *, repair: bool = False, rest_s: float | None = None
+    bundle: Bundle | str | Path, data_file: str | Path, *, repair: bool = False, rest_s: float | None = None
 ) -> Evaluation:
     """Classify new recordings with the preprocessing, network and decision rule of a bundle.
 
     Args:
-        bundle: folder of a bundle.
+        bundle: as `export` returns it, or its folder.
         data_file: recordings of the kind that the bundle was trained on, labelled or not.
         repair: whether to continue after faults in event files.
         rest_s: measure the power of this machine's processor: for so long at rest, then while it classifies.
@@ -95,7 +95,7 @@ def evaluate(
         BundleError: the bundle is damaged or of a newer schema, or its classifier refuses the recordings.
         RecordingError: the recordings do not fit.
     """
-    classifier = read(bundle)
+    classifier = bundle if isinstance(bundle, Bundle) else read(bundle)
     new = prepared(classifier, data_file, repair=repair)
     data, notes = new.dataset, new.notes
     del new  # the recordings themselves are not needed any more

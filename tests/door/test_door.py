@@ -94,6 +94,15 @@ def test_one_text_stands_for_a_list_of_one(ran: Ran) -> None:
     assert set(study.skyline(targets="c99").rows["target"]) == {"c99"}
 
 
+def test_what_is_picked_is_evaluated_as_its_folder_is(ran: Ran, tmp_path: Path) -> None:
+    study, _ = ran
+    bundle = study.pick().export(tmp_path / "bundle")
+    file = study.space["data"]["file"]
+    found = dse.evaluate(bundle, file)
+    assert found.columns == dse.evaluate(tmp_path / "bundle", file).columns
+    assert len(found.label) == 24 and found.accuracy > 0.5
+
+
 def test_figures_and_optuna(ran: Ran) -> None:
     study, _ = ran
     assert "front" in dir(study.plot) and study.plot.front().data

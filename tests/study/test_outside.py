@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from dse.cli.command_line import main
+from dse.door.study import open as open_study
 from dse.study import explore, results
 from dse.study.journal import read_journal
 from dse.study.results import Study
@@ -73,7 +74,7 @@ def test_designs_are_asked_for_told_and_on_the_front(
     assert points[points["trial"] == 1]["origin"].tolist() == ["told"]
     lacking = points["accuracy_corrected"].isna()
     assert set(points["trial"][lacking]) == {1}, "nobody said how many recordings its accuracy is of"
-    assert 1 in set(dse.open(study.folder).skyline().rows["trial"])
+    assert 1 in set(open_study(study.folder).skyline().rows["trial"])
     assert (study.trials.set_index("trial")["repeats"] == 2).sum() >= 1, "others are repeated"
     best = ["pick", str(folder), "--budget", "n_weights <= 20"]
     assert "trial 1 was measured elsewhere" in dse(*best, "--export", str(tmp_path / "bundle"), code=2)
