@@ -52,7 +52,8 @@ def by_signals() -> Iterator[None]:
 
     def again(swallowed: UnraisableHookArgs) -> None:
         if not _ends(swallowed.exc_value):
-            return hook(swallowed)
+            hook(swallowed)
+            return
         number = getattr(swallowed.exc_value, "code", INTERRUPTED) - 128
         timer = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
         timer.daemon = True
