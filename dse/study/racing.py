@@ -162,7 +162,8 @@ class Race:
         sign = np.array([1.0 if direction == "min" else -1.0 for _, direction in goals])
         going: set[int] = set()
         reasons: dict[int, str] = {}
-        for of_group in stood.values():
+        for stood_there in stood.values():
+            of_group = dict(sorted(stood_there.items()))  # so that ties do not depend on who waits
             n = max(math.ceil(len(of_group) / self._settings.eta), _LEAST * len(goals))
             able = [t for t, values in of_group.items() if np.isfinite(values).all() and t not in beyond]
             costs = np.array([sign * of_group[trial] for trial in able]).reshape(len(able), len(goals))

@@ -176,7 +176,7 @@ def test_run_reports_when_nothing_could_be_trained(
     assert "1 of 1 designs failed; the first: the loss is NaN in epoch 1" in found["notes"]
 
 
-@pytest.mark.parametrize("module", ["dse.config", "dse.cli.commands.check"])
+@pytest.mark.parametrize("module", ["dse.config", "dse.cli.options"])
 def test_ctrl_c_before_a_command_begins_is_130_without_traceback(module: str) -> None:
     code = (
         "import signal, sys\n"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -157,10 +157,9 @@ def test_who_stops_depends_neither_on_workers_nor_on_interruptions(
 def test_tables_are_written_while_an_audit_goes_on(
     raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By a clock on which more than a minute passes between any two looks at it."""
-    minutes = itertools.count()
     monkeypatch.setattr(Workers, "stream", in_process)
-    monkeypatch.setattr("dse.study.explore.time.monotonic", lambda: 100.0 * next(minutes))
+    monkeypatch.setattr(explore, "_REFRESH_S", 0.0)
+    monkeypatch.setattr(explore, "_REFRESH_SHARE", math.inf)
     ended: list[str] = []
     written = explore.tables.trials_table
 
