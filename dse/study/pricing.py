@@ -148,7 +148,8 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
     whole = pandas.concat(priced, ignore_index=True)
     # A chip that no design can run on has no costs; fronts over them still look for the columns.
     lacking = {name: np.nan for name in ("energy_uj", "energy_uj_high", "latency_ms") if name not in whole}
-    return whole.assign(**lacking).astype({"fits": "boolean"} if "fits" in whole else {})
+    whole = whole.assign(**lacking).astype({"fits": "boolean"} if "fits" in whole else {})
+    return whole.copy()  # in one piece: pandas warns where more columns are added to many
 
 
 def costs(folder: str | Path, rows: pandas.DataFrame, chips: Sequence[Profile]) -> list[pandas.DataFrame]:
