@@ -222,8 +222,9 @@ def test_a_spiking_network_is_the_same_alone_in_a_cohort_and_after_a_stop(tmp_pa
         unlike(alone.trials, "trial")[expected.columns], expected, check_dtype=False
     )
 
-    shutil.rmtree(store.run_folder(both.folder, 1, 1))
     before = both.trials
+    shutil.rmtree(store.run_folder(both.folder, 1, 1))
+    assert both.trials["trial"].tolist() == [0], "a trial that lacks a run is left out"
     again = run(tmp_path, spikes, "both", model=SNN, **changes)
     pd.testing.assert_frame_equal(unlike(again.trials), unlike(before), check_exact=True)
 
