@@ -300,7 +300,7 @@ def test_figures_of_the_papers_say_their_numbers(opened):
         "recognition": "Accuracy over input length: 0.500 after 50 ms, 0.900 after 100 ms.",
         "first_spike": "First output spike: denim: median of 2 of 2 samples, 80 ms.",
         "histograms": "Class histograms over 3 prototypes: denim, silk & wool.",
-        "power": "Power at rest and beyond: a 56 + 0.005 W, b 0.5 + 1.75 W.",
+        "power": "Power at rest and beyond: a 56 W + 5 mW, b 500 mW + 1.75 W.",
     }
 
 
