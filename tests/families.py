@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse import registry
-from dse.records import Ints
+from dse.config.contracts import Encoder
+from dse.records import Ints, Signals, Spikes
 from dse.registry import param
 
 SPACE = """\
@@ -72,7 +73,7 @@ class Strict:
 
 
 @dataclass(frozen=True)
-class Loud:
+class Loud(Encoder):
     """An encoder without keys that are required."""
 
     volume: float = param(1.0, low=0, doc="volume")
@@ -84,6 +85,10 @@ class Loud:
     def positions(self, inputs: Ints) -> Ints:
         """Return x, y and plane of the channels: three planes of each."""
         return np.concatenate([inputs + np.array([0, 0, plane]) for plane in range(3)])
+
+    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
+        """Raise: nothing is trained with this encoder."""
+        raise ValueError("an encoder of a test encodes nothing")
 
 
 MODELS = {"wide_of_a_test": Wide, "near_of_a_test": Near, "strict_of_a_test": Strict}

@@ -76,8 +76,8 @@ def front_answer(
         ]
     notes = [*notes, *_waiting(rows, shown)]
     shown += [name for name in beside if name in rows and name not in shown]
-    names = [x for name, _ in objectives for x in (f"{name}_corrected", name)]
-    essential = [name for name in ("trial", *names) if name in shown]
+    best_known = (f"{name}_corrected" if f"{name}_corrected" in shown else name for name, _ in objectives)
+    essential = [name for name in ("trial", *best_known) if name in shown]
     best: Sequence[int] = ()
     if len(table) > MOST_ROWS:
         group = group_numbers(table, front_columns(table, None))

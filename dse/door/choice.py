@@ -182,13 +182,12 @@ def choose(
         meets = f"no design point meets {' and '.join(budgets) or 'every condition'}{sure}"
         notes = [meets, *picked.notes, *remarks, *_misfit(study, picked.nearest, question.hardware)]
         return Choice(None, picked.nearest, notes, goals, targets, folder)
-    found, lacking = corrected.known(picked.row.to_frame().T, [maximise, *(name for name, _ in ties)])
-    row = found.iloc[0].infer_objects()
+    row = picked.row.copy()
     # Accuracies on different tasks cannot be compared, nor can energies on different hardware.
     notes = [
         *picked.notes,
         *remarks,
-        *lacking,
+        *corrected.lacking(row.to_frame().T, [name for name, _ in goals]),
         *_others(points, budgets, "task", "tasks"),
         *_others(points, budgets, "hardware", "hardware profiles"),
         *_others(points, budgets, "target", "targets"),

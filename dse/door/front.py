@@ -68,7 +68,7 @@ def front_of(
     if question.confidence is not None:
         certain.append(f"front_probability >= {question.confidence}")
     rows, notes = front.skyline(frame, objectives, early, by, question.oversize)
-    rows, lacking = corrected.known(rows, (name for name, _ in objectives))
+    lacking = corrected.lacking(rows, (name for name, _ in objectives))
     notes = [*notes, *lacking, *(text for path in results for text in held.remarks(Path(path)))]
     if question.draws or certain:
         among = front.comparable(frame, objectives, early, by, oversize=question.oversize).rows

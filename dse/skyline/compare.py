@@ -56,7 +56,9 @@ def compare(
         ExpressionError: an unknown column or direction, or a condition that cannot be read.
     """
     checked = checked_goals(goals)
-    both = pd.concat([table.assign(**{STUDY: name}) for name, table in tables.items()], ignore_index=True)
+    # A copy is in one piece: pandas warns where a column is added to many.
+    named = [table.copy().assign(**{STUDY: name}) for name, table in tables.items()]
+    both = pd.concat(named, ignore_index=True)
     by = [name for name in ("task", "hardware") if name in both]
     rows, notes = comparable(both, checked, where, by)
     costs = costs_of(rows, checked)

@@ -54,8 +54,8 @@ def corrected_of(name: str) -> tuple[str, str, str]:
     return f"{name}_corrected", f"{name}_corrected_low", f"{name}_corrected_high"
 
 
-def known(rows: pandas.DataFrame, names: Iterable[str]) -> tuple[pandas.DataFrame, list[str]]:
-    """Return points with the columns of every corrected accuracy, and a note on each that points lack.
+def lacking(rows: pandas.DataFrame, names: Iterable[str]) -> list[str]:
+    """Return a note on every corrected accuracy that points lack.
 
     Args:
         rows: points, of a study or of any table.
@@ -65,7 +65,6 @@ def known(rows: pandas.DataFrame, names: Iterable[str]) -> tuple[pandas.DataFram
     for name in [name for name in ACCURACIES if name in set(names) and name in rows]:
         column = corrected_of(name)[0]
         if column not in rows:
-            rows = rows.assign(**dict.fromkeys(corrected_of(name), np.nan))
             notes.append(
                 f"no {column}: a table does not say how many recordings its {name} is of; a study does "
                 "(one of an earlier version has the column after `dse run`)"
@@ -73,7 +72,7 @@ def known(rows: pandas.DataFrame, names: Iterable[str]) -> tuple[pandas.DataFram
         elif n := int((rows[name].notna() & rows[column].isna()).sum()):
             where = f" in {n} of {len(rows)} rows" if len(rows) > 1 else ""
             notes.append(f"no {column}{where}: measured elsewhere, or one run of several")
-    return rows, notes
+    return notes
 
 
 def names(space: SearchSpace) -> list[str]:

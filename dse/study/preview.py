@@ -186,7 +186,6 @@ def _without_spikes(
     """Return a sentence for each encoder that makes no spikes of some training recordings."""
     from dse.audit.gather import values_of
     from dse.dataset.parts import placed as windows_of
-    from dse.recordings import RecordingError
     from dse.recordings.doubts import silent_windows
     from dse.recordings.windows import chosen
     from dse.records import Signals
@@ -199,7 +198,7 @@ def _without_spikes(
         sections = space.resolve(design)
         if sections.encoder is None or sections.encoder.learns:
             continue
-        with contextlib.suppress(RecordingError):
+        with contextlib.suppress(ValueError):  # what it cannot encode is said by the training
             part = windows_of(some, sections, np.ones(some.n_recordings, bool), positions=positions)
             n_spikes = np.array([row.counts.sum() for row in part.rows(1)])
             values = {name: x for name, x in design.items() if name.startswith("encoder.")}

@@ -310,10 +310,11 @@ def test_pick_within_budgets(table: Path, capsys: Captured) -> None:
 
 def test_pick_says_when_it_went_across_tasks(table: Path, capsys: Captured) -> None:
     assert main(["pick", str(table), "--budget", "n_weights<=200", "--json"]) == 0
-    (note,) = document(capsys.readouterr().out)["notes"]
+    lacking, note = document(capsys.readouterr().out)["notes"]
+    assert lacking.startswith("no accuracy_corrected: ")
     assert note == "this is the best over the tasks a, b; restrict it to one with --budget \"task == 'a'\""
     assert main(["pick", str(table), "--budget", "task == 'b'", "--json"]) == 0
-    assert document(capsys.readouterr().out)["notes"] == []
+    assert document(capsys.readouterr().out)["notes"] == [lacking]
 
 
 def test_pick_says_when_it_went_across_hardware(tmp_path: Path, capsys: Captured) -> None:

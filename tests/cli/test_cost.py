@@ -290,7 +290,7 @@ def test_every_mistake_at_once(net: Path, tmp_path: Path, capsys: Captured) -> N
     upside_down.write_text(upside_down.read_text().replace("low: 58.905", "low: 580"))
     found = faults(capsys, net, "--hardware", "loihi1", "--hardware", upside_down, "--battery-mwh", 1)
     assert found[0].startswith("--battery-mwh: needs --contacts-per-hour")
-    assert found[1] == f"{net}:2: n_steps must be in [0, 1e+09], got -1"
+    assert found[1] == f"{net}:2: n_steps must be in [0, 1000000000], got -1"
     assert found[2] == f"{net}:3: mean_rate[0] must be in [0, 1], got 2.0"
     assert found[3].startswith("loihi1: no such hardware profile; known: ")
     assert "spike_pj must be 0 <= low <= value <= high, got [580, 69.3, 79.695]" in found[4]

@@ -83,8 +83,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     by = [name.strip() for name in (arguments.by or "").split(",") if name.strip()]
     if (large := _large(arguments, question)) is not None:
         rows, notes = blocks.parquet_skyline(large, objectives, arguments.where, by)
-        rows, lacking = corrected.known(rows, (name for name, _ in objectives))
-        notes = [*notes, *lacking]
+        notes = [*notes, *corrected.lacking(rows, (name for name, _ in objectives))]
     else:
         rows, notes = front_of(arguments.results, objectives, arguments.where, by, question)
     beside = list(ADDED)
