@@ -234,8 +234,14 @@ def test_a_signal_ends_a_run_with_its_tables(
     os.kill(process.pid, number)
     process.join(PATIENCE_S)
     told = (tmp_path / "told").read_text()
-    assert (process.exitcode, told.startswith(f"stopped by {number.name}; finished trials")) == (code, True)
-    assert len(pd.read_parquet(tmp_path / "results" / "tiny" / "trials.parquet")) >= 1
+    n_trials = len(pd.read_parquet(tmp_path / "results" / "tiny" / "trials.parquet"))
+    assert n_trials >= 1
+    held, stopped = told.splitlines()[:2]
+    assert held.startswith(f"the tables hold {n_trials} of ")
+    assert (process.exitcode, stopped.startswith(f"stopped by {number.name}; finished trials")) == (
+        code,
+        True,
+    )
     tried["a signal"] += 1
 
 
