@@ -75,7 +75,6 @@ def test_a_pick_shows_its_own_design(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["pick", str(tmp_path / "points.csv"), "--format", "table"]) == 0
     shown = capsys.readouterr().out.splitlines()[0].split()
     assert shown == [
-        "accuracy_corrected",
         "accuracy",
         "trial",
         "family",
