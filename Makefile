@@ -44,7 +44,7 @@ test: $(TESTS) $(PEERS)
 	@$(MAKE) --no-print-directory -j 2 types kernels-engine kernels-scene
 	$(PYTEST) --ignore tests/engine/gpu $(OF_ENGINE:%=--ignore %) $(OF_SCENE:%=--ignore %)
 
-# The wheel, installed without the pins and outside the clone, with the newest Python there is: 1 GB.
+# The wheel, installed without the pins and outside the clone, with the newest Python there is; it takes 1 GB of disk.
 wheel: $(TESTS)
 	@.ci/wheel $(BIN)/python "$(CURDIR)/$(VENV)/wheel"
 

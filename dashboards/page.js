@@ -621,7 +621,7 @@
     ["front", "points that no other beats in every objective; fronts of tasks and chips are apart"],
     ["φ", "output spikes that a decision needs at least"], ["θ", "fraction of them that must be for one class"],
     ["flat out", "energy of computing as fast as the chip can; at the sensor's period it waits for each step"],
-    ["corrected", "less what being the best of many adds: recordings are drawn anew, and the choice is made again"],
+    ["corrected", "what a point should show on other recordings: less the luck of being the best of many"],
     ["true rate", "spikes per step that training aims at for the right class"],
     ["t_c", "shortest time by which recordings give the best accuracy"], ["t_p", "mean time of a decision at the most accurate φ and θ"],
     ["t_h", "mean time of a decision as accurate as people"],

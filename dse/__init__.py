@@ -3,7 +3,7 @@
     space = dse.load_space("fabric_texture")
     study = dse.run(space)                 # or dse.run("quickstart"), or a mapping of its sections
     picked = study.pick(["energy_uj <= 50", "n_weights <= 100000"])
-    dse.export(study, picked.row, "bundle")
+    picked.export("bundle")
 
 Names are imported when first used, so that importing `dse` costs nothing.
 """

@@ -25,6 +25,7 @@ from types import ModuleType
 from typing import Any, Literal, TypeVar
 
 from dse import trust
+from dse.text import one_line
 
 T = TypeVar("T")
 
@@ -61,8 +62,9 @@ _MEMBERS: Mapping[str, tuple[str, ...]] = {
 }
 """Section -> what a component of it must have, beside what its contract defines for it."""
 
-_SHIPPED = (Path(__file__).resolve().parent, Path(__file__).resolve().parent.parent / "search_spaces")
-"""Folders of an installation and of a clone; search spaces in them may name plugins beside them."""
+_PACKAGE = Path(__file__).resolve().parent
+_SHIPPED = [x / "icub_roboskin.py" for x in (_PACKAGE / "_search_spaces", _PACKAGE.parent / "search_spaces")]
+"""Plugins of shipped search spaces, in an installation and in a clone."""
 
 _ENDING = "a file is named with its ending, {}.py"
 _MOST_BYTES = 2**24
@@ -292,7 +294,7 @@ def load_plugin(
         if not all(part.isidentifier() for part in name.split(".")):
             raise PluginError(f"plugin '{name}' must be the name of a module or a path that ends in .py")
         _load_entry_points()
-        if named_by is not None and name not in {*_plugins, *sys.modules}:
+        if named_by is not None and name not in _plugins and name not in sys.modules:
             place, code = _module(name)
             digest = hashlib.sha256(f"{name}\0{place}\0".encode() + code).hexdigest()
             _ask(name, f"module {name} of {place}", digest, named_by, asks)
@@ -301,7 +303,7 @@ def load_plugin(
     code = _code(name, path)
     stem, digest = re.sub(r"\W", "_", path.stem), hashlib.sha256(code).hexdigest()
     module = f"dse_plugin_{stem}_{digest[:16]}"
-    if not (named_by is None or module in _plugins or any(map(path.is_relative_to, _SHIPPED))):
+    if not (named_by is None or module in _plugins or path in _SHIPPED):
         _ask(name, str(path), digest, named_by, asks)
     return _load(Plugin(name, str(path)), module, lambda: _run_file(path, code, module))
 
@@ -385,7 +387,8 @@ def _load(plugin: Plugin, module: str, import_module: Callable[[], object]) -> P
 
 def _ask(name: str, what: str, digest: str, named_by: str | Path, asks: bool) -> None:
     """Raise a PluginError unless the user consents to code."""
-    if not trust.consents(f"{what}, which {named_by} names", digest, asks=asks):
+    what, by = one_line(what), one_line(str(named_by))
+    if not trust.consents(f"{what}, which {by} names", digest, asks=asks):
         how = "then say --trust once, or in Python call dse.registry.load_plugin"
         text = f"is code that you have not trusted: look at {what} (SHA-256 {digest}), {how}"
         raise PluginError(f"plugin '{name}' {text}")

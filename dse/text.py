@@ -43,7 +43,7 @@ def c_characters(text: str) -> list[str]:
 
 
 def markdown(text: str) -> str:
-    """Return a text for within a line of Markdown: no markup, no link, no HTML, no end of a table's cell."""
+    """Return a text for within a line of Markdown: no link of its own, no HTML, no end of a table's cell."""
     return _MARKDOWN.sub(r"\\\1", one_line(text))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from dse.text import lines
+from dse.text import lines, one_line
 
 
 def is_person() -> bool:
@@ -22,7 +22,6 @@ def asked(question: str, default: str = "") -> str:
 
 def trusts(what: str, digest: str) -> bool:
     """Return whether a person says that code may run."""
-    question = (
-        f"{what}\nis code that would run here with your rights (SHA-256 {digest}).\nRun it, now and later?"
-    )
+    rights = f"is code that would run here with your rights (SHA-256 {digest})"
+    question = f"{one_line(what)}\n{rights}.\nRun it, now and later?"
     return asked(question, "no").lower() in ("y", "yes")

@@ -2,9 +2,10 @@
 
 There are five routes to read: `/` is the page; `/data.json` and `/progress.json` are its data, each sent
 again after a change (`ETag`); `/design.json` is the details of one trial; `/bundle.zip` is a design point to
-download. One writes: `POST /note` is a note on a design, and carries a token that only the page holds. No
-address names a file. Every request carries the token of the server, which the printed address holds: other
-users of this machine can connect too. One to a loopback address must name this machine (`Host`) as well.
+download. Two write: `POST /note` is a note on a design, `POST /view` a view under a name; each carries a
+token that only the page holds. No address names a file. Every request carries the token of the server, which
+the printed address holds: other users of this machine can connect too. One to a loopback address must name
+this machine (`Host`) as well.
 """
 
 from __future__ import annotations

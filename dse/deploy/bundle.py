@@ -531,7 +531,7 @@ def _targets_described(bundle: Bundle) -> str:
 
 
 def _in_words(verdict: Verdict) -> str:
-    words = [f"**{in_words(verdict.kind, verdict.run_by)}**"]
+    words = [f"**{markdown(in_words(verdict.kind, verdict.run_by))}**"]
     if verdict.kind == "faithful":
         of = f"{verdict.n_recordings} recordings ({markdown(verdict.recordings)})"
         words.append(f"all decisions and spikes of {of}")

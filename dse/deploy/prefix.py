@@ -6,11 +6,12 @@ import re
 
 DEFAULT = "dse_"
 _PREFIX = re.compile(r"[a-z][a-z0-9_]{0,39}_")
-_HEADERS = frozenset(
+_TAKEN = frozenset(
     "arduino assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg "
-    "stdbool stddef stdint stdio stdlib string tgmath time wchar wctype".split()
+    "stdbool stddef stdint stdio stdlib string tgmath time wchar wctype "
+    "all clean help install package test touch".split()
 )
-"""Headers that a file of the same name would hide."""
+"""Headers that a file of the same name would hide; targets of CMake and of CMakeLists.txt."""
 
 
 def checked(prefix: str) -> str:
@@ -22,8 +23,10 @@ def checked(prefix: str) -> str:
     if not _PREFIX.fullmatch(prefix):
         allowed = "a-z, 0-9 and _, begin with a letter, end with _, and have at most 41 characters"
         raise ValueError(f"the prefix must be of {allowed}, got {prefix!r}")
-    if prefix[:-1] in _HEADERS:
-        raise ValueError(f"the prefix must not be that of a header of C, got {prefix!r}")
+    if prefix[:-1] in _TAKEN:
+        raise ValueError(
+            f"the prefix must not be that of a header of C or of a target of CMake, got {prefix!r}"
+        )
     return prefix
 
 

@@ -19,8 +19,8 @@ from dse.deploy.targets import Target, TargetError
 from dse.deploy.verdict import Verdict
 
 _WRITES = (
-    f"dse {dse.__version__} writes for these weights: it was changed, or another version wrote it; "
-    "`dse export` writes it anew"
+    f"dse {dse.__version__} writes for these weights: it was changed, or another version of dse or of a "
+    "library wrote it; `dse export` writes it anew"
 )
 _UNRUN = "no recordings were given to run it on"
 
@@ -224,6 +224,11 @@ def _differs(bundle: Path, name: str, written: Path) -> Verdict | None:
             return Verdict("not verified", f"it lacks {file}, which {_WRITES}")
         if file not in ours or not filecmp.cmp(theirs[file], ours[file], shallow=False):
             return Verdict("not verified", f"{file} is not what {_WRITES}")
+    # What lies beside the sources is compiled with them, by Arduino for one.
+    sources = bundle / "targets" / name / "src"
+    for file in sorted(x.relative_to(sources.parent) for x in sources.rglob("*") if x.is_file()):
+        if file not in ours:
+            return Verdict("not verified", f"{file} is not of dse and would be compiled too; remove it")
     return None
 
 

@@ -187,7 +187,7 @@ FILES = (
          f"{AGAIN} writes it again once it has compared it with the finished runs", None,
          lambda _: [store.SPACE]),
     File(store.ENVIRONMENT, _sessions, "when and where earlier sessions ran",
-         "one of this session is written", lambda study, _: environment.begin(study.folder, []),
+         "a new one is written", lambda study, _: environment.begin(study.folder, []),
          lambda _: [store.ENVIRONMENT]),
     File(store.WARNINGS, _texts, "warnings, until they are found again", _REMOVED, _remove),
     File(audit.FILE, lambda _, path: audit.read(path), "the audit, until `dse audit` is run again",

@@ -291,6 +291,11 @@ def test_changed_c_is_named_and_neither_compiled_nor_run(tmp_path: Path, capsys:
     assert not trace.exists()
     assert main(["export", str(tmp_path / "b"), "--target", "c99"]) == 0
     assert main(verify) == 0
+    (tmp_path / "b" / "targets" / "c99" / "src" / "more.c").write_text(run)  # no file that the bundle lists
+    capsys.readouterr()
+    assert main(verify) == 2
+    [row] = json.loads(capsys.readouterr().out)["rows"]
+    assert row["verdict"] == "not verified" and row["reason"].startswith("src/more.c ")
 
 
 @pytest.mark.parametrize("name", sorted(set(registry.known("targets")) - {"xylo"}))

@@ -8,7 +8,7 @@ from dse.deploy.c.counting import Bayes, Classifier, CountingPlan, Extreme, Near
 from dse.deploy.c.files import Code
 from dse.deploy.c.front_end import floats, front_end, level_type, needs_double
 from dse.deploy.c.memory import Member, Table, front_end_members, struct_bytes
-from dse.deploy.c.text import filled
+from dse.deploy.c.text import NAMES, TITLE, filled
 
 
 def code(plan: CountingPlan) -> Code:
@@ -113,7 +113,7 @@ def _source(plan: CountingPlan, ram_bytes: int, table_bytes: int) -> str:
         init = "    net.begun = 0;\n"
     return filled(
         "counting.c",
-        title="TITLE",
+        title=TITLE,
         ram_bytes=ram_bytes,
         table_bytes=table_bytes,
         family=plan.family,
@@ -131,7 +131,7 @@ def _source(plan: CountingPlan, ram_bytes: int, table_bytes: int) -> str:
         front_end=front_end(plan),
         n_features=plan.n_features,
         init=init,
-        names="NAMES",
+        names=NAMES,
         n_classes=len(plan.classes),
     )
 

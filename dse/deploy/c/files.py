@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dse.deploy.c.plan import Frame, SendOnDeltaPlan
-from dse.deploy.c.text import filled, real, strings
+from dse.deploy.c.text import NAMES, TITLE, filled, real, strings
 from dse.deploy.prefix import DEFAULT, prefixed
 from dse.preprocessing import Pooling
 from dse.text import c_comment, markdown
@@ -63,12 +63,12 @@ def write(code: Code, folder: Path, title: str, version: str, prefix: str = DEFA
         path = folder / prefixed(name, prefix)
         path.parent.mkdir(parents=True, exist_ok=True)
         # What the user has named keeps its letters.
-        text = prefixed(text, prefix).replace(_NAMES, names, 1)
-        path.write_text(text.replace(_TITLE, heading if name == "README.md" else title, 1), encoding="utf-8")
+        text = prefixed(text, prefix).replace(NAMES, names, 1)
+        path.write_text(text.replace(TITLE, heading if name == "README.md" else title, 1), encoding="utf-8")
 
 
 def header(code: Code) -> str:
-    """Return dse.h; TITLE stands for the title, here and below."""
+    """Return dse.h; `TITLE` stands for the title, here and below."""
     plan = code.frame
     declaration, comment, defines, kept = {
         "samples": (
@@ -82,7 +82,7 @@ def header(code: Code) -> str:
     }[plan.front_end]
     text = filled(
         "dse.h",
-        title=_TITLE,
+        title=TITLE,
         n_channels=plan.n_channels,
         n_classes=len(plan.classes),
         n_outputs=code.n_outputs,
@@ -111,7 +111,7 @@ def program(plan: Frame) -> str:
             ]
     return filled(
         "main.c",
-        title=_TITLE,
+        title=TITLE,
         rows=_ROWS[plan.front_end],
         constants="\n".join(constants),
         longest_line=_LONGEST_LINE[plan.front_end],
@@ -136,7 +136,7 @@ def sketch(plan: Frame) -> str:
     begins = "at each contact" if at_contact else f"at step {first}" if cut else "after each answer"
     return filled(
         f"touch_{plan.front_end}.ino",
-        title=_TITLE,
+        title=TITLE,
         windows=f"Windows begin {begins}" + (f" of recordings of {cut} steps." if cut else "."),
         constants="\n".join(constants),
         window=filled("window.ino"),
@@ -202,7 +202,7 @@ def readme(code: Code) -> str:
     }[plan.window]
     return filled(
         "README.md",
-        title=_TITLE,
+        title=TITLE,
         what=code.what,
         rows=_ROWS[plan.front_end],
         why=why,
@@ -215,7 +215,7 @@ def readme(code: Code) -> str:
     )
 
 
-_TITLE, _NAMES, _PROJECT = "TITLE", "NAMES", "dse_touch"
+_PROJECT = "dse_touch"
 _OF_64_BIT_DOUBLE = (
     *("esp32", "esp8266", "mbed", "mbed_edge", "mbed_giga", "mbed_nano", "mbed_nicla", "mbed_opta"),
     *("mbed_portenta", "mbed_rp2040", "nrf52", "renesas_portenta", "renesas_uno", "rp2040", "sam", "samd"),

@@ -9,7 +9,7 @@ from dse.deploy.c.front_end import floats, front_end, level_type, needs_double
 from dse.deploy.c.memory import is_delayed, members, ram_bytes, states, struct_bytes, table_bytes, tables
 from dse.deploy.c.neurons import layer_text, leaks, rows
 from dse.deploy.c.plan import Plan
-from dse.deploy.c.text import filled, indented
+from dse.deploy.c.text import NAMES, TITLE, filled, indented
 
 
 def code(plan: Plan) -> Code:
@@ -32,7 +32,7 @@ def source(plan: Plan) -> str:
     """Return dse.c."""
     return filled(
         "dse.c",
-        title="TITLE",
+        title=TITLE,
         ram_bytes=ram_bytes(plan),
         table_bytes=table_bytes(plan),
         network_steps=plan.network_steps,
@@ -50,7 +50,7 @@ def source(plan: Plan) -> str:
         clear=_clear(plan),
         init=_init(plan),
         n_outputs=plan.layers[-1].n_neurons,
-        names="NAMES",
+        names=NAMES,
         n_classes=len(plan.classes),
     )
 

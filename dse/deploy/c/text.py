@@ -9,6 +9,9 @@ from string import Template
 
 from dse.text import c_characters
 
+TITLE, NAMES = "@TITLE@", "@NAMES@"
+"""What stands for the title and the names of classes while names in C get their prefix."""
+
 _TEMPLATES = Path(__file__).parent / "templates"
 _LONGEST_STRING = 4096  # what C99 wants every compiler to take, the null at its end included
 

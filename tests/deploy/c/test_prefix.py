@@ -53,6 +53,14 @@ def test_the_prefix_is_kept_by_the_bundle_and_verified(folder: Path, capsys: Cap
     assert evaluate(folder, touch).label.size
 
 
+@pytest.mark.parametrize("prefix", ["names_", "my_names_", "title_"])
+def test_a_prefix_may_be_a_word_of_the_templates(folder: Path, prefix: str, capsys: Captured) -> None:
+    touch = str(folder.parent / "touch.npz")
+    command = ["export", str(folder), "--target", "c99", "--json", "--prefix", prefix, "--verify", touch]
+    assert main(command) == 0
+    assert json.loads(capsys.readouterr().out)["rows"][0]["verdict"] == "faithful"
+
+
 def test_without_a_prefix_names_are_those_of_dse(folder: Path) -> None:
     export_targets(folder, ["c99"])
     assert read(folder).prefix == "dse_"
@@ -62,7 +70,9 @@ def test_without_a_prefix_names_are_those_of_dse(folder: Path) -> None:
     assert read(folder).prefix == "dse_"
 
 
-@pytest.mark.parametrize("prefix", ["texture", "Texture_", "1_", "_", "a b_", "../x_", "string_", "tëxt_"])
+@pytest.mark.parametrize(
+    "prefix", ["texture", "Texture_", "1_", "_", "a b_", "../x_", "string_", "touch_", "tëxt_"]
+)
 def test_what_is_no_prefix_is_refused(prefix: str, folder: Path, capsys: Captured) -> None:
     before = (folder / "bundle.json").read_bytes()
     assert main(["export", str(folder), "--target", "c99", "--prefix", prefix]) == 2
