@@ -11,7 +11,7 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -48,7 +48,8 @@ class Answer:
     groups: columns whose values head the rows of a table that have them, in place of a column.
     table: the rows of a table on a terminal, if these are fewer (equal ones as one row); other formats have
         all rows.
-    best: places of rows of the table, which a terminal shows if it cannot show all; empty: evenly spaced.
+    best: returns places of rows of the table, which a terminal shows if it cannot show all; None: evenly
+        spaced.
     all_rows: whether a terminal shows every row, however many.
     is_printed: whether the command has printed its result, all but the notes.
     sections: further answers by title; CSV and Parquet hold the rows of the first alone.
@@ -61,7 +62,7 @@ class Answer:
     telling: Sequence[str] = ()
     groups: Sequence[str] = ()
     table: Sequence[Row] | None = None
-    best: Sequence[int] = ()
+    best: Callable[[], Sequence[int]] | None = None
     text: str = ""
     code: int = 0
     all_rows: bool = False
@@ -147,8 +148,9 @@ def _print_table(answer: Answer) -> None:
     columns = list(answer.columns) or list(dict.fromkeys(key for row in answer.rows for key in row))
     rows = list(answer.rows if answer.table is None else answer.table)
     for name in columns:
-        ends = [(row.get(f"{name}_low"), row.get(f"{name}_high")) for row in rows]
-        rows = [with_interval(row, name, *of) for row, of in zip(rows, ends, strict=True)]
+        low, high = f"{name}_low", f"{name}_high"
+        if any(low in row for row in rows):
+            rows = [with_interval(row, name, row.get(low), row.get(high)) for row in rows]
     width = _width() or _PIPED
     if len(rows) > 1:
         columns = [name for name in columns if any(_text(row, name) not in ("", "-") for row in rows)]
@@ -161,7 +163,7 @@ def _print_table(answer: Answer) -> None:
     shown = rows
     if len(rows) > MOST_ROWS and not answer.all_rows:
         spaced = [round(i * (len(rows) - 1) / (MOST_ROWS - 1)) for i in range(MOST_ROWS)]
-        shown = [rows[place] for place in sorted(answer.best or spaced)]
+        shown = [rows[place] for place in sorted(answer.best() if answer.best else spaced)]
     groups = [name for name in answer.groups if name in columns]
     needed = {name: _least_width(name, shown) for name in columns if name not in groups}
     left_out = _left_out(needed, answer.essential, answer.telling, width)

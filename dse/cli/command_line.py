@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"dse: unknown command '{one_line(words[0])}'; {known}", file=sys.stderr)
             return _BAD_INPUT
         parsed = _parser().parse_args(words)
-        left_out()
+        left_out()  # forget those of an earlier call in this process
         with trust.answering(getattr(parsed, "trust", False) or trusts):
             answer: Answer = parsed.answer(parsed)
         show(answer, parsed.command, getattr(parsed, "format", None))

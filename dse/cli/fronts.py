@@ -78,10 +78,12 @@ def front_answer(
     shown += [name for name in beside if name in rows and name not in shown]
     best_known = (f"{name}_corrected" if f"{name}_corrected" in shown else name for name, _ in objectives)
     essential = [name for name in ("trial", *best_known) if name in shown]
-    best: Sequence[int] = ()
-    if len(table) > MOST_ROWS:
+
+    def best() -> list[int]:
         group = group_numbers(table, front_columns(table, None))
-        best = most_telling(costs_of(table, objectives), group, MOST_ROWS).tolist()
+        places: list[int] = most_telling(costs_of(table, objectives), group, MOST_ROWS).tolist()
+        return places
+
     return Answer(
         *(records(rows), notes, shown, essential),
         telling=TELLING,

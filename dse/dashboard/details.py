@@ -68,12 +68,16 @@ _Arguments = TypeVarTuple("_Arguments")
 
 @dataclass(frozen=True)
 class _Source:
-    """The source of details: a study, its points, the limited columns, and hardware profiles by name."""
+    """The source of details: a study, its points, the limited columns, and hardware profiles by name.
+
+    precisions: whether figures of other precisions are gathered.
+    """
 
     study: Study
     points: pandas.DataFrame
     limited: Sequence[str]
     chip: Callable[[str], Profile]
+    precisions: bool = True
 
 
 @dataclass(frozen=True)
@@ -133,11 +137,9 @@ def gather_details(
     Returns:
         trial: its number;
         notes: one sentence for each part that cannot be read;
-        tasks: {task: figures, surfaces, examples}, each only if it was recorded;
+        tasks: {task: figures, surfaces, examples, misfits, precisions}, each only if it was recorded;
         targets: verdicts on targets, for each its `point` and `text`, if any bundle has them.
 
-        precisions: figures of its other precisions, each with its `weight_bits` and `pruned_after`:
-        confusion, recognition, energy and cores.
         figures: `confusion` (counts of the full read-out, summed over repeats), `recognition` (after shorter
         recordings, mean over repeats), `first_spike` and `histograms` (of the first repeat), `power` (on all
         hardware), `learning`, `bits`, and per hardware `energy` and `cores`, both of the full read-out as
@@ -147,6 +149,8 @@ def gather_details(
         examples: recordings of the first repeat, some with the right answer of the full read-out and some
         with a wrong one.
         misfits: hardware -> the parts of the design that do not fit it.
+        precisions: `figures` (confusion, recognition, energy and cores) of each other precision, with its
+        `weight_bits` and `pruned_after`.
 
     Raises:
         StoreError: the study has no such trial, or it failed.
@@ -175,7 +179,8 @@ def packed_details(
     Returns:
         Number of a trial -> its document, packed like the page's data (`dse.dashboard.write.packed`).
     """
-    source, documents, room = _source(study, points, hardware), {}, room_bytes
+    source = replace(_source(study, points, hardware), precisions=False)
+    documents, room = {}, room_bytes
     for trial in trials:
         try:
             document = _document(source, trial)
@@ -185,7 +190,6 @@ def packed_details(
             continue
         for task in document["tasks"].values():
             task["surfaces"] = [surface for surface in task["surfaces"] if _is_trained(surface)]
-            task.pop("precisions", None)
         text = packed(document)
         room -= len(text)
         if room < 0:
@@ -316,7 +320,8 @@ def _of_task(
 
         of_trained, misfits = measured(runs)
         figures |= of_trained
-        evaluated = attempted("Other precisions", common, [run.folder for run in runs]) or []
+        folders = [run.folder for run in runs]
+        evaluated = (source.precisions and attempted("Other precisions", common, folders)) or []
         for (weight_bits, pruned), each in evaluated:
             at = [replace(run, evaluated=one.files) for run, one in zip(runs, each, strict=True)]
             drawn = {name: figure for name, figure in measured(at)[0].items() if figure}

@@ -134,7 +134,10 @@ def _table(path: Path, options: Options, notes: _Notes) -> Look:
     if table.empty:
         raise RecordingError(f"{path.name}: the table has no rows")
     names = list(table.columns)
-    _check_cells(path, table, options.recording)
+    recording = options.recording or next((name for name in names if _RECORDINGS.match(name)), None)
+    if recording is not None and recording not in names:
+        raise RecordingError(f"{path.name}: no column '{recording}'; there are {', '.join(names)}")
+    _check_cells(path, table, recording)
     time = next((name for name in names if _time_unit(name) is not None and _is_numeric(table[name])), None)
     starts = _sample_starts(table) if time is None else []
     if starts:
@@ -147,9 +150,6 @@ def _table(path: Path, options: Options, notes: _Notes) -> Look:
         scale = UNITS_MS[unit]
     channel = next((name for name in names if _CHANNELS.match(name)), None)
     value = next((name for name in names if _VALUES.match(name) and _is_numeric(table[name])), None)
-    recording = options.recording or next((name for name in names if _RECORDINGS.match(name)), None)
-    if recording is not None and recording not in names:
-        raise RecordingError(f"{path.name}: no column '{recording}'; there are {', '.join(names)}")
     if channel is not None and value is not None and time is not None:
         return _long(path, table, (time, unit, scale), channel, value, recording, options, notes)
     return _tidy(path, table, time, (unit, scale), recording, options, notes)
@@ -355,17 +355,20 @@ _STRAY = 0.1  # share of cells without a number that a column of numbers may hav
 
 
 def _check_cells(path: Path, table: pd.DataFrame, recording: str | None) -> None:
-    """Refuse a table in which few cells of a column are no numbers, while the others are."""
+    """Refuse a table in which few cells of a column are no numbers, while the others are.
+
+    A column that does not change within a recording is a label, whatever it holds.
+    """
     import pandas
 
-    for name in (name for name in table.columns if not _is_numeric(table[name])):
-        if name != recording and not _RECORDINGS.match(name):
-            column = table[name].dropna()
-            share = float(pandas.to_numeric(column, errors="coerce").isna().mean()) if len(column) else 0.0
-            if 0 < share < _STRAY:
-                raise RecordingError(
-                    f"{path.name}: column '{name}' must hold numbers, got {first_text(table[name], path)}"
-                )
+    number = None if recording is None else _codes(table[recording])
+    for name in (name for name in table.columns if name != recording and not _is_numeric(table[name])):
+        column = table[name].dropna()
+        share = float(pandas.to_numeric(column, errors="coerce").isna().mean()) if len(column) else 0.0
+        if 0 < share < _STRAY and (number is None or _changes(table[name], number)):
+            raise RecordingError(
+                f"{path.name}: column '{name}' must hold numbers, got {first_text(table[name], path)}"
+            )
 
 
 def _is_numeric(column: pd.Series[Any]) -> bool:
@@ -528,15 +531,17 @@ def _packed(
 ) -> tuple[dict[str, Any], int]:
     """Return section `data` of an array of packed bits, and the number of its recordings.
 
-    The axis of steps is the one whose length an array such as `shape` multiplies, else the longest.
+    The axis of steps is the one that is longer in the unpacked shape, if an array such as `shape` holds it,
+    else the longest.
     """
     signal = data["signal"]
     sizes = shapes[signal]
     recording = next((k for k, size in enumerate(sizes) if size in n_labels), 0)
     others = [k for k in range(len(sizes)) if k != recording]
     step = max(others, key=lambda k: sizes[k])
-    full, name = [size * (1 + 7 * (k == step)) for k, size in enumerate(sizes)], None
-    for name in (x for x, shape in shapes.items() if shape == (len(sizes),) and "shape" in x.lower()):
+    full = [size * (8 if k == step else 1) for k, size in enumerate(sizes)]
+    name = next((x for x, shape in shapes.items() if shape == (len(sizes),) and "shape" in x.lower()), None)
+    if name is not None:
         full = npz.load(path, [name])[name].tolist()
         step = next((k for k in others if full[k] != sizes[k]), step)
     rest = [k for k in others if k != step]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -80,13 +81,24 @@ class Evaluation:
         }
 
 
+class Deployable(Protocol):
+    """What has a bundle, such as a pick."""
+
+    def bundle(self) -> Bundle:
+        """Return the bundle."""
+
+
 def evaluate(
-    bundle: Bundle | str | Path, data_file: str | Path, *, repair: bool = False, rest_s: float | None = None
+    bundle: Bundle | Deployable | str | Path,
+    data_file: str | Path,
+    *,
+    repair: bool = False,
+    rest_s: float | None = None,
 ) -> Evaluation:
     """Classify new recordings with the preprocessing, network and decision rule of a bundle.
 
     Args:
-        bundle: as `export` returns it, or its folder.
+        bundle: as `export` returns it, its folder, or a pick.
         data_file: recordings of the kind that the bundle was trained on, labelled or not.
         repair: whether to continue after faults in event files.
         rest_s: measure the power of this machine's processor: for so long at rest, then while it classifies.
@@ -95,7 +107,10 @@ def evaluate(
         BundleError: the bundle is damaged or of a newer schema, or its classifier refuses the recordings.
         RecordingError: the recordings do not fit.
     """
-    classifier = bundle if isinstance(bundle, Bundle) else read(bundle)
+    if isinstance(bundle, str | Path):
+        classifier = read(bundle)
+    else:
+        classifier = bundle if isinstance(bundle, Bundle) else bundle.bundle()
     new = prepared(classifier, data_file, repair=repair)
     data, notes = new.dataset, new.notes
     del new  # the recordings themselves are not needed any more

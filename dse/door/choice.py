@@ -120,20 +120,31 @@ class Choice(Mapping[str, Any]):
     def export(
         self, folder: str | Path, targets: Sequence[str] = (), recordings: str | Path | None = None
     ) -> Bundle:
-        """Write the design point as a bundle; arguments and errors as of `dse.export`.
+        """Write the design point as a bundle; arguments as of `dse.export`, errors also those of `bundle`."""
+        from dse.deploy.export import export
+
+        return export(self._study(), self, folder, list(targets) or self.targets, recordings)
+
+    def bundle(self) -> Bundle:
+        """Return the design point as a bundle; nothing is written.
 
         Raises:
             StoreError: it is of a table, or was measured elsewhere.
+            BundleError: its classifier cannot be deployed.
             NothingFeasible: there is none.
         """
-        from dse.deploy.export import export
+        from dse.deploy.export import bundle_of
 
+        return bundle_of(self._study(), self)
+
+    def _study(self) -> Study:
+        """Return the study that has the network."""
         if not self.results.is_dir():
             raise StoreError(f"{self.results}: only a design of a study's folder can be exported")
         if self.found.get("origin") == TOLD:
             why = "was measured elsewhere (`dse tell`): there is no network to export"
             raise StoreError(f"{self.results}: trial {self['trial']} {why}")
-        return export(open_study(self.results), self, folder, list(targets) or self.targets, recordings)
+        return open_study(self.results)
 
 
 def choose(

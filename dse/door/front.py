@@ -63,8 +63,9 @@ def front_of(
 
     frames = question.points(results)
     frame = pandas.concat(frames, ignore_index=True)
-    certain = [x for x in conditions_of(where) if named_columns([x]) & set(resampling.CERTAINTY)]
-    early = [x for x in conditions_of(where) if x not in certain]
+    conditions = conditions_of(where)
+    certain = [x for x in conditions if named_columns([x]) & set(resampling.CERTAINTY)]
+    early = [x for x in conditions if x not in certain]
     if question.confidence is not None:
         certain.append(f"front_probability >= {question.confidence}")
     rows, notes = front.skyline(frame, objectives, early, by, question.oversize)

@@ -58,6 +58,10 @@ class Question:
             options[name] = arguments.amount(
                 options.get(name), name, high=1 if name == "confidence" else None
             )
+        if not isinstance(options.get("oversize", False), bool):
+            raise TypeError(f"oversize must be True or False, got {options['oversize']!r}")
+        if (draws := options.get("draws")) is not None and (type(draws) is not int or draws < 1):
+            raise ValueError(f"draws must be a positive integer, got {draws!r}")
         checked(options.get("repeats", "mean"))
         return cls(**options)
 

@@ -128,9 +128,9 @@ def price_of(
     order = np.lexsort((-gain, cost))
     other = int(order[np.argmax(gain[order] >= gain[pick] - WINDOW - 1e-9)])
     saved, less = float(cost[pick] - cost[other]), float(gain[pick] - gain[other])
-    if saved <= 0:
-        return None
     spread = _Z * float(np.hypot(error[pick], error[other]))
+    if saved <= 0 or less + spread <= 0:  # nothing is paid, or nothing is gained for it
+        return None
     price, low, high = (
         saved / (100 * gained) if gained > 0 else np.inf for gained in (less, less + spread, less - spread)
     )

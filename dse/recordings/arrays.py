@@ -111,11 +111,13 @@ def _matlab(path: Path, names: set[str] | None) -> dict[str, Array]:
 
 @functools.cache
 def _survives(path: Path, modified_ns: int) -> bool:
-    """Return whether a process survives reading a MATLAB file: scipy crashes on some damaged ones."""
+    """Return whether a process survives reading a MATLAB file: scipy crashes on some damaged ones.
+
+    An exception there is one here too. -P: modules of the current folder, which may be anybody's, do not run.
+    """
     code = "import sys; from scipy.io import loadmat; loadmat(sys.argv[1])"
-    return subprocess.run(
-        [sys.executable, "-c", code, path], capture_output=True, check=False
-    ).returncode in (0, 1)
+    command = [sys.executable, "-P", "-c", code, path]
+    return subprocess.run(command, capture_output=True, check=False).returncode in (0, 1)
 
 
 def _plain(value: Array) -> Array:

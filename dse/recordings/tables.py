@@ -72,6 +72,9 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
     raise RecordingError(f"{path.name}: a table must be a .csv or .parquet file")
 
 
+_POINT = re.compile(rb"(?<![\d.])\d+\.\d+(?![\d.])")  # of a number, not of a date
+
+
 def _marks(path: Path) -> tuple[str, str]:
     """Return what separates the columns of a CSV file, and what the decimals of its numbers.
 
@@ -86,7 +89,7 @@ def _marks(path: Path) -> tuple[str, str]:
     separator = max(_SEPARATORS, key=first.count)
     if (n := first.count(separator) + 1) > MOST_COLUMNS:
         raise RecordingError(f"{path.name}: a table must have at most {MOST_COLUMNS} columns, got {n}")
-    has_comma = separator != b"," and re.search(rb"\d,\d", head) and not re.search(rb"\d\.\d", head)
+    has_comma = separator != b"," and re.search(rb"\d,\d", head) and not _POINT.search(head)
     return separator.decode(), "," if has_comma else "."
 
 

@@ -257,10 +257,11 @@ def _ratio_row(part: StudyTask, choice: Choice, figure: str, factor: Ratio, has_
 def _winner_sentence(part: StudyTask, choice: Choice) -> str:
     axes = described(choice.row)
     design = f"{_name(choice)}: {axes}" if axes else _name(choice)
-    accuracy = f"accuracy {choice.row['accuracy']:.3g} ± {accuracy_error(part, choice.row):.2g}"
+    here = f"{choice.row['accuracy']:.3g} ± {accuracy_error(part, choice.row):.2g}"
+    accuracy = f"accuracy {here}"
     value, low, high = (number(choice.row.get(x)) for x in column_names("accuracy_corrected"))
     if value is not None:
-        accuracy = f"corrected accuracy {value:.3g} ({low:.3g} to {high:.3g}), measured {accuracy[9:]}"
+        accuracy = f"corrected accuracy {value:.3g} ({low:.3g} to {high:.3g}), measured {here}"
     return f"{part.name}, {part.task}: {choice.chip.name}: {design} wins, {accuracy}, {_energy(choice)}"
 
 

@@ -15,7 +15,7 @@ import pandas as pd
 
 from dse import registry
 from dse.records import Bools, Ints
-from dse.skyline.constraints import matches
+from dse.skyline.constraints import matches, named_columns
 from dse.skyline.table import group_numbers, numbers
 
 COST = "energy_uj_high"
@@ -51,7 +51,10 @@ def meeting(frame: pd.DataFrame, conditions: Iterable[str]) -> Bools:
     """
     meets = np.ones(len(frame), dtype=bool)
     for condition in conditions:
-        meets[meets] = matches(condition, frame[meets])
+        names = named_columns([condition])
+        # Without a copy of the other columns; a message names them all.
+        part = frame[list(names)] if names and names <= {*frame.columns} else frame
+        meets[meets] = matches(condition, part[meets])
     return meets
 
 
@@ -81,7 +84,8 @@ def candidates(
     runs, fits = _on_hardware(frame)
     keep = meeting(frame, conditions)
     notes = []
-    if goals is not None and (first := _only_hardware(frame[keep], (runs & fits)[keep], named | goals)):
+    chip = frame.loc[keep, [name for name in ("hardware",) if name in frame]]
+    if goals is not None and (first := _only_hardware(chip, (runs & fits)[keep], named | goals)):
         keep &= np.asarray(frame["hardware"] == first, dtype=bool)
         notes.append(f"points on {first}: no objective depends on hardware")
     if "transductive" not in named:

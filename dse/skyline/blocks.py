@@ -22,7 +22,7 @@ BLOCK = 1 << 18
 """Rows of a block of a file."""
 
 _OF_CLASS = ("fits", "transductive", "hardware", "task")
-"""Rows that differ in these may be excluded separately, or are not compared."""
+"""Rows that differ in these may be excluded separately, or are not compared; so may unknown costs."""
 
 
 def skyline_of_blocks(
@@ -70,8 +70,8 @@ def _needed(
     """Return the rows that can be on the front, or decide which ones may be compared, (row,).
 
     A row can be on the front if it meets the conditions, and none of its class dominates it: what excludes
-    one row of a class excludes all. The first row of each class shows that the class exists, and the first
-    that meets the conditions on no number that it is in question.
+    one row of a class excludes all. Of each class the first row is kept, for it may decide what fits, and so
+    is the first that meets the conditions that are no budgets, for it may decide which hardware is compared.
     """
     conditions = as_list(where or None)
     names = list(dict.fromkeys([*as_list(by), *(name for name in _OF_CLASS if name in frame)]))

@@ -119,7 +119,7 @@ def _candidates(
     limits, conditions = split_budgets(budgets)
     checked_goals([(maximise, "max"), *tie_breaks])
     rows, notes = candidates(frame, conditions, named_columns(budgets), oversize)
-    if conditions and not meeting(frame, conditions).any():
+    if rows.empty and conditions and not meeting(frame, conditions).any():
         notes.append(f"no row meets {' and '.join(conditions)}{_values(frame, conditions)}")
     compared = [maximise, *(limit.column for limit in limits)]
     rows, unmeasured = leave_out_unmeasured(rows, list(dict.fromkeys(compared)))

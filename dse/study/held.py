@@ -73,13 +73,17 @@ def remarks(folder: Path) -> list[str]:
     """Return a sentence if the tables of a study are older than its runs, and one if runs are missing."""
     if not (folder / POINTS).is_file():
         return []
+    try:
+        rows = _repeats(folder / POINTS)
+    except (OSError, ValueError):  # who reads the table says what is wrong with it
+        return []
     runs, found, texts = store.runs_in(folder), behind(folder / POINTS), []
-    rows = _repeats(folder / POINTS)
     lost = sorted({*found.lost, *rows["trial"][~_is_whole(rows, runs)].tolist()})
     if older := sorted({*found.lacking, *found.changed} - {*lost}):
+        who = "the run" if store.is_held(folder) else f"`dse run`, or `dse doctor {folder} --repair`,"
         texts.append(
             f"{folder}: the tables hold {len(runs) - len(older)} of the {len(runs)} trials that have ended, "
-            f"not {named(older)}; `dse run`, or `dse doctor {folder} --repair`, writes them again"
+            f"not {named(older)}; {who} writes them again"
         )
     if lost and not runs:
         texts.append(f"{folder}: holds no run, only tables: what needs the runs is left out")

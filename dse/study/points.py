@@ -82,6 +82,7 @@ def write_points(
     folder: Path,
     trials: Mapping[int, Sequence[RunRecord]],
     profiles: Sequence[Profile],
+    digests: Mapping[str, str],
 ) -> None:
     """Write the table of `points_table` as Parquet, unless the file is that table already.
 
@@ -94,12 +95,12 @@ def write_points(
         folder: of the study.
         trials: trial number -> records of its runs.
         profiles: hardware to price the points on.
+        digests: of the trials' runs (`dse.study.held.digests`).
 
     Raises:
         StoreError: an artefact is damaged.
     """
     common = _digest(space, profiles)
-    digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in trials.items()})
     before = json.loads(store.made_from(path) or "{}")
     if before.get("common") != common:
         before = {}

@@ -39,7 +39,8 @@ _SIZING = ("task", "preprocessing", "encoder", "model")
 def preview(space: SearchSpace) -> dict[str, object]:
     """Return the row that `dse check` prints; `designs` is None if an axis is a range without steps.
 
-    Key `doubts` holds sentences about the recordings, of which the row has none where there are none.
+    Key `doubts` is a list of sentences about the recordings and the networks; absent where no recordings are
+    read.
 
     Raises:
         RecordingError: the recordings do not fit the search space.

@@ -44,7 +44,7 @@ def write(
     digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in runs.items()})
     with store.published(folder / held.TRIALS) as path:
         store.write_table(path, table, json.dumps({"digests": digests}))
-    points.write_points(folder / held.POINTS, space, folder, runs, profiles)
+    points.write_points(folder / held.POINTS, space, folder, runs, profiles, digests)
     return table
 
 

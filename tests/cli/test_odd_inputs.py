@@ -89,6 +89,14 @@ def test_damaged_files_of_matlab_are_refused() -> None:
         assert line.startswith(f"{name}.mat: the file cannot be read: it is not a MATLAB file")
 
 
+def test_reading_a_matlab_file_runs_no_module_of_the_folder(capsys: Captured) -> None:
+    signal, label = waves(20)
+    savemat("touch.mat", {"p": signal, "label": (label == label[0]).astype(float)})
+    Path("scipy.py").write_text("open('PWNED', 'w').close()")
+    answered(capsys, "init", "touch.mat", "--step-ms", "4")
+    assert not Path("PWNED").exists()
+
+
 def test_a_table_of_a_million_columns_is_refused_at_once(capsys: Captured) -> None:
     names = ",".join(f"v{k}" for k in range(1_000_000))
     Path("wide.csv").write_text(f"{names}\n{names.replace('v', '')}\n")
@@ -268,6 +276,10 @@ def test_a_table_as_german_excel_writes_it_is_read(capsys: Captured) -> None:
     assert row["recordings"] == 20 and row["classes"] == ["denim", "silk"]
     found = load_space("touch.yaml").data.read(Path())
     assert found.values == pytest.approx(signal.reshape(-1, 2)) and found.step_ms == 4
+    dated = tidy(signal, fabric=label).assign(day="12.05.2023")
+    dated.to_csv("dated.csv", index=False, sep=";", decimal=",")
+    (row,) = answered(capsys, "init", "dated.csv")
+    assert row["recordings"] == 20
 
 
 def test_one_text_among_numbers_is_named_with_its_line(capsys: Captured) -> None:
@@ -276,6 +288,10 @@ def test_one_text_among_numbers_is_named_with_its_line(capsys: Captured) -> None
     table.loc[99, "left"] = "error"
     table.to_csv("touch.csv", index=False)
     assert "column 'left' must hold numbers, got 'error' in line 101" in refused(capsys, "init", "touch.csv")
+    kinds = np.array(["rest", "rest", *map(str, np.arange(38) % 4)])  # labels, most of which are numbers
+    tidy(waves(40)[0], kind=kinds).to_csv("kinds.csv", index=False)
+    (row,) = answered(capsys, "init", "kinds.csv", "--label", "kind")
+    assert "rest" in row["classes"]
 
 
 def test_small_mistakes_have_a_way_out(capsys: Captured) -> None:

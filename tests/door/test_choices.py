@@ -107,6 +107,9 @@ def test_the_first_objective_that_is_maximised_is_what_a_pick_maximises(
 def test_what_is_picked_is_exported_evaluated_and_shown(tmp_path: Path) -> None:
     study = dse.open(EXAMPLE)
     choice = study.pick(["n_weights <= 20000", "task == 'texture'"], hardware="mcu_m4", draws=5)
+    for wrong in ({"draws": -5}, {"draws": True}, {"oversize": "no"}):
+        with pytest.raises((TypeError, ValueError), match=next(iter(wrong))):
+            study.pick(**wrong)
     bundle = study.export(choice, tmp_path / "one")
     assert bundle.record["trial"] == choice["trial"] == choice.row["trial"]
     again = choice.export(tmp_path / "two")

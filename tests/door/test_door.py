@@ -100,6 +100,7 @@ def test_what_is_picked_is_evaluated_as_its_folder_is(ran: Ran, tmp_path: Path) 
     file = study.space["data"]["file"]
     found = dse.evaluate(bundle, file)
     assert found.columns == dse.evaluate(tmp_path / "bundle", file).columns
+    assert found.columns == dse.evaluate(study.pick(), file).columns
     assert len(found.label) == 24 and found.accuracy > 0.5
 
 

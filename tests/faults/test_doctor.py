@@ -575,6 +575,17 @@ def test_readers_say_what_tables_lack_that_are_older_than_the_records(
     same_tables(Study(study), whole)
 
 
+def test_a_table_cut_short_is_named_by_who_reads_it(
+    whole: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = Path(shutil.copytree(whole.folder, tmp_path / "tiny"))
+    content = (study / "points.parquet").read_bytes()
+    (study / "points.parquet").write_bytes(content[: len(content) // 2])
+    assert held.remarks(study) == []
+    assert main(["skyline", str(study)]) == 2
+    assert "points.parquet" in capsys.readouterr().err
+
+
 def _printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     assert main([*arguments]) == 0
     return capsys.readouterr().out

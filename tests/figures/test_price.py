@@ -28,6 +28,8 @@ def test_prices_by_hand():
     assert exact == pytest.approx((6, 6, 6, 30, 60))
     assert noisy == pytest.approx((6, 30 / (5 + 1.645 * 6 * 2**0.5), np.inf, 30, 60))
     assert price_of(gain[2:], cost[2:], np.zeros(1), 0) is None, "nothing is cheaper"
+    equal = np.array([0.9, 0.9])
+    assert price_of(equal, np.array([1.0, 2.0]), np.zeros(2), 1) is None, "nothing is gained for what is paid"
 
 
 def test_a_price_lies_in_its_own_interval():

@@ -98,3 +98,8 @@ def test_json_refuses_what_it_cannot_hold(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match="object cannot be written as JSON"):
         store.write_json(tmp_path / "y.json", object())
     assert not (tmp_path / "y.json").exists()
+
+
+def test_a_pipe_in_the_place_of_a_lock_is_held_by_nobody(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / ".lock")
+    assert not store.is_held(tmp_path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from dse import store
 from dse.config import ConfigError, SearchSpace
 from dse.hardware.profile import load
 from dse.records import Operations, Workload
-from dse.study import points, precision, pricing
+from dse.study import held, points, precision, pricing
 from dse.study.record import Numbers, RunRecord, load_record, load_records
 from tests import tiny_study
 
@@ -377,6 +377,10 @@ def test_work_is_written_and_read_back(tmp_path: Path) -> None:
         store.work_of({"accuracy": np.zeros(1)})
 
 
+def digests(folder: Path, trials: Mapping[int, Sequence[RunRecord]]) -> dict[str, str]:
+    return held.digests(folder, {trial: [run.repeat for run in runs] for trial, runs in trials.items()})
+
+
 @pytest.mark.parametrize("in_memory", [0, 10**6])
 def test_a_table_written_in_blocks_holds_the_same_points(
     space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_memory: int
@@ -391,7 +395,9 @@ def test_a_table_written_in_blocks_holds_the_same_points(
     whole = points.points_table(space, tmp_path, trials, [OPERATIONS, LOIHI])
     monkeypatch.setattr(points, "BLOCK", 2)
     monkeypatch.setattr(points, "IN_MEMORY", in_memory)
-    points.write_points(tmp_path / "points.parquet", space, tmp_path, trials, [OPERATIONS, LOIHI])
+    points.write_points(
+        tmp_path / "points.parquet", space, tmp_path, trials, [OPERATIONS, LOIHI], digests(tmp_path, trials)
+    )
     written = pd.read_parquet(tmp_path / "points.parquet")
     assert len(written) == 16
     pd.testing.assert_frame_equal(written, whole)
@@ -405,7 +411,7 @@ def test_a_table_is_written_again_only_where_it_would_differ(
 
     def is_written() -> bool:
         before = path.stat().st_ino if path.exists() else None
-        points.write_points(path, space, tmp_path, trials, chips)
+        points.write_points(path, space, tmp_path, trials, chips, digests(tmp_path, trials))
         return path.stat().st_ino != before
 
     assert is_written() and not is_written()
@@ -456,9 +462,11 @@ def test_rows_of_unchanged_trials_are_taken_over(
 
     def read_again(searched: SearchSpace = space) -> list[int]:
         read.clear()
-        points.write_points(path, searched, tmp_path, trials, chips)
+        points.write_points(path, searched, tmp_path, trials, chips, digests(tmp_path, trials))
         trials_read = list(read)
-        points.write_points(tmp_path / "anew.parquet", searched, tmp_path, trials, chips)
+        points.write_points(
+            tmp_path / "anew.parquet", searched, tmp_path, trials, chips, digests(tmp_path, trials)
+        )
         assert path.read_bytes() == (tmp_path / "anew.parquet").read_bytes()
         (tmp_path / "anew.parquet").unlink()
         return trials_read

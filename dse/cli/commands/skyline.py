@@ -76,7 +76,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """Return the front of all the tables together."""
     from dse.door.front import ADDED, front_of
     from dse.skyline import blocks
-    from dse.study import corrected
+    from dse.study import corrected, held
 
     objectives = objectives_of(arguments.objectives, arguments.results[0])
     question = question_of(arguments)
@@ -84,6 +84,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     if (large := _large(arguments, question)) is not None:
         rows, notes = blocks.parquet_skyline(large, objectives, arguments.where, by)
         notes = [*notes, *corrected.lacking(rows, (name for name, _ in objectives))]
+        notes += held.remarks(Path(arguments.results[0]))
     else:
         rows, notes = front_of(arguments.results, objectives, arguments.where, by, question)
     beside = list(ADDED)
