@@ -321,8 +321,8 @@ def _of_task(
         of_trained, misfits = measured(runs)
         figures |= of_trained
         folders = [run.folder for run in runs]
-        evaluated = (source.precisions and attempted("Other precisions", common, folders)) or []
-        for (weight_bits, pruned), each in evaluated:
+        evaluated = attempted("Other precisions", common, folders) if source.precisions else None
+        for (weight_bits, pruned), each in evaluated or []:
             at = [replace(run, evaluated=one.files) for run, one in zip(runs, each, strict=True)]
             drawn = {name: figure for name, figure in measured(at)[0].items() if figure}
             precisions.append({"weight_bits": weight_bits, "pruned_after": pruned, "figures": drawn})

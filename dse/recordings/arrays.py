@@ -116,7 +116,7 @@ def _survives(path: Path, modified_ns: int) -> bool:
     An exception there is one here too. -P: modules of the current folder, which may be anybody's, do not run.
     """
     code = "import sys; from scipy.io import loadmat; loadmat(sys.argv[1])"
-    command = [sys.executable, "-P", "-c", code, path]
+    command = [sys.executable, "-P", "-c", code, str(path)]
     return subprocess.run(command, capture_output=True, check=False).returncode in (0, 1)
 
 
