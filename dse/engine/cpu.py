@@ -152,7 +152,7 @@ class _Network:
         self.matrices = [_matrix(x.feed_forward, x.unit, kind, x.shared) for x in member.layers]
         self.rings = [_ring(x, kind) for x in member.layers]
         self.delays = [
-            None if x.delay is None else Delays.of(x.delay, x.longest_delay, precision(kind))
+            None if x.delay is None else Delays.of(x.delay, x.longest_delay, precision(kind), x.axonal)
             for x in member.layers
         ]
         # Layers read the matrices' tables, which change in place.
@@ -279,6 +279,7 @@ def _layer(
         arithmetic,
         layer.surrogate,
         NO_DELAY if delays is None else delays.table,
+        layer.axonal,
     )
 
 

@@ -454,6 +454,7 @@ def _through_delays(
         layer.delay,
         layer.n_neurons,
         layer.table_unit,
+        layer.axonal,
         space.gradients[depth] if depth else first_gradient,
         space.delay_gradients[depth] if lesson.learns_delays[depth] else by_neuron.ravel()[:0],
     )

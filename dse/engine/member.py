@@ -33,6 +33,7 @@ class TrainedLayer:
     delay: (input, neuron) float32 master delays of the feed-forward synapses, network steps; they run
         rounded. None: no synapse has one.
     longest_delay: training keeps delays between 0 and this.
+    axonal: whether all synapses of an input share its axon's delay, which runs rounded down.
     """
 
     feed_forward: Floats
@@ -44,6 +45,7 @@ class TrainedLayer:
     shared: Ints | None = None
     delay: Floats | None = None
     longest_delay: int = 0
+    axonal: bool = False
 
 
 @dataclass(frozen=True)

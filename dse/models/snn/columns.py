@@ -43,6 +43,7 @@ class Columns(SNN):
     pruned: ClassVar[float] = 0.0  # type: ignore[misc]
     prune_epoch: ClassVar[float] = 0.0  # type: ignore[misc]
     max_delay: ClassVar[int] = 0  # type: ignore[misc]
+    max_axonal_delay: ClassVar[int] = 0  # type: ignore[misc]
     delayed_layers: ClassVar[str] = "first"  # type: ignore[misc]
     delay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
 

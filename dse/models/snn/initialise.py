@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dse.engine import layers
+from dse.engine.delays import running
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
 from dse.engine.shared import copies_of, expanded
@@ -151,7 +152,8 @@ def initialise(
         n_outputs: output neurons.
         rng: draws the weights.
         n_heads: of the output, each with one neuron that is to fire.
-        of_delays: draws delays, uniform in [0, model.max_delay]; None: no synapse has one.
+        of_delays: draws delays, of synapses uniform in [0, model.max_delay], of axons in [0, 1); None: there
+            are none.
     """
     feed_forward: list[Floats] = []
     recurrent: list[Floats | None] = []
@@ -182,7 +184,10 @@ def initialise(
 
         late = None
         if of_delays is not None and model.has_delays(depth):
-            late = of_delays.uniform(0, model.max_delay, drawn.shape).astype(np.float32)
+            axonal = model.max_axonal_delay > 0
+            shape = (rows.n_inputs, 1) if axonal else drawn.shape
+            late = of_delays.uniform(0, model.max_delay or 1, shape).astype(np.float32)
+            late = np.broadcast_to(late, drawn.shape)
 
         def forward(
             gain: float,
@@ -194,7 +199,7 @@ def initialise(
             delay: Floats | None = late,
         ) -> Forward:
             matrix = (gain * drawn + fixed).astype(np.float32)
-            rounded = None if delay is None else np.rint(delay)
+            rounded = None if delay is None else running(delay, model.max_axonal_delay > 0)
             (weights,) = deployed([matrix], [ring], [population], model.arithmetic, [rounded])
             return prepare(weights, model.arithmetic).forward(rows)
 

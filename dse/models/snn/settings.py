@@ -67,6 +67,14 @@ class Stack:
         choices=("first", "all"),
         doc="layers whose synapses have delays, recurrent ones never: the first, or the outputs too",
     )
+    max_axonal_delay: int = param(
+        0,
+        low=0,
+        high=MOST,
+        unit="network steps",
+        doc="longest delay of a hidden neuron's axon: each has one of its own, which is learnt from below 1 on "
+        "and holds for all that the neuron feeds (lava-dl: 62); 0: axons have none",
+    )
     delay_learning_rate: float = param(
         0.1,
         low=0,
@@ -116,15 +124,25 @@ class Stack:
             raise ValueError(
                 f"input_delays must hold at least one delay and none twice, got {list(self.input_delays)}"
             )
+        if self.max_delay and self.max_axonal_delay:
+            raise ValueError(
+                f"max_axonal_delay must be 0 where synapses have delays of their own (max_delay), got "
+                f"{self.max_axonal_delay}"
+            )
         if self.max_delay and self.input_delays != (0,):
             raise ValueError(
                 "input_delays must be [0] where synapses have delays of their own (max_delay), got "
                 f"{list(self.input_delays)}"
             )
-        if self.max_delay and not self.has_kernel:
+        for key in ("max_delay", "max_axonal_delay"):
+            if (longest := getattr(self, key)) and not self.has_kernel:
+                raise ValueError(
+                    f"{key} must be 0 for neuron {name_of('neurons', self.neuron)}, which has no kernel, "
+                    f"got {longest}"
+                )
+        if self.max_axonal_delay and self.recurrent:
             raise ValueError(
-                f"max_delay must be 0 for neuron {name_of('neurons', self.neuron)}, which has no kernel, "
-                f"got {self.max_delay}"
+                f"max_axonal_delay must be 0 where hidden layers are recurrent, got {self.max_axonal_delay}"
             )
         if self.max_delay and self.recurrent and self.delayed_layers == "all":
             raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")
@@ -150,8 +168,15 @@ class Stack:
         return [None] * (len(self.hidden) + 1)
 
     def has_delays(self, depth: int) -> bool:
-        """Return whether synapses into a layer, from 0, have delays."""
+        """Return whether synapses into a layer, from 0, have delays, their own or those of axons."""
+        if self.max_axonal_delay:
+            return depth > 0
         return self.max_delay > 0 and (depth == 0 or self.delayed_layers == "all")
+
+    @property
+    def longest_delay(self) -> int:
+        """Most steps by which a synapse or an axon delays; 0: none does."""
+        return self.max_delay or self.max_axonal_delay
 
     def matrices(self, n_channels: int, n_outputs: int) -> list[tuple[int, int]]:
         """Return (inputs, neurons) of every weight matrix, recurrent ones included."""

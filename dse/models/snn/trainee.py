@@ -78,7 +78,7 @@ class Trainee:
         """
         model, training, rngs = design
         populations = populations_of(model, sum(heads), step_ms, rngs("time constants"))
-        of_delays = rngs("delays") if model.max_delay else None
+        of_delays = rngs("delays") if model.longest_delay else None
         began = initialise(
             probe, model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
         )
@@ -92,7 +92,8 @@ class Trainee:
                 recurrent_unit=None if ring is None else _units(ring, training.step_unit),
                 shared=shared,
                 delay=late,
-                longest_delay=model.max_delay,
+                longest_delay=model.longest_delay,
+                axonal=model.max_axonal_delay > 0,
             )
             for depth, (population, weights, ring, shared, late) in enumerate(
                 zip(
@@ -168,7 +169,7 @@ class Trainee:
 
     def _delay_rate(self, epoch: float) -> float:
         """Return the learning rate of delays: none while the weights are averaged, which belong to them."""
-        if not self.model.max_delay or epoch >= self.training.epochs - self.training.average_epochs:
+        if not self.model.longest_delay or epoch >= self.training.epochs - self.training.average_epochs:
             return 0.0
         return self.model.delay_learning_rate * self.training.rate(epoch) / self.training.learning_rate
 
