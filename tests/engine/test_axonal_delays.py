@@ -50,6 +50,20 @@ def test_the_derivative_of_a_spike_by_hand() -> None:
     assert slayer_gradient(arriving, by_arriving) == -1000
 
 
+def test_the_derivative_is_that_of_lava_dl() -> None:
+    """Golden: `slayer.axon.Delay` of lava-dl d825ac5 on these trains (delays 0.9 and 2.5 run as 0 and 2)."""
+    arriving = np.zeros((2, 12, 3))
+    for sample, neuron, steps in (
+        (0, 0, [2, 3]),
+        (0, 1, [2, 3, 4, 8, 9]),
+        (1, 0, [0, 5, 7, 8, 9]),
+        (1, 1, [2, 9, 11]),
+    ):
+        arriving[sample, steps, neuron] = 1
+    by_arriving = np.arange(72.0).reshape(2, 3, 12).transpose(0, 2, 1) ** 1.5
+    np.testing.assert_allclose(slayer_gradient(arriving, by_arriving), [53.9141, -399.6978, 0], rtol=1e-6)
+
+
 def test_spikes_and_gradients_are_those_of_trains_that_are_moved() -> None:
     rng = np.random.default_rng(2)
     x = (rng.random((5, 90, N_IN)) < 0.2).astype(np.uint8)

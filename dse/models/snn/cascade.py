@@ -61,8 +61,8 @@ class Cascade(Stack):
             raise ValueError(f"first_hidden must have 1 to 3 layers, got {len(self.first_hidden)}")
         if self.longest_delay:
             raise ValueError(
-                f"{'max_delay' if self.max_delay else 'max_axonal_delay'} must be 0 in a cascade, whose costs "
-                f"count no delays, got {self.longest_delay}"
+                f"{'max_delay' if self.max_delay else 'max_axonal_delay'} must be 0 in a cascade, "
+                f"whose costs count no delays, got {self.longest_delay}"
             )
         if self.cross_fit == 1:
             raise ValueError("cross_fit must be 0 or >= 2, got 1")

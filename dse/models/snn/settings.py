@@ -72,8 +72,8 @@ class Stack:
         low=0,
         high=MOST,
         unit="network steps",
-        doc="longest delay of a hidden neuron's axon: each has one of its own, which is learnt from below 1 on "
-        "and holds for all that the neuron feeds (lava-dl: 62); 0: axons have none",
+        doc="longest delay of a hidden neuron's axon: each has one of its own, which is learnt from below 1 "
+        "on and holds for all that the neuron feeds (lava-dl: 62); 0: axons have none",
     )
     delay_learning_rate: float = param(
         0.1,
