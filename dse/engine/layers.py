@@ -259,12 +259,14 @@ def run(
     fired: Array,
     updates: Array,
     peak: Array,
+    states: Array,
 ) -> int:
     """Run some samples through a layer; return the number of its spikes (arguments as in kernels.scan)."""
     if layer.delay.size > 0:
         # Not from compiled code: delays take as long to compile as all the rest, and few networks have any.
         _sum_delayed(layer, offsets, index, first_row, n_samples, n_steps, z)
-    return int(_run(layer, offsets, index, first_row, n_samples, n_steps, what, z, fired, updates, peak))
+    arguments = (layer, offsets, index, first_row, n_samples, n_steps, what, z, fired, updates, peak, states)
+    return int(_run(*arguments))
 
 
 @compiled()
@@ -280,6 +282,7 @@ def _run(
     fired: Array,
     updates: Array,
     peak: Array,
+    states: Array,
 ) -> int:
     """Run some samples through a layer whose weighted input, if delayed, is there; arguments as in `run`."""
     n_rows, n_groups = n_samples * n_steps, layer.n_columns // LANES
@@ -324,6 +327,7 @@ def _run(
                     n_groups,
                     updates[row : row + n_steps],
                     peak,
+                    states,
                 )
         column += width
     if recurrent:
@@ -351,6 +355,7 @@ def _run(
                 n_groups,
                 updates[row : row + n_steps],
                 peak,
+                states,
                 u,
                 v,
                 sent,
@@ -422,6 +427,7 @@ def step(
         layer.n_columns // LANES,
         fired[:0],
         peak,
+        z[:0],
         u,
         v,
         sent,
@@ -490,6 +496,7 @@ class CompiledLayer:
                 fired[row * n_groups : end * n_groups],
                 updates[row:end],
                 peak,
+                z[:0],
             )
             if keep_voltage:
                 voltage[first : first + m] = unpacked(z[: m * t * ready.n_columns], m * t, h).reshape(m, t, h)

@@ -34,6 +34,7 @@ class TrainedLayer:
         rounded. None: no synapse has one.
     longest_delay: training keeps delays between 0 and this.
     axonal: whether all synapses of an input share its axon's delay, which runs rounded down.
+    learnt_decays: no, or a pair of decays that CUBA-LIF neurons learn per layer or per neuron.
     """
 
     feed_forward: Floats
@@ -46,6 +47,7 @@ class TrainedLayer:
     delay: Floats | None = None
     longest_delay: int = 0
     axonal: bool = False
+    learnt_decays: str = "no"
 
 
 @dataclass(frozen=True)
@@ -100,12 +102,14 @@ class Turn:
         silenced.
     delay_learning_rate: Adam's step size of delays, network steps; 0: they stay as they are.
     soft: (sample, output) probabilities that it learns in place of the labels; None: the labels.
+    decay_learning_rate: Adam's step size of decays; 0: they stay as they are.
     """
 
     learning_rate: float
     gains: tuple[Floats | None, ...]
     delay_learning_rate: float = 0.0
     soft: Floats | None = None
+    decay_learning_rate: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -130,11 +134,13 @@ class Masters:
     """Master weights, float32, input side first: feed_forward (input, neuron), recurrent or None.
 
     delay: (input, neuron) int8 delays as they run, or None; empty where no engine gave any.
+    decays: (2, neuron) int32 decays of u and v in 1/4096 that were learnt, or None; likewise.
     """
 
     feed_forward: tuple[Array, ...]
     recurrent: tuple[Array | None, ...]
     delay: tuple[Array | None, ...] = ()
+    decays: tuple[Array | None, ...] = ()
 
 
 class Engine(Protocol):
