@@ -1,4 +1,4 @@
-"""What delays of inputs, synapses and axons need of other sections, as far as a file shows it."""
+"""What delays and learnt decays need of other sections, as far as a file shows it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dse.config.yaml_lines import Path
 def delay_faults(
     sections: Mapping[str, Part], hardware: Sequence[str], device: str, base: File
 ) -> Iterator[tuple[Path, str]]:
-    """Yield (path, sentence) for delays beyond the window, a device and chips that have none.
+    """Yield (path, sentence) for delays beyond the window, and for a device and chips without what is named.
 
     Args:
         sections: as they are written; those at fault are not looked into.
@@ -51,6 +51,10 @@ def delay_faults(
                 yield where, f"model.{key} {text}, got {max(delays)}"
             if device != "cpu":
                 yield where, f"model.{key} must be 0 on execution.device {device}, got {max(delays)}"
+        learnt = [x for x in _values(part, "learnt_decays") if x != "no"]
+        if learnt and device != "cpu":
+            text = f"must be no on execution.device {device}, got {learnt[0]}"
+            yield (*keys, "learnt_decays"), f"model.learnt_decays {text}"
         longest += least[:1] or [("", 0)]
     key, shortest = min(longest, key=lambda x: x[1])
     if not shortest:

@@ -5,9 +5,8 @@ With dL/dz = lu and lv of dse.neurons.cuba_lif.backward, which ignores the reset
     dL/dd_u = - sum over t of lu[t] u[t-1]
     dL/dd_v = - sum over t of lv[t] v_r[t-1],    lv[t] = lu[t] - (1 - d_u) lu[t+1]
 
-A decay is learnt as a real number and runs rounded to 1/4096, straight through. SLAYER learns decays likewise,
-but adds up without the minus and takes v before its reset (lava-dl; REFERENCES.md): it moves them the other
-way.
+A decay is learnt as a real number and runs rounded to 1/4096, straight through. SLAYER learns decays too, but
+adds up without the minus and takes v before its reset (lava-dl; REFERENCES.md): it moves them the other way.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ returns an `Engine`, ready for batches of at most `n_samples` samples of `n_step
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 from dse.engine.events import Rows
@@ -141,6 +141,21 @@ class Masters:
     recurrent: tuple[Array | None, ...]
     delay: tuple[Array | None, ...] = ()
     decays: tuple[Array | None, ...] = ()
+
+    def arrays(self) -> dict[str, Array]:
+        """Return all arrays by name and layer; `of_arrays` takes them."""
+        return {
+            f"{part.name}/{depth}": array
+            for part in fields(self)
+            for depth, array in enumerate(getattr(self, part.name))
+            if array is not None
+        }
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, Array], n_layers: int) -> Masters:
+        """Return the masters of a number of layers from `arrays`."""
+        of_parts = [[arrays.get(f"{x.name}/{k}") for k in range(n_layers)] for x in fields(cls)]
+        return cls(*map(tuple, of_parts))
 
 
 class Engine(Protocol):

@@ -173,8 +173,8 @@ class Cascade(Stack):
             held = np.sort(order[part::parts])
             others = replace(data, train=np.setdiff1d(data.train, held), validation=held, test=held[:0])
             without = self._stack(self.first_hidden).fit(
-                others, training, _named(rngs, f"first without {part}")
-            )
+                others, replace(training, keep="last"), _named(rngs, f"first without {part}")
+            )  # what is held out chooses no epoch
             assert isinstance(without.network, Network) and isinstance(without.validation, Response)
             answers = head_answers(data, without.validation.output.sum(axis=1, dtype=np.int64))
             correct += int((answers == head_targets(data, held)).sum())

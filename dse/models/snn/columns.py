@@ -44,6 +44,8 @@ class Columns(SNN):
     prune_epoch: ClassVar[float] = 0.0  # type: ignore[misc]
     max_delay: ClassVar[int] = 0  # type: ignore[misc]
     max_axonal_delay: ClassVar[int] = 0  # type: ignore[misc]
+    learnt_decays: ClassVar[str] = "no"  # type: ignore[misc]
+    decay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
     delayed_layers: ClassVar[str] = "first"  # type: ignore[misc]
     delay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
 

@@ -11,7 +11,7 @@ from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
 from dse.models.training import Training
-from dse.neurons import Neuron
+from dse.neurons import Neuron, cuba_lif
 from dse.neurons.surrogate import Exponential, exponential
 from dse.records import Arithmetic, Floats, Ints
 from dse.registry import name_of, param
@@ -82,6 +82,18 @@ class Stack:
         doc="step size of Adam for delays, on the schedule of the learning rate; 0: delays stay as drawn. "
         "They rest in the last `average_epochs` epochs",
     )
+    learnt_decays: str = param(
+        "no",
+        choices=("no", "layer", "neuron"),
+        doc="current and voltage decays that CUBA-LIF neurons learn, outputs too: none, a pair per layer or "
+        "a pair per neuron",
+    )
+    decay_learning_rate: float = param(
+        0.001,
+        low=0,
+        doc="step size of Adam for decays per network step, on the schedule of the learning rate; they run "
+        "rounded to 1/4096, stay inside (0, 1), and rest in the last `average_epochs` epochs",
+    )
     steps_per_sample: int = param(1, low=1, high=16, doc="network steps per input step")
     recurrent: bool = param(False, doc="each hidden layer also receives its own spikes of the previous step")
     initial_rate: float = param(
@@ -143,6 +155,11 @@ class Stack:
         if self.max_axonal_delay and self.recurrent:
             raise ValueError(
                 f"max_axonal_delay must be 0 where hidden layers are recurrent, got {self.max_axonal_delay}"
+            )
+        if self.learnt_decays != "no" and self.neuron.Populations is not cuba_lif.Population:
+            raise ValueError(
+                f"learnt_decays must be no for neuron {name_of('neurons', self.neuron)}, which is no "
+                f"cuba_lif, got {self.learnt_decays}"
             )
         if self.max_delay and self.recurrent and self.delayed_layers == "all":
             raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")

@@ -8,23 +8,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dse.engine import engines
 from dse.engine.events import Rows, gather, without
-from dse.engine.member import as_part, of_part
+from dse.engine.member import Masters, as_part, of_part
 from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import prune
 from dse.models.snn.augment import Augmentation
-from dse.models.snn.respond import respond_and_count
+from dse.models.snn.respond import respond, respond_and_count
 from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
-from dse.neurons import name_of_population, parameters_of
+from dse.neurons import Population, cuba_lif, name_of_population, parameters_of
 from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, quantise
 from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
@@ -46,8 +47,9 @@ def train(
 
     A finished design has responded on validation and, where there is one, on test. The weights that are
     kept are those of the last epoch (or the mean of the last epochs), whatever validation says of earlier
-    ones. A design whose numbers run away ends at once, and its neighbours go on untouched. A training that
-    goes on from the state of a `Rung` ends with the same bits as one that never paused.
+    ones; with `training.keep: best` those of the best epoch on validation. A design whose numbers run away
+    ends at once, and its neighbours go on untouched. A training that goes on from the state of a `Rung` ends
+    with the same bits as one that never paused.
 
     Args:
         dataset: spikes, windows, split.
@@ -59,12 +61,14 @@ def train(
         span: from where to where they train.
 
     Raises:
-        ValueError: there is no training sample, the designs cannot train on the same batches, or they stand
-            at different epochs.
+        ValueError: there is no training sample, or none that chooses the best epoch, the designs cannot train
+            on the same batches, or they stand at different epochs.
         MissingExtra: the neurons have no kernel, and torch is not installed.
     """
     if not dataset.train.size:
         raise ValueError("training needs at least one training sample, got none")
+    if not dataset.validation.size and any(design.training.keep == "best" for design in designs):
+        raise ValueError("training.keep must be last where no sample validates, got best")
     if len({design.model.shares(design.training) for design in designs}) != 1:
         raise ValueError(
             "the designs of a cohort must agree in input_delays, steps_per_sample, batch_size, "
@@ -128,9 +132,8 @@ def train(
     while live:
         if span.until is not None and epoch >= span.until:
             for trainee in live:
-                masters = engine.masters(trainee.number)
-                trainee.delays = masters.delay
-                outcome = _outcome(trainee, [*masters.feed_forward, *masters.recurrent], dataset, delays)
+                masters = trainee.best or engine.masters(trainee.number)
+                outcome = _outcome(trainee, masters, dataset, delays)
                 yield trainee.number, Rung(epoch, state_of(trainee), outcome)
             return
         for trainee in live:
@@ -163,14 +166,18 @@ def train(
             if not live:
                 return
         for trainee in live:
-            trainee.end_epoch(engine.masters(trainee.number), epoch, order.size)
+            masters = engine.masters(trainee.number)
+            trainee.end_epoch(masters, epoch, order.size)
+            if trainee.training.keep == "best" and not trainee.diverged:
+                network = _network(trainee, masters, dataset, delays)
+                trainee.consider(masters, _accuracy(network, dataset))
             trainee.seconds += clock.lap()
         epoch += 1
         for trainee in live:
             if trainee.diverged:
                 yield trainee.number, TrainingDiverged(trainee.diverged)
             elif trainee.finished:
-                yield trainee.number, _outcome(trainee, trainee.mean, dataset, delays)
+                yield trainee.number, _outcome(trainee, trainee.result, dataset, delays)
         live = [x for x in live if not (x.diverged or x.finished)]
         if live and epoch != span.until and span.is_due():
             for trainee in live:
@@ -190,14 +197,12 @@ class _Clock:
         return self._last - before
 
 
-def _outcome(
-    trainee: Trainee, matrices: Sequence[Array | None], dataset: Dataset, delays: tuple[int, ...]
-) -> Outcome:
-    """Return a design's network of these weights, feed-forward, then recurrent, and its responses."""
-    began = time.perf_counter()
+def _network(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> Network:
+    """Return a design's network of these weights, delays and decays."""
     model = trainee.model
     layers = trainee.member.layers
     n = len(layers)
+    matrices = (*masters.feed_forward, *masters.recurrent)
     weights = [None if w is None else w.astype(np.float32) for w in matrices]
     if trainee.kept is not None:
         kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
@@ -205,18 +210,23 @@ def _outcome(
             None if w is None or k is None else prune.remaining(w, k, model.arithmetic)
             for w, k in zip(weights, kept, strict=True)
         ]
-    network = Network(
+    return Network(
         layers=tuple(
             Layer(
                 weight=np.ascontiguousarray(w.T),
                 recurrent=None if r is None else np.ascontiguousarray(r.T),
-                parameters=parameters_of(layer.population),
+                parameters=parameters_of(_learnt(layer.population, decays)),
                 neuron=name_of_population(layer.population, model.neuron),
                 shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
                 delay=None if late is None else np.ascontiguousarray(late.T),
             )
-            for w, r, layer, late in zip(
-                weights[:n], weights[n:], layers, trainee.delays or (None,) * n, strict=True
+            for w, r, layer, late, decays in zip(
+                weights[:n],
+                weights[n:],
+                layers,
+                masters.delay or (None,) * n,
+                masters.decays or (None,) * n,
+                strict=True,
             )
             if w is not None
         ),
@@ -225,20 +235,41 @@ def _outcome(
         steps_per_sample=model.steps_per_sample,
         arithmetic=model.arithmetic,
     )
+
+
+def _learnt(population: Population[Any], decays: Array | None) -> Population[Any]:
+    """Return neurons with the decays of u and v that they learnt, if they did."""
+    if decays is None:
+        return population
+    assert isinstance(population, cuba_lif.Population)  # no other learns them
+    return replace(population, decay_current=decays[0], decay_voltage=decays[1])
+
+
+def _accuracy(network: Network, dataset: Dataset) -> float:
+    """Return the share of the validation samples that are answered rightly, of several heads in all."""
+    counts = respond(network, dataset, dataset.validation).output.sum(axis=1, dtype=np.int64)
+    right = head_answers(dataset, counts) == head_targets(dataset, dataset.validation)
+    return float(right.all(axis=1).mean())
+
+
+def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> Outcome:
+    """Return a design's network of these weights, and its responses."""
+    began = time.perf_counter()
+    model, network = trainee.model, _network(trainee, masters, dataset, delays)
     validation, fired = respond_and_count(network, dataset, dataset.validation)
     test = respond_and_count(network, dataset, dataset.test)[0] if dataset.test.size else None
     curves = {name: np.asarray(values) for name, values in trainee.history.items()}
     cells = validation.output.shape[0] * validation.output.shape[1]
-    sharing = [*(layer.shared for layer in layers), *(None for _ in layers)]
-    pairs = zip(weights, sharing, strict=True) if model.arithmetic == "integer" else ()
-    masters = [distinct(w, shared) for w, shared in pairs if w is not None]
+    matrices = [pair for x in network.layers for pair in ((x.weight, x.shared), (x.recurrent, None))]
+    pairs = matrices if model.arithmetic == "integer" else ()
+    weights = [distinct(w, shared) for w, shared in pairs if w is not None]
     health: dict[str, Any] = {
         "dead_neurons": int(sum((f == 0).sum() for f in fired[1:-1])),
         "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in fired[1:-1])) if cells else 0,
         "saturated_outputs": int((fired[-1] >= SATURATED * cells).sum()) if cells else 0,
         "collapsed_outputs": _collapsed(dataset, validation),
         "clipped_weights": sum(
-            int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in masters
+            int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in weights
         ),
         "peak_state": validation.peak_state,
         "overflows_24_bit": "integer" in model.neuron.arithmetics and validation.peak_state > STATE_LIMIT,
@@ -253,9 +284,10 @@ def _outcome(
         "clipped_gradients": trainee.clipped_batches,
         "stopped_early": trainee.stopped,
         "epochs_trained": len(trainee.history["loss"]),
+        "epoch_kept": trainee.epoch_kept,
         "n_weights_dense": network.n_weights_dense,
     }
-    if any(layer.shared is not None for layer in layers):
+    if any(layer.shared is not None for layer in network.layers):
         health["n_synapses"] = sum(network.stored)
     seconds = trainee.seconds + time.perf_counter() - began
     return Outcome(network, validation, test, curves, health, seconds)

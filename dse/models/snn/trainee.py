@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dse.engine.events import Rows
-from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, of_part
+from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.settings import Stack
@@ -37,7 +37,8 @@ class Trainee:
     loss, correct, fired, largest_norm: of the epoch so far; `fired` is per layer, times the samples.
     stopped: why it ended before the last epoch; diverged: why it has no result. Empty: neither.
     kept: weights that pruning left; None: no weight was pruned.
-    delays: per layer, the delays of the last epoch, (input, neuron), or None; empty: none is learnt.
+    last: masters of the last epoch, whose delays and decays belong to `mean`.
+    best: masters of the epoch that is kept, where it is the best on validation; None: none yet, or the last.
     soft: (sample, output) targets of the training samples, from a teacher; None: the labels.
     """
 
@@ -60,7 +61,8 @@ class Trainee:
     diverged: str = ""
     learning_rate: float = 0.0
     kept: Masters | None = None
-    delays: tuple[Array | None, ...] = ()
+    last: Masters | None = None
+    best: Masters | None = None
     soft: Floats | None = None
 
     @classmethod
@@ -94,6 +96,7 @@ class Trainee:
                 delay=late,
                 longest_delay=model.longest_delay,
                 axonal=model.max_axonal_delay > 0,
+                learnt_decays=model.learnt_decays,
             )
             for depth, (population, weights, ring, shared, late) in enumerate(
                 zip(
@@ -116,8 +119,9 @@ class Trainee:
             loss=model.loss,
             hidden_spike_penalty=model.hidden_spike_penalty,
         )
+        of_best = ["accuracy_validation"] if training.keep == "best" else []
         curves: dict[str, list[float]] = {
-            name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm")
+            name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm", *of_best)
         }
         return cls(number, model, training, member, began.rates, rngs("dropout"), curves)
 
@@ -135,6 +139,8 @@ class Trainee:
         if self.kept is not None:
             matrices = (*self.kept.feed_forward, *self.kept.recurrent)
             arrays |= {f"kept/{k}": kept for k, kept in enumerate(matrices) if kept is not None}
+        if self.best is not None:
+            arrays |= as_part("best", self.best.arrays())
         return arrays
 
     def restore(self, state: State) -> None:
@@ -149,6 +155,8 @@ class Trainee:
         if kept:
             masks = [kept.get(str(k)) for k in range(2 * n)]
             self.kept = Masters(tuple(x for x in masks[:n] if x is not None), tuple(masks[n:]))
+        if best := of_part(state, "best"):
+            self.best = Masters.of_arrays(best, n)
 
     def turn(self, epoch: float, samples: Ints) -> Turn:
         """Return learning rate, dropout and targets of a batch of samples; whole neurons drop out per sample.
@@ -165,13 +173,16 @@ class Trainee:
             kept = self.silenced.random((n_samples, size)) >= share if share else None
             gains.append(None if kept is None else (kept / np.float32(1 - share)).astype(np.float32))
         soft = None if self.soft is None else self.soft[samples]
-        return Turn(self.learning_rate, tuple(gains), self._delay_rate(epoch), soft)
+        model = self.model
+        of_delays = self._rate_of(model.delay_learning_rate if model.longest_delay else 0.0, epoch)
+        of_decays = self._rate_of(0.0 if model.learnt_decays == "no" else model.decay_learning_rate, epoch)
+        return Turn(self.learning_rate, tuple(gains), of_delays, soft, of_decays)
 
-    def _delay_rate(self, epoch: float) -> float:
-        """Return the learning rate of delays: none while the weights are averaged, which belong to them."""
-        if not self.model.longest_delay or epoch >= self.training.epochs - self.training.average_epochs:
+    def _rate_of(self, step_size: float, epoch: float) -> float:
+        """Return the rate of delays or decays: none while the weights are averaged, which belong to them."""
+        if epoch >= self.training.epochs - self.training.average_epochs:
             return 0.0
-        return self.model.delay_learning_rate * self.training.rate(epoch) / self.training.learning_rate
+        return step_size * self.training.rate(epoch) / self.training.learning_rate
 
     def absorb(self, report: Report, n_samples: int, epoch: int) -> None:
         """Add a batch's report to the epoch."""
@@ -189,7 +200,7 @@ class Trainee:
     def end_epoch(self, masters: Masters, epoch: int, n_samples: int) -> None:
         """Close an epoch: note its curves, add to the mean of the last epochs, look for dead ends."""
         weights = [*masters.feed_forward, *masters.recurrent]
-        self.delays = masters.delay
+        self.last = masters
         self.diverged = self._lost(weights, epoch)
         first = self.training.epochs - self.training.average_epochs
         self.history["loss"].append(self.loss / n_samples)
@@ -211,6 +222,36 @@ class Trainee:
                 for b, w in zip(before, weights, strict=True)
             ]
         self.loss, self.correct, self.fired, self.largest_norm = 0.0, 0, np.zeros(0), 0.0
+
+    @property
+    def _first_to_keep(self) -> int:
+        """Epochs that are not kept, whatever their accuracy: those before weights were pruned."""
+        return int(self.model.prune_epoch * self.training.epochs) if self.model.pruned else 0
+
+    def consider(self, masters: Masters, accuracy: float) -> None:
+        """Keep an epoch's masters where none was better on validation."""
+        curve = self.history["accuracy_validation"]
+        curve.append(accuracy)
+        if len(curve) > self._first_to_keep and accuracy >= max(curve[self._first_to_keep :]):
+            self.best = masters
+
+    @property
+    def epoch_kept(self) -> int:
+        """The epoch, from 1, whose weights are the result: the best one, or the last."""
+        if self.best is None:
+            return len(self.history["loss"])
+        curve = self.history["accuracy_validation"]
+        return max(range(self._first_to_keep, len(curve)), key=lambda k: (curve[k], k)) + 1
+
+    @property
+    def result(self) -> Masters:
+        """What training ends with: the best epoch, or the mean of the last ones."""
+        assert self.last is not None  # an epoch is over
+        if self.best is not None:
+            return self.best
+        n = len(self.member.layers)
+        forward = tuple(w for w in self.mean[:n] if w is not None)
+        return replace(self.last, feed_forward=forward, recurrent=tuple(self.mean[n:]))
 
     def _lost(self, weights: Sequence[Array | None], epoch: int) -> str:
         """Return why training cannot go on from these weights, or nothing."""
