@@ -13,7 +13,7 @@ from dse.engine import kernels
 from dse.engine.adam import BETA_1, BETA_2, EPSILON
 from dse.engine.batch import Batch, batch_of, chunk_samples
 from dse.engine.delays import Delays
-from dse.engine.events import Rows
+from dse.engine.events import Rows, pooled
 from dse.engine.layers import GRID, NO_DELAY, KernelLayer, layer_of, padded_ring, precision
 from dse.engine.layout import aligned, packed, padded, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
@@ -287,6 +287,7 @@ class CpuEngine:
 
     def __init__(self, members: Sequence[Member], n_samples: int, n_steps: int, threads: int) -> None:
         self._networks = [_Network(member) for member in members]
+        self._pools = [member.pool for member in members]
         self._threads = ThreadPoolExecutor(threads) if threads > 1 else None
         n_rows = chunk_samples(n_samples, n_steps) * n_steps
         kinds = [precision(member.arithmetic) for member in members]
@@ -303,11 +304,16 @@ class CpuEngine:
 
     def step(self, rows: Rows, labels: Array, turns: Mapping[int, Turn]) -> dict[int, Report]:
         """Train the members named in `turns` on a batch; the others do not move."""
-        batch = batch_of(rows)
-        return {
-            number: self._networks[number].step(batch, labels, turn, self._spaces[number], self._threads)
-            for number, turn in turns.items()
-        }
+        batches: dict[bytes, Batch] = {}
+        reports = {}
+        for number, turn in turns.items():
+            pool = self._pools[number]
+            key = b"" if pool is None else pool.tobytes()
+            if key not in batches:
+                batches[key] = batch_of(pooled(rows, pool))
+            network, space = self._networks[number], self._spaces[number]
+            reports[number] = network.step(batches[key], labels, turn, space, self._threads)
+        return reports
 
     def prune(self, member: int, kept: Masters) -> None:
         """Set the weights of a member that are not kept to 0, for good."""

@@ -57,6 +57,8 @@ class Member:
     heads: classes of each head, which share the output neurons in this order; empty: one head.
     loss: over the output spikes.
     hidden_spike_penalty: what each spike of a hidden neuron adds to the loss of its sample.
+    pool: (input,) input of the first layer that each input of the rows counts for (dse.engine.events.pooled);
+        None: its own.
     """
 
     layers: tuple[TrainedLayer, ...]
@@ -67,6 +69,7 @@ class Member:
     heads: tuple[int, ...] = ()
     loss: Loss = SPIKE_RATE
     hidden_spike_penalty: float = 0.0
+    pool: Ints | None = None
 
     @property
     def goal(self) -> Goal:

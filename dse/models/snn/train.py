@@ -88,7 +88,10 @@ def train(
     clock = _Clock()
     trainees = []
     for number, design in enumerate(designs):
-        trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset)))
+        pool = design.model.pool(dataset.positions)
+        trainees.append(
+            Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset), pool)
+        )
         trainees[-1].seconds += clock.lap()
     teachers, live = Teachers(dataset, shared, device, threads), []
     for trainee in trainees:
@@ -197,7 +200,7 @@ def _outcome(
     began = time.perf_counter()
     model = trainee.model
     layers = trainee.member.layers
-    n = len(layers)
+    n, pool = len(layers), trainee.member.pool
     weights = [None if w is None else w.astype(np.float32) for w in matrices]
     if trainee.kept is not None:
         kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
@@ -205,6 +208,7 @@ def _outcome(
             None if w is None or k is None else prune.remaining(w, k, model.arithmetic)
             for w, k in zip(weights, kept, strict=True)
         ]
+    matrices = [w if w is None or d or pool is None else w[pool] for d, w in enumerate(weights)]
     network = Network(
         layers=tuple(
             Layer(
@@ -216,7 +220,7 @@ def _outcome(
                 delay=None if late is None else np.ascontiguousarray(late.T),
             )
             for w, r, layer, late in zip(
-                weights[:n], weights[n:], layers, trainee.delays or (None,) * n, strict=True
+                matrices[:n], matrices[n:], layers, trainee.delays or (None,) * n, strict=True
             )
             if w is not None
         ),
