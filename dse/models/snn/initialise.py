@@ -20,7 +20,7 @@ from dse.neurons.fixed_point import quantise, within_range
 from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
-_LEVELS = 0.02, 0.98
+_LEVELS = 0.25, 0.99
 """Quantiles of the active channels of a region between which levels lie."""
 _LONGEST = 2**16
 """Steps after which a potential that still grows is taken to have no limit."""
