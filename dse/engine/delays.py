@@ -33,10 +33,9 @@ import numba
 import numpy as np
 from numba.extending import overload
 
-from dse.engine import kernels
-from dse.engine.adam import BETA_1, BETA_2, EPSILON
-from dse.engine.layout import LANES, aligned, packed, padded, width_at
-from dse.engine.shared import Copies, copies_of
+from dse.engine.layout import LANES, aligned, packed, width_at
+from dse.engine.parameters import Parameters, Tied
+from dse.engine.shared import copies_of
 from dse.native.compiled import compiled
 from dse.native.simd import (
     LANES_8,
@@ -68,73 +67,53 @@ TILE_WORDS = 32  # of a neuron's dL/dz and its differences: 16 KiB of float32, h
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays of a layer's synapses in training: real masters in blocks, their gradient, Adam's moments.
+    """Delays of a layer's synapses in training, in blocks.
 
-    table: int8, the masters rounded; those of axons rounded down.
-    unit: (column,) ones: a learning rate of 1 moves every delay by a step.
-    longest: masters stay between 0 and this.
+    table: int8, as they run.
     axons: which delays are one of an axon; None: each synapse has its own.
     """
 
     n_rows: int
-    masters: Array
     gradient: Array
-    first: Array
-    second: Array
     table: Array
-    unit: Array
-    longest: int
-    axons: Copies | None = None
+    parameters: Parameters
+    axons: Tied | None = None
 
     @classmethod
     def of(cls, masters: Array, longest: int, kind: Any, axonal: bool = False) -> Delays:
-        """Return delays at their start, (input, neuron), with gradients of a type."""
-        n_rows, n_columns = masters.shape
-        packs = packed(masters, np.float32)
+        """Return delays at their start, (input, neuron), which stay in [0, longest]; gradients of a type."""
+        n_rows, limits = len(masters), (1.0, 0.0, float(longest))
+        if not axonal:
+            own = Parameters.of(masters, 1.0, None, kind, *limits)
+            return cls(n_rows, own.gradient, own.table, own)
+        once = Parameters.of(np.append(masters[:, 0], 0)[None], 1.0, None, kind, *limits)
+        # Columns that pad hold 0, which is no axon where numbers count from 1.
+        number = np.broadcast_to(np.arange(1, n_rows + 1)[:, None], masters.shape)
+        axons = Tied(copies_of(packed(number, np.int32) - 1))
         table = packed(running(masters, axonal), np.int8)
-        axons = None
-        if axonal:  # columns that pad hold 0, which is no axon where numbers count from 1
-            number = np.broadcast_to(np.arange(n_rows)[:, None], masters.shape)
-            axons = copies_of(packed(number + 1, np.int32) - 1)
-        first, second = (aligned(packs.size, np.float32) for _ in range(2))
-        unit = aligned(padded(n_columns), np.float32)
-        unit[:n_columns] = 1
-        return cls(n_rows, packs, aligned(packs.size, kind), first, second, table, unit, longest, axons)
+        return cls(n_rows, aligned(table.size, kind), table, once, axons)
 
     def update(self, learning_rate: float, steps: int) -> None:
         """Take Adam's step `steps`, from 1, and round anew."""
+        own = self.parameters
         if self.axons is not None:
-            self.axons.sum_gradient(self.gradient)
-        kernels.adam(
-            self.masters,
-            self.gradient,
-            self.first,
-            self.second,
-            self.n_rows,
-            len(self.unit),
-            self.unit,
-            1.0,
-            learning_rate / (1 - BETA_1**steps),
-            BETA_1,
-            BETA_2,
-            1 / (1 - BETA_2**steps),
-            EPSILON,
-            self.table,
-            1.0,
-            0.0,
-            float(self.longest),
-        )
+            self.axons.pull([own.values], self.gradient, [own.gradient])
+            self.gradient[:] = 0
+        own.update(1.0, learning_rate, steps)
+        self._run_anew()
+
+    def _run_anew(self) -> None:
         if self.axons is not None:
-            np.copyto(self.table, running(self.masters, axonal=True), casting="unsafe")
+            self.axons.expand([running(self.parameters.values, True).astype(np.int8)], self.table)
 
     def state(self) -> dict[str, Array]:
         """Return a copy of what an update reads and writes."""
-        return {name: getattr(self, name).copy() for name in ("masters", "first", "second", "table")}
+        return self.parameters.state()
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Take over the numbers of a state."""
-        for name in ("masters", "first", "second", "table"):
-            np.copyto(getattr(self, name), state[name], casting="no")
+        self.parameters.restored(state)
+        self._run_anew()
 
 
 def running(masters: Array, axonal: bool) -> Array:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, Literal
+
+import numpy as np
 
 from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
+from dse.models.snn.regions import RINGS, regions_of
 from dse.models.training import Training
 from dse.neurons import Neuron, cuba_lif
 from dse.neurons.surrogate import Exponential, exponential
@@ -96,6 +99,20 @@ class Stack:
     )
     steps_per_sample: int = param(1, low=1, high=16, doc="network steps per input step")
     recurrent: bool = param(False, doc="each hidden layer also receives its own spikes of the previous step")
+    regions: int = param(
+        0,
+        low=0,
+        doc="regions of the sensor, 3 rings by regions / 3 sectors around its middle (runs where channels "
+        "lie on a line), whose channels share one weight to each neuron of the first layer; planes "
+        "(polarities, thresholds) and delayed copies have weights of their own; 0: every channel has",
+    )
+    start: Literal["uniform", "levels"] = param(
+        "uniform",
+        choices=("uniform", "levels"),
+        doc="initial weights of the first layer. uniform: drawn, scaled to `initial_rate`; levels (needs "
+        "`regions`): a region per neuron, in turn, with the weight that fires the neuron from so many active "
+        "channels of the region per step on; these levels are spread over what the training data show",
+    )
     initial_rate: float = param(
         0.1,
         low=0,
@@ -163,6 +180,14 @@ class Stack:
             )
         if self.max_delay and self.recurrent and self.delayed_layers == "all":
             raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")
+        if self.regions % RINGS:
+            raise ValueError(f"regions must be a multiple of {RINGS} rings, got {self.regions}")
+        if self.regions and self.max_delay:
+            raise ValueError(
+                f"max_delay must be 0 where channels share weights (regions), got {self.max_delay}"
+            )
+        if self.start == "levels" and not self.regions:
+            raise ValueError("regions must be > 0 for start levels, got 0")
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
 
@@ -179,6 +204,21 @@ class Stack:
     def placed(self, positions: Ints) -> Stack:
         """Return the stack that trains on channels at (n_channels, 3) x, y and plane: the same for all."""
         return self
+
+    def pool(self, positions: Ints) -> Ints | None:
+        """Return which pool of inputs with equal weights each input belongs to, (input,); None: its own.
+
+        Args:
+            positions: (n_channels, 3) x, y and plane.
+
+        Raises:
+            ValueError: there are fewer places than regions.
+        """
+        if not self.regions:
+            return None
+        region = regions_of(positions, self.regions)
+        n_pools = region.max() + 1
+        return np.concatenate([region + d * n_pools for d in range(len(self.input_delays))])
 
     def sharing(self, n_outputs: int) -> list[Ints | None]:
         """Return the numbers of each layer's shared weights (`dse.engine.shared`), or None."""

@@ -92,7 +92,10 @@ def train(
     clock = _Clock()
     trainees = []
     for number, design in enumerate(designs):
-        trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset)))
+        pool = design.model.pool(dataset.positions)
+        trainees.append(
+            Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset), pool)
+        )
         trainees[-1].seconds += clock.lap()
     teachers, live = Teachers(dataset, shared, device, threads), []
     for trainee in trainees:
@@ -197,19 +200,35 @@ class _Clock:
         return self._last - before
 
 
+def _trained(trainee: Trainee, masters: Masters) -> list[Array | None]:
+    """Return the weights as trained, feed-forward, then recurrent; 0 where pruning removed one."""
+    weights = [
+        None if w is None else w.astype(np.float32) for w in (*masters.feed_forward, *masters.recurrent)
+    ]
+    if trainee.kept is None:
+        return weights
+    kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
+    return [
+        None if w is None or k is None else prune.remaining(w, k, trainee.model.arithmetic)
+        for w, k in zip(weights, kept, strict=True)
+    ]
+
+
 def _network(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> Network:
     """Return a design's network of these weights, delays and decays."""
     model = trainee.model
     layers = trainee.member.layers
-    n = len(layers)
-    matrices = (*masters.feed_forward, *masters.recurrent)
-    weights = [None if w is None else w.astype(np.float32) for w in matrices]
-    if trainee.kept is not None:
-        kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
-        weights = [
-            None if w is None or k is None else prune.remaining(w, k, model.arithmetic)
-            for w, k in zip(weights, kept, strict=True)
-        ]
+    n, pool = len(layers), trainee.member.pool
+    weights = _trained(trainee, masters)
+    matrices = [w if w is None or d or pool is None else w[pool] for d, w in enumerate(weights)]
+    of_layers = zip(
+        matrices[:n],
+        matrices[n:],
+        layers,
+        masters.delay or (None,) * n,
+        masters.decays or (None,) * n,
+        strict=True,
+    )
     return Network(
         layers=tuple(
             Layer(
@@ -220,14 +239,7 @@ def _network(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple
                 shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
                 delay=None if late is None else np.ascontiguousarray(late.T),
             )
-            for w, r, layer, late, decays in zip(
-                weights[:n],
-                weights[n:],
-                layers,
-                masters.delay or (None,) * n,
-                masters.decays or (None,) * n,
-                strict=True,
-            )
+            for w, r, layer, late, decays in of_layers
             if w is not None
         ),
         n_channels=dataset.spikes.n_channels,
@@ -260,8 +272,9 @@ def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple
     test = respond_and_count(network, dataset, dataset.test)[0] if dataset.test.size else None
     curves = {name: np.asarray(values) for name, values in trainee.history.items()}
     cells = validation.output.shape[0] * validation.output.shape[1]
-    matrices = [pair for x in network.layers for pair in ((x.weight, x.shared), (x.recurrent, None))]
-    pairs = matrices if model.arithmetic == "integer" else ()
+    layers = trainee.member.layers
+    sharing = [*(layer.shared for layer in layers), *(None for _ in layers)]
+    pairs = zip(_trained(trainee, masters), sharing, strict=True) if model.arithmetic == "integer" else ()
     weights = [distinct(w, shared) for w, shared in pairs if w is not None]
     health: dict[str, Any] = {
         "dead_neurons": int(sum((f == 0).sum() for f in fired[1:-1])),
@@ -287,7 +300,7 @@ def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple
         "epoch_kept": trainee.epoch_kept,
         "n_weights_dense": network.n_weights_dense,
     }
-    if any(layer.shared is not None for layer in network.layers):
+    if any(layer.shared is not None for layer in layers):
         health["n_synapses"] = sum(network.stored)
     seconds = trainee.seconds + time.perf_counter() - began
     return Outcome(network, validation, test, curves, health, seconds)

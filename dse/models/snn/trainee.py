@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dse.engine.events import Rows
+from dse.engine.events import Rows, pooled
 from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import initialise, populations_of
@@ -67,7 +67,13 @@ class Trainee:
 
     @classmethod
     def start(
-        cls, number: int, design: FitRequest[Stack], probe: Rows, step_ms: float, heads: tuple[int, ...]
+        cls,
+        number: int,
+        design: FitRequest[Stack],
+        probe: Rows,
+        step_ms: float,
+        heads: tuple[int, ...],
+        pool: Ints | None,
     ) -> Trainee:
         """Draw a design's neurons and weights.
 
@@ -77,12 +83,13 @@ class Trainee:
             probe: input spikes on which initial rates are reached.
             step_ms: duration of an input step.
             heads: classes of each head.
+            pool: of each input (`Stack.pool`).
         """
         model, training, rngs = design
         populations = populations_of(model, sum(heads), step_ms, rngs("time constants"))
         of_delays = rngs("delays") if model.longest_delay else None
         began = initialise(
-            probe, model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
+            pooled(probe, pool), model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
         )
         layers = [
             TrainedLayer(
@@ -118,6 +125,7 @@ class Trainee:
             heads=heads if len(heads) > 1 else (),
             loss=model.loss,
             hidden_spike_penalty=model.hidden_spike_penalty,
+            pool=pool,
         )
         of_best = ["accuracy_validation"] if training.keep == "best" else []
         curves: dict[str, list[float]] = {
@@ -272,7 +280,7 @@ class Trainee:
 
 
 def _units(weights: Floats, unit: str, shared: Ints | None = None, copies: int = 1) -> Floats:
-    """Return what a learning rate of 1 is: one weight, or each neuron's initial root mean square weight.
+    """Return what a learning rate of 1 is: one weight, or each neuron's root mean square of initial ones.
 
     Args:
         weights: (input, neuron).
@@ -288,7 +296,11 @@ def _units(weights: Floats, unit: str, shared: Ints | None = None, copies: int =
         kind = first % n % (n // copies)
         squares = np.bincount(kind, weights.ravel()[first].astype(np.float64) ** 2)
         return np.tile(np.sqrt(squares / np.bincount(kind)), copies).astype(np.float32)
-    return np.asarray(np.sqrt((weights**2).mean(axis=0)), np.float32)
+    squares, n_weights = weights**2, np.count_nonzero(weights, axis=0)
+    mean = squares.mean(axis=0)
+    if (n_weights < len(weights)).any():  # levels: most begin at 0, and move like the one that does not
+        mean = squares.sum(axis=0) / np.maximum(n_weights, 1)
+    return np.asarray(np.sqrt(mean), np.float32)
 
 
 def _rms(weights: Array) -> float:
