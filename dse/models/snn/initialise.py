@@ -201,7 +201,8 @@ def initialise(
     8-bit rounding that would silence a layer of many inputs. An output neuron starts with weights that
     cancel over the mean input, plus a common share that is searched for the mean of its targets: outputs
     that start elsewhere are pushed as one into a silence that the loss does not leave. The first layer of
-    a start by levels is as `levels` returns it, whatever its rate.
+    a start by levels is as `levels` returns it, and all layers of one by fan_in are as drawn, whatever their
+    rates.
 
     Args:
         rows: probe batch of input spikes.
@@ -224,24 +225,28 @@ def initialise(
         unit = population.to_threshold / response_norm(population, n, rows.n_steps)
         shared = sharing[depth]
         spread = math.sqrt(3 / max(1.0, _arriving(rows, shared) / cells))
+        is_fan_in = model.start == "fan_in"
+        scale = model.weight_scale / math.sqrt(rows.n_inputs) if is_fan_in else unit
         if shared is None:
-            drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * unit
+            drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * scale
         else:
-            drawn = expanded(rng.uniform(-1, 1, copies_of(shared).n_weights), shared) * unit
+            drawn = expanded(rng.uniform(-1, 1, copies_of(shared).n_weights), shared) * scale
         fixed: Floats | float = 0.0
         ring = None
         target = model.initial_rate
         is_levels = depth == 0 and model.start == "levels"
+        as_drawn = is_levels or is_fan_in
         if is_levels:
             drawn = levels(rows, population, n)
-        if depth == len(model.hidden):
+        if depth == len(model.hidden) and not is_fan_in:
             share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
             fixed = spread * (drawn - sum_of_products(drawn.T, share))
             drawn = np.broadcast_to(unit, drawn.shape)
             target = (n_heads * model.true_rate + (n - n_heads) * model.false_rate) / n
-        elif model.recurrent:
+        elif model.recurrent and depth < len(model.hidden):
             drive = math.sqrt(3 / max(1.0, model.initial_rate * n))
-            ring = (rng.uniform(-0.5, 0.5, (n, n)) * unit * drive).astype(np.float32)
+            own, drive = (2 * model.weight_scale, n**-0.5) if is_fan_in else (unit, drive)
+            ring = (rng.uniform(-0.5, 0.5, (n, n)) * own * drive).astype(np.float32)
 
         late = None
         if of_delays is not None and model.has_delays(depth):
@@ -268,10 +273,10 @@ def initialise(
             fired = forward(gain).fired
             return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
-        gain, reached = (1.0, rate(1.0)) if is_levels else _reach_rate(rate, target, spread)
+        gain, reached = (1.0, rate(1.0)) if as_drawn else _reach_rate(rate, target, spread)
         feed_forward.append(within((gain * drawn + fixed).astype(np.float32)))
         recurrent.append(None if ring is None else within(ring))
         delays.append(late)
-        rates.append((reached if is_levels else target, reached))
+        rates.append((reached if as_drawn else target, reached))
         rows = delayed(forward(gain).fired)
     return Start(feed_forward, recurrent, rates, delays)

@@ -106,12 +106,20 @@ class Stack:
         "lie on a line), whose channels share one weight to each neuron of the first layer; planes "
         "(polarities, thresholds) and delayed copies have weights of their own; 0: every channel has",
     )
-    start: Literal["uniform", "levels"] = param(
+    start: Literal["uniform", "levels", "fan_in"] = param(
         "uniform",
-        choices=("uniform", "levels"),
-        doc="initial weights of the first layer. uniform: drawn, scaled to `initial_rate`; levels (needs "
+        choices=("uniform", "levels", "fan_in"),
+        doc="initial weights. uniform: drawn, scaled to `initial_rate`; fan_in: drawn up to `weight_scale` over "
+        "the root of a layer's inputs, whatever rate that gives, as torch and lava-dl do; levels, of the "
+        "first layer (needs "
         "`regions`): a region per neuron, in turn, with the weight that fires the neuron from so many active "
         "channels of the region per step on; these levels are spread over what the training data show",
+    )
+    weight_scale: float = param(
+        1.0,
+        low=0,
+        low_open=True,
+        doc="of a start by fan_in; 8-bit weights below 1/64 are 0, as are all of more than 4096 inputs at 1",
     )
     initial_rate: float = param(
         0.1,
@@ -185,6 +193,10 @@ class Stack:
         if self.regions and self.max_delay:
             raise ValueError(
                 f"max_delay must be 0 where channels share weights (regions), got {self.max_delay}"
+            )
+        if self.start == "fan_in" and self.regions:
+            raise ValueError(
+                "start must be uniform or levels where channels share weights (regions), got fan_in"
             )
         if self.start == "levels" and not self.regions:
             raise ValueError("regions must be > 0 for start levels, got 0")

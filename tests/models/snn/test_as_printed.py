@@ -140,6 +140,20 @@ def test_an_epoch_before_the_pruning_is_not_kept() -> None:
     assert network_of(outcome).n_weights < 0.2 * network_of(outcome).n_weights_dense
 
 
+def test_a_start_by_fan_in_is_drawn_as_torch_draws() -> None:
+    training = replace(SHORT, epochs=1, average_epochs=1, learning_rate=1e-9)
+    for scale in (1.0, 2.0):
+        model = SNN(hidden=(40,), start="fan_in", weight_scale=scale, recurrent=True)
+        outcome = fit(toy(n_channels=300), model, training, rngs())
+        first, last = network_of(outcome).layers
+        assert first.recurrent is not None
+        for weights, n_inputs in ((first.weight, 300), (last.weight, 40), (first.recurrent, 40)):
+            bound = scale / np.sqrt(n_inputs)
+            assert 0.95 * bound < np.abs(weights).max() <= 1.001 * bound
+            assert np.std(weights) == pytest.approx(bound / np.sqrt(3), rel=0.1)
+        assert outcome.health["missed_initial_rates"] == 0  # there are no targets
+
+
 def test_what_is_not_possible_is_said_in_a_line() -> None:
     without = replace(toy(), validation=np.zeros(0, np.int64))
     with pytest.raises(ValueError, match=r"training.keep must be last where no sample validates, got best"):
@@ -158,4 +172,6 @@ def test_what_is_not_possible_is_said_in_a_line() -> None:
         SNN(learnt_decays="layer", neuron=Lif(), arithmetic="ideal")
     with pytest.raises(ValueError, match="learnt_decays must be no for neuron resonator"):
         SNN(learnt_decays="neuron", neuron=Resonator())
+    with pytest.raises(ValueError, match="start must be uniform or levels where channels share weights"):
+        SNN(start="fan_in", regions=12)
     assert SNN(learnt_decays="neuron", neuron=CubaLif(current_decay=(0.1, 0.9)))
