@@ -67,7 +67,7 @@ class Stage:
     output: TrainedLayer | None = None
 
     def begun(self, weights: Sequence[Floats], units: Sequence[Floats]) -> dict[int, dict[str, Array]]:
-        """Return what matrices are made anew of, by layer: weights, unit, and norm_unit or basis.
+        """Return what matrices are made anew of, by layer: weights, unit, and what else its layer has.
 
         Args:
             weights: of each layer as they stand.
@@ -76,7 +76,8 @@ class Stage:
         made = {d: {"weights": weights[d], "unit": units[d], "basis": x} for d, x in self.bases.items()}
         if self.output is not None:
             last, x = len(weights) - 1, self.output
-            own = {"weights": x.feed_forward, "unit": x.unit, "norm_unit": x.norm_unit}
+            own = {name: getattr(layer, name) for name in ("unit", "shared", "norm_unit")}
+            own["weights"] = layer.feed_forward
             made[last] = made.get(last, {}) | {
                 name: array for name, array in own.items() if array is not None
             }

@@ -40,6 +40,7 @@ class Columns(SNN):
     cpu_only: ClassVar[bool] = True
     hidden_layers: ClassVar[tuple[int, int]] = (0, 2)
     recurrent: ClassVar[bool] = False  # type: ignore[misc]
+    weight_norm: ClassVar[bool] = False  # type: ignore[misc]
     pruned: ClassVar[float] = 0.0  # type: ignore[misc]
     prune_epoch: ClassVar[float] = 0.0  # type: ignore[misc]
     max_delay: ClassVar[int] = 0  # type: ignore[misc]
@@ -56,6 +57,12 @@ class Columns(SNN):
     hidden: tuple[int, ...] = param(
         (), low=1, doc="neurons of each dense hidden layer between columns and outputs, 0 to 2 layers"
     )
+
+    def __post_init__(self) -> None:
+        """Check what one key alone cannot say."""
+        super().__post_init__()
+        if self.read_out == "shared" and self.whitened != "none":
+            raise ValueError(f"whitened must be none where read_out is shared, got {self.whitened}")
 
     def placed(self, positions: Ints) -> Stack:
         """Return the stack of the columns over channels at (n_channels, 3) x, y and plane."""
