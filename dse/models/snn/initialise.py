@@ -13,6 +13,7 @@ from dse.engine import layers
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
 from dse.engine.shared import copies_of, expanded
+from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.neurons import LayerSpec, Population, tiled
 from dse.neurons.calculus import NumpyCalculus
@@ -47,7 +48,8 @@ def populations_of(
             steps_per_sample=model.steps_per_sample,
             step_ms=step_ms / model.steps_per_sample,
         )
-        populations.append(tiled(model.neuron.population(spec, rng), copies))
+        population = tiled(model.neuron.population(spec, rng), copies)
+        populations.append(finer(population, model.exponent(depth)))
     return populations
 
 
@@ -253,9 +255,12 @@ def initialise(
             ring: Floats | None = ring,
             population: Population[Any] = population,
             delay: Floats | None = late,
+            is_dithered: bool = model.is_dithered(depth),
         ) -> Forward:
             matrix = (gain * drawn + fixed).astype(np.float32)
             rounded = None if delay is None else np.rint(delay)
+            if is_dithered:
+                return prepare(layers.weights(matrix, ring, population), model.arithmetic).forward(rows)
             (weights,) = deployed([matrix], [ring], [population], model.arithmetic, [rounded])
             return prepare(weights, model.arithmetic).forward(rows)
 
@@ -264,7 +269,8 @@ def initialise(
             return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
         gain, reached = (1.0, rate(1.0)) if is_levels else _reach_rate(rate, target, spread)
-        feed_forward.append(within((gain * drawn + fixed).astype(np.float32)))
+        master = (gain * drawn + fixed).astype(np.float32)
+        feed_forward.append(master if model.is_dithered(depth) else within(master))
         recurrent.append(None if ring is None else within(ring))
         delays.append(late)
         rates.append((reached if is_levels else target, reached))

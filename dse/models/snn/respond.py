@@ -33,7 +33,7 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
     layers = layers_of(network)
     answers: list[Answer] = []
     per_input = np.zeros(network.sizes[0], np.int64)
-    for rows in _batches(network, dataset, samples):
+    for rows in batches_of(network, dataset, samples):
         answers.append(answer(rows, layers))
         per_input += np.bincount(rows.index, minlength=per_input.size)
     counts = [per_input, *(np.sum([a.fired[k] for a in answers], axis=0) for k in range(len(layers)))]
@@ -57,7 +57,7 @@ def spikes_of_layers(network: Network, dataset: Dataset, samples: Array) -> list
     layers = layers_of(network)
     parts: list[list[Ints]] = [[np.zeros((0, 3), np.int32)] for _ in layers]
     first = 0
-    for rows in _batches(network, dataset, samples):
+    for rows in batches_of(network, dataset, samples):
         for spikes, part in zip(layer_spikes(rows, layers), parts, strict=True):
             part.append(spikes.listed(first))
         first += rows.n_samples
@@ -78,7 +78,8 @@ def layers_of(network: Network) -> list[Prepared]:
     ]
 
 
-def _batches(network: Network, dataset: Dataset, samples: Array) -> Iterator[Rows]:
+def batches_of(network: Network, dataset: Dataset, samples: Array) -> Iterator[Rows]:
+    """Yield the input spikes of some samples' windows as the network sees them."""
     for first in range(0, max(1, samples.size), _BATCH):
         part = samples[first : first + _BATCH]
         yield gather(

@@ -6,6 +6,7 @@ dropout from each design's own. A design's result is bitwise the same alone and 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -19,13 +20,14 @@ from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import prune
 from dse.models.snn.augment import Augmentation
-from dse.models.snn.respond import respond_and_count
-from dse.models.snn.settings import Stack
+from dse.models.snn.quantise import dithered, finer, finest
+from dse.models.snn.respond import batches_of, layers_of, respond_and_count
+from dse.models.snn.settings import FINEST, Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.neurons import name_of_population, parameters_of
-from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, quantise
+from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
 from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
 
@@ -200,7 +202,6 @@ def _outcome(
     began = time.perf_counter()
     model = trainee.model
     layers = trainee.member.layers
-    n, pool = len(layers), trainee.member.pool
     weights = [None if w is None else w.astype(np.float32) for w in matrices]
     if trainee.kept is not None:
         kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
@@ -208,27 +209,8 @@ def _outcome(
             None if w is None or k is None else prune.remaining(w, k, model.arithmetic)
             for w, k in zip(weights, kept, strict=True)
         ]
-    matrices = [w if w is None or d or pool is None else w[pool] for d, w in enumerate(weights)]
-    network = Network(
-        layers=tuple(
-            Layer(
-                weight=np.ascontiguousarray(w.T),
-                recurrent=None if r is None else np.ascontiguousarray(r.T),
-                parameters=parameters_of(layer.population),
-                neuron=name_of_population(layer.population, model.neuron),
-                shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
-                delay=None if late is None else np.ascontiguousarray(late.T),
-            )
-            for w, r, layer, late in zip(
-                matrices[:n], matrices[n:], layers, trainee.delays or (None,) * n, strict=True
-            )
-            if w is not None
-        ),
-        n_channels=dataset.spikes.n_channels,
-        delays=delays,
-        steps_per_sample=model.steps_per_sample,
-        arithmetic=model.arithmetic,
-    )
+    exponent = _exponent(trainee, weights, dataset, delays)
+    network = _network(trainee, weights, dataset.spikes.n_channels, delays, exponent)
     validation, fired = respond_and_count(network, dataset, dataset.validation)
     test = respond_and_count(network, dataset, dataset.test)[0] if dataset.test.size else None
     curves = {name: np.asarray(values) for name, values in trainee.history.items()}
@@ -236,6 +218,7 @@ def _outcome(
     sharing = [*(layer.shared for layer in layers), *(None for _ in layers)]
     pairs = zip(weights, sharing, strict=True) if model.arithmetic == "integer" else ()
     masters = [distinct(w, shared) for w, shared in pairs if w is not None]
+    masters[:1] = [w * 2.0 ** (exponent - model.exponent(0)) for w in masters[:1]]
     health: dict[str, Any] = {
         "dead_neurons": int(sum((f == 0).sum() for f in fired[1:-1])),
         "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in fired[1:-1])) if cells else 0,
@@ -263,6 +246,60 @@ def _outcome(
         health["n_synapses"] = sum(network.stored)
     seconds = trainee.seconds + time.perf_counter() - began
     return Outcome(network, validation, test, curves, health, seconds)
+
+
+def _exponent(
+    trainee: Trainee, weights: Sequence[Array | None], dataset: Dataset, delays: tuple[int, ...]
+) -> int:
+    """Return the exponent of the first layer's thresholds and weights as they run.
+
+    Where it is free, it is the largest whose 8 bits hold the weights and whose states stay within 24 bits,
+    with a sixteenth to spare, on validation samples.
+    """
+    model, first = trainee.model, weights[0]
+    if model.threshold_exponents or not model.is_dithered(0) or first is None:
+        return model.exponent(0)
+    exponent = finest(first * 2.0**-FINEST, FINEST)
+    network = _network(trainee, weights, dataset.spikes.n_channels, delays, exponent)
+    layer, batches = layers_of(network)[0], batches_of(network, dataset, dataset.validation)
+    peak = max(layer.forward(rows, count=True).peak for rows in batches) * STATE_SCALE
+    over = math.ceil(math.log2(max(1.0, peak / (15 / 16 * STATE_LIMIT))))
+    return max(0, exponent - over)
+
+
+def _network(
+    trainee: Trainee, weights: Sequence[Array | None], n_channels: int, delays: tuple[int, ...], exponent: int
+) -> Network:
+    """Return the network of trained weights; `exponent` is that of the first layer's thresholds."""
+    model, layers, pool = trainee.model, trainee.member.layers, trainee.member.pool
+    n = len(layers)
+    populations, matrices = [layer.population for layer in layers], list(weights)
+    first = matrices[0]
+    if pool is not None and first is not None:
+        coarser = model.exponent(0) - exponent
+        first = first * np.float32(2.0**-coarser)
+        populations[0] = finer(populations[0], -coarser)
+        matrices[0] = dithered(first, pool) if model.is_dithered(0) else first[pool]
+    return Network(
+        layers=tuple(
+            Layer(
+                weight=np.ascontiguousarray(w.T),
+                recurrent=None if r is None else np.ascontiguousarray(r.T),
+                parameters=parameters_of(population),
+                neuron=name_of_population(population, model.neuron),
+                shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
+                delay=None if late is None else np.ascontiguousarray(late.T),
+            )
+            for w, r, population, layer, late in zip(
+                matrices[:n], matrices[n:], populations, layers, trainee.delays or (None,) * n, strict=True
+            )
+            if w is not None
+        ),
+        n_channels=n_channels,
+        delays=delays,
+        steps_per_sample=model.steps_per_sample,
+        arithmetic=model.arithmetic,
+    )
 
 
 def _collapsed(dataset: Dataset, validation: Response) -> int:

@@ -95,11 +95,20 @@ class Trainee:
                 recurrent=ring,
                 population=population,
                 surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
-                unit=_units(weights, training.step_unit, shared, 1 if depth else model.copies),
-                recurrent_unit=None if ring is None else _units(ring, training.step_unit),
+                unit=_units(
+                    weights,
+                    training.step_unit,
+                    2.0 ** model.exponent(depth),
+                    shared,
+                    1 if depth else model.copies,
+                ),
+                recurrent_unit=None
+                if ring is None
+                else _units(ring, training.step_unit, 2.0 ** model.exponent(depth)),
                 shared=shared,
                 delay=late,
                 longest_delay=model.max_delay,
+                is_rounded=not model.is_dithered(depth),
             )
             for depth, (population, weights, ring, shared, late) in enumerate(
                 zip(
@@ -237,18 +246,19 @@ class Trainee:
         return ""
 
 
-def _units(weights: Floats, unit: str, shared: Ints | None = None, copies: int = 1) -> Floats:
+def _units(weights: Floats, unit: str, scale: float, shared: Ints | None = None, copies: int = 1) -> Floats:
     """Return what a learning rate of 1 is: one weight, or each neuron's root mean square of initial ones.
 
     Args:
         weights: (input, neuron).
         unit: `training.step_unit`.
+        scale: of the layer's weights (`Stack.exponent`).
         shared: numbers of the weights, of which each then counts once.
         copies: how many times the neurons are repeated.
     """
     n = weights.shape[1]
     if unit == "weight":
-        return np.ones(n, np.float32)
+        return np.full(n, scale, np.float32)
     if shared is not None:
         first = copies_of(shared).first
         kind = first % n % (n // copies)
