@@ -70,7 +70,9 @@ def by_input(
     first, end = offsets[first_row], offsets[first_row + n_rows]
     starts, rows = np.empty((1, n_inputs + 1), np.int64), np.empty(end - first, np.int32)
     of_rows = offsets[first_row : first_row + n_rows + 1] - first
-    kernels.transpose(of_rows, index[first:end], n_inputs, np.array([0, n_rows]), starts, rows)
+    once = np.empty(0, np.float32)
+    starts_of_rows = np.array([0, n_rows])
+    kernels.transpose(of_rows, index[first:end], once, n_inputs, starts_of_rows, starts, rows, once)
     return starts[0], rows
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from dse.engine.batch import Batch, batch_of, chunk_samples
 from dse.engine.delays import Delays
-from dse.engine.events import Rows
+from dse.engine.events import Rows, pooled
 from dse.engine.goal import LINEAR
 from dse.engine.layers import GRID, NO_DELAY, KernelLayer, layer_of, padded_ring, precision
 from dse.engine.layout import aligned, packed, padded, unpacked
@@ -190,7 +190,11 @@ class _Network:
         self.clip_norm, self.arithmetic = member.clip_norm, member.arithmetic
         self.sizes = [x.feed_forward.shape[1] for x in member.layers]
         kind = member.arithmetic
-        self.matrices = [_matrix(x.feed_forward, x.unit, kind, x.shared, x.norm_unit) for x in member.layers]
+        self.is_rounded = [x.is_rounded for x in member.layers]
+        self.matrices = [
+            _matrix(x.feed_forward, x.unit, self._weights_in(d), x.shared, x.norm_unit)
+            for d, x in enumerate(member.layers)
+        ]
         self.rings = [_ring(x, kind) for x in member.layers]
         self.delays = [
             None if x.delay is None else Delays.of(x.delay, x.longest_delay, precision(kind))
@@ -202,6 +206,11 @@ class _Network:
         self.steps = self.delay_steps = 0
         self.is_linear = False
         self.begun: dict[int, Mapping[str, Array]] = {}
+
+    def _weights_in(self, depth: int, is_readout: bool = False) -> Arithmetic:
+        """Return the arithmetic of a layer's weights, which need not be rounded where states are integers."""
+        is_real = self.arithmetic == "integer" and (is_readout or not self.is_rounded[depth])
+        return "float32" if is_real else self.arithmetic
 
     def begin(self, stage: Stage) -> None:
         """Begin a part of the training; see dse.engine.member.Engine."""
@@ -217,9 +226,7 @@ class _Network:
         self.begun, self.is_linear = begun, is_linear
         for depth, arrays in begun.items():
             is_readout = is_linear and depth == len(self.matrices) - 1
-            # A readout is not rounded.
-            kind = "float32" if is_readout and self.arithmetic == "integer" else self.arithmetic
-            self.matrices[depth] = _matrix(arithmetic=kind, **arrays)
+            self.matrices[depth] = _matrix(arithmetic=self._weights_in(depth, is_readout), **arrays)
             self.layers[depth] = self.layers[depth]._replace(table=self.matrices[depth].table)
 
     def step(
@@ -355,6 +362,7 @@ class CpuEngine:
 
     def __init__(self, members: Sequence[Member], n_samples: int, n_steps: int, threads: int) -> None:
         self._networks = [_Network(member) for member in members]
+        self._pools = [member.pool for member in members]
         self._threads = ThreadPoolExecutor(threads) if threads > 1 else None
         n_rows = chunk_samples(n_samples, n_steps) * n_steps
         kinds = [precision(member.arithmetic) for member in members]
@@ -371,11 +379,16 @@ class CpuEngine:
 
     def step(self, rows: Rows, labels: Array, turns: Mapping[int, Turn]) -> dict[int, Report]:
         """Train the members named in `turns` on a batch; the others do not move."""
-        batch = batch_of(rows)
-        return {
-            number: self._networks[number].step(batch, labels, turn, self._spaces[number], self._threads)
-            for number, turn in turns.items()
-        }
+        batches: dict[bytes, Batch] = {}
+        reports = {}
+        for number, turn in turns.items():
+            pool = self._pools[number]
+            key = b"" if pool is None else pool.tobytes()
+            if key not in batches:
+                batches[key] = batch_of(pooled(rows, pool))
+            network, space = self._networks[number], self._spaces[number]
+            reports[number] = network.step(batches[key], labels, turn, space, self._threads)
+        return reports
 
     def begin(self, member: int, stage: Stage) -> None:
         """Begin a part of a member's training with the weights as they stand."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from dse.engine import arrivals, delays, kernels
 from dse.engine.batch import chunk_samples
-from dse.engine.events import Rows
+from dse.engine.events import ONCE, Rows
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.native.compiled import compiled
 from dse.neurons import Population, cuba_lif, resonator
@@ -252,12 +252,18 @@ def run(
     fired: Array,
     updates: Array,
     peak: Array,
+    times: Array = ONCE,
 ) -> int:
-    """Run some samples through a layer; return the number of its spikes (arguments as in kernels.scan)."""
+    """Run some samples through a layer; return the number of its spikes.
+
+    Arguments are those of kernels.scan and kernels.gather.
+    """
     if layer.delay.size > 0:
         # Not from compiled code: delays take as long to compile as all the rest, and few networks have any.
         _sum_delayed(layer, offsets, index, first_row, n_samples, n_steps, z)
-    return int(_run(layer, offsets, index, first_row, n_samples, n_steps, what, z, fired, updates, peak))
+    return int(
+        _run(layer, offsets, index, times, first_row, n_samples, n_steps, what, z, fired, updates, peak)
+    )
 
 
 @compiled()
@@ -265,6 +271,7 @@ def _run(
     layer: KernelLayer,
     offsets: Array,
     index: Array,
+    times: Array,
     first_row: int,
     n_samples: int,
     n_steps: int,
@@ -287,6 +294,7 @@ def _run(
                 kernels.gather(
                     offsets,
                     index,
+                    times,
                     first_row + row,
                     n_steps,
                     layer.table,
@@ -385,7 +393,9 @@ def step(
     while column < layer.n_columns:
         width = width_at(column, layer.n_columns)
         start = layer.n_inputs * column
-        kernels.gather(offsets, index, 0, 1, layer.table, start, width, layer.table_unit, z, column, False)
+        kernels.gather(
+            offsets, index, z[:0], 0, 1, layer.table, start, width, layer.table_unit, z, column, False
+        )
         column += width
     n_fired: int = kernels.scan_recurrent(
         z,
@@ -475,6 +485,7 @@ class CompiledLayer:
                 fired[row * n_groups : end * n_groups],
                 updates[row:end],
                 peak,
+                rows.times,
             )
             if keep_voltage:
                 voltage[first : first + m] = unpacked(z[: m * t * ready.n_columns], m * t, h).reshape(m, t, h)

@@ -12,6 +12,7 @@ import numpy as np
 
 from dse.engine import arrivals, delays, kernels
 from dse.engine.batch import Batch
+from dse.engine.events import ONCE
 from dse.engine.goal import Goal, by_spike, n_correct
 from dse.engine.layers import KernelLayer, run
 from dse.engine.layout import LANES, aligned, padded, width_at
@@ -113,7 +114,14 @@ def _follow(slope: Array, n_samples: int, n_steps: int, n_columns: int, ends: Ar
 
 @compiled()
 def _gather_gradient(
-    offsets: Array, index: Array, n_inputs: int, n_columns: int, by_input: Array, n_rows: int, gradient: Array
+    offsets: Array,
+    index: Array,
+    times: Array,
+    n_inputs: int,
+    n_columns: int,
+    by_input: Array,
+    n_rows: int,
+    gradient: Array,
 ) -> None:
     """Add to each input's gradient the dL/dz of the rows in which it fires (kernels.transpose)."""
     column = 0
@@ -122,6 +130,7 @@ def _gather_gradient(
         kernels.gather(
             offsets,
             index,
+            times,
             0,
             n_inputs,
             by_input,
@@ -371,13 +380,13 @@ def _learn_chunk(lesson: _Lesson, chunk: int, space: Workspace, first_gradient: 
 def _forward(lesson: _Lesson, first: int, end: int, gains: Sequence[Array | None], space: Workspace) -> Array:
     """Run samples through all layers, keep surrogates and spikes; return each layer's number of spikes."""
     rows, n = lesson.batch.rows, end - first
-    offsets, index, first_row = rows.offsets, rows.index, first * rows.n_steps
+    offsets, index, times, first_row = rows.offsets, rows.index, rows.times, first * rows.n_steps
     n_fired = np.zeros(len(lesson.running), np.int64)
     peak = np.zeros(LANES, lesson.running[0].keep_u.dtype)
     for d, layer in enumerate(lesson.running):
         if d:
             gain = gains[d]
-            offsets, index, first_row = space.offsets[d - 1], space.index[d - 1], 0
+            offsets, index, times, first_row = space.offsets[d - 1], space.index[d - 1], ONCE, 0
             kernels.decode(
                 space.fired[d - 1],
                 n,
@@ -400,6 +409,7 @@ def _forward(lesson: _Lesson, first: int, end: int, gains: Sequence[Array | None
             space.fired[d],
             _NO_UPDATES,
             peak,
+            times,
         )
     return n_fired
 
@@ -443,10 +453,8 @@ def _backward(
             _through_delays(lesson, chunk, d, n, gains[d], space, first_gradient)
             factors, later, n_later, back = 1.0, later[:0], 0, back[:0]
         elif d == 0:
-            offsets, index = batch.offsets[chunk], batch.index
-            _gather_gradient(
-                offsets, index, layer.n_inputs, layer.n_columns, by_input, n_rows, first_gradient
-            )
+            firing = batch.offsets[chunk], batch.index, batch.times
+            _gather_gradient(*firing, *sizes, by_input, n_rows, first_gradient)
         else:
             offsets, index, gradient = space.offsets[d - 1], space.index[d - 1], space.gradients[d]
             _scatter_gradient(offsets, index, *sizes, by_input, n_rows, gradient)

@@ -35,6 +35,7 @@ class TrainedLayer:
     delay: (input, neuron) float32 master delays of the feed-forward synapses, network steps; they run
         rounded. None: no synapse has one.
     longest_delay: training keeps delays between 0 and this.
+    is_rounded: whether feed-forward weights run rounded to 8 bits in integer arithmetic; if not, as they are.
     norm_unit: (neuron,) what a learning rate of 1 moves the norm of each neuron's weights by, where these are
         g v / |v| (dse.engine.parameters); None: they are no such product.
     """
@@ -48,6 +49,7 @@ class TrainedLayer:
     shared: Ints | None = None
     delay: Floats | None = None
     longest_delay: int = 0
+    is_rounded: bool = True
     norm_unit: Floats | None = None
 
 
@@ -75,7 +77,7 @@ class Stage:
         """
         made = {d: {"weights": weights[d], "unit": units[d], "basis": x} for d, x in self.bases.items()}
         if self.output is not None:
-            last, x = len(weights) - 1, self.output
+            last, layer = len(weights) - 1, self.output
             own = {name: getattr(layer, name) for name in ("unit", "shared", "norm_unit")}
             own["weights"] = layer.feed_forward
             made[last] = made.get(last, {}) | {
@@ -95,6 +97,8 @@ class Member:
     heads: classes of each head, which share the output neurons in this order; empty: one head.
     loss: over the output spikes.
     hidden_spike_penalty: what each spike of a hidden neuron adds to the loss of its sample.
+    pool: (input,) input of the first layer that each input of the rows counts for (dse.engine.events.pooled);
+        None: its own.
     """
 
     layers: tuple[TrainedLayer, ...]
@@ -105,6 +109,7 @@ class Member:
     heads: tuple[int, ...] = ()
     loss: Loss = SPIKE_RATE
     hidden_spike_penalty: float = 0.0
+    pool: Ints | None = None
 
     @property
     def goal(self) -> Goal:

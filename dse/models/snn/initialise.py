@@ -13,6 +13,7 @@ from dse.engine import layers
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
 from dse.engine.shared import copies_of, expanded
+from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.neurons import LayerSpec, Population, tiled
 from dse.neurons.calculus import NumpyCalculus
@@ -20,6 +21,10 @@ from dse.neurons.fixed_point import quantise, within_range
 from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
+_LEVELS = 0.25, 0.99
+"""Quantiles of the active channels of a region between which levels lie."""
+_LONGEST = 2**16
+"""Steps after which a potential that still grows is taken to have no limit."""
 _IMPULSE = 2.0**-30  # a power of two scales float64 exactly, and so small a drive makes nothing fire
 
 
@@ -43,7 +48,8 @@ def populations_of(
             steps_per_sample=model.steps_per_sample,
             step_ms=step_ms / model.steps_per_sample,
         )
-        populations.append(tiled(model.neuron.population(spec, rng), copies))
+        population = tiled(model.neuron.population(spec, rng), copies)
+        populations.append(finer(population, model.exponent(depth)))
     return populations
 
 
@@ -61,6 +67,59 @@ def response_norm(population: Population[Any], n_neurons: int, n_steps: int) -> 
         total += ((potential[1] - potential[0]) / _IMPULSE) ** 2
         drive = np.zeros_like(drive)
     return np.asarray(np.sqrt(total))
+
+
+def dc_gain(population: Population[Any], n_neurons: int) -> Floats:
+    """Return the potential that a constant input of 1 per step ends at, no neuron firing, (neuron,).
+
+    Raises:
+        ValueError: it has no limit, or none above rest.
+    """
+    calculus = NumpyCalculus("ideal")
+    state, drive = population.initial_state((2, n_neurons), calculus), np.zeros((2, n_neurons))
+    drive[1] = _IMPULSE
+    before, steps = np.zeros(n_neurons), 64
+    while steps <= _LONGEST:
+        for _ in range(steps):
+            state, potential, _ = population.step(state, drive, calculus)
+        gain = np.asarray((potential[1] - potential[0]) / _IMPULSE, np.float64)
+        if (gain > 0).all() and np.allclose(gain, before, rtol=1e-6, atol=0):
+            return gain
+        before, steps = gain, 2 * steps
+    raise ValueError(
+        "model.start must be uniform for neurons whose potential has no limit above rest under a constant "
+        "input, got levels"
+    )
+
+
+def levels(rows: Rows, population: Population[Any], n_neurons: int) -> Floats:
+    """Return the start `levels` of a layer, (input, neuron): one weight per neuron, for inputs in turn.
+
+    The weight onto a neuron of level N is that with which N active channels of the input's pool per step just
+    reach the threshold. Levels of an input's neurons are spread evenly on a logarithmic scale over what
+    the probe shows, means over as many steps as the neurons remember.
+    """
+    gain = dc_gain(population, n_neurons)
+    memory = float(np.median((gain / response_norm(population, n_neurons, rows.n_steps)) ** 2))
+    seen = _mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
+    weights = np.zeros((rows.n_inputs, n_neurons))
+    for k in range(min(rows.n_inputs, n_neurons)):
+        active, neurons = seen[:, k][seen[:, k] > 0], np.arange(k, n_neurons, rows.n_inputs)
+        low, high = np.quantile(active, _LEVELS) if active.size else (1.0, 1.0)
+        level = low * (high / low) ** ((np.arange(neurons.size) + 0.5) / neurons.size)
+        weights[k, neurons] = (population.to_threshold / gain)[neurons] / level
+    return weights
+
+
+def _mean_counts(rows: Rows, n_steps: int) -> Floats:
+    """Return the mean spikes per step of every input over whole stretches of steps, (stretch, input)."""
+    n_stretches = rows.n_steps // n_steps
+    sample, step = np.divmod(np.repeat(np.arange(rows.offsets.size - 1), np.diff(rows.offsets)), rows.n_steps)
+    stretch = np.minimum(step // n_steps, n_stretches)  # the last holds what is left over
+    cell = (sample * (n_stretches + 1) + stretch) * rows.n_inputs + rows.index
+    shape = rows.n_samples, n_stretches + 1, rows.n_inputs
+    counts = np.bincount(cell, rows.times if rows.times.size else None, math.prod(shape)).reshape(shape)
+    return np.asarray(counts[:, :-1].reshape(-1, rows.n_inputs) / n_steps)
 
 
 def deployed(
@@ -107,9 +166,9 @@ def reach_rate(rate: Callable[[float], float], target: float, start: float) -> t
 
 
 def _arriving(rows: Rows, shared: Ints | None) -> float:
-    """Return how many spikes reach a neuron, in the mean over neurons."""
+    """Return how many spikes reach a neuron, in the mean over neurons; n equal ones at a time count n**2."""
     if shared is None:
-        return rows.index.size
+        return float((rows.times.astype(np.float64) ** 2).sum()) if rows.times.size else rows.index.size
     reached = np.count_nonzero(shared >= 0, axis=1) / shared.shape[1]
     return float(reached[rows.index].sum())
 
@@ -142,7 +201,8 @@ def initialise(
     are driven alike. A hidden layer's gain is searched for the initial rate, which carries it over the
     8-bit rounding that would silence a layer of many inputs. An output neuron starts with weights that
     cancel over the mean input, plus a common share that is searched for the mean of its targets: outputs
-    that start elsewhere are pushed as one into a silence that the loss does not leave.
+    that start elsewhere are pushed as one into a silence that the loss does not leave. The first layer of
+    a start by levels is as `levels` returns it, whatever its rate.
 
     Args:
         rows: probe batch of input spikes.
@@ -171,6 +231,9 @@ def initialise(
         fixed: Floats | float = 0.0
         ring = None
         target = model.initial_rate
+        is_levels = depth == 0 and model.start == "levels"
+        if is_levels:
+            drawn = levels(rows, population, n)
         if depth == len(model.hidden):
             share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
             fixed = spread * (drawn - sum_of_products(drawn.T, share))
@@ -192,9 +255,12 @@ def initialise(
             ring: Floats | None = ring,
             population: Population[Any] = population,
             delay: Floats | None = late,
+            is_dithered: bool = model.is_dithered(depth),
         ) -> Forward:
             matrix = (gain * drawn + fixed).astype(np.float32)
             rounded = None if delay is None else np.rint(delay)
+            if is_dithered:
+                return prepare(layers.weights(matrix, ring, population), model.arithmetic).forward(rows)
             (weights,) = deployed([matrix], [ring], [population], model.arithmetic, [rounded])
             return prepare(weights, model.arithmetic).forward(rows)
 
@@ -202,10 +268,11 @@ def initialise(
             fired = forward(gain).fired
             return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
-        gain, reached = reach_rate(rate, target, spread)
-        feed_forward.append(within((gain * drawn + fixed).astype(np.float32)))
+        gain, reached = (1.0, rate(1.0)) if is_levels else reach_rate(rate, target, spread)
+        master = (gain * drawn + fixed).astype(np.float32)
+        feed_forward.append(master if model.is_dithered(depth) else within(master))
         recurrent.append(None if ring is None else within(ring))
         delays.append(late)
-        rates.append((target, reached))
+        rates.append((reached if is_levels else target, reached))
         rows = delayed(forward(gain).fired)
     return Start(feed_forward, recurrent, rates, delays)

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Literal
 
+import numpy as np
+
 from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
+from dse.models.snn.regions import RINGS, regions_of
 from dse.models.training import Training
 from dse.neurons import Neuron
+from dse.neurons.fixed_point import STATE_LIMIT, WEIGHT_SCALE
 from dse.neurons.surrogate import Exponential, exponential
 from dse.records import Arithmetic, Floats, Ints
 from dse.registry import name_of, param
+
+FINEST = 8
+"""Largest exponent of a layer's thresholds and weights."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +84,20 @@ class Stack:
     )
     steps_per_sample: int = param(1, low=1, high=16, doc="network steps per input step")
     recurrent: bool = param(False, doc="each hidden layer also receives its own spikes of the previous step")
+    regions: int = param(
+        0,
+        low=0,
+        doc="regions of the sensor, 3 rings by regions / 3 sectors around its middle (runs where channels "
+        "lie on a line), whose channels share one weight to each neuron of the first layer; planes "
+        "(polarities, thresholds) and delayed copies have weights of their own; 0: every channel has",
+    )
+    start: Literal["uniform", "levels"] = param(
+        "uniform",
+        choices=("uniform", "levels"),
+        doc="initial weights of the first layer. uniform: drawn, scaled to `initial_rate`; levels (needs "
+        "`regions`): a region per neuron, in turn, with the weight that fires the neuron from so many active "
+        "channels of the region per step on; these levels are spread over what the training data show",
+    )
     initial_rate: float = param(
         0.1,
         low=0,
@@ -101,6 +123,20 @@ class Stack:
         doc="layers whose weights are learnt in the basis in which the spike counts of the neurons below are "
         "white, which counts that rise and fall together need: the outputs, or all layers but the first. "
         "They are stored as any others. weight_norm leaves them out",
+    )
+    threshold_exponents: tuple[int, ...] = param(
+        (),
+        low=0,
+        high=FINEST,
+        doc="of each layer, k: its thresholds and weights are 2**k times as large, which is the same network "
+        "on a finer grid of 8-bit weights (1/32 of 2**-k). Without any: 0, and for a dithered layer the "
+        "largest k whose 8-bit weights hold those that were learnt and whose states stay within 24 bits",
+    )
+    rounding: Literal["nearest", "dithered"] = param(
+        "nearest",
+        choices=("nearest", "dithered"),
+        doc="of weights to 8 bits. nearest: in every step of the training; dithered (needs `regions`): those "
+        "of the first layer after the training, up or down by channel so that the sum over a region is right",
     )
     pruned: float = param(
         0.0,
@@ -143,8 +179,60 @@ class Stack:
             raise ValueError(
                 f"pruned must be 0 where weights are learnt in a whitened basis, got {self.pruned:g}"
             )
+        if self.regions % RINGS:
+            raise ValueError(f"regions must be a multiple of {RINGS} rings, got {self.regions}")
+        if self.regions and self.max_delay:
+            raise ValueError(
+                f"max_delay must be 0 where channels share weights (regions), got {self.max_delay}"
+            )
+        if self.start == "levels" and not self.regions:
+            raise ValueError("regions must be > 0 for start levels, got 0")
+        if self.rounding == "dithered" and not (self.regions and self.arithmetic == "integer"):
+            raise ValueError(
+                "rounding must be nearest without regions or integer arithmetic, got dithered with "
+                f"{self.regions} regions in {self.arithmetic} arithmetic"
+            )
+        self._check_exponents()
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
+
+    def _check_exponents(self) -> None:
+        """Raise ValueError where thresholds have no integer mantissa or leave the states' 24 bits."""
+        n_layers, exponents = len(self.hidden) + 1, self.threshold_exponents
+        if not exponents and self.rounding == "nearest":
+            return
+        if not exponents and self.recurrent:
+            raise ValueError(
+                "threshold_exponents must be given where a recurrent layer is dithered, whose recurrent "
+                "weights are rounded as they are learnt, got []"
+            )
+        mantissa = WEIGHT_SCALE * getattr(self.neuron, "threshold", math.inf)
+        if not self.has_kernel:
+            raise ValueError(
+                "threshold_exponents and rounding need neurons with a kernel, got "
+                f"{name_of('neurons', self.neuron)}"
+            )
+        if exponents and len(exponents) != n_layers:
+            raise ValueError(
+                f"threshold_exponents must have one exponent for each of the {n_layers} layers, got "
+                f"{list(exponents)}"
+            )
+        most = int(math.log2(STATE_LIMIT / (WEIGHT_SCALE * mantissa)))
+        if max(exponents, default=0) > most:
+            raise ValueError(
+                f"threshold_exponents must be at most {most}, beyond which the threshold leaves the 24 bits "
+                f"of a state, got {max(exponents)}"
+            )
+
+    def exponent(self, depth: int) -> int:
+        """Return the power of two by which a layer's thresholds and weights are scaled as it trains."""
+        if self.threshold_exponents:
+            return self.threshold_exponents[depth]
+        return FINEST if self.is_dithered(depth) else 0
+
+    def is_dithered(self, depth: int) -> bool:
+        """Return whether a layer trains without rounding, and is dithered afterwards."""
+        return depth == 0 and self.rounding == "dithered"
 
     @property
     def has_kernel(self) -> bool:
@@ -165,6 +253,21 @@ class Stack:
     def placed(self, positions: Ints) -> Stack:
         """Return the stack that trains on channels at (n_channels, 3) x, y and plane: the same for all."""
         return self
+
+    def pool(self, positions: Ints) -> Ints | None:
+        """Return which pool of inputs with equal weights each input belongs to, (input,); None: its own.
+
+        Args:
+            positions: (n_channels, 3) x, y and plane.
+
+        Raises:
+            ValueError: there are fewer places than regions.
+        """
+        if not self.regions:
+            return None
+        region = regions_of(positions, self.regions)
+        n_pools = region.max() + 1
+        return np.concatenate([region + d * n_pools for d in range(len(self.input_delays))])
 
     def sharing(self, n_outputs: int) -> list[Ints | None]:
         """Return the numbers of each layer's shared weights (`dse.engine.shared`), or None."""

@@ -6,9 +6,9 @@ dropout from each design's own. A design's result is bitwise the same alone and 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,14 +20,15 @@ from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import prune, whiten
 from dse.models.snn.augment import Augmentation
-from dse.models.snn.respond import respond_and_count
-from dse.models.snn.settings import Stack
-from dse.models.snn.stages import stage_of, with_spiking_outputs
+from dse.models.snn.quantise import dithered, finer, finest
+from dse.models.snn.respond import batches_of, layers_of, respond_and_count
+from dse.models.snn.settings import FINEST, Stack
+from dse.models.snn.stages import spiking_outputs, stage_of
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.neurons import name_of_population, parameters_of
-from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, quantise
+from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
 from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
 
@@ -90,7 +91,10 @@ def train(
     clock = _Clock()
     trainees = []
     for number, design in enumerate(designs):
-        trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset)))
+        pool = design.model.pool(dataset.positions)
+        trainees.append(
+            Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset), pool)
+        )
         trainees[-1].seconds += clock.lap()
     teachers, live = Teachers(dataset, shared, device, threads), []
     for trainee in trainees:
@@ -111,18 +115,19 @@ def train(
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
     counted = shared("whitening").permutation(dataset.train)[: whiten.SAMPLES]
 
-    def network_of(trainee: Trainee, matrices: Sequence[Array | None]) -> Network:
-        network = _network(trainee, matrices, dataset, delays)
-        if trainee.is_linear:
-            rate = trainee.rates[-1][0]
-            network, reached = with_spiking_outputs(network, dataset, chosen, head_sizes(dataset), rate)
-            trainee.rates[-1] = rate, reached
-        return network
+    def deployable(trainee: Trainee, matrices: Sequence[Array | None]) -> Sequence[Array | None]:
+        """Return a design's matrices with weights of spiking outputs."""
+        if not trainee.is_linear:
+            return matrices
+        network, rate, last = deployed(trainee, matrices), trainee.rates[-1][0], len(trainee.model.hidden)
+        outputs, reached = spiking_outputs(network, dataset, chosen, head_sizes(dataset), rate)
+        trainee.rates[-1] = rate, reached
+        return [*matrices[:last], outputs, *matrices[last + 1 :]]
 
-    def outcome_of(trainee: Trainee, matrices: Sequence[Array | None]) -> Outcome:
-        began = time.perf_counter()
-        outcome = _outcome(trainee, network_of(trainee, matrices), dataset)
-        return replace(outcome, train_s=trainee.seconds + time.perf_counter() - began)
+    def deployed(trainee: Trainee, matrices: Sequence[Array | None]) -> Network:
+        weights = _remaining(trainee, matrices)
+        exponent = _exponent(trainee, weights, dataset, delays)
+        return _network(trainee, weights, dataset.spikes.n_channels, delays, exponent)
 
     for trainee, read in zip(trainees, span.states, strict=bool(span.states)):
         state = read()
@@ -147,7 +152,8 @@ def train(
             for trainee in live:
                 masters = engine.masters(trainee.number)
                 trainee.delays = masters.delay
-                outcome = outcome_of(trainee, [*masters.feed_forward, *masters.recurrent])
+                matrices = deployable(trainee, [*masters.feed_forward, *masters.recurrent])
+                outcome = _outcome(trainee, matrices, dataset, delays)
                 yield trainee.number, Rung(epoch, state_of(trainee), outcome)
             return
         for trainee in live:
@@ -155,7 +161,8 @@ def train(
             if epoch in (0, linear_epochs):
                 masters = engine.masters(trainee.number)
                 trainee.delays = masters.delay
-                network = network_of(trainee, [*masters.feed_forward, *masters.recurrent])
+                matrices = deployable(trainee, [*masters.feed_forward, *masters.recurrent])
+                network = deployed(trainee, matrices)
                 if (stage := stage_of(trainee, epoch, network, dataset, counted)) is not None:
                     engine.begin(trainee.number, stage)
                 trainee.seconds += clock.lap()
@@ -197,7 +204,8 @@ def train(
             if trainee.diverged:
                 yield trainee.number, TrainingDiverged(trainee.diverged)
             elif trainee.finished:
-                yield trainee.number, outcome_of(trainee, trainee.mean)
+                mean = deployable(trainee, trainee.mean)
+                yield trainee.number, _outcome(trainee, mean, dataset, delays)
         live = [x for x in live if not (x.diverged or x.finished)]
         if live and epoch != span.until and span.is_due():
             for trainee in live:
@@ -217,56 +225,36 @@ class _Clock:
         return self._last - before
 
 
-def _network(
-    trainee: Trainee, matrices: Sequence[Array | None], dataset: Dataset, delays: tuple[int, ...]
-) -> Network:
-    """Return a design's network of these weights, feed-forward, then recurrent."""
-    model = trainee.model
-    layers = trainee.member.layers
-    n = len(layers)
+def _remaining(trainee: Trainee, matrices: Sequence[Array | None]) -> list[Array | None]:
+    """Return a design's matrices, feed-forward, then recurrent, as pruning leaves them."""
     weights = [None if w is None else w.astype(np.float32) for w in matrices]
     if trainee.kept is not None:
         kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
         weights = [
-            None if w is None or k is None else prune.remaining(w, k, model.arithmetic)
+            None if w is None or k is None else prune.remaining(w, k, trainee.model.arithmetic)
             for w, k in zip(weights, kept, strict=True)
         ]
-    return Network(
-        layers=tuple(
-            Layer(
-                weight=np.ascontiguousarray(w.T),
-                recurrent=None if r is None else np.ascontiguousarray(r.T),
-                parameters=parameters_of(layer.population),
-                neuron=name_of_population(layer.population, model.neuron),
-                shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
-                delay=None if late is None else np.ascontiguousarray(late.T),
-            )
-            for w, r, layer, late in zip(
-                weights[:n], weights[n:], layers, trainee.delays or (None,) * n, strict=True
-            )
-            if w is not None
-        ),
-        n_channels=dataset.spikes.n_channels,
-        delays=delays,
-        steps_per_sample=model.steps_per_sample,
-        arithmetic=model.arithmetic,
-    )
+    return weights
 
 
-def _outcome(trainee: Trainee, network: Network, dataset: Dataset) -> Outcome:
-    """Return a design's network, its responses and its health."""
+def _outcome(
+    trainee: Trainee, matrices: Sequence[Array | None], dataset: Dataset, delays: tuple[int, ...]
+) -> Outcome:
+    """Return a design's network of these weights, feed-forward, then recurrent, and its responses."""
+    began = time.perf_counter()
     model, layers = trainee.model, trainee.member.layers
+    weights = _remaining(trainee, matrices)
+    exponent = _exponent(trainee, weights, dataset, delays)
+    network = _network(trainee, weights, dataset.spikes.n_channels, delays, exponent)
     validation, fired = respond_and_count(network, dataset, dataset.validation)
     test = respond_and_count(network, dataset, dataset.test)[0] if dataset.test.size else None
     totals = [x.sum(axis=0) for x in fired]
     curves = {name: np.asarray(values) for name, values in trainee.history.items()}
     cells = validation.output.shape[0] * validation.output.shape[1]
-    masters = [
-        w.ravel() if number is None else distinct(w, number)
-        for x in network.layers
-        for w, number in ((x.weight, x.shared), (x.recurrent, None))
-        if w is not None and model.arithmetic == "integer"
-    ]
+    sharing = [*(layer.shared for layer in layers), *(None for _ in layers)]
+    pairs = zip(weights, sharing, strict=True) if model.arithmetic == "integer" else ()
+    masters = [distinct(w, shared) for w, shared in pairs if w is not None]
+    masters[:1] = [w * 2.0 ** (exponent - model.exponent(0)) for w in masters[:1]]
     health: dict[str, Any] = {
         "dead_neurons": int(sum((f == 0).sum() for f in totals[1:-1])),
         "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in totals[1:-1])) if cells else 0,
@@ -293,7 +281,62 @@ def _outcome(trainee: Trainee, network: Network, dataset: Dataset) -> Outcome:
     }
     if any(layer.shared is not None for layer in layers):
         health["n_synapses"] = sum(network.stored)
-    return Outcome(network, validation, test, curves, health)
+    seconds = trainee.seconds + time.perf_counter() - began
+    return Outcome(network, validation, test, curves, health, seconds)
+
+
+def _exponent(
+    trainee: Trainee, weights: Sequence[Array | None], dataset: Dataset, delays: tuple[int, ...]
+) -> int:
+    """Return the exponent of the first layer's thresholds and weights as they run.
+
+    Where it is free, it is the largest whose 8 bits hold the weights and whose states stay within 24 bits,
+    with a sixteenth to spare, on validation samples.
+    """
+    model, first = trainee.model, weights[0]
+    if model.threshold_exponents or not model.is_dithered(0) or first is None:
+        return model.exponent(0)
+    exponent = finest(first * 2.0**-FINEST, FINEST)
+    network = _network(trainee, weights, dataset.spikes.n_channels, delays, exponent)
+    layer, batches = layers_of(network)[0], batches_of(network, dataset, dataset.validation)
+    peak = max(layer.forward(rows, count=True).peak for rows in batches) * STATE_SCALE
+    over = math.ceil(math.log2(max(1.0, peak / (15 / 16 * STATE_LIMIT))))
+    return max(0, exponent - over)
+
+
+def _network(
+    trainee: Trainee, weights: Sequence[Array | None], n_channels: int, delays: tuple[int, ...], exponent: int
+) -> Network:
+    """Return the network of trained weights; `exponent` is that of the first layer's thresholds."""
+    model, layers, pool = trainee.model, trainee.member.layers, trainee.member.pool
+    n = len(layers)
+    populations, matrices = [layer.population for layer in layers], list(weights)
+    first = matrices[0]
+    if pool is not None and first is not None:
+        coarser = model.exponent(0) - exponent
+        first = first * np.float32(2.0**-coarser)
+        populations[0] = finer(populations[0], -coarser)
+        matrices[0] = dithered(first, pool) if model.is_dithered(0) else first[pool]
+    return Network(
+        layers=tuple(
+            Layer(
+                weight=np.ascontiguousarray(w.T),
+                recurrent=None if r is None else np.ascontiguousarray(r.T),
+                parameters=parameters_of(population),
+                neuron=name_of_population(population, model.neuron),
+                shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
+                delay=None if late is None else np.ascontiguousarray(late.T),
+            )
+            for w, r, population, layer, late in zip(
+                matrices[:n], matrices[n:], populations, layers, trainee.delays or (None,) * n, strict=True
+            )
+            if w is not None
+        ),
+        n_channels=n_channels,
+        delays=delays,
+        steps_per_sample=model.steps_per_sample,
+        arithmetic=model.arithmetic,
+    )
 
 
 def _collapsed(dataset: Dataset, validation: Response) -> int:

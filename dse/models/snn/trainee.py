@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dse.engine.events import Rows
+from dse.engine.events import Rows, pooled
 from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, of_part
 from dse.engine.parameters import lengths
 from dse.engine.shared import copies_of, distinct
@@ -66,7 +66,13 @@ class Trainee:
 
     @classmethod
     def start(
-        cls, number: int, design: FitRequest[Stack], probe: Rows, step_ms: float, heads: tuple[int, ...]
+        cls,
+        number: int,
+        design: FitRequest[Stack],
+        probe: Rows,
+        step_ms: float,
+        heads: tuple[int, ...],
+        pool: Ints | None,
     ) -> Trainee:
         """Draw a design's neurons and weights.
 
@@ -76,13 +82,16 @@ class Trainee:
             probe: input spikes on which initial rates are reached.
             step_ms: duration of an input step.
             heads: classes of each head.
+            pool: of each input (`Stack.pool`).
         """
         model, training, rngs = design
         populations = populations_of(model, sum(heads), step_ms, rngs("time constants"))
         of_delays = rngs("delays") if model.max_delay else None
         began = initialise(
-            probe, model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
+            pooled(probe, pool), model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
         )
+
+        step = training.step_unit
 
         def slower(depth: int) -> np.float32:
             return np.float32(training.hidden_lr_factor if depth < len(model.hidden) else 1)
@@ -93,12 +102,16 @@ class Trainee:
                 recurrent=ring,
                 population=population,
                 surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
-                unit=slower(depth) * units(weights, training.step_unit, shared, 1 if depth else model.copies),
-                recurrent_unit=None if ring is None else slower(depth) * units(ring, training.step_unit),
+                unit=slower(depth)
+                * units(weights, step, 2.0 ** model.exponent(depth), shared, 1 if depth else model.copies),
+                recurrent_unit=None
+                if ring is None
+                else slower(depth) * units(ring, step, 2.0 ** model.exponent(depth)),
                 shared=shared,
                 delay=late,
                 longest_delay=model.max_delay,
-                norm_unit=slower(depth) * norm_units(weights, training.step_unit)
+                is_rounded=not model.is_dithered(depth),
+                norm_unit=slower(depth) * norm_units(weights, step, 2.0 ** model.exponent(depth))
                 if model.weight_norm and depth not in model.whitened_layers
                 else None,
             )
@@ -122,6 +135,7 @@ class Trainee:
             heads=heads if len(heads) > 1 else (),
             loss=model.loss,
             hidden_spike_penalty=model.hidden_spike_penalty,
+            pool=pool,
         )
         curves: dict[str, list[float]] = {
             name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm")
@@ -250,29 +264,34 @@ class Trainee:
         return ""
 
 
-def units(weights: Floats, unit: str, shared: Ints | None = None, copies: int = 1) -> Floats:
-    """Return what a learning rate of 1 is: one weight, or each neuron's initial root mean square weight.
+def units(weights: Floats, unit: str, scale: float, shared: Ints | None = None, copies: int = 1) -> Floats:
+    """Return what a learning rate of 1 is: one weight, or each neuron's root mean square of initial ones.
 
     Args:
         weights: (input, neuron).
         unit: `training.step_unit`.
+        scale: of the layer's weights (`Stack.exponent`).
         shared: numbers of the weights, of which each then counts once.
         copies: how many times the neurons are repeated.
     """
     n = weights.shape[1]
     if unit == "weight":
-        return np.ones(n, np.float32)
+        return np.full(n, scale, np.float32)
     if shared is not None:
         first = copies_of(shared).first
         kind = first % n % (n // copies)
         squares = np.bincount(kind, weights.ravel()[first].astype(np.float64) ** 2)
         return np.tile(np.sqrt(squares / np.bincount(kind)), copies).astype(np.float32)
-    return np.asarray(np.sqrt((weights**2).mean(axis=0)), np.float32)
+    squares, n_weights = weights**2, np.count_nonzero(weights, axis=0)
+    mean = squares.mean(axis=0)
+    if (n_weights < len(weights)).any():  # levels: most begin at 0, and move like the one that does not
+        mean = squares.sum(axis=0) / np.maximum(n_weights, 1)
+    return np.asarray(np.sqrt(mean), np.float32)
 
 
-def norm_units(weights: Floats, unit: str) -> Floats:
-    """Return the same of the norm of each neuron's weights: 1, or its initial value."""
-    return np.ones(weights.shape[1], np.float32) if unit == "weight" else lengths(weights)[0]
+def norm_units(weights: Floats, unit: str, scale: float) -> Floats:
+    """Return the same of the norm of each neuron's weights: that of one weight, or its initial value."""
+    return np.full(weights.shape[1], scale, np.float32) if unit == "weight" else lengths(weights)[0]
 
 
 def _rms(weights: Array) -> float:
