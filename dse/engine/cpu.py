@@ -192,7 +192,11 @@ class _Network:
         self.clip_norm, self.arithmetic = member.clip_norm, member.arithmetic
         self.sizes = [x.feed_forward.shape[1] for x in member.layers]
         kind = member.arithmetic
-        self.matrices = [_matrix(x.feed_forward, x.unit, kind, x.shared, x.norm_unit) for x in member.layers]
+        self.is_rounded = [x.is_rounded for x in member.layers]
+        self.matrices = [
+            _matrix(x.feed_forward, x.unit, self._weights_in(d), x.shared, x.norm_unit)
+            for d, x in enumerate(member.layers)
+        ]
         self.rings = [_ring(x, kind) for x in member.layers]
         self.delays = [
             None if x.delay is None else Delays.of(x.delay, x.longest_delay, precision(kind), x.axonal)
@@ -206,6 +210,11 @@ class _Network:
         self.steps = self.delay_steps = self.decay_steps = 0
         self.is_linear = False
         self.begun: dict[int, Mapping[str, Array]] = {}
+
+    def _weights_in(self, depth: int, is_readout: bool = False) -> Arithmetic:
+        """Return the arithmetic of a layer's weights, which need not be rounded where states are integers."""
+        is_real = self.arithmetic == "integer" and (is_readout or not self.is_rounded[depth])
+        return "float32" if is_real else self.arithmetic
 
     def begin(self, stage: Stage) -> None:
         """Begin a part of the training; see dse.engine.member.Engine."""
@@ -221,9 +230,7 @@ class _Network:
         self.begun, self.is_linear = begun, is_linear
         for depth, arrays in begun.items():
             is_readout = is_linear and depth == len(self.matrices) - 1
-            # A readout is not rounded.
-            kind = "float32" if is_readout and self.arithmetic == "integer" else self.arithmetic
-            self.matrices[depth] = _matrix(arithmetic=kind, **arrays)
+            self.matrices[depth] = _matrix(arithmetic=self._weights_in(depth, is_readout), **arrays)
             self.layers[depth] = self.layers[depth]._replace(table=self.matrices[depth].table)
 
     def step(

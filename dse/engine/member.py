@@ -37,6 +37,7 @@ class TrainedLayer:
     longest_delay: training keeps delays between 0 and this.
     axonal: whether all synapses of an input share its axon's delay, which runs rounded down.
     learnt_decays: no, or a pair of decays that CUBA-LIF neurons learn per layer or per neuron.
+    is_rounded: whether feed-forward weights run rounded to 8 bits in integer arithmetic; if not, as they are.
     norm_unit: (neuron,) what a learning rate of 1 moves the norm of each neuron's weights by, where these are
         g v / |v| (dse.engine.parameters); None: they are no such product.
     """
@@ -52,6 +53,7 @@ class TrainedLayer:
     longest_delay: int = 0
     axonal: bool = False
     learnt_decays: str = "no"
+    is_rounded: bool = True
     norm_unit: Floats | None = None
 
 
@@ -71,7 +73,7 @@ class Stage:
     output: TrainedLayer | None = None
 
     def begun(self, weights: Sequence[Floats], units: Sequence[Floats]) -> dict[int, dict[str, Array]]:
-        """Return what matrices are made anew of, by layer: weights, unit, and norm_unit or basis.
+        """Return what matrices are made anew of, by layer: weights, unit, and what else its layer has.
 
         Args:
             weights: of each layer as they stand.
@@ -79,8 +81,9 @@ class Stage:
         """
         made = {d: {"weights": weights[d], "unit": units[d], "basis": x} for d, x in self.bases.items()}
         if self.output is not None:
-            last, x = len(weights) - 1, self.output
-            own = {"weights": x.feed_forward, "unit": x.unit, "norm_unit": x.norm_unit}
+            last, layer = len(weights) - 1, self.output
+            own = {name: getattr(layer, name) for name in ("unit", "shared", "norm_unit")}
+            own["weights"] = layer.feed_forward
             made[last] = made.get(last, {}) | {
                 name: array for name, array in own.items() if array is not None
             }

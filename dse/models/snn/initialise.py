@@ -14,6 +14,7 @@ from dse.engine.delays import running
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
 from dse.engine.shared import copies_of, expanded
+from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.neurons import LayerSpec, Population, tiled
 from dse.neurons.calculus import NumpyCalculus
@@ -48,7 +49,8 @@ def populations_of(
             steps_per_sample=model.steps_per_sample,
             step_ms=step_ms / model.steps_per_sample,
         )
-        populations.append(tiled(model.neuron.population(spec, rng), copies))
+        population = tiled(model.neuron.population(spec, rng), copies)
+        populations.append(finer(population, model.exponent(depth)))
     return populations
 
 
@@ -140,7 +142,7 @@ def deployed(
     ]
 
 
-def _reach_rate(rate: Callable[[float], float], target: float, start: float) -> tuple[float, float]:
+def reach_rate(rate: Callable[[float], float], target: float, start: float) -> tuple[float, float]:
     """Return the gain, and its rate, that comes closest to a target spike rate from below.
 
     The gain doubles from start / 16 until the rate is reached and the last step is then halved, so that
@@ -263,9 +265,12 @@ def initialise(
             ring: Floats | None = ring,
             population: Population[Any] = population,
             delay: Floats | None = late,
+            is_dithered: bool = model.is_dithered(depth),
         ) -> Forward:
             matrix = (gain * drawn + fixed).astype(np.float32)
             rounded = None if delay is None else running(delay, model.max_axonal_delay > 0)
+            if is_dithered:
+                return prepare(layers.weights(matrix, ring, population), model.arithmetic).forward(rows)
             (weights,) = deployed([matrix], [ring], [population], model.arithmetic, [rounded])
             return prepare(weights, model.arithmetic).forward(rows)
 
@@ -273,8 +278,9 @@ def initialise(
             fired = forward(gain).fired
             return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
-        gain, reached = (1.0, rate(1.0)) if as_drawn else _reach_rate(rate, target, spread)
-        feed_forward.append(within((gain * drawn + fixed).astype(np.float32)))
+        gain, reached = (1.0, rate(1.0)) if as_drawn else reach_rate(rate, target, spread)
+        master = (gain * drawn + fixed).astype(np.float32)
+        feed_forward.append(master if model.is_dithered(depth) else within(master))
         recurrent.append(None if ring is None else within(ring))
         delays.append(late)
         rates.append((reached if as_drawn else target, reached))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,9 +16,13 @@ from dse.engine.losses import Loss
 from dse.models.snn.regions import RINGS, regions_of
 from dse.models.training import Training
 from dse.neurons import Neuron, cuba_lif
+from dse.neurons.fixed_point import STATE_LIMIT, WEIGHT_SCALE
 from dse.neurons.surrogate import Exponential, exponential
 from dse.records import Arithmetic, Floats, Ints
 from dse.registry import name_of, param
+
+FINEST = 8
+"""Largest exponent of a layer's thresholds and weights."""
 
 
 @dataclass(frozen=True)
@@ -109,10 +114,10 @@ class Stack:
     start: Literal["uniform", "levels", "fan_in"] = param(
         "uniform",
         choices=("uniform", "levels", "fan_in"),
-        doc="initial weights. uniform: drawn, scaled to `initial_rate`; fan_in: drawn up to `weight_scale` over "
-        "the root of a layer's inputs, whatever rate that gives, as torch and lava-dl do; levels, of the "
-        "first layer (needs "
-        "`regions`): a region per neuron, in turn, with the weight that fires the neuron from so many active "
+        doc="initial weights. uniform: drawn, scaled to `initial_rate`; fan_in: drawn up to `weight_scale` "
+        "over the root of a layer's inputs, whatever rate that gives, as torch and lava-dl do; levels, of "
+        "the first layer (needs `regions`): a region per neuron, in turn, with the weight that fires the neuron "
+        "from so many active "
         "channels of the region per step on; these levels are spread over what the training data show",
     )
     weight_scale: float = param(
@@ -135,6 +140,31 @@ class Stack:
         "integer",
         choices=("integer", "float32", "ideal"),
         doc="integer: what deployed networks compute; ideal: real numbers in float64",
+    )
+    weight_norm: bool = param(
+        False,
+        doc="each neuron's weights from the layer below are g v / |v|, and g and v are learnt, as in lava-dl",
+    )
+    whitened: Literal["none", "output", "all"] = param(
+        "none",
+        choices=("none", "output", "all"),
+        doc="layers whose weights are learnt in the basis in which the spike counts of the neurons below are "
+        "white, which counts that rise and fall together need: the outputs, or all layers but the first. "
+        "They are stored as any others. weight_norm leaves them out",
+    )
+    threshold_exponents: tuple[int, ...] = param(
+        (),
+        low=0,
+        high=FINEST,
+        doc="of each layer, k: its thresholds and weights are 2**k times as large, which is the same network "
+        "on a finer grid of 8-bit weights (1/32 of 2**-k). Without any: 0, and for a dithered layer the "
+        "largest k whose 8-bit weights hold those that were learnt and whose states stay within 24 bits",
+    )
+    rounding: Literal["nearest", "dithered"] = param(
+        "nearest",
+        choices=("nearest", "dithered"),
+        doc="of weights to 8 bits. nearest: in every step of the training; dithered (needs `regions`): those "
+        "of the first layer after the training, up or down by channel so that the sum over a region is right",
     )
     pruned: float = param(
         0.0,
@@ -188,6 +218,10 @@ class Stack:
             )
         if self.max_delay and self.recurrent and self.delayed_layers == "all":
             raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")
+        if self.whitened != "none" and self.pruned:
+            raise ValueError(
+                f"pruned must be 0 where weights are learnt in a whitened basis, got {self.pruned:g}"
+            )
         if self.regions % RINGS:
             raise ValueError(f"regions must be a multiple of {RINGS} rings, got {self.regions}")
         if self.regions and self.max_delay:
@@ -200,13 +234,63 @@ class Stack:
             )
         if self.start == "levels" and not self.regions:
             raise ValueError("regions must be > 0 for start levels, got 0")
+        if self.rounding == "dithered" and not (self.regions and self.arithmetic == "integer"):
+            raise ValueError(
+                "rounding must be nearest without regions or integer arithmetic, got dithered with "
+                f"{self.regions} regions in {self.arithmetic} arithmetic"
+            )
+        self._check_exponents()
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
+
+    def _check_exponents(self) -> None:
+        """Raise ValueError where thresholds have no integer mantissa or leave the states' 24 bits."""
+        n_layers, exponents = len(self.hidden) + 1, self.threshold_exponents
+        if not exponents and self.rounding == "nearest":
+            return
+        if not exponents and self.recurrent:
+            raise ValueError(
+                "threshold_exponents must be given where a recurrent layer is dithered, whose recurrent "
+                "weights are rounded as they are learnt, got []"
+            )
+        mantissa = WEIGHT_SCALE * getattr(self.neuron, "threshold", math.inf)
+        if not self.has_kernel:
+            raise ValueError(
+                "threshold_exponents and rounding need neurons with a kernel, got "
+                f"{name_of('neurons', self.neuron)}"
+            )
+        if exponents and len(exponents) != n_layers:
+            raise ValueError(
+                f"threshold_exponents must have one exponent for each of the {n_layers} layers, got "
+                f"{list(exponents)}"
+            )
+        most = int(math.log2(STATE_LIMIT / (WEIGHT_SCALE * mantissa)))
+        if max(exponents, default=0) > most:
+            raise ValueError(
+                f"threshold_exponents must be at most {most}, beyond which the threshold leaves the 24 bits "
+                f"of a state, got {max(exponents)}"
+            )
+
+    def exponent(self, depth: int) -> int:
+        """Return the power of two by which a layer's thresholds and weights are scaled as it trains."""
+        if self.threshold_exponents:
+            return self.threshold_exponents[depth]
+        return FINEST if self.is_dithered(depth) else 0
+
+    def is_dithered(self, depth: int) -> bool:
+        """Return whether a layer trains without rounding, and is dithered afterwards."""
+        return depth == 0 and self.rounding == "dithered"
 
     @property
     def has_kernel(self) -> bool:
         """Whether kernels train it; if not, automatic differentiation of its neurons' definition does."""
         return has_kernel(self.neuron.Populations)
+
+    @property
+    def whitened_layers(self) -> range:
+        """The layers, from 0, whose weights are learnt in a whitened basis."""
+        last = len(self.hidden)
+        return range({"none": last + 1, "output": last, "all": 1}[self.whitened], last + 1)
 
     @property
     def copies(self) -> int:

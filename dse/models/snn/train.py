@@ -6,6 +6,7 @@ dropout from each design's own. A design's result is bitwise the same alone and 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -18,15 +19,17 @@ from dse.engine.events import Rows, gather, without
 from dse.engine.member import Masters, as_part, of_part
 from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
-from dse.models.snn import prune
+from dse.models.snn import prune, whiten
 from dse.models.snn.augment import Augmentation
-from dse.models.snn.respond import respond, respond_and_count
-from dse.models.snn.settings import Stack
+from dse.models.snn.quantise import dithered, finer, finest
+from dse.models.snn.respond import batches_of, layers_of, respond, respond_and_count
+from dse.models.snn.settings import FINEST, Stack
+from dse.models.snn.stages import spiking_outputs, stage_of
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.neurons import Population, cuba_lif, name_of_population, parameters_of
-from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, quantise
+from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
 from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
 
@@ -114,6 +117,21 @@ def train(
         return
     size = min(training.batch_size, dataset.train.size)
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
+    counted = shared("whitening").permutation(dataset.train)[: whiten.SAMPLES]
+
+    def deployable(trainee: Trainee, masters: Masters) -> Masters:
+        """Return a design's masters with weights of spiking outputs."""
+        if not trainee.is_linear:
+            return masters
+        network, rate = deployed(trainee, masters), trainee.rates[-1][0]
+        outputs, reached = spiking_outputs(network, dataset, chosen, head_sizes(dataset), rate)
+        trainee.rates[-1] = rate, reached
+        return replace(masters, feed_forward=(*masters.feed_forward[:-1], outputs))
+
+    def deployed(trainee: Trainee, masters: Masters) -> Network:
+        exponent = _exponent(trainee, masters, dataset, delays)
+        return _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
+
     for trainee, read in zip(trainees, span.states, strict=bool(span.states)):
         state = read()
         trainee.restore(state)
@@ -135,12 +153,18 @@ def train(
     while live:
         if span.until is not None and epoch >= span.until:
             for trainee in live:
-                masters = trainee.best or engine.masters(trainee.number)
+                masters = deployable(trainee, trainee.best or engine.masters(trainee.number))
                 outcome = _outcome(trainee, masters, dataset, delays)
                 yield trainee.number, Rung(epoch, state_of(trainee), outcome)
             return
         for trainee in live:
-            if trainee.model.pruned and epoch == int(trainee.model.prune_epoch * trainee.training.epochs):
+            linear_epochs = trainee.training.linear_epochs
+            if epoch in (0, linear_epochs):
+                network = deployed(trainee, deployable(trainee, engine.masters(trainee.number)))
+                if (stage := stage_of(trainee, epoch, network, dataset, counted)) is not None:
+                    engine.begin(trainee.number, stage)
+                trainee.seconds += clock.lap()
+            if trainee.model.pruned and epoch == trainee.first_to_keep:
                 trainee.kept = prune.masks(engine.masters(trainee.number), trainee.model.pruned)
                 engine.prune(trainee.number, trainee.kept)
         order = batches.permutation(dataset.train)
@@ -172,15 +196,17 @@ def train(
             masters = engine.masters(trainee.number)
             trainee.end_epoch(masters, epoch, order.size)
             if trainee.training.keep == "best" and not trainee.diverged:
-                network = _network(trainee, masters, dataset, delays)
-                trainee.consider(masters, _accuracy(network, dataset))
+                counts = epoch >= trainee.first_to_keep
+                accuracy = _accuracy(deployed(trainee, masters), dataset) if counts else math.nan
+                trainee.consider(masters, accuracy)
             trainee.seconds += clock.lap()
         epoch += 1
         for trainee in live:
             if trainee.diverged:
                 yield trainee.number, TrainingDiverged(trainee.diverged)
             elif trainee.finished:
-                yield trainee.number, _outcome(trainee, trainee.result, dataset, delays)
+                ended = deployable(trainee, trainee.result)
+                yield trainee.number, _outcome(trainee, ended, dataset, delays)
         live = [x for x in live if not (x.diverged or x.finished)]
         if live and epoch != span.until and span.is_due():
             for trainee in live:
@@ -200,53 +226,17 @@ class _Clock:
         return self._last - before
 
 
-def _trained(trainee: Trainee, masters: Masters) -> list[Array | None]:
-    """Return the weights as trained, feed-forward, then recurrent; 0 where pruning removed one."""
-    weights = [
-        None if w is None else w.astype(np.float32) for w in (*masters.feed_forward, *masters.recurrent)
-    ]
-    if trainee.kept is None:
-        return weights
-    kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
-    return [
-        None if w is None or k is None else prune.remaining(w, k, trainee.model.arithmetic)
-        for w, k in zip(weights, kept, strict=True)
-    ]
-
-
-def _network(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> Network:
-    """Return a design's network of these weights, delays and decays."""
-    model = trainee.model
-    layers = trainee.member.layers
-    n, pool = len(layers), trainee.member.pool
-    weights = _trained(trainee, masters)
-    matrices = [w if w is None or d or pool is None else w[pool] for d, w in enumerate(weights)]
-    of_layers = zip(
-        matrices[:n],
-        matrices[n:],
-        layers,
-        masters.delay or (None,) * n,
-        masters.decays or (None,) * n,
-        strict=True,
-    )
-    return Network(
-        layers=tuple(
-            Layer(
-                weight=np.ascontiguousarray(w.T),
-                recurrent=None if r is None else np.ascontiguousarray(r.T),
-                parameters=parameters_of(_learnt(layer.population, decays)),
-                neuron=name_of_population(layer.population, model.neuron),
-                shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
-                delay=None if late is None else np.ascontiguousarray(late.T),
-            )
-            for w, r, layer, late, decays in of_layers
-            if w is not None
-        ),
-        n_channels=dataset.spikes.n_channels,
-        delays=delays,
-        steps_per_sample=model.steps_per_sample,
-        arithmetic=model.arithmetic,
-    )
+def _remaining(trainee: Trainee, masters: Masters) -> list[Array | None]:
+    """Return a design's matrices, feed-forward, then recurrent, as pruning leaves them."""
+    matrices = (*masters.feed_forward, *masters.recurrent)
+    weights = [None if w is None else w.astype(np.float32) for w in matrices]
+    if trainee.kept is not None:
+        kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
+        weights = [
+            None if w is None or k is None else prune.remaining(w, k, trainee.model.arithmetic)
+            for w, k in zip(weights, kept, strict=True)
+        ]
+    return weights
 
 
 def _learnt(population: Population[Any], decays: Array | None) -> Population[Any]:
@@ -265,21 +255,25 @@ def _accuracy(network: Network, dataset: Dataset) -> float:
 
 
 def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> Outcome:
-    """Return a design's network of these weights, and its responses."""
+    """Return a design's network of these weights, delays and decays, and its responses."""
     began = time.perf_counter()
-    model, network = trainee.model, _network(trainee, masters, dataset, delays)
+    model, layers = trainee.model, trainee.member.layers
+    exponent = _exponent(trainee, masters, dataset, delays)
+    network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
     validation, fired = respond_and_count(network, dataset, dataset.validation)
     test = respond_and_count(network, dataset, dataset.test)[0] if dataset.test.size else None
+    totals = [x.sum(axis=0) for x in fired]
     curves = {name: np.asarray(values) for name, values in trainee.history.items()}
     cells = validation.output.shape[0] * validation.output.shape[1]
-    layers = trainee.member.layers
     sharing = [*(layer.shared for layer in layers), *(None for _ in layers)]
-    pairs = zip(_trained(trainee, masters), sharing, strict=True) if model.arithmetic == "integer" else ()
+    pairs = zip(_remaining(trainee, masters), sharing, strict=True) if model.arithmetic == "integer" else ()
     weights = [distinct(w, shared) for w, shared in pairs if w is not None]
+    weights[:1] = [w * 2.0 ** (exponent - model.exponent(0)) for w in weights[:1]]
     health: dict[str, Any] = {
-        "dead_neurons": int(sum((f == 0).sum() for f in fired[1:-1])),
-        "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in fired[1:-1])) if cells else 0,
-        "saturated_outputs": int((fired[-1] >= SATURATED * cells).sum()) if cells else 0,
+        "dead_neurons": int(sum((f == 0).sum() for f in totals[1:-1])),
+        "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in totals[1:-1])) if cells else 0,
+        "saturated_outputs": int((totals[-1] >= SATURATED * cells).sum()) if cells else 0,
+        "effective_rank": whiten.effective_rank(fired[-2]),
         "collapsed_outputs": _collapsed(dataset, validation),
         "clipped_weights": sum(
             int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in weights
@@ -304,6 +298,60 @@ def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple
         health["n_synapses"] = sum(network.stored)
     seconds = trainee.seconds + time.perf_counter() - began
     return Outcome(network, validation, test, curves, health, seconds)
+
+
+def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> int:
+    """Return the exponent of the first layer's thresholds and weights as they run.
+
+    Where it is free, it is the largest whose 8 bits hold the weights and whose states stay within 24 bits,
+    with a sixteenth to spare, on validation samples.
+    """
+    model, first = trainee.model, _remaining(trainee, masters)[0]
+    if model.threshold_exponents or not model.is_dithered(0) or first is None:
+        return model.exponent(0)
+    exponent = finest(first * 2.0**-FINEST, FINEST)
+    network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
+    layer, batches = layers_of(network)[0], batches_of(network, dataset, dataset.validation)
+    peak = max(layer.forward(rows, count=True).peak for rows in batches) * STATE_SCALE
+    over = math.ceil(math.log2(max(1.0, peak / (15 / 16 * STATE_LIMIT))))
+    return max(0, exponent - over)
+
+
+def _network(
+    trainee: Trainee, masters: Masters, n_channels: int, delays: tuple[int, ...], exponent: int
+) -> Network:
+    """Return the network of masters; `exponent` is that of the first layer's thresholds."""
+    model, layers, pool = trainee.model, trainee.member.layers, trainee.member.pool
+    n, matrices = len(layers), _remaining(trainee, masters)
+    learnt = masters.decays or (None,) * n
+    populations = [_learnt(x.population, decays) for x, decays in zip(layers, learnt, strict=True)]
+    first = matrices[0]
+    if pool is not None and first is not None:
+        coarser = model.exponent(0) - exponent
+        first = first * np.float32(2.0**-coarser)
+        populations[0] = finer(populations[0], -coarser)
+        matrices[0] = dithered(first, pool) if model.is_dithered(0) else first[pool]
+    late = masters.delay or (None,) * n
+    return Network(
+        layers=tuple(
+            Layer(
+                weight=np.ascontiguousarray(w.T),
+                recurrent=None if r is None else np.ascontiguousarray(r.T),
+                parameters=parameters_of(population),
+                neuron=name_of_population(population, model.neuron),
+                shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
+                delay=None if delay is None else np.ascontiguousarray(delay.T),
+            )
+            for w, r, population, layer, delay in zip(
+                matrices[:n], matrices[n:], populations, layers, late, strict=True
+            )
+            if w is not None
+        ),
+        n_channels=n_channels,
+        delays=delays,
+        steps_per_sample=model.steps_per_sample,
+        arithmetic=model.arithmetic,
+    )
 
 
 def _collapsed(dataset: Dataset, validation: Response) -> int:

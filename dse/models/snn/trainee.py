@@ -10,6 +10,7 @@ import numpy as np
 
 from dse.engine.events import Rows, pooled
 from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
+from dse.engine.parameters import lengths
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.settings import Stack
@@ -29,7 +30,7 @@ class Trainee:
     """A design in training.
 
     number: its place in the cohort.
-    rates: per layer, the target spike rate at the start and the one reached.
+    rates: per layer, the target spike rate at the start (of spiking) and the one reached.
     silenced: draws which neurons drop out.
     history: curves by name, a number per epoch.
     mean: sum of the weights over the last epochs, over their number.
@@ -91,19 +92,32 @@ class Trainee:
         began = initialise(
             pooled(probe, pool), model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
         )
+
+        step = training.step_unit
+
+        def slower(depth: int) -> np.float32:
+            return np.float32(training.hidden_lr_factor if depth < len(model.hidden) else 1)
+
         layers = [
             TrainedLayer(
                 feed_forward=weights,
                 recurrent=ring,
                 population=population,
                 surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
-                unit=_units(weights, training.step_unit, shared, 1 if depth else model.copies),
-                recurrent_unit=None if ring is None else _units(ring, training.step_unit),
+                unit=slower(depth)
+                * units(weights, step, 2.0 ** model.exponent(depth), shared, 1 if depth else model.copies),
+                recurrent_unit=None
+                if ring is None
+                else slower(depth) * units(ring, step, 2.0 ** model.exponent(depth)),
                 shared=shared,
                 delay=late,
                 longest_delay=model.longest_delay,
                 axonal=model.max_axonal_delay > 0,
                 learnt_decays=model.learnt_decays,
+                is_rounded=not model.is_dithered(depth),
+                norm_unit=slower(depth) * norm_units(weights, step, 2.0 ** model.exponent(depth))
+                if model.weight_norm and depth not in model.whitened_layers
+                else None,
             )
             for depth, (population, weights, ring, shared, late) in enumerate(
                 zip(
@@ -134,6 +148,16 @@ class Trainee:
         return cls(number, model, training, member, began.rates, rngs("dropout"), curves)
 
     @property
+    def is_linear(self) -> bool:
+        """Whether its last epoch trained a linear readout."""
+        return 0 < len(self.history["loss"]) <= self.training.linear_epochs
+
+    @property
+    def first_averaged(self) -> int:
+        """The first epoch whose weights count in the mean."""
+        return max(self.training.epochs - self.training.average_epochs, self.training.linear_epochs)
+
+    @property
     def finished(self) -> bool:
         return bool(self.stopped) or len(self.history["loss"]) == self.training.epochs
 
@@ -144,6 +168,7 @@ class Trainee:
         arrays |= {f"history/{name}": np.array(curve) for name, curve in self.history.items()}
         arrays |= {f"mean/{k}": mean for k, mean in enumerate(self.mean) if mean is not None}
         arrays |= {} if self.soft is None else {"soft": self.soft}
+        arrays |= {"rates": np.array(self.rates)} if self.training.linear_epochs else {}
         if self.kept is not None:
             matrices = (*self.kept.feed_forward, *self.kept.recurrent)
             arrays |= {f"kept/{k}": kept for k, kept in enumerate(matrices) if kept is not None}
@@ -158,6 +183,8 @@ class Trainee:
         move_to(self.silenced, state["dropout"])
         self.history = {name: curve.tolist() for name, curve in of_part(state, "history").items()}
         self.soft = state.get("soft")
+        if "rates" in state:
+            self.rates = [(target, reached) for target, reached in state["rates"].tolist()]
         n, means, kept = len(self.member.layers), of_part(state, "mean"), of_part(state, "kept")
         self.mean = [means.get(str(k)) for k in range(2 * n)] if means else []
         if kept:
@@ -188,7 +215,7 @@ class Trainee:
 
     def _rate_of(self, step_size: float, epoch: float) -> float:
         """Return the rate of delays or decays: none while the weights are averaged, which belong to them."""
-        if epoch >= self.training.epochs - self.training.average_epochs:
+        if epoch >= self.first_averaged:
             return 0.0
         return step_size * self.training.rate(epoch) / self.training.learning_rate
 
@@ -210,7 +237,6 @@ class Trainee:
         weights = [*masters.feed_forward, *masters.recurrent]
         self.last = masters
         self.diverged = self._lost(weights, epoch)
-        first = self.training.epochs - self.training.average_epochs
         self.history["loss"].append(self.loss / n_samples)
         self.history["accuracy_train"].append(self.correct / n_samples)
         self.history["learning_rate"].append(self.learning_rate)
@@ -222,8 +248,9 @@ class Trainee:
             how = "silent" if rates[layer - 1] == 0 else "saturated"
             self.stopped = f"layer {layer} was {how} for {self.quiet_epochs} epochs"
             self.mean = []  # the mean of the last epochs would mix in what was before
+        first = self.first_averaged
         if epoch >= first or self.stopped:
-            n_summed = 1 if self.stopped else min(self.training.average_epochs, self.training.epochs)
+            n_summed = 1 if self.stopped else self.training.epochs - max(0, first)
             before = self.mean or [None if w is None else np.zeros(w.shape) for w in weights]
             self.mean = [
                 None if w is None or b is None else b + w / n_summed
@@ -232,15 +259,16 @@ class Trainee:
         self.loss, self.correct, self.fired, self.largest_norm = 0.0, 0, np.zeros(0), 0.0
 
     @property
-    def _first_to_keep(self) -> int:
-        """Epochs that are not kept, whatever their accuracy: those before weights were pruned."""
-        return int(self.model.prune_epoch * self.training.epochs) if self.model.pruned else 0
+    def first_to_keep(self) -> int:
+        """Epochs that are not kept: those with linear outputs, and those before weights are pruned."""
+        pruning = int(self.model.prune_epoch * self.training.epochs) if self.model.pruned else 0
+        return max(self.training.linear_epochs, pruning)
 
     def consider(self, masters: Masters, accuracy: float) -> None:
         """Keep an epoch's masters where none was better on validation."""
         curve = self.history["accuracy_validation"]
         curve.append(accuracy)
-        if len(curve) > self._first_to_keep and accuracy >= max(curve[self._first_to_keep :]):
+        if len(curve) > self.first_to_keep and accuracy >= max(curve[self.first_to_keep :]):
             self.best = masters
 
     @property
@@ -249,7 +277,7 @@ class Trainee:
         if self.best is None:
             return len(self.history["loss"])
         curve = self.history["accuracy_validation"]
-        return max(range(self._first_to_keep, len(curve)), key=lambda k: (curve[k], k)) + 1
+        return max(range(self.first_to_keep, len(curve)), key=lambda k: (curve[k], k)) + 1
 
     @property
     def result(self) -> Masters:
@@ -279,18 +307,19 @@ class Trainee:
         return ""
 
 
-def _units(weights: Floats, unit: str, shared: Ints | None = None, copies: int = 1) -> Floats:
+def units(weights: Floats, unit: str, scale: float, shared: Ints | None = None, copies: int = 1) -> Floats:
     """Return what a learning rate of 1 is: one weight, or each neuron's root mean square of initial ones.
 
     Args:
         weights: (input, neuron).
         unit: `training.step_unit`.
+        scale: of the layer's weights (`Stack.exponent`).
         shared: numbers of the weights, of which each then counts once.
         copies: how many times the neurons are repeated.
     """
     n = weights.shape[1]
     if unit == "weight":
-        return np.ones(n, np.float32)
+        return np.full(n, scale, np.float32)
     if shared is not None:
         first = copies_of(shared).first
         kind = first % n % (n // copies)
@@ -301,6 +330,11 @@ def _units(weights: Floats, unit: str, shared: Ints | None = None, copies: int =
     if (n_weights < len(weights)).any():  # levels: most begin at 0, and move like the one that does not
         mean = squares.sum(axis=0) / np.maximum(n_weights, 1)
     return np.asarray(np.sqrt(mean), np.float32)
+
+
+def norm_units(weights: Floats, unit: str, scale: float) -> Floats:
+    """Return the same of the norm of each neuron's weights: that of one weight, or its initial value."""
+    return np.full(weights.shape[1], scale, np.float32) if unit == "weight" else lengths(weights)[0]
 
 
 def _rms(weights: Array) -> float:
