@@ -116,9 +116,9 @@ class Stack:
         choices=("uniform", "levels", "fan_in"),
         doc="initial weights. uniform: drawn, scaled to `initial_rate`; fan_in: drawn up to `weight_scale` "
         "over the root of a layer's inputs, whatever rate that gives, as torch and lava-dl do; levels, of "
-        "the first layer (needs `regions`): a region per neuron, in turn, with the weight that fires the neuron "
-        "from so many active "
-        "channels of the region per step on; these levels are spread over what the training data show",
+        "the first layer (needs `regions`): a region per neuron, in turn, with the weight that fires the "
+        "neuron from so many active channels of the region per step on; these levels are spread over what "
+        "the training data show",
     )
     weight_scale: float = param(
         1.0,
