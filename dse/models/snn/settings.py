@@ -185,6 +185,8 @@ class Stack:
             raise ValueError(
                 f"max_delay must be 0 where channels share weights (regions), got {self.max_delay}"
             )
+        if self.weight_norm and self.regions:
+            raise ValueError("weight_norm must be false where channels share weights (regions), got true")
         if self.start == "levels" and not self.regions:
             raise ValueError("regions must be > 0 for start levels, got 0")
         if self.rounding == "dithered" and not (self.regions and self.arithmetic == "integer"):
