@@ -36,6 +36,7 @@ PLAIN: Designs = {
     3: (SNN(hidden=(8,), neuron=Resonator()), base(step_unit="weight", learning_rate=0.005)),
     4: (SNN(hidden=(8,), arithmetic="ideal", loss=CountCrossEntropy()), base(teacher="mlp", epochs=24)),
     5: (SNN(hidden=(6,), arithmetic="float32", hidden_spike_penalty=1e-4), base(epochs=10)),
+    6: (SNN(hidden=(7,), max_axonal_delay=9, learnt_decays="neuron", pruned=0.4), base(keep="best")),
 }
 STAGED: Designs = {
     0: (SNN(hidden=(12,), whitened="output"), base(linear_epochs=10, average_epochs=25)),
