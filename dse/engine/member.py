@@ -1,7 +1,7 @@
 """What an engine trains: networks at their start, one turn of training, and what it reports.
 
-An engine trains the networks of a cohort: dse.engine.cpu and dse.engine.gpu run kernels,
-dse.engine.autograd the definition of a neuron. Each module has a `start(members, n_samples, n_steps)` that
+An engine trains the networks of a cohort: dse.engine.cpu runs kernels, dse.engine.autograd
+the definition of a neuron on any device of torch. Each module has a `start(members, n_samples, n_steps)` that
 returns an `Engine`, ready for batches of at most `n_samples` samples of `n_steps` steps.
 """
 

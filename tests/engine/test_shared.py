@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.ours import rows_of
-from dse.engine import cpu, engines
+from dse.engine import cpu
 from dse.engine.member import Masters, Member, TrainedLayer, Turn
 from dse.engine.shared import copies_of, distinct, expanded
 from dse.neurons import cuba_lif
@@ -131,8 +131,3 @@ def test_weights_that_have_one_copy_each_train_as_any_others() -> None:
         results.append(engine.masters(0))
     for a, b in zip(*(x.feed_forward for x in results), strict=True):
         np.testing.assert_array_equal(a, b)
-
-
-def test_gpu_kernels_refuse_shared_weights() -> None:
-    with pytest.raises(ValueError, match=r"execution.device must be cpu .*, got cuda"):
-        engines.start([member()], 7, 40, "cuda")

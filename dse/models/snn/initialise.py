@@ -141,7 +141,7 @@ def deployed(
     ]
 
 
-def _reach_rate(rate: Callable[[float], float], target: float, start: float) -> tuple[float, float]:
+def reach_rate(rate: Callable[[float], float], target: float, start: float) -> tuple[float, float]:
     """Return the gain, and its rate, that comes closest to a target spike rate from below.
 
     The gain doubles from start / 16 until the rate is reached and the last step is then halved, so that
@@ -268,7 +268,7 @@ def initialise(
             fired = forward(gain).fired
             return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
-        gain, reached = (1.0, rate(1.0)) if is_levels else _reach_rate(rate, target, spread)
+        gain, reached = (1.0, rate(1.0)) if is_levels else reach_rate(rate, target, spread)
         master = (gain * drawn + fixed).astype(np.float32)
         feed_forward.append(master if model.is_dithered(depth) else within(master))
         recurrent.append(None if ring is None else within(ring))

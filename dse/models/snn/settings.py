@@ -127,6 +127,17 @@ class Stack:
         doc="of weights to 8 bits. nearest: in every step of the training; dithered (needs `regions`): those "
         "of the first layer after the training, up or down by channel so that the sum over a region is right",
     )
+    weight_norm: bool = param(
+        False,
+        doc="each neuron's weights from the layer below are g v / |v|, and g and v are learnt, as in lava-dl",
+    )
+    whitened: Literal["none", "output", "all"] = param(
+        "none",
+        choices=("none", "output", "all"),
+        doc="layers whose weights are learnt in the basis in which the spike counts of the neurons below are "
+        "white, which counts that rise and fall together need: the outputs, or all layers but the first. "
+        "They are stored as any others. weight_norm leaves them out",
+    )
     pruned: float = param(
         0.0,
         low=0,
@@ -178,6 +189,10 @@ class Stack:
                 f"{self.regions} regions in {self.arithmetic} arithmetic"
             )
         self._check_exponents()
+        if self.whitened != "none" and self.pruned:
+            raise ValueError(
+                f"pruned must be 0 where weights are learnt in a whitened basis, got {self.pruned:g}"
+            )
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
 
@@ -223,6 +238,12 @@ class Stack:
     def has_kernel(self) -> bool:
         """Whether kernels train it; if not, automatic differentiation of its neurons' definition does."""
         return has_kernel(self.neuron.Populations)
+
+    @property
+    def whitened_layers(self) -> range:
+        """The layers, from 0, whose weights are learnt in a whitened basis."""
+        last = len(self.hidden)
+        return range({"none": last + 1, "output": last, "all": 1}[self.whitened], last + 1)
 
     @property
     def copies(self) -> int:
