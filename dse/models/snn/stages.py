@@ -51,10 +51,10 @@ def stage_of(trainee: Trainee, epoch: int, network: Network, dataset: Dataset, s
         unit = np.full_like(layer.unit, length)  # of log-odds
         output = replace(layer, feed_forward=np.zeros_like(layer.feed_forward), unit=unit, norm_unit=None)
     elif training.linear_epochs:
-        weights, step = np.ascontiguousarray(network.layers[-1].weight.T), training.step_unit
-        scale = 2.0 ** model.exponent(len(counts))
-        norms = None if layer.norm_unit is None else norm_units(weights, step, scale)
-        unit = units(weights, step, scale, layer.shared)
+        weights = np.ascontiguousarray(network.layers[-1].weight.T)
+        step = training.step_unit, 2.0 ** model.exponent(len(model.hidden))
+        norms = None if layer.norm_unit is None else norm_units(weights, *step)
+        unit = units(weights, *step, layer.shared)
         output = replace(layer, feed_forward=weights, unit=unit, norm_unit=norms)
     return Stage({depth: matrix for depth, (matrix, _) in bases.items()}, is_linear, output)
 

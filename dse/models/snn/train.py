@@ -309,8 +309,8 @@ def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tupl
         return model.exponent(0)
     exponent = finest(first * 2.0**-FINEST, FINEST)
     network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
-    layer, batches = layers_of(network)[0], batches_of(network, dataset, dataset.validation)
-    peak = max(layer.forward(rows, count=True).peak for rows in batches) * STATE_SCALE
+    layer, windows = layers_of(network)[0], batches_of(network, dataset, dataset.validation)
+    peak = max(layer.forward(rows, count=True).peak for rows in windows) * STATE_SCALE
     over = math.ceil(math.log2(max(1.0, peak / (15 / 16 * STATE_LIMIT))))
     return max(0, exponent - over)
 

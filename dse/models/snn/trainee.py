@@ -93,10 +93,11 @@ class Trainee:
             pooled(probe, pool), model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
         )
 
-        step = training.step_unit
-
         def slower(depth: int) -> np.float32:
             return np.float32(training.hidden_lr_factor if depth < len(model.hidden) else 1)
+
+        def step(depth: int) -> tuple[str, float]:
+            return training.step_unit, 2.0 ** model.exponent(depth)
 
         layers = [
             TrainedLayer(
@@ -104,18 +105,15 @@ class Trainee:
                 recurrent=ring,
                 population=population,
                 surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
-                unit=slower(depth)
-                * units(weights, step, 2.0 ** model.exponent(depth), shared, 1 if depth else model.copies),
-                recurrent_unit=None
-                if ring is None
-                else slower(depth) * units(ring, step, 2.0 ** model.exponent(depth)),
+                unit=slower(depth) * units(weights, *step(depth), shared, 1 if depth else model.copies),
+                recurrent_unit=None if ring is None else slower(depth) * units(ring, *step(depth)),
                 shared=shared,
                 delay=late,
                 longest_delay=model.longest_delay,
                 axonal=model.max_axonal_delay > 0,
                 learnt_decays=model.learnt_decays,
                 is_rounded=not model.is_dithered(depth),
-                norm_unit=slower(depth) * norm_units(weights, step, 2.0 ** model.exponent(depth))
+                norm_unit=slower(depth) * norm_units(weights, *step(depth))
                 if model.weight_norm and depth not in model.whitened_layers
                 else None,
             )
