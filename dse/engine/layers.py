@@ -8,24 +8,26 @@ Integer states are held in float64, where they are exact up to 2**40 (products w
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dse.engine import arrivals, delays, kernels
 from dse.engine.batch import chunk_samples
-from dse.engine.events import ONCE, Rows
+from dse.engine.events import ONCE, Rows, pooled
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.native.compiled import compiled
 from dse.neurons import Population, cuba_lif, resonator
 from dse.neurons.fixed_point import STATE_SCALE, WEIGHT_SCALE
 from dse.neurons.surrogate import Exponential
-from dse.records import Arithmetic, Array, Floats
+from dse.records import Arithmetic, Array, Floats, Ints
 
 GRID = WEIGHT_SCALE / 2
 """8-bit weights are whole numbers on a grid of 1/32."""
 
+_FEW_POOLS = 8
+"""Inputs are counted by pools where there are so many times as many."""
 _NONE = np.zeros((0, 0), np.float32)
 _NO_UPDATES = np.zeros(0, np.int32)
 NO_DELAY = np.zeros((0, 0), np.int8)
@@ -384,6 +386,7 @@ def step(
     layer: KernelLayer,
     offsets: Array,
     index: Array,
+    times: Array,
     z: Array,
     fired: Array,
     peak: Array,
@@ -400,6 +403,7 @@ def step(
         layer: as it runs.
         offsets: (2,) 0 and the number of input spikes.
         index: the inputs that spike.
+        times: how often each does; empty: once.
         z: (column,) overwritten; of a layer with delays, what arrives.
         fired: (column / 16,) uint16, overwritten.
         peak: (16,) of the states' type, not read.
@@ -413,7 +417,7 @@ def step(
         width = width_at(column, layer.n_columns)
         start = layer.n_inputs * column
         kernels.gather(
-            offsets, index, z[:0], 0, 1, layer.table, start, width, layer.table_unit, z, column, False
+            offsets, index, times, 0, 1, layer.table, start, width, layer.table_unit, z, column, False
         )
         column += width
     n_fired: int = kernels.scan_recurrent(
@@ -463,10 +467,14 @@ class Forward:
 
 @dataclass(frozen=True)
 class CompiledLayer:
-    """A layer laid out once for many calls of `forward`: how the kernels read it, and its neurons."""
+    """A layer laid out once for many calls of `forward`: how the kernels read it, and its neurons.
+
+    pool: (input,) the row of the table that holds each input's weights; None: its own.
+    """
 
     layer: KernelLayer
     n_neurons: int
+    pool: Ints | None = None
 
     def forward(self, rows: Rows, *, keep_voltage: bool = False, count: bool = False) -> Forward:
         """Run the layer from rest over a batch.
@@ -480,7 +488,8 @@ class CompiledLayer:
             ValueError: the rows' inputs differ from the layer's.
         """
         ready, h = self.layer, self.n_neurons
-        check_inputs(rows, ready.n_inputs)
+        check_inputs(rows, ready.n_inputs if self.pool is None else self.pool.size)
+        rows = pooled(rows, self.pool)
         n, t = rows.n_samples, rows.n_steps
         size = chunk_samples(n, t)
         z = aligned(size * t * ready.n_columns, ready.back_u.dtype, zeroed=False)
@@ -518,7 +527,21 @@ class CompiledLayer:
 
 def prepare(weights: Weights, arithmetic: Arithmetic) -> CompiledLayer:
     """Return a layer laid out for an arithmetic; its weights are as they run, rounded if deployed."""
-    return CompiledLayer(laid_out(weights, arithmetic), weights.n_neurons)
+    pool, rows = _equal_rows(weights)
+    return CompiledLayer(laid_out(rows, arithmetic), weights.n_neurons, pool)
+
+
+def _equal_rows(weights: Weights) -> tuple[Ints | None, Weights]:
+    """Return the pools of inputs with equal weights, and the weights of each pool, where these are few."""
+    matrix = weights.feed_forward
+    most = len(matrix) // _FEW_POOLS
+    if weights.delay.size or not matrix.size or len(np.unique(matrix[:, :4], axis=0)) > most:
+        return None, weights
+    whole = np.ascontiguousarray(matrix).view(np.dtype((np.void, matrix.itemsize * matrix.shape[1])))
+    _, first, pool = np.unique(whole.ravel(), return_index=True, return_inverse=True)
+    if first.size > most:
+        return None, weights
+    return pool.ravel(), replace(weights, feed_forward=matrix[first])
 
 
 def check_inputs(rows: Rows, n_inputs: int) -> None:

@@ -35,9 +35,9 @@ class TrainedLayer:
     delay: (input, neuron) float32 master delays of the feed-forward synapses, network steps; they run
         rounded. None: no synapse has one.
     longest_delay: training keeps delays between 0 and this.
+    is_rounded: whether feed-forward weights run rounded to 8 bits in integer arithmetic; if not, as they are.
     axonal: whether all synapses of an input share its axon's delay, which runs rounded down.
     learnt_decays: no, or a pair of decays that CUBA-LIF neurons learn per layer or per neuron.
-    is_rounded: whether feed-forward weights run rounded to 8 bits in integer arithmetic; if not, as they are.
     norm_unit: (neuron,) what a learning rate of 1 moves the norm of each neuron's weights by, where these are
         g v / |v| (dse.engine.parameters); None: they are no such product.
     """
@@ -51,9 +51,9 @@ class TrainedLayer:
     shared: Ints | None = None
     delay: Floats | None = None
     longest_delay: int = 0
+    is_rounded: bool = True
     axonal: bool = False
     learnt_decays: str = "no"
-    is_rounded: bool = True
     norm_unit: Floats | None = None
 
 

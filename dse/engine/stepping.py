@@ -15,7 +15,7 @@ import numpy as np
 
 from dse.engine import layers
 from dse.engine.definition import DefinedLayer, delayed_sum, in_type, rows_sum
-from dse.engine.events import Rows
+from dse.engine.events import ONCE, Rows, pooled
 from dse.engine.forward import Prepared
 from dse.engine.layers import CompiledLayer
 from dse.engine.layout import LANES, aligned
@@ -64,6 +64,7 @@ class _Compiled:
 
     def __init__(self, layer: CompiledLayer) -> None:
         self._layer = ready = layer.layer
+        self._pool = layer.pool
         n = ready.n_columns
         self._offsets = np.zeros(2, np.int64)
         self._z = aligned(n, ready.back_u.dtype)
@@ -75,6 +76,10 @@ class _Compiled:
         self.fired: Ints = self._sent[:0]
 
     def step(self, index: Ints) -> None:
+        times = ONCE
+        if self._pool is not None:
+            of_pools = pooled(Rows(np.array([0, len(index)]), index, 1, 1, self._pool.size), self._pool)
+            index, times = of_pools.index, of_pools.times
         self._offsets[1] = len(index)
         if self._past is not None:
             rows = self._past.with_step(index)
@@ -83,6 +88,7 @@ class _Compiled:
             self._layer,
             self._offsets,
             index,
+            times,
             self._z,
             self._fired,
             self._peak,

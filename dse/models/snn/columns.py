@@ -51,9 +51,9 @@ class Columns(SNN):
     delay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
     regions: ClassVar[int] = 0  # type: ignore[misc]
     start: ClassVar[Literal["uniform"]] = "uniform"  # type: ignore[misc]
-    weight_scale: ClassVar[float] = 1.0  # type: ignore[misc]
     threshold_exponents: ClassVar[tuple[int, ...]] = ()  # type: ignore[misc]
     rounding: ClassVar[Literal["nearest"]] = "nearest"  # type: ignore[misc]
+    weight_scale: ClassVar[float] = 1.0  # type: ignore[misc]
 
     features: int = param(16, low=1, doc="neurons of a column; there is a column for each taxel")
     neighbours: int = param(8, low=0, doc="taxels that a column receives beside its own, nearest first")

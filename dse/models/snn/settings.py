@@ -141,17 +141,6 @@ class Stack:
         choices=("integer", "float32", "ideal"),
         doc="integer: what deployed networks compute; ideal: real numbers in float64",
     )
-    weight_norm: bool = param(
-        False,
-        doc="each neuron's weights from the layer below are g v / |v|, and g and v are learnt, as in lava-dl",
-    )
-    whitened: Literal["none", "output", "all"] = param(
-        "none",
-        choices=("none", "output", "all"),
-        doc="layers whose weights are learnt in the basis in which the spike counts of the neurons below are "
-        "white, which counts that rise and fall together need: the outputs, or all layers but the first. "
-        "They are stored as any others. weight_norm leaves them out",
-    )
     threshold_exponents: tuple[int, ...] = param(
         (),
         low=0,
@@ -165,6 +154,17 @@ class Stack:
         choices=("nearest", "dithered"),
         doc="of weights to 8 bits. nearest: in every step of the training; dithered (needs `regions`): those "
         "of the first layer after the training, up or down by channel so that the sum over a region is right",
+    )
+    weight_norm: bool = param(
+        False,
+        doc="each neuron's weights from the layer below are g v / |v|, and g and v are learnt, as in lava-dl",
+    )
+    whitened: Literal["none", "output", "all"] = param(
+        "none",
+        choices=("none", "output", "all"),
+        doc="layers whose weights are learnt in the basis in which the spike counts of the neurons below are "
+        "white, which counts that rise and fall together need: the outputs, or all layers but the first. "
+        "They are stored as any others. weight_norm leaves them out",
     )
     pruned: float = param(
         0.0,
@@ -218,16 +218,14 @@ class Stack:
             )
         if self.max_delay and self.recurrent and self.delayed_layers == "all":
             raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")
-        if self.whitened != "none" and self.pruned:
-            raise ValueError(
-                f"pruned must be 0 where weights are learnt in a whitened basis, got {self.pruned:g}"
-            )
         if self.regions % RINGS:
             raise ValueError(f"regions must be a multiple of {RINGS} rings, got {self.regions}")
         if self.regions and self.max_delay:
             raise ValueError(
                 f"max_delay must be 0 where channels share weights (regions), got {self.max_delay}"
             )
+        if self.weight_norm and self.regions:
+            raise ValueError("weight_norm must be false where channels share weights (regions), got true")
         if self.start == "fan_in" and self.regions:
             raise ValueError(
                 "start must be uniform or levels where channels share weights (regions), got fan_in"
@@ -240,6 +238,10 @@ class Stack:
                 f"{self.regions} regions in {self.arithmetic} arithmetic"
             )
         self._check_exponents()
+        if self.whitened != "none" and self.pruned:
+            raise ValueError(
+                f"pruned must be 0 where weights are learnt in a whitened basis, got {self.pruned:g}"
+            )
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
 

@@ -30,8 +30,8 @@ from dse.neurons.fixed_point import within_range
 from dse.records import Array, Dataset, Floats, Ints, Network
 
 
-def stage_of(trainee: Trainee, epoch: int, network: Network, dataset: Dataset, samples: Ints) -> Stage | None:
-    """Return what a design's training begins with at an epoch; None: with its weights as they are.
+def stage_of(trainee: Trainee, epoch: int, network: Network, dataset: Dataset, samples: Ints) -> Stage:
+    """Return what a stage of a design's training begins with.
 
     Args:
         trainee: the design.
@@ -41,8 +41,6 @@ def stage_of(trainee: Trainee, epoch: int, network: Network, dataset: Dataset, s
         samples: training samples whose spikes are counted.
     """
     model, training = trainee.model, trainee.training
-    if not (model.whitened_layers or training.linear_epochs):
-        return None
     layer, is_linear = trainee.member.layers[-1], epoch < training.linear_epochs
     counts = counts_of_layers(network, dataset, samples)
     bases = {depth: basis(counts[depth - 1]) for depth in model.whitened_layers}
@@ -53,10 +51,10 @@ def stage_of(trainee: Trainee, epoch: int, network: Network, dataset: Dataset, s
         unit = np.full_like(layer.unit, length)  # of log-odds
         output = replace(layer, feed_forward=np.zeros_like(layer.feed_forward), unit=unit, norm_unit=None)
     elif training.linear_epochs:
-        weights, step = np.ascontiguousarray(network.layers[-1].weight.T), training.step_unit
-        scale = 2.0 ** model.exponent(len(counts))
-        norms = None if layer.norm_unit is None else norm_units(weights, step, scale)
-        unit = units(weights, step, scale, layer.shared)
+        weights = np.ascontiguousarray(network.layers[-1].weight.T)
+        step = training.step_unit, 2.0 ** model.exponent(len(model.hidden))
+        norms = None if layer.norm_unit is None else norm_units(weights, *step)
+        unit = units(weights, *step, layer.shared)
         output = replace(layer, feed_forward=weights, unit=unit, norm_unit=norms)
     return Stage({depth: matrix for depth, (matrix, _) in bases.items()}, is_linear, output)
 

@@ -119,6 +119,10 @@ def train(
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
     counted = shared("whitening").permutation(dataset.train)[: whiten.SAMPLES]
 
+    def deployed(trainee: Trainee, masters: Masters) -> Network:
+        exponent = _exponent(trainee, masters, dataset, delays)
+        return _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
+
     def deployable(trainee: Trainee, masters: Masters) -> Masters:
         """Return a design's masters with weights of spiking outputs."""
         if not trainee.is_linear:
@@ -127,10 +131,6 @@ def train(
         outputs, reached = spiking_outputs(network, dataset, chosen, head_sizes(dataset), rate)
         trainee.rates[-1] = rate, reached
         return replace(masters, feed_forward=(*masters.feed_forward[:-1], outputs))
-
-    def deployed(trainee: Trainee, masters: Masters) -> Network:
-        exponent = _exponent(trainee, masters, dataset, delays)
-        return _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
 
     for trainee, read in zip(trainees, span.states, strict=bool(span.states)):
         state = read()
@@ -153,18 +153,16 @@ def train(
     while live:
         if span.until is not None and epoch >= span.until:
             for trainee in live:
-                masters = deployable(trainee, trainee.best or engine.masters(trainee.number))
+                masters = trainee.best or deployable(trainee, engine.masters(trainee.number))
                 outcome = _outcome(trainee, masters, dataset, delays)
                 yield trainee.number, Rung(epoch, state_of(trainee), outcome)
             return
         for trainee in live:
-            linear_epochs = trainee.training.linear_epochs
-            if epoch in (0, linear_epochs):
+            if trainee.has_stages and epoch in (0, trainee.training.linear_epochs):
                 network = deployed(trainee, deployable(trainee, engine.masters(trainee.number)))
-                if (stage := stage_of(trainee, epoch, network, dataset, counted)) is not None:
-                    engine.begin(trainee.number, stage)
+                engine.begin(trainee.number, stage_of(trainee, epoch, network, dataset, counted))
                 trainee.seconds += clock.lap()
-            if trainee.model.pruned and epoch == trainee.first_to_keep:
+            if trainee.model.pruned and epoch == trainee.pruned_at:
                 trainee.kept = prune.masks(engine.masters(trainee.number), trainee.model.pruned)
                 engine.prune(trainee.number, trainee.kept)
         order = batches.permutation(dataset.train)
@@ -196,17 +194,16 @@ def train(
             masters = engine.masters(trainee.number)
             trainee.end_epoch(masters, epoch, order.size)
             if trainee.training.keep == "best" and not trainee.diverged:
-                counts = epoch >= trainee.first_to_keep
-                accuracy = _accuracy(deployed(trainee, masters), dataset) if counts else math.nan
-                trainee.consider(masters, accuracy)
+                masters = deployable(trainee, masters)
+                trainee.consider(masters, _accuracy(deployed(trainee, masters), dataset))
             trainee.seconds += clock.lap()
         epoch += 1
         for trainee in live:
             if trainee.diverged:
                 yield trainee.number, TrainingDiverged(trainee.diverged)
             elif trainee.finished:
-                ended = deployable(trainee, trainee.result)
-                yield trainee.number, _outcome(trainee, ended, dataset, delays)
+                masters = deployable(trainee, trainee.result)
+                yield trainee.number, _outcome(trainee, masters, dataset, delays)
         live = [x for x in live if not (x.diverged or x.finished)]
         if live and epoch != span.until and span.is_due():
             for trainee in live:
@@ -226,17 +223,18 @@ class _Clock:
         return self._last - before
 
 
-def _remaining(trainee: Trainee, masters: Masters) -> list[Array | None]:
-    """Return a design's matrices, feed-forward, then recurrent, as pruning leaves them."""
-    matrices = (*masters.feed_forward, *masters.recurrent)
-    weights = [None if w is None else w.astype(np.float32) for w in matrices]
-    if trainee.kept is not None:
-        kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
-        weights = [
-            None if w is None or k is None else prune.remaining(w, k, trainee.model.arithmetic)
-            for w, k in zip(weights, kept, strict=True)
-        ]
-    return weights
+def _trained(trainee: Trainee, masters: Masters) -> list[Array | None]:
+    """Return the weights as trained, feed-forward, then recurrent; 0 where pruning removed one."""
+    weights = [
+        None if w is None else w.astype(np.float32) for w in (*masters.feed_forward, *masters.recurrent)
+    ]
+    if trainee.kept is None:
+        return weights
+    kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
+    return [
+        None if w is None or k is None else prune.remaining(w, k, trainee.model.arithmetic)
+        for w, k in zip(weights, kept, strict=True)
+    ]
 
 
 def _learnt(population: Population[Any], decays: Array | None) -> Population[Any]:
@@ -255,18 +253,18 @@ def _accuracy(network: Network, dataset: Dataset) -> float:
 
 
 def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> Outcome:
-    """Return a design's network of these weights, delays and decays, and its responses."""
+    """Return a design's network of these weights, and its responses."""
     began = time.perf_counter()
-    model, layers = trainee.model, trainee.member.layers
     exponent = _exponent(trainee, masters, dataset, delays)
-    network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
+    model, network = trainee.model, _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
     validation, fired = respond_and_count(network, dataset, dataset.validation)
     test = respond_and_count(network, dataset, dataset.test)[0] if dataset.test.size else None
     totals = [x.sum(axis=0) for x in fired]
     curves = {name: np.asarray(values) for name, values in trainee.history.items()}
     cells = validation.output.shape[0] * validation.output.shape[1]
+    layers = trainee.member.layers
     sharing = [*(layer.shared for layer in layers), *(None for _ in layers)]
-    pairs = zip(_remaining(trainee, masters), sharing, strict=True) if model.arithmetic == "integer" else ()
+    pairs = zip(_trained(trainee, masters), sharing, strict=True) if model.arithmetic == "integer" else ()
     weights = [distinct(w, shared) for w, shared in pairs if w is not None]
     weights[:1] = [w * 2.0 ** (exponent - model.exponent(0)) for w in weights[:1]]
     health: dict[str, Any] = {
@@ -306,13 +304,13 @@ def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tupl
     Where it is free, it is the largest whose 8 bits hold the weights and whose states stay within 24 bits,
     with a sixteenth to spare, on validation samples.
     """
-    model, first = trainee.model, _remaining(trainee, masters)[0]
+    model, first = trainee.model, _trained(trainee, masters)[0]
     if model.threshold_exponents or not model.is_dithered(0) or first is None:
         return model.exponent(0)
     exponent = finest(first * 2.0**-FINEST, FINEST)
     network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
-    layer, batches = layers_of(network)[0], batches_of(network, dataset, dataset.validation)
-    peak = max(layer.forward(rows, count=True).peak for rows in batches) * STATE_SCALE
+    layer, windows = layers_of(network)[0], batches_of(network, dataset, dataset.validation)
+    peak = max(layer.forward(rows, count=True).peak for rows in windows) * STATE_SCALE
     over = math.ceil(math.log2(max(1.0, peak / (15 / 16 * STATE_LIMIT))))
     return max(0, exponent - over)
 
@@ -320,18 +318,21 @@ def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tupl
 def _network(
     trainee: Trainee, masters: Masters, n_channels: int, delays: tuple[int, ...], exponent: int
 ) -> Network:
-    """Return the network of masters; `exponent` is that of the first layer's thresholds."""
+    """Return the network of trained weights, delays and decays; `exponent` is of the first layer."""
     model, layers, pool = trainee.model, trainee.member.layers, trainee.member.pool
-    n, matrices = len(layers), _remaining(trainee, masters)
-    learnt = masters.decays or (None,) * n
-    populations = [_learnt(x.population, decays) for x, decays in zip(layers, learnt, strict=True)]
+    n, none = len(layers), (None,) * len(layers)
+    matrices = _trained(trainee, masters)
+    populations = [
+        _learnt(layer.population, decays)
+        for layer, decays in zip(layers, masters.decays or none, strict=True)
+    ]
     first = matrices[0]
     if pool is not None and first is not None:
         coarser = model.exponent(0) - exponent
         first = first * np.float32(2.0**-coarser)
         populations[0] = finer(populations[0], -coarser)
         matrices[0] = dithered(first, pool) if model.is_dithered(0) else first[pool]
-    late = masters.delay or (None,) * n
+    of_layers = zip(matrices[:n], matrices[n:], populations, layers, masters.delay or none, strict=True)
     return Network(
         layers=tuple(
             Layer(
@@ -340,11 +341,9 @@ def _network(
                 parameters=parameters_of(population),
                 neuron=name_of_population(population, model.neuron),
                 shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
-                delay=None if delay is None else np.ascontiguousarray(delay.T),
+                delay=None if late is None else np.ascontiguousarray(late.T),
             )
-            for w, r, population, layer, delay in zip(
-                matrices[:n], matrices[n:], populations, layers, late, strict=True
-            )
+            for w, r, population, layer, late in of_layers
             if w is not None
         ),
         n_channels=n_channels,

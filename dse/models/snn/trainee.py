@@ -93,10 +93,11 @@ class Trainee:
             pooled(probe, pool), model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
         )
 
-        step = training.step_unit
-
         def slower(depth: int) -> np.float32:
             return np.float32(training.hidden_lr_factor if depth < len(model.hidden) else 1)
+
+        def step(depth: int) -> tuple[str, float]:
+            return training.step_unit, 2.0 ** model.exponent(depth)
 
         layers = [
             TrainedLayer(
@@ -104,18 +105,15 @@ class Trainee:
                 recurrent=ring,
                 population=population,
                 surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
-                unit=slower(depth)
-                * units(weights, step, 2.0 ** model.exponent(depth), shared, 1 if depth else model.copies),
-                recurrent_unit=None
-                if ring is None
-                else slower(depth) * units(ring, step, 2.0 ** model.exponent(depth)),
+                unit=slower(depth) * units(weights, *step(depth), shared, 1 if depth else model.copies),
+                recurrent_unit=None if ring is None else slower(depth) * units(ring, *step(depth)),
                 shared=shared,
                 delay=late,
                 longest_delay=model.longest_delay,
                 axonal=model.max_axonal_delay > 0,
                 learnt_decays=model.learnt_decays,
                 is_rounded=not model.is_dithered(depth),
-                norm_unit=slower(depth) * norm_units(weights, step, 2.0 ** model.exponent(depth))
+                norm_unit=slower(depth) * norm_units(weights, *step(depth))
                 if model.weight_norm and depth not in model.whitened_layers
                 else None,
             )
@@ -146,6 +144,11 @@ class Trainee:
             name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm", *of_best)
         }
         return cls(number, model, training, member, began.rates, rngs("dropout"), curves)
+
+    @property
+    def has_stages(self) -> bool:
+        """Whether its training begins with other matrices than those drawn."""
+        return bool(self.model.whitened_layers or self.training.linear_epochs)
 
     @property
     def is_linear(self) -> bool:
@@ -259,16 +262,20 @@ class Trainee:
         self.loss, self.correct, self.fired, self.largest_norm = 0.0, 0, np.zeros(0), 0.0
 
     @property
-    def first_to_keep(self) -> int:
-        """Epochs that are not kept: those with linear outputs, and those before weights are pruned."""
-        pruning = int(self.model.prune_epoch * self.training.epochs) if self.model.pruned else 0
-        return max(self.training.linear_epochs, pruning)
+    def pruned_at(self) -> int:
+        """The epoch before which weights are pruned."""
+        return max(self.training.linear_epochs, int(self.model.prune_epoch * self.training.epochs))
+
+    @property
+    def _first_to_keep(self) -> int:
+        """Epochs that are not kept, whatever their accuracy: with a linear readout, or before pruning."""
+        return self.pruned_at if self.model.pruned else self.training.linear_epochs
 
     def consider(self, masters: Masters, accuracy: float) -> None:
         """Keep an epoch's masters where none was better on validation."""
         curve = self.history["accuracy_validation"]
         curve.append(accuracy)
-        if len(curve) > self.first_to_keep and accuracy >= max(curve[self.first_to_keep :]):
+        if len(curve) > self._first_to_keep and accuracy >= max(curve[self._first_to_keep :]):
             self.best = masters
 
     @property
@@ -277,7 +284,7 @@ class Trainee:
         if self.best is None:
             return len(self.history["loss"])
         curve = self.history["accuracy_validation"]
-        return max(range(self.first_to_keep, len(curve)), key=lambda k: (curve[k], k)) + 1
+        return max(range(self._first_to_keep, len(curve)), key=lambda k: (curve[k], k)) + 1
 
     @property
     def result(self) -> Masters:

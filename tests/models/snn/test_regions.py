@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
 from dse.engine.events import Rows, pooled
-from dse.engine.layers import weights
+from dse.engine.forward import prepare
+from dse.engine.layers import CompiledLayer, laid_out, weights
 from dse.engine.network import gradients
+from dse.engine.stepping import RunningStack
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import dc_gain, levels
 from dse.models.snn.regions import regions_of
@@ -104,6 +106,27 @@ def test_counts_give_the_bits_of_the_full_matrix_in_integers(sizes: Any, hidden:
     summed = np.zeros((n_pools, hidden))
     np.add.at(summed, pool, expected.feed_forward[0].astype(np.float64))
     np.testing.assert_allclose(found.feed_forward[0], summed, rtol=1e-4, atol=1e-5 * np.abs(summed).max())
+
+
+@pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
+def test_inputs_of_equal_weights_are_counted_when_a_network_answers(arithmetic: Any) -> None:
+    """As rows of samples and step by step, bit for bit; in integers with the bits of every input alone."""
+    rows, pool = batch(3, 50, 60, 5, 7)
+    rng = np.random.default_rng(1)
+    of_pools = (rng.integers(-20, 40, (5, 20)) / 32).astype(np.float32)
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
+    layer = prepare(weights(of_pools[pool], None, neurons), arithmetic)
+    assert isinstance(layer, CompiledLayer) and layer.pool is not None
+    fired = layer.forward(rows).fired
+    assert fired.index.size > 100
+    alone = CompiledLayer(laid_out(weights(of_pools[pool], None, neurons), arithmetic), 20)
+    np.testing.assert_array_equal(alone.forward(rows).fired.index, fired.index)
+    sample = slice(rows.offsets[0], rows.offsets[50])
+    stack, sent = RunningStack([layer], 60, (0,), 1), []
+    for t in range(50):
+        stack.step(rows.index[sample][rows.offsets[t] : rows.offsets[t + 1]])
+        sent.append(stack.fired[0].copy())
+    np.testing.assert_array_equal(np.concatenate(sent), fired.index[: fired.offsets[50]])
 
 
 def placed(width: int = 4, height: int = 3, **keys: Any) -> Dataset:

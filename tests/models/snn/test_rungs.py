@@ -39,15 +39,9 @@ PLAIN: Designs = {
     6: (SNN(hidden=(7,), max_axonal_delay=9, learnt_decays="neuron", pruned=0.4), base(keep="best")),
 }
 STAGED: Designs = {
-    0: (
-        SNN(hidden=(12,), whitened="output", loss=CountCrossEntropy()),
-        base(linear_epochs=10, average_epochs=25),
-    ),
+    0: (SNN(hidden=(12,), whitened="output"), base(linear_epochs=10, average_epochs=25)),
     1: (SNN(hidden=(9, 7), whitened="all", arithmetic="float32"), base(linear_epochs=13, dropout=0.3)),
-    2: (
-        SNN(hidden=(10,), weight_norm=True, pruned=0.3, prune_epoch=0.2),
-        base(linear_epochs=8, clip_norm=0.5),
-    ),
+    2: (SNN(hidden=(10,), weight_norm=True, pruned=0.3, prune_epoch=0.2), base(linear_epochs=8, clip_norm=1)),
     3: (SNN(hidden=(8,), weight_norm=True, recurrent=True), base(lr_schedule="cosine", warmup_epochs=3)),
     4: (SNN(hidden=(10,), max_delay=9, delayed_layers="all"), base(linear_epochs=20, epochs=24)),
 }
