@@ -87,7 +87,7 @@ class Nir:
             return f"NIR holds networks of neurons, and family {bundle.sections.kinds['model']} is none"
         for k, layer in enumerate(network.layers, 1):
             if k > 1 and layer.delay is not None and layer.delay.any():
-                return f"no reader of NIR delays spikes inside a network, and layer {k} receives its own later"
+                return f"no reader of NIR delays spikes in a network, and layer {k} receives some later"
             population = population_of(layer.neuron, layer.parameters)
             if not isinstance(population, cuba_lif.Population):
                 if layer.neuron == "resonator":
