@@ -36,6 +36,8 @@ PLAIN: Designs = {
     3: (SNN(hidden=(8,), neuron=Resonator()), base(step_unit="weight", learning_rate=0.005)),
     4: (SNN(hidden=(8,), arithmetic="ideal", loss=CountCrossEntropy()), base(teacher="mlp", epochs=24)),
     5: (SNN(hidden=(6,), arithmetic="float32", hidden_spike_penalty=1e-4), base(epochs=10)),
+    6: (SNN(hidden=(9,), regions=3, start="levels", rounding="dithered"), base(average_epochs=12)),
+    7: (SNN(hidden=(9,), regions=3, threshold_exponents=(2, 1), recurrent=True), base(clip_norm=0.5)),
 }
 CHANGED = {
     "event_dropout": 0.1,
