@@ -290,6 +290,7 @@ def scan(
     n_groups: int,
     updates: Array,
     peak: Array,
+    states: Array,
 ) -> int:
     """Run one block of one sample from rest through time; return its number of spikes.
 
@@ -309,9 +310,11 @@ def scan(
         n_groups: groups of a row.
         updates: (step,) neurons with a potential or an input are added here, where it is not empty.
         peak: (16,) largest magnitude of a state by lane, raised here where updates are counted.
+        states: u, then v after its reset, in weight units, each laid out as `z`; empty: they are not kept.
     """
     centre, rate, height, cut = surrogate
     count, turns = updates.size > 0, cross.size > 0
+    keeps, half = states.size > 0, states.size // 2
     n_fired = 0
     for group in range(width // LANES):
         o = column + LANES * group
@@ -337,6 +340,9 @@ def scan(
             if what != NOTHING:
                 voltage = as_type_of(before * units, z)
                 store(z, at, _kept(what, voltage, centre, rate, height, cut))
+            if keeps:
+                store(states, at, as_type_of(u * units, states))
+                store(states, half + at, as_type_of(v * units, states))
             if count:
                 updates[t] += count_bits(bits(_awake(u, before, drive, cross, o)))
                 highest = larger(highest, larger(magnitude(u), magnitude(before)))
@@ -367,6 +373,7 @@ def scan_recurrent(
     n_groups: int,
     updates: Array,
     peak: Array,
+    states: Array,
     u: Array,
     v: Array,
     sent: Array,
@@ -385,6 +392,7 @@ def scan_recurrent(
     """
     centre, rate, height, cut = surrogate
     count, turns = updates.size > 0, cross.size > 0
+    keeps, half = states.size > 0, states.size // 2
     n_fired = 0
     for t in range(n_steps):
         row = first_row + t
@@ -411,6 +419,10 @@ def scan_recurrent(
                 if what != NOTHING:
                     voltage = as_type_of(before * splat(1.0 / scale, rest), z)
                     store(z, at, _kept(what, voltage, centre, rate, height, cut))
+                if keeps:
+                    units = splat(1.0 / scale, rest)
+                    store(states, at, as_type_of(now * units, states))
+                    store(states, half + at, as_type_of(load(v, o, LANES_16) * units, states))
                 if count:
                     updates[t] += count_bits(bits(_awake(now, before, drive, cross, o)))
                     highest = larger(magnitude(now), magnitude(before))

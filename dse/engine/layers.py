@@ -42,12 +42,14 @@ class Weights:
     recurrent: (neuron, neuron) float32, row = presynaptic; (0, 0) where there is none.
     population: the neurons.
     delay: (input, neuron) int8 delays of the feed-forward synapses, 0 to 62 steps; (0, 0): none has any.
+    axonal: whether these are the delays of the inputs' axons, and learnt as such (dse.engine.delays).
     """
 
     feed_forward: Floats
     recurrent: Floats
     population: Population[Any]
     delay: Array = field(default_factory=lambda: NO_DELAY)
+    axonal: bool = False
 
     @property
     def n_neurons(self) -> int:
@@ -97,6 +99,7 @@ class KernelLayer(NamedTuple):
     surrogate: (centre, -log2(e) / width, height, exponent below which it is cut).
     n_neurons: without those that pad.
     delay: int8 delays of the synapses in blocks; empty: none has any.
+    axonal: whether they are those of the inputs' axons.
     """
 
     table: Array
@@ -117,6 +120,7 @@ class KernelLayer(NamedTuple):
     surrogate: tuple[float, float, float, float]
     n_neurons: int
     delay: Array
+    axonal: bool
 
 
 def padded_ring(recurrent: Array) -> Array:
@@ -139,6 +143,7 @@ def layer_of(
     arithmetic: Arithmetic,
     surrogate: Exponential | None = None,
     delay: Array = NO_DELAY,
+    axonal: bool = False,
 ) -> KernelLayer:
     """Return a layer from matrices in blocks; int8 matrices are whole numbers on the grid of 1/32.
 
@@ -183,6 +188,7 @@ def layer_of(
         _NO_SURROGATE if surrogate is None else surrogate.exponents(neurons.to_threshold),
         n_neurons,
         delay.ravel(),
+        axonal,
     )
 
 
@@ -205,6 +211,7 @@ def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | No
         arithmetic,
         surrogate,
         packed(layer.delay, np.int8) if layer.delay.size else NO_DELAY,
+        layer.axonal,
     )
 
 
@@ -255,6 +262,7 @@ def run(
     updates: Array,
     peak: Array,
     times: Array = ONCE,
+    states: Array | None = None,
 ) -> int:
     """Run some samples through a layer; return the number of its spikes.
 
@@ -263,9 +271,9 @@ def run(
     if layer.delay.size > 0:
         # Not from compiled code: delays take as long to compile as all the rest, and few networks have any.
         _sum_delayed(layer, offsets, index, first_row, n_samples, n_steps, z)
-    return int(
-        _run(layer, offsets, index, times, first_row, n_samples, n_steps, what, z, fired, updates, peak)
-    )
+    kept = z[:0] if states is None else states
+    spikes = (offsets, index, times, first_row, n_samples, n_steps)
+    return int(_run(layer, *spikes, what, z, fired, updates, peak, kept))
 
 
 @compiled()
@@ -282,6 +290,7 @@ def _run(
     fired: Array,
     updates: Array,
     peak: Array,
+    states: Array,
 ) -> int:
     """Run some samples through a layer whose weighted input, if delayed, is there; arguments as in `run`."""
     n_rows, n_groups = n_samples * n_steps, layer.n_columns // LANES
@@ -327,6 +336,7 @@ def _run(
                     n_groups,
                     updates[row : row + n_steps],
                     peak,
+                    states,
                 )
         column += width
     if recurrent:
@@ -354,12 +364,21 @@ def _run(
                 n_groups,
                 updates[row : row + n_steps],
                 peak,
+                states,
                 u,
                 v,
                 sent,
                 0,
             )
     return n_fired
+
+
+def arriving(layer: KernelLayer, offsets: Array, index: Array) -> Array:
+    """Return the delayed weighted input of the last of some steps, (column,), given the spikes of all."""
+    n_steps = offsets.size - 1
+    z = aligned(n_steps * layer.n_columns, layer.back_u.dtype)
+    _sum_delayed(layer, offsets, index, 0, 1, n_steps, z)
+    return unpacked(z, n_steps, layer.n_columns)[-1]
 
 
 @compiled()
@@ -381,11 +400,11 @@ def step(
     Its work grows with the input spikes and the neurons.
 
     Args:
-        layer: without delays of its synapses.
+        layer: as it runs.
         offsets: (2,) 0 and the number of input spikes.
         index: the inputs that spike.
         times: how often each does; empty: once.
-        z: (column,) overwritten.
+        z: (column,) overwritten; of a layer with delays, what arrives.
         fired: (column / 16,) uint16, overwritten.
         peak: (16,) of the states' type, not read.
         u: (column,) states, which become those after the step.
@@ -393,7 +412,7 @@ def step(
         sent: (column,) neurons that fired in the step before, which become those that fire now.
         n_sent: how many fired in the step before.
     """
-    column = 0
+    column = layer.n_columns if layer.delay.size > 0 else 0
     while column < layer.n_columns:
         width = width_at(column, layer.n_columns)
         start = layer.n_inputs * column
@@ -421,6 +440,7 @@ def step(
         layer.n_columns // LANES,
         fired[:0],
         peak,
+        z[:0],
         u,
         v,
         sent,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dse.engine import layers
+from dse.engine.delays import running
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
 from dse.engine.shared import copies_of, expanded
@@ -160,7 +161,8 @@ def initialise(
     8-bit rounding that would silence a layer of many inputs. An output neuron starts with weights that
     cancel over the mean input, plus a common share that is searched for the mean of its targets: outputs
     that start elsewhere are pushed as one into a silence that the loss does not leave. The first layer of
-    a start by levels is as `levels` returns it, whatever its rate.
+    a start by levels is as `levels` returns it, and all layers of one by fan_in are as drawn, whatever their
+    rates.
 
     Args:
         rows: probe batch of input spikes.
@@ -169,7 +171,8 @@ def initialise(
         n_outputs: output neurons.
         rng: draws the weights.
         n_heads: of the output, each with one neuron that is to fire.
-        of_delays: draws delays, uniform in [0, model.max_delay]; None: no synapse has one.
+        of_delays: draws delays, of synapses uniform in [0, model.max_delay], of axons in [0, 1); None: there
+            are none.
     """
     feed_forward: list[Floats] = []
     recurrent: list[Floats | None] = []
@@ -182,28 +185,35 @@ def initialise(
         unit = population.to_threshold / response_norm(population, n, rows.n_steps)
         shared = sharing[depth]
         spread = math.sqrt(3 / max(1.0, _arriving(rows, shared) / cells))
+        is_fan_in = model.start == "fan_in"
+        scale = model.weight_scale / math.sqrt(rows.n_inputs) if is_fan_in else unit
         if shared is None:
-            drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * unit
+            drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * scale
         else:
-            drawn = expanded(rng.uniform(-1, 1, copies_of(shared).n_weights), shared) * unit
+            drawn = expanded(rng.uniform(-1, 1, copies_of(shared).n_weights), shared) * scale
         fixed: Floats | float = 0.0
         ring = None
         target = model.initial_rate
         is_levels = depth == 0 and model.start == "levels"
+        as_drawn = is_levels or is_fan_in
         if is_levels:
             drawn = levels(rows, population, n)
-        if depth == len(model.hidden):
+        if depth == len(model.hidden) and not is_fan_in:
             share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
             fixed = spread * (drawn - sum_of_products(drawn.T, share))
             drawn = np.broadcast_to(unit, drawn.shape)
             target = (n_heads * model.true_rate + (n - n_heads) * model.false_rate) / n
-        elif model.recurrent:
+        elif model.recurrent and depth < len(model.hidden):
             drive = math.sqrt(3 / max(1.0, model.initial_rate * n))
-            ring = (rng.uniform(-0.5, 0.5, (n, n)) * unit * drive).astype(np.float32)
+            own, drive = (2 * model.weight_scale, n**-0.5) if is_fan_in else (unit, drive)
+            ring = (rng.uniform(-0.5, 0.5, (n, n)) * own * drive).astype(np.float32)
 
         late = None
         if of_delays is not None and model.has_delays(depth):
-            late = of_delays.uniform(0, model.max_delay, drawn.shape).astype(np.float32)
+            axonal = model.max_axonal_delay > 0
+            shape = (rows.n_inputs, 1) if axonal else drawn.shape
+            late = of_delays.uniform(0, model.max_delay or 1, shape).astype(np.float32)
+            late = np.broadcast_to(late, drawn.shape)
 
         def forward(
             gain: float,
@@ -216,7 +226,7 @@ def initialise(
             is_dithered: bool = model.is_dithered(depth),
         ) -> Forward:
             matrix = (gain * drawn + fixed).astype(np.float32)
-            rounded = None if delay is None else np.rint(delay)
+            rounded = None if delay is None else running(delay, model.max_axonal_delay > 0)
             if is_dithered:
                 return prepare(layers.weights(matrix, ring, population), model.arithmetic).forward(rows)
             (weights,) = deployed([matrix], [ring], [population], model.arithmetic, [rounded])
@@ -226,11 +236,11 @@ def initialise(
             fired = forward(gain).fired
             return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
-        gain, reached = (1.0, rate(1.0)) if is_levels else reach_rate(rate, target, spread)
+        gain, reached = (1.0, rate(1.0)) if as_drawn else reach_rate(rate, target, spread)
         master = (gain * drawn + fixed).astype(np.float32)
         feed_forward.append(master if model.is_dithered(depth) else within(master))
         recurrent.append(None if ring is None else within(ring))
         delays.append(late)
-        rates.append((reached if is_levels else target, reached))
+        rates.append((reached if as_drawn else target, reached))
         rows = delayed(forward(gain).fired)
     return Start(feed_forward, recurrent, rates, delays)

@@ -15,7 +15,7 @@ from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
 from dse.models.snn.regions import RINGS, regions_of
 from dse.models.training import Training
-from dse.neurons import LayerSpec, Neuron
+from dse.neurons import LayerSpec, Neuron, cuba_lif
 from dse.neurons.fixed_point import STATE_LIMIT, STATE_SCALE
 from dse.neurons.response import dc_gain
 from dse.neurons.surrogate import Exponential, exponential
@@ -76,12 +76,32 @@ class Stack:
         choices=("first", "all"),
         doc="layers whose synapses have delays, recurrent ones never: the first, or the outputs too",
     )
+    max_axonal_delay: int = param(
+        0,
+        low=0,
+        high=MOST,
+        unit="network steps",
+        doc="longest delay of a hidden neuron's axon: each has one of its own, which is learnt from below 1 "
+        "on and holds for all that the neuron feeds (lava-dl: 62); 0: axons have none",
+    )
     delay_learning_rate: float = param(
         0.1,
         low=0,
         unit="network steps",
         doc="step size of Adam for delays, on the schedule of the learning rate; 0: delays stay as drawn. "
         "They rest in the last `average_epochs` epochs",
+    )
+    learnt_decays: str = param(
+        "no",
+        choices=("no", "layer", "neuron"),
+        doc="current and voltage decays that CUBA-LIF neurons learn, outputs too: none, a pair per layer or "
+        "a pair per neuron",
+    )
+    decay_learning_rate: float = param(
+        0.001,
+        low=0,
+        doc="step size of Adam for decays per network step, on the schedule of the learning rate; they run "
+        "rounded to 1/4096, stay inside (0, 1), and rest in the last `average_epochs` epochs",
     )
     steps_per_sample: int = param(1, low=1, high=16, doc="network steps per input step")
     recurrent: bool = param(False, doc="each hidden layer also receives its own spikes of the previous step")
@@ -92,12 +112,20 @@ class Stack:
         "lie on a line), whose channels share one weight to each neuron of the first layer; planes "
         "(polarities, thresholds) and delayed copies have weights of their own; 0: every channel has",
     )
-    start: Literal["uniform", "levels"] = param(
+    start: Literal["uniform", "levels", "fan_in"] = param(
         "uniform",
-        choices=("uniform", "levels"),
-        doc="initial weights of the first layer. uniform: drawn, scaled to `initial_rate`; levels (needs "
-        "`regions`): a region per neuron, in turn, with the weight that fires the neuron from so many active "
-        "channels of the region per step on; these levels are spread over what the training data show",
+        choices=("uniform", "levels", "fan_in"),
+        doc="initial weights. uniform: drawn, scaled to `initial_rate`; fan_in: drawn up to `weight_scale` "
+        "over the root of a layer's inputs, whatever rate that gives, as torch and lava-dl do; levels, of "
+        "the first layer (needs `regions`): a region per neuron, in turn, with the weight that fires the "
+        "neuron from so many active channels of the region per step on; these levels are spread over what "
+        "the training data show",
+    )
+    weight_scale: float = param(
+        1.0,
+        low=0,
+        low_open=True,
+        doc="of a start by fan_in; 8-bit weights below 1/64 are 0, as are all of more than 4096 inputs at 1",
     )
     initial_rate: float = param(
         0.1,
@@ -164,15 +192,30 @@ class Stack:
             raise ValueError(
                 f"input_delays must hold at least one delay and none twice, got {list(self.input_delays)}"
             )
+        if self.max_delay and self.max_axonal_delay:
+            raise ValueError(
+                f"max_axonal_delay must be 0 where synapses have delays of their own (max_delay), got "
+                f"{self.max_axonal_delay}"
+            )
         if self.max_delay and self.input_delays != (0,):
             raise ValueError(
                 "input_delays must be [0] where synapses have delays of their own (max_delay), got "
                 f"{list(self.input_delays)}"
             )
-        if self.max_delay and not self.has_kernel:
+        for key in ("max_delay", "max_axonal_delay"):
+            if (longest := getattr(self, key)) and not self.has_kernel:
+                raise ValueError(
+                    f"{key} must be 0 for neuron {name_of('neurons', self.neuron)}, which has no kernel, "
+                    f"got {longest}"
+                )
+        if self.max_axonal_delay and self.recurrent:
             raise ValueError(
-                f"max_delay must be 0 for neuron {name_of('neurons', self.neuron)}, which has no kernel, "
-                f"got {self.max_delay}"
+                f"max_axonal_delay must be 0 where hidden layers are recurrent, got {self.max_axonal_delay}"
+            )
+        if self.learnt_decays != "no" and self.neuron.Populations is not cuba_lif.Population:
+            raise ValueError(
+                f"learnt_decays must be no for neuron {name_of('neurons', self.neuron)}, which is no "
+                f"cuba_lif, got {self.learnt_decays}"
             )
         if self.max_delay and self.recurrent and self.delayed_layers == "all":
             raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")
@@ -181,6 +224,12 @@ class Stack:
         if self.regions and self.max_delay:
             raise ValueError(
                 f"max_delay must be 0 where channels share weights (regions), got {self.max_delay}"
+            )
+        if self.weight_norm and self.regions:
+            raise ValueError("weight_norm must be false where channels share weights (regions), got true")
+        if self.start == "fan_in" and self.regions:
+            raise ValueError(
+                "start must be uniform or levels where channels share weights (regions), got fan_in"
             )
         if self.start == "levels" and not self.regions:
             raise ValueError("regions must be > 0 for start levels, got 0")
@@ -294,8 +343,15 @@ class Stack:
         return [None] * (len(self.hidden) + 1)
 
     def has_delays(self, depth: int) -> bool:
-        """Return whether synapses into a layer, from 0, have delays."""
+        """Return whether synapses into a layer, from 0, have delays, their own or those of axons."""
+        if self.max_axonal_delay:
+            return depth > 0
         return self.max_delay > 0 and (depth == 0 or self.delayed_layers == "all")
+
+    @property
+    def longest_delay(self) -> int:
+        """Most steps by which a synapse or an axon delays; 0: none does."""
+        return self.max_delay or self.max_axonal_delay
 
     def matrices(self, n_channels: int, n_outputs: int) -> list[tuple[int, int]]:
         """Return (inputs, neurons) of every weight matrix, recurrent ones included."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dse.engine.events import Rows, pooled
-from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, of_part
+from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
 from dse.engine.parameters import lengths
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import initialise, populations_of
@@ -38,7 +38,8 @@ class Trainee:
     loss, correct, fired, largest_norm: of the epoch so far; `fired` is per layer, times the samples.
     stopped: why it ended before the last epoch; diverged: why it has no result. Empty: neither.
     kept: weights that pruning left; None: no weight was pruned.
-    delays: per layer, the delays of the last epoch, (input, neuron), or None; empty: none is learnt.
+    last: masters of the last epoch, whose delays and decays belong to `mean`.
+    best: masters of the epoch that is kept, where it is the best on validation; None: none yet, or the last.
     soft: (sample, output) targets of the training samples, from a teacher; None: the labels.
     """
 
@@ -61,7 +62,8 @@ class Trainee:
     diverged: str = ""
     learning_rate: float = 0.0
     kept: Masters | None = None
-    delays: tuple[Array | None, ...] = ()
+    last: Masters | None = None
+    best: Masters | None = None
     soft: Floats | None = None
 
     @classmethod
@@ -86,7 +88,7 @@ class Trainee:
         """
         model, training, rngs = design
         populations = populations_of(model, sum(heads), step_ms, rngs("time constants"))
-        of_delays = rngs("delays") if model.max_delay else None
+        of_delays = rngs("delays") if model.longest_delay else None
         began = initialise(
             pooled(probe, pool), model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
         )
@@ -107,7 +109,9 @@ class Trainee:
                 recurrent_unit=None if ring is None else slower(depth) * units(ring, *step(depth)),
                 shared=shared,
                 delay=late,
-                longest_delay=model.max_delay,
+                longest_delay=model.longest_delay,
+                axonal=model.max_axonal_delay > 0,
+                learnt_decays=model.learnt_decays,
                 is_rounded=not model.is_dithered(depth),
                 norm_unit=slower(depth) * norm_units(weights, *step(depth))
                 if model.weight_norm and depth not in model.whitened_layers
@@ -135,10 +139,16 @@ class Trainee:
             hidden_spike_penalty=model.hidden_spike_penalty,
             pool=pool,
         )
+        of_best = ["accuracy_validation"] if training.keep == "best" else []
         curves: dict[str, list[float]] = {
-            name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm")
+            name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm", *of_best)
         }
         return cls(number, model, training, member, began.rates, rngs("dropout"), curves)
+
+    @property
+    def has_stages(self) -> bool:
+        """Whether its training begins with other matrices than those drawn."""
+        return bool(self.model.whitened_layers or self.training.linear_epochs)
 
     @property
     def is_linear(self) -> bool:
@@ -165,6 +175,8 @@ class Trainee:
         if self.kept is not None:
             matrices = (*self.kept.feed_forward, *self.kept.recurrent)
             arrays |= {f"kept/{k}": kept for k, kept in enumerate(matrices) if kept is not None}
+        if self.best is not None:
+            arrays |= as_part("best", self.best.arrays())
         return arrays
 
     def restore(self, state: State) -> None:
@@ -181,6 +193,8 @@ class Trainee:
         if kept:
             masks = [kept.get(str(k)) for k in range(2 * n)]
             self.kept = Masters(tuple(x for x in masks[:n] if x is not None), tuple(masks[n:]))
+        if best := of_part(state, "best"):
+            self.best = Masters.of_arrays(best, n)
 
     def turn(self, epoch: float, samples: Ints) -> Turn:
         """Return learning rate, dropout and targets of a batch of samples; whole neurons drop out per sample.
@@ -197,13 +211,16 @@ class Trainee:
             kept = self.silenced.random((n_samples, size)) >= share if share else None
             gains.append(None if kept is None else (kept / np.float32(1 - share)).astype(np.float32))
         soft = None if self.soft is None else self.soft[samples]
-        return Turn(self.learning_rate, tuple(gains), self._delay_rate(epoch), soft)
+        model = self.model
+        of_delays = self._rate_of(model.delay_learning_rate if model.longest_delay else 0.0, epoch)
+        of_decays = self._rate_of(0.0 if model.learnt_decays == "no" else model.decay_learning_rate, epoch)
+        return Turn(self.learning_rate, tuple(gains), of_delays, soft, of_decays)
 
-    def _delay_rate(self, epoch: float) -> float:
-        """Return the learning rate of delays: none while the weights are averaged, which belong to them."""
-        if not self.model.max_delay or epoch >= self.first_averaged:
+    def _rate_of(self, step_size: float, epoch: float) -> float:
+        """Return the rate of delays or decays: none while the weights are averaged, which belong to them."""
+        if epoch >= self.first_averaged:
             return 0.0
-        return self.model.delay_learning_rate * self.training.rate(epoch) / self.training.learning_rate
+        return step_size * self.training.rate(epoch) / self.training.learning_rate
 
     def absorb(self, report: Report, n_samples: int, epoch: int) -> None:
         """Add a batch's report to the epoch."""
@@ -221,7 +238,7 @@ class Trainee:
     def end_epoch(self, masters: Masters, epoch: int, n_samples: int) -> None:
         """Close an epoch: note its curves, add to the mean of the last epochs, look for dead ends."""
         weights = [*masters.feed_forward, *masters.recurrent]
-        self.delays = masters.delay
+        self.last = masters
         self.diverged = self._lost(weights, epoch)
         self.history["loss"].append(self.loss / n_samples)
         self.history["accuracy_train"].append(self.correct / n_samples)
@@ -243,6 +260,41 @@ class Trainee:
                 for b, w in zip(before, weights, strict=True)
             ]
         self.loss, self.correct, self.fired, self.largest_norm = 0.0, 0, np.zeros(0), 0.0
+
+    @property
+    def pruned_at(self) -> int:
+        """The epoch before which weights are pruned."""
+        return max(self.training.linear_epochs, int(self.model.prune_epoch * self.training.epochs))
+
+    @property
+    def _first_to_keep(self) -> int:
+        """Epochs that are not kept, whatever their accuracy: with a linear readout, or before pruning."""
+        return self.pruned_at if self.model.pruned else self.training.linear_epochs
+
+    def consider(self, masters: Masters, accuracy: float) -> None:
+        """Keep an epoch's masters where none was better on validation."""
+        curve = self.history["accuracy_validation"]
+        curve.append(accuracy)
+        if len(curve) > self._first_to_keep and accuracy >= max(curve[self._first_to_keep :]):
+            self.best = masters
+
+    @property
+    def epoch_kept(self) -> int:
+        """The epoch, from 1, whose weights are the result: the best one, or the last."""
+        if self.best is None:
+            return len(self.history["loss"])
+        curve = self.history["accuracy_validation"]
+        return max(range(self._first_to_keep, len(curve)), key=lambda k: (curve[k], k)) + 1
+
+    @property
+    def result(self) -> Masters:
+        """What training ends with: the best epoch, or the mean of the last ones."""
+        assert self.last is not None  # an epoch is over
+        if self.best is not None:
+            return self.best
+        n = len(self.member.layers)
+        forward = tuple(w for w in self.mean[:n] if w is not None)
+        return replace(self.last, feed_forward=forward, recurrent=tuple(self.mean[n:]))
 
     def _lost(self, weights: Sequence[Array | None], epoch: int) -> str:
         """Return why training cannot go on from these weights, or nothing."""
@@ -288,7 +340,7 @@ def units(weights: Floats, unit: str, scale: float, shared: Ints | None = None, 
 
 
 def norm_units(weights: Floats, unit: str, scale: float) -> Floats:
-    """Return the same of the norm of each neuron's weights: 1 times the scale, or its initial value."""
+    """Return the same of the norm of each neuron's weights: that of one weight, or its initial value."""
     return np.full(weights.shape[1], scale, np.float32) if unit == "weight" else lengths(weights)[0]
 
 
