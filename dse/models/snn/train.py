@@ -305,7 +305,7 @@ def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tupl
     with a sixteenth to spare, on validation samples.
     """
     model, first = trainee.model, _trained(trainee, masters)[0]
-    if model.threshold_exponents or not model.is_dithered(0) or first is None:
+    if first is None or not model.is_free(0):
         return model.exponent(0)
     exponent = finest(first * 2.0**-FINEST, FINEST)
     network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
