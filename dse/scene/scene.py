@@ -40,7 +40,8 @@ class Sensor:
     )
     stiffness_n_mm: float = param(0.9, doc="tangential stiffness [A]", unit="N/mm", low=0, low_open=True)
     incipient_slip: bool = param(
-        False, doc="the rim of the contact slips before its middle does, so that the texture is felt meanwhile"
+        False,
+        doc="the rim of the contact slips before its middle does, so that the texture is felt meanwhile",
     )
     lever_mm: float = param(4.0, doc="travel of a pin's tip per slope of the skin [A]", unit="mm", low=0)
     depth_mm: float = param(0.30, doc="effective depth from skin to pin [A]", unit="mm", low=0)
