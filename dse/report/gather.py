@@ -16,7 +16,7 @@ from dse.report.hardware import on_chips
 from dse.report.marks import Mark
 from dse.report.papers import systems
 from dse.report.rows import FAMILIES, Row
-from dse.study import held, pricing
+from dse.study import health, held, pricing
 from dse.study.results import Study
 
 _HOW = (
@@ -84,6 +84,7 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     notes += [text for part in parts for text in _leaks(part)]
     for study in studies:
         notes += _failures(study)
+        notes += [f"{study.folder.name}: {text}" for text in health.faults(study.trials)]
         notes += _warnings(study)
     audits = {study.folder.name: audit for study in studies if (audit := study.audit) is not None}
     for name, audit in audits.items():

@@ -47,6 +47,7 @@ def misfit(bundle: Bundle, chip: str) -> str:
         stored=network.stored,
         delay_bits=network.delay_bits,
         resonators=tuple(neuron.resonators(layer.parameters) for neuron, layer in neurons),
+        peak_state=int(bundle.record.get("peak_state", 0)),
     )
     chosen = profile.load(chip)
     try:

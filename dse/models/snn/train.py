@@ -25,7 +25,7 @@ from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.neurons import name_of_population, parameters_of
-from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, quantise
+from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
 from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
 
@@ -241,6 +241,8 @@ def _outcome(
             int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in masters
         ),
         "peak_state": validation.peak_state,
+        "peak_thresholds": validation.peak_state
+        / (STATE_SCALE * max(float(np.max(layer.population.to_threshold)) for layer in layers)),
         "overflows_24_bit": "integer" in model.neuron.arithmetics and validation.peak_state > STATE_LIMIT,
         "missed_initial_rates": sum(
             not 0.5 * target <= reached <= 2 * target for target, reached in trainee.rates
