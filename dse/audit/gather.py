@@ -107,6 +107,7 @@ def material(
         train=train,
         validation=validation,
         test=test,
+        data=dataset.dataset_key(space.resolve(design), base),
         drawn_from=(len(of_split[0]), len(of_split[1])),
         columns=recordings.columns,
         lengths=dataset.lengths(folder),

@@ -55,6 +55,7 @@ class Material:
     reach: windows that were cut from one recording share steps where their numbers differ by at most this.
     leak: why the evaluation has seen its answers; '' where it has not.
     reads_labels: whether the encoder reads the labels of what it encodes.
+    data: key of the data set on which designs train.
     drawn_from: training and validation samples of the split, from which these were drawn.
     """
 
@@ -75,6 +76,7 @@ class Material:
     reads_labels: bool = False
     drawn_from: tuple[int, int] = (0, 0)
     test: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    data: str = ""
 
     @property
     def codes(self) -> Ints:
@@ -178,6 +180,7 @@ class Material:
             remedy=remedy if shortcut else "",
             test=None if test is None else test.accuracy,
             test_se=None if test is None else test.se,
+            data=self.data,
         )
 
 

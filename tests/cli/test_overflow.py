@@ -90,9 +90,6 @@ def test_of_several_runs_the_one_that_overflows_counts() -> None:
     from dse.study.trials import summary
 
     peaks = (1000, STATE_LIMIT + 1, 2000)
-    runs = [
-        Numbers({"accuracy": 0.5, "peak_state": x, "overflows_24_bit": x > STATE_LIMIT}, {}, {})
-        for x in peaks
-    ]
+    runs = [Numbers({"peak_state": x, "overflows_24_bit": x > STATE_LIMIT}, {}) for x in peaks]
     row = summary(runs, None)
     assert row["overflows_24_bit"] is True and row["peak_state"] == STATE_LIMIT + 1
