@@ -28,6 +28,7 @@ class Variant:
     reset: whether spikes reset the potential of resonators.
     delayed: whether layers hand their spikes on one step later.
     max_delay: longest delay of a hidden neuron's synapses, which are drawn and learnt; 0: they have none.
+    form: how weights follow from what is learnt: free, weight norm, or whitened (the outputs).
     """
 
     arithmetic: Arithmetic
@@ -35,6 +36,7 @@ class Variant:
     reset: bool = False
     delayed: bool = True
     max_delay: int = 0
+    form: str = "free"
 
 
 @dataclass(frozen=True)
