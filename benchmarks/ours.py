@@ -76,9 +76,13 @@ class Ours:
         self._case, self._arithmetic = case, arithmetic
         self._rows, self._layers = rows_of(case.x), layers_of(case, variant)
         self._prepared = [prepare(layer, arithmetic) for layer in self._layers]
+        pool = case.pool(variant)
+        alone = [layer.feed_forward for layer in self._layers]
+        if pool is not None:
+            alone[0] = alone[0][np.flatnonzero(np.diff(pool, prepend=-1))]
         layers = tuple(
             TrainedLayer(
-                layer.feed_forward,
+                matrix,
                 None,
                 layer.population,
                 SURROGATE,
@@ -87,9 +91,9 @@ class Ours:
                 longest_delay=variant.max_delay,
                 norm_unit=np.ones(layer.n_neurons, np.float32) if variant.form == "weight norm" else None,
             )
-            for layer in self._layers
+            for matrix, layer in zip(alone, self._layers, strict=True)
         )
-        member = Member(layers, TRUE_RATE, FALSE_RATE, arithmetic)
+        member = Member(layers, TRUE_RATE, FALSE_RATE, arithmetic, pool=pool)
         self._cohort = cpu.start([member] * copies, case.batch, case.n_steps)
         if variant.form == "whitened":
             n = layers[-1].feed_forward.shape[0]

@@ -64,11 +64,7 @@ CSR_LOOP_ELSEWHERE = {"A": 0.093, "B": 0.039, "C": 0.231}
 """CPU seconds per training step measured on another machine."""
 
 
-CUBA_LIF = [
-    name
-    for name, (variant, _) in OURS.items()
-    if not (variant.share or variant.max_delay or variant.form != "free")
-]
+CUBA_LIF = [name for name, (x, _) in OURS.items() if x == Variant(x.arithmetic)]
 
 
 @dataclass

@@ -280,6 +280,8 @@ def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple
             int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in weights
         ),
         "peak_state": validation.peak_state,
+        "peak_thresholds": validation.peak_state
+        / (STATE_SCALE * max(float(np.max(layer.population.to_threshold)) for layer in layers)),
         "overflows_24_bit": "integer" in model.neuron.arithmetics and validation.peak_state > STATE_LIMIT,
         "missed_initial_rates": sum(
             not 0.5 * target <= reached <= 2 * target for target, reached in trainee.rates
@@ -308,7 +310,7 @@ def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tupl
     with a sixteenth to spare, on validation samples.
     """
     model, first = trainee.model, _trained(trainee, masters)[0]
-    if model.threshold_exponents or not model.is_dithered(0) or first is None:
+    if first is None or not model.is_free(0):
         return model.exponent(0)
     exponent = finest(first * 2.0**-FINEST, FINEST)
     network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)

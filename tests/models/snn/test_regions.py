@@ -17,11 +17,12 @@ from dse.engine.layers import CompiledLayer, laid_out, weights
 from dse.engine.network import gradients
 from dse.engine.stepping import RunningStack
 from dse.models.snn.family import SNN
-from dse.models.snn.initialise import dc_gain, levels
+from dse.models.snn.initialise import levels
 from dse.models.snn.regions import regions_of
 from dse.models.training import FitRequest
 from dse.neurons import cuba_lif
 from dse.neurons.lif import Lif
+from dse.neurons.response import dc_gain
 from dse.neurons.surrogate import exponential
 from dse.records import Dataset, Network, Outcome
 from tests.models.snn.toy import SHORT, rngs, toy
