@@ -28,6 +28,7 @@ class Variant:
     reset: whether spikes reset the potential of resonators.
     delayed: whether layers hand their spikes on one step later.
     max_delay: longest delay of a hidden neuron's synapses, which are drawn and learnt; 0: they have none.
+    form: how weights follow from what is learnt: free, weight norm, or whitened (the outputs).
     regions: runs of inputs with one weight to each hidden neuron; 0: every input has its own.
     """
 
@@ -36,6 +37,7 @@ class Variant:
     reset: bool = False
     delayed: bool = True
     max_delay: int = 0
+    form: str = "free"
     regions: int = 0
 
 

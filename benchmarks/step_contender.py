@@ -31,6 +31,8 @@ OURS = {
     "dse, float32": (Variant("float32"), 1),
     "dse, integer": (Variant("integer"), 1),
     f"dse, integer, cohort of {COPIES}": (Variant("integer"), COPIES),
+    "dse, weight norm, integer": (Variant("integer", form="weight norm"), 1),
+    "dse, whitened outputs, integer": (Variant("integer", form="whitened"), 1),
     "dse, 12 regions, integer": (Variant("integer", regions=12), 1),
     "dse, resonators, float32": (Variant("float32", 1.0), 1),
     "dse, resonators, integer": (Variant("integer", 1.0), 1),

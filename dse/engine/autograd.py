@@ -327,11 +327,12 @@ class _Matrix:
         def tensor(x: Array | float) -> Tensor:
             return torch.tensor(x, dtype=torch.float32, device=device)
 
-        start, units, form = [tensor(weights)], [tensor(unit)], None
+        start, units = [tensor(weights)], [tensor(unit)]
+        form: Callable[..., Tensor] | None = None
         if shared is not None:
-            first, number = copies_of(shared).first, torch.as_tensor(shared, device=device).long()
-            start = [start[0].flatten()[first]]
-            units = [units[0].expand(weights.shape).flatten()[first]]
+            once, number = copies_of(shared).first, torch.as_tensor(shared, device=device).long()
+            start = [start[0].flatten()[once]]
+            units = [units[0].expand(weights.shape).flatten()[once]]
             form = partial(_tied, number=number)
         elif basis is not None:
             form = partial(whitened, start=start[0], basis=tensor(basis))
@@ -340,8 +341,8 @@ class _Matrix:
             start.append(lengths(start[0].double()).float())
             units.append(tensor(norm_unit))
             form = normed
-        zeros = [[torch.zeros_like(x) for x in start] for _ in range(2)]
-        return cls(start, units, *zeros, form, basis is None and norm_unit is None)
+        first, second = ([torch.zeros_like(x) for x in start] for _ in range(2))
+        return cls(start, units, first, second, form, basis is None and norm_unit is None)
 
     @property
     def weights(self) -> Tensor:
@@ -420,7 +421,7 @@ class _Network:
         ]
         self._steps = 0
         self._is_linear = False
-        self._begun: dict[int, Mapping[str, Array]] = {}
+        self._begun: Mapping[int, Mapping[str, Array]] = {}
 
     def begin(self, stage: Stage) -> None:
         """Begin a part of the training; see dse.engine.member.Engine."""
@@ -431,7 +432,7 @@ class _Network:
         begun = stage.begun(self.masters().feed_forward, [m.units[0].cpu().numpy() for m in self._matrices])
         self._lay_out(begun, stage.is_linear)
 
-    def _lay_out(self, begun: dict[int, Mapping[str, Array]], is_linear: bool) -> None:
+    def _lay_out(self, begun: Mapping[int, Mapping[str, Array]], is_linear: bool) -> None:
         """Make the matrices that a stage begins with from arguments of `_Matrix.of`."""
         self._begun, self._is_linear = begun, is_linear
         for depth, arrays in begun.items():
