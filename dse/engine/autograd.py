@@ -408,6 +408,7 @@ class _Network:
             on_torch(x.population, calculus) for x, calculus in zip(member.layers, self._calculi, strict=True)
         ]
         self._sizes = [x.feed_forward.shape[1] for x in member.layers]
+        self._real = [depth for depth, x in enumerate(member.layers) if not x.is_rounded]
         self._device = device
         self._matrices = [
             _Matrix.of(device, x.feed_forward, x.unit, x.shared, x.norm_unit) for x in member.layers
@@ -438,12 +439,16 @@ class _Network:
             self._matrices[depth] = _Matrix.of(self._device, **arrays)
 
     def _as_run(self, matrix: _Matrix) -> Tensor:
-        is_rounded = self._arithmetic == "integer" and not self._is_readout(matrix)
+        is_rounded = self._weights_in(matrix) == "integer"
         running = quantised(matrix.weights) if is_rounded else matrix.weights
         return running.to(self._calculi[0].dtype)
 
-    def _is_readout(self, matrix: _Matrix) -> bool:
-        return self._is_linear and matrix is self._matrices[-1]
+    def _weights_in(self, matrix: _Matrix) -> Arithmetic:
+        """Return the arithmetic of a matrix, which need not be rounded where states are integers."""
+        real = {id(self._matrices[d]) for d in self._real}
+        is_readout = self._is_linear and matrix is self._matrices[-1]
+        is_real = self._arithmetic == "integer" and (is_readout or id(matrix) in real)
+        return "float32" if is_real else self._arithmetic
 
     def step(self, rows: Rows, labels: Ints, turn: Turn) -> Report:
         """Train on a batch."""
@@ -491,7 +496,7 @@ class _Network:
         if self._clip_norm is not None and norm > 0:
             clip = min(1.0, self._clip_norm / norm)
         for matrix, gradients in zip(trained, by_matrix, strict=True):
-            kind: Arithmetic = "float32" if self._is_readout(matrix) else self._arithmetic
+            kind = self._weights_in(matrix)
             matrix.update([clip * x for x in gradients], turn.learning_rate, self._steps, kind)
         cells = max(1, rows.n_samples * rows.n_steps)
         return Report(
@@ -512,7 +517,7 @@ class _Network:
     def masters(self) -> Masters:
         """Return a copy of the master weights."""
         return Masters(
-            tuple(m.masters("float32" if self._is_readout(m) else self._arithmetic) for m in self._matrices),
+            tuple(m.masters(self._weights_in(m)) for m in self._matrices),
             tuple(None if r is None else r.masters(self._arithmetic) for r in self._rings),
         )
 

@@ -22,6 +22,7 @@ from dse.neurons.response import dc_gain, response_norm
 from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
+_NO_DRIVE = 1e-35  # whose square is 0 in float32
 _LEVELS = 0.25, 0.99
 """Quantiles of the active channels of a region between which levels lie."""
 
@@ -56,12 +57,13 @@ def levels(rows: Rows, population: Population[Any], n_neurons: int) -> Floats:
 
     The weight onto a neuron of level N is that with which N active channels of the input's pool per step just
     reach the threshold. Levels of an input's neurons are spread evenly on a logarithmic scale over what
-    the probe shows, means over as many steps as the neurons remember.
+    the probe shows, means over as many steps as the neurons remember. Other weights are next to 0, not 0,
+    which would be no weight.
     """
     gain = dc_gain(population, n_neurons)
     memory = float(np.median((gain / response_norm(population, n_neurons, rows.n_steps)) ** 2))
     seen = _mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
-    weights = np.zeros((rows.n_inputs, n_neurons))
+    weights = np.full((rows.n_inputs, n_neurons), _NO_DRIVE)
     for k in range(min(rows.n_inputs, n_neurons)):
         active, neurons = seen[:, k][seen[:, k] > 0], np.arange(k, n_neurons, rows.n_inputs)
         low, high = np.quantile(active, _LEVELS) if active.size else (1.0, 1.0)
