@@ -1,0 +1,56 @@
+"""Spaces of the printed networks on their scenes: their first steps of training stay within 24 bits."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dse import dataset
+from dse.config import load_space
+from dse.models.snn.train import train
+from dse.models.training import FitRequest
+from dse.neurons.fixed_point import STATE_LIMIT
+from dse.records import Outcome
+from dse.search.space import corners
+
+SPACES = Path(__file__).parents[3] / "search_spaces"
+PRINTED = sorted(
+    x.name for name in ("texture_profile", "realtime_texture") for x in SPACES.glob(f"{name}*.yaml")
+)
+N_TRAIN, N_VALIDATION, EPOCHS = 8, 4, 24
+FARTHEST = 32.0
+"""Weight that one Adam step of all inputs together may move; 6084 inputs times the printed 0.01 is 61."""
+
+
+def generators(purpose: str) -> np.random.Generator:
+    return np.random.default_rng([1, *purpose.encode()])
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_the_first_steps_of_a_printed_space_stay_within_24_bits(name: str, tmp_path: Path) -> None:
+    space = load_space(SPACES / name)
+    sections = space.resolve(next(corners(space, (), 1)))
+    of_split = dataset.split_of(dataset.recordings(sections, SPACES), sections)
+    rng = np.random.default_rng(0)
+    parts = [
+        np.sort(rng.choice(samples, n, replace=False))
+        for samples, n in zip(of_split, (N_TRAIN, N_VALIDATION), strict=False)
+    ]
+    only = np.concatenate(parts)
+    folder = dataset.prepare(sections, SPACES, tmp_path, 1, lambda _: None, only)
+    none = np.zeros(0, np.int64)
+    data = dataclasses.replace(dataset.load(folder), train=parts[0], validation=parts[1], test=none)
+    training = dataclasses.replace(
+        sections.training, epochs=sections.training.warmup_epochs + EPOCHS, batch_size=2, average_epochs=1
+    )
+    [(_, outcome)] = train(data, [FitRequest(sections.model, training, generators)], generators)
+    assert isinstance(outcome, Outcome)
+    health = outcome.health
+    assert health["overflows_24_bit"] is (health["peak_state"] > STATE_LIMIT)
+    free = getattr(sections.model, "start", "uniform") == "uniform" and training.step_unit == "weight"
+    if free and training.learning_rate * data.spikes.n_channels > FARTHEST:
+        return  # as printed, it leaves them sooner or later; what reads the study says so
+    assert not health["overflows_24_bit"], f"{health['peak_thresholds']:.0f} thresholds"
