@@ -22,7 +22,7 @@ NAMES = ("README.md", "compared.csv", "fig_11_ridges_texture.png", "fig_14_ridge
 
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A study of paper 004 in the working folder; images hold what they show, so that no browser is needed."""
+    """A study of paper 004 in the working folder; images hold what they show, without a browser."""
     monkeypatch.chdir(tmp_path)
     designs = [
         {"family": "elm", "accuracy": 0.8, "accuracy_test": 0.75, "transductive": True, "train_s": 1800.0},
