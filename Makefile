@@ -1,5 +1,4 @@
 # Two commands do everything: `make quickstart` and `make test`. Each sets up .venv when it has to.
-# `make test-gpu` adds what the GPU path needs, 1 GB, and tests it: without a GPU, in Triton's interpreter.
 
 # The first that runs and can make an environment; to choose another: make PYTHON=python3.13
 PYTHON ?= $(shell for name in python3.11 python3.12 python3.13 python3; do \
@@ -17,14 +16,13 @@ OF_SCENE := tests/scene/test_simulate.py
 # Stamps, each written last, so that a broken set-up is tried again.
 STUDY := $(VENV)/.study
 TESTS := $(VENV)/.tests
-GPU := $(VENV)/.gpu
 PEERS := $(VENV)/.peers
 
 # Recordings: the folder named by DSE_DATA, else the one beside the clone.
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: example quickstart test wheel test-gpu faults fuzz peers setup lint types kernels-engine kernels-scene format clean
+.PHONY: example quickstart test wheel faults fuzz peers setup lint types kernels-engine kernels-scene format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -42,14 +40,11 @@ test: $(TESTS) $(PEERS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@$(MAKE) --no-print-directory -j 2 types kernels-engine kernels-scene
-	$(PYTEST) --ignore tests/engine/gpu $(OF_ENGINE:%=--ignore %) $(OF_SCENE:%=--ignore %)
+	$(PYTEST) $(OF_ENGINE:%=--ignore %) $(OF_SCENE:%=--ignore %)
 
 # The wheel, installed without the pins and outside the clone, with the newest Python there is; it takes 1 GB of disk.
 wheel: $(TESTS)
 	@.ci/wheel $(BIN)/python "$(CURDIR)/$(VENV)/wheel"
-
-test-gpu: $(GPU)
-	$(BIN)/python -m pytest -n 2 --dist worksteal tests/engine/gpu
 
 # Faults of every kind, this many of each, by fixed seeds; `make test` has a few of them.
 FAULTS ?= 300
@@ -104,8 +99,4 @@ $(TESTS): $(STUDY)
 
 $(PEERS): $(TESTS) .ci/peers .ci/norse.txt .ci/snntorch.txt .ci/brian2_loihi.txt
 	@.ci/peers $(VENV)
-	@touch $@
-
-$(GPU): $(TESTS)
-	$(INSTALL) --no-build-isolation -e ".[gpu]"
 	@touch $@

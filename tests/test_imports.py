@@ -38,7 +38,7 @@ FINDS_BY_NAME = ("dse", "dse.registry")  # what a user names, wherever it lives
 
 HEAVY = (
     *("h5py", "lz4", "moocore", "numba", "optuna", "pandas"),
-    *("plotly", "pyarrow", "sklearn", "torch", "triton", "zstandard"),
+    *("plotly", "pyarrow", "sklearn", "torch", "zstandard"),
 )
 
 

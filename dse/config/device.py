@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from importlib.util import find_spec
 
 DEVICES = ("cpu", "cuda")
-_CAPABILITY = (8, 0)
 
 
 def missing(device: str) -> str | None:
-    """Return what a device lacks here, as the end of a sentence; None if it can be used.
-
-    Under Triton's interpreter (TRITON_INTERPRET=1) 'cuda' needs no CUDA device: for tests.
-    """
+    """Return what a device lacks here, as the end of a sentence; None if it can be used."""
     if device == "cpu":
         return None
-    for package in ("torch", "triton"):
-        if lack := missing_package(package, "gpu"):
-            return lack
-    if os.environ.get("TRITON_INTERPRET") == "1":
-        return None
+    if lack := missing_package("torch", "torch"):
+        return lack
     import torch
 
     if not torch.cuda.is_available():
         return "needs a CUDA device, but torch finds none; execution.device: cpu needs none"
-    major, minor = torch.cuda.get_device_capability()
-    if (major, minor) < _CAPABILITY:
-        return f"needs compute capability 8.0 or later (for bfloat16 products), got {major}.{minor}"
     return None
 
 

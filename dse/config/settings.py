@@ -5,6 +5,7 @@ Other packages apply the settings: windows and splits in `dse.recordings`, train
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -384,13 +385,36 @@ class Training:
         choices=("initial", "weight"),
         doc="initial: the initial root mean square weight of each neuron; weight: weight units, as in SLAYER",
     )
+    hidden_lr_factor: float = param(
+        1.0, low=0, doc="factor on the learning rate of all layers before the outputs (spiking networks)"
+    )
     warmup_epochs: float = param(
         0.0, low=0, unit="epochs", doc="the learning rate rises from 0 during these epochs"
+    )
+    lr_schedule: Literal["steps", "cosine"] = param(
+        "steps",
+        choices=("steps", "cosine"),
+        doc="steps: the learning rate is multiplied by lr_factor every lr_every epochs; cosine: it falls to "
+        "0 along half a cosine",
     )
     lr_factor: float = param(
         0.67, low=0, low_open=True, high=1, doc="factor on the learning rate at each step of the schedule"
     )
     lr_every: int = param(20, low=1, unit="epochs", doc="epochs between steps of the schedule")
+    linear_epochs: int = param(
+        0,
+        low=0,
+        unit="epochs",
+        doc="first epochs, in which a linear softmax readout of the last hidden layer's spike counts is "
+        "trained in place of the spiking outputs, which then begin with its weights; moments and schedule of "
+        "the learning rate begin anew (spiking networks)",
+    )
+    linear_learning_rate: float | None = param(
+        None,
+        low=0,
+        low_open=True,
+        doc="step size of Adam in these epochs; of the readout in log-odds (default: learning_rate)",
+    )
     average_epochs: int = param(
         1, low=1, unit="epochs", doc="the final weights are the mean over this many last epochs"
     )
@@ -474,6 +498,8 @@ class Training:
                 "dilation changes speeds and durations: it needs dilation_keeps_label: true, your statement "
                 f"that the label does not depend on them, got [{low:g}, {high:g}]"
             )
+        if self.linear_epochs >= self.epochs:
+            raise ValueError(f"linear_epochs must be below epochs ({self.epochs}), got {self.linear_epochs}")
 
     @property
     def augmentation(self) -> tuple[Hashable, ...]:
@@ -482,9 +508,16 @@ class Training:
         return () if ways == (0, (1, 1), 0, 0) else ways
 
     def rate(self, epoch: float) -> float:
-        """Return the learning rate at a time in epochs (fractions count in the warm-up)."""
+        """Return the learning rate at a time in epochs; its schedule begins anew after the linear ones."""
+        rate, length = self.learning_rate, self.epochs - self.linear_epochs
+        if epoch < self.linear_epochs:
+            rate, length = self.linear_learning_rate or rate, self.linear_epochs
+        else:
+            epoch -= self.linear_epochs
         rising = min(1.0, (epoch + 1e-3) / self.warmup_epochs) if self.warmup_epochs else 1.0
-        return self.learning_rate * rising * self.lr_factor ** (int(epoch) // self.lr_every)
+        if self.lr_schedule == "cosine":
+            return rate * rising * (1 + math.cos(math.pi * epoch / length)) / 2
+        return rate * rising * self.lr_factor ** (int(epoch) // self.lr_every)
 
 
 @dataclass(frozen=True)

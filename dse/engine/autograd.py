@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from types import ModuleType
 from typing import Any, TypeVar
 
@@ -22,10 +23,22 @@ from torch import Tensor
 from dse.engine.adam import adam
 from dse.engine.batch import DIFFERENTIATED_ROWS
 from dse.engine.events import Rows
-from dse.engine.goal import SPIKE_RATE, Goal, n_correct
+from dse.engine.goal import LINEAR, SPIKE_RATE, Goal, n_correct
 from dse.engine.layers import Weights, check_inputs
 from dse.engine.losses import Loss
-from dse.engine.member import Masters, Member, Report, State, Turn, as_part, of_part
+from dse.engine.member import (
+    Masters,
+    Member,
+    Report,
+    Stage,
+    State,
+    Turn,
+    as_part,
+    begun_arrays,
+    begun_of,
+    of_part,
+)
+from dse.engine.parameters import lengths, normed, whitened
 from dse.engine.shared import copies_of
 from dse.neurons import Population
 from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, WEIGHT_SCALE
@@ -177,6 +190,7 @@ def run(
     goal: Goal,
     shift: bool = True,
     soft: Floats | None = None,
+    is_linear: bool = False,
 ) -> Pass:
     """Run some samples through a stack.
 
@@ -191,9 +205,11 @@ def run(
         goal: what training minimises.
         shift: whether layers hand their spikes on one step later.
         soft: of the batch, (sample, class) probabilities in place of the labels; None: the labels.
+        is_linear: the last matrix reads the counts of the layer below out, in place of a layer.
     """
-    y, fired, of_layers = None, [], []
-    for (weight, ring), population, calculus, gain in zip(matrices, populations, calculi, gains, strict=True):
+    y, fired, of_layers, n_layers = None, [], [], len(matrices) - is_linear
+    parts = list(zip(matrices, populations, calculi, gains, strict=True))[:n_layers]
+    for (weight, ring), population, calculus, gain in parts:
         if y is None:
             drive = first_drive(rows, samples, weight)
             if gain is not None:
@@ -207,10 +223,16 @@ def run(
         of_layers.append(spikes)
         y = later(spikes) if shift else spikes
     assert y is not None
-    counts = np.rint(y.detach().sum(0).cpu().numpy()).astype(np.int64)
+    if is_linear:
+        gain = gains[-1]
+        read = y.sum(0) if gain is None else y.sum(0) * torch.as_tensor(gain[samples], device=y.device)
+        goal, y = dataclasses.replace(goal, loss=LINEAR), (read @ matrices[-1][0])[None]
+    counts = y.detach().sum(0).cpu().numpy()
+    counts = counts if is_linear else np.rint(counts).astype(np.int64)
     loss = loss_of(y, labels[samples], goal, None if soft is None else soft[samples])
     if goal.hidden_spike_penalty:
-        loss = loss + goal.hidden_spike_penalty * torch.stack([s.sum() for s in of_layers[:-1]]).sum()
+        hidden = of_layers[: len(matrices) - 1]
+        loss = loss + goal.hidden_spike_penalty * torch.stack([s.sum() for s in hidden]).sum()
     return Pass(loss, counts, tuple(fired))
 
 
@@ -271,67 +293,103 @@ def quantised(weight: Tensor, weight_bits: int = 8, exponent: int = 0) -> Tensor
 
 @dataclass
 class _Matrix:
-    """Master weights, Adam's moments, what a rate of 1 moves a weight by, and which weights are left.
+    """A matrix as trained: its parameters, Adam's moments, and what a rate of 1 moves each parameter by.
 
-    copies: of shared weights, as dse.engine.shared.Copies: (element,) number, (n_weights,) first.
+    form: the weights from the parameters (dse.engine.parameters); None: they are the first parameters.
+    are_weights: whether parameters are clipped as weights are.
+    kept: which of the first parameters are left; None: all.
     """
 
-    weights: Tensor
-    unit: Tensor
-    first: Tensor
-    second: Tensor
+    parameters: list[Tensor]
+    units: list[Tensor]
+    first: list[Tensor]
+    second: list[Tensor]
+    form: Callable[..., Tensor] | None = None
+    are_weights: bool = True
     kept: Tensor | None = None
-    copies: tuple[Tensor, Tensor] | None = None
 
     @classmethod
-    def of(cls, weights: Floats, unit: Floats, device: torch.device, shared: Ints | None = None) -> _Matrix:
-        start = torch.tensor(weights, dtype=torch.float32, device=device)
-        zeros = torch.zeros_like(start)
-        units = torch.tensor(unit, dtype=torch.float32, device=device)
-        matrix = cls(start, units, zeros, zeros.clone())
+    def of(
+        cls,
+        device: torch.device,
+        weights: Floats,
+        unit: Floats,
+        shared: Ints | None = None,
+        norm_unit: Floats | None = None,
+        basis: Floats | None = None,
+    ) -> _Matrix:
+        """Return a matrix at its start; arguments as in TrainedLayer and Stage."""
+
+        def tensor(x: Array | float) -> Tensor:
+            return torch.tensor(x, dtype=torch.float32, device=device)
+
+        start, units, form = [tensor(weights)], [tensor(unit)], None
         if shared is not None:
-            copies = copies_of(shared)
-            matrix.copies = (
-                torch.as_tensor(copies.number, device=device),
-                torch.as_tensor(copies.first, device=device),
-            )
-        return matrix
+            first, number = copies_of(shared).first, torch.as_tensor(shared, device=device).long()
+            start = [start[0].flatten()[first]]
+            units = [units[0].expand(weights.shape).flatten()[first]]
+            form = partial(_tied, number=number)
+        elif basis is not None:
+            form = partial(whitened, start=start[0], basis=tensor(basis))
+            start = [torch.zeros((basis.shape[1], weights.shape[1]), device=device)]
+        elif norm_unit is not None:
+            start.append(lengths(start[0].double()).float())
+            units.append(tensor(norm_unit))
+            form = normed
+        zeros = [[torch.zeros_like(x) for x in start] for _ in range(2)]
+        return cls(start, units, *zeros, form, basis is None and norm_unit is None)
 
-    def summed(self, gradient: Tensor) -> Tensor:
-        """Return the gradient with the sum over its copies at every copy of a shared weight."""
-        if self.copies is None:
-            return gradient
-        number, first = self.copies
-        totals = torch.zeros(len(first) + 1, dtype=torch.float64, device=gradient.device)
-        totals.index_add_(0, number, gradient.double().flatten())
-        totals[-1] = 0
-        return totals[number].to(gradient.dtype).reshape(gradient.shape)
+    @property
+    def weights(self) -> Tensor:
+        """The weights before rounding, (input, neuron)."""
+        return self.parameters[0] if self.form is None else self.form(*self.parameters)
 
-    def squared_norm(self, gradient: Tensor) -> float:
-        """Return the squared norm of a gradient over all weights, shared ones once."""
-        each = gradient if self.copies is None else gradient.flatten()[self.copies[1]]
-        return float((each.double() ** 2).sum())
+    def masters(self, arithmetic: Arithmetic) -> Floats:
+        """Return a copy of them, within the range of 8 bits in integer arithmetic."""
+        weights = self.weights.detach()
+        if not self.are_weights and arithmetic == "integer":
+            weights = weights.clamp(LOWEST_WEIGHT, HIGHEST_WEIGHT)
+        return weights.cpu().numpy().copy()
+
+    def forget(self) -> None:
+        """Begin Adam's moments anew."""
+        self.first, self.second = ([torch.zeros_like(x) for x in self.parameters] for _ in range(2))
 
     def prune(self, kept: Array) -> None:
-        mask = torch.as_tensor(kept, device=self.weights.device)
+        mask = torch.as_tensor(kept, device=self.parameters[0].device)
         self.kept = mask if self.kept is None else self.kept & mask
-        for values in (self.weights, self.first, self.second):
-            values *= self.kept
+        if self.form is normed:
+            directions, norms = self.parameters
+            self.parameters[1] = norms * lengths(directions * mask) / lengths(directions)
+        for values in (self.parameters, self.first, self.second):
+            values[0] = values[0] * self.kept
 
     def state(self) -> dict[str, Array]:
-        tensors = {"weights": self.weights, "first": self.first, "second": self.second, "kept": self.kept}
+        tensors: dict[str, Tensor | None] = {"kept": self.kept}
+        for name, values in (("weights", self.parameters), ("first", self.first), ("second", self.second)):
+            tensors |= {f"{k}/{name}" if k else name: x for k, x in enumerate(values)}
         return {name: x.detach().cpu().numpy().copy() for name, x in tensors.items() if x is not None}
 
     def restore(self, state: State) -> None:
-        for name, values in state.items():
-            setattr(self, name, torch.tensor(values, device=self.weights.device))
+        def tensor(name: str) -> Tensor:
+            return torch.tensor(state[name], device=self.parameters[0].device)
 
-    def update(self, gradient: Tensor, rate: float, step: int, arithmetic: Arithmetic) -> None:
-        self.weights, self.first, self.second = adam(
-            self.weights, gradient, self.first, self.second, step, rate * self.unit
-        )
-        if arithmetic == "integer":
-            self.weights = self.weights.clamp(LOWEST_WEIGHT, HIGHEST_WEIGHT)
+        for name, values in (("weights", self.parameters), ("first", self.first), ("second", self.second)):
+            values[:] = [tensor(f"{k}/{name}" if k else name) for k in range(len(values))]
+        self.kept = tensor("kept") if "kept" in state else None
+
+    def update(self, gradients: Sequence[Tensor], rate: float, step: int, arithmetic: Arithmetic) -> None:
+        for k, gradient in enumerate(gradients):
+            self.parameters[k], self.first[k], self.second[k] = adam(
+                self.parameters[k], gradient, self.first[k], self.second[k], step, rate * self.units[k]
+            )
+        if arithmetic == "integer" and self.are_weights:
+            self.parameters = [x.clamp(LOWEST_WEIGHT, HIGHEST_WEIGHT) for x in self.parameters]
+
+
+def _tied(weights: Tensor, number: Tensor) -> Tensor:
+    """Return every weight (n,) at all its synapses; -1 is none."""
+    return torch.cat([weights, torch.zeros_like(weights[:1])])[number]
 
 
 class _Network:
@@ -345,27 +403,52 @@ class _Network:
             on_torch(x.population, calculus) for x, calculus in zip(member.layers, self._calculi, strict=True)
         ]
         self._sizes = [x.feed_forward.shape[1] for x in member.layers]
-        self._matrices = [_Matrix.of(x.feed_forward, x.unit, device, x.shared) for x in member.layers]
+        self._device = device
+        self._matrices = [
+            _Matrix.of(device, x.feed_forward, x.unit, x.shared, x.norm_unit) for x in member.layers
+        ]
         self._rings = [
             None
             if x.recurrent is None
-            else _Matrix.of(x.recurrent, x.unit if x.recurrent_unit is None else x.recurrent_unit, device)
+            else _Matrix.of(device, x.recurrent, x.unit if x.recurrent_unit is None else x.recurrent_unit)
             for x in member.layers
         ]
         self._steps = 0
+        self._is_linear = False
+        self._begun: dict[int, Mapping[str, Array]] = {}
+
+    def begin(self, stage: Stage) -> None:
+        """Begin a part of the training; see dse.engine.member.Engine."""
+        self._steps = 0
+        for matrix in (*self._matrices, *self._rings):
+            if matrix is not None:
+                matrix.forget()
+        begun = stage.begun(self.masters().feed_forward, [m.units[0].cpu().numpy() for m in self._matrices])
+        self._lay_out(begun, stage.is_linear)
+
+    def _lay_out(self, begun: dict[int, Mapping[str, Array]], is_linear: bool) -> None:
+        """Make the matrices that a stage begins with from arguments of `_Matrix.of`."""
+        self._begun, self._is_linear = begun, is_linear
+        for depth, arrays in begun.items():
+            self._matrices[depth] = _Matrix.of(self._device, **arrays)
 
     def _as_run(self, matrix: _Matrix) -> Tensor:
-        running = quantised(matrix.weights) if self._arithmetic == "integer" else matrix.weights
+        is_rounded = self._arithmetic == "integer" and not self._is_readout(matrix)
+        running = quantised(matrix.weights) if is_rounded else matrix.weights
         return running.to(self._calculi[0].dtype)
+
+    def _is_readout(self, matrix: _Matrix) -> bool:
+        return self._is_linear and matrix is self._matrices[-1]
 
     def step(self, rows: Rows, labels: Ints, turn: Turn) -> Report:
         """Train on a batch."""
         self._steps += 1
         trained = [*self._matrices, *(ring for ring in self._rings if ring is not None)]
         for matrix in trained:
-            matrix.weights = matrix.weights.detach().requires_grad_()
-        totals = [torch.zeros_like(m.weights) for m in trained]
-        loss, counts, fired = 0.0, [], np.zeros(len(self._sizes))
+            matrix.parameters = [x.detach().requires_grad_() for x in matrix.parameters]
+        moved = [x for matrix in trained for x in matrix.parameters]
+        totals = [torch.zeros_like(x) for x in moved]
+        loss, counts, fired = 0.0, [], np.zeros(len(self._sizes) - self._is_linear)
         size = max(1, DIFFERENTIATED_ROWS // max(1, rows.n_steps))
         for first in range(0, rows.n_samples, size):
             samples = slice(first, min(first + size, rows.n_samples))
@@ -383,30 +466,33 @@ class _Network:
                 turn.gains,
                 self._goal,
                 soft=turn.soft,
+                is_linear=self._is_linear,
             )
             loss += float(done.loss.detach())
             counts.append(done.counts)
             fired += done.fired
-            parts = torch.autograd.grad(done.loss, [m.weights for m in trained], allow_unused=True)
+            parts = torch.autograd.grad(done.loss, moved, allow_unused=True)
             for total, part in zip(totals, parts, strict=True):
                 if part is not None:
                     total += part
-        totals = [matrix.summed(gradient) for matrix, gradient in zip(trained, totals, strict=True)]
-        for matrix, gradient in zip(trained, totals, strict=True):
-            matrix.weights = matrix.weights.detach()
+        left = iter(totals)
+        by_matrix = [[next(left) for _ in matrix.parameters] for matrix in trained]
+        for matrix, gradients in zip(trained, by_matrix, strict=True):
+            matrix.parameters = [x.detach() for x in matrix.parameters]
             if matrix.kept is not None:
-                gradient *= matrix.kept
-        norm = math.sqrt(sum(m.squared_norm(g) for m, g in zip(trained, totals, strict=True)))
+                gradients[0] *= matrix.kept
+        norm = math.sqrt(sum(float((x.double() ** 2).sum()) for x in totals))
         clip = 1.0
         if self._clip_norm is not None and norm > 0:
             clip = min(1.0, self._clip_norm / norm)
-        for matrix, gradient in zip(trained, totals, strict=True):
-            matrix.update(clip * gradient, turn.learning_rate, self._steps, self._arithmetic)
+        for matrix, gradients in zip(trained, by_matrix, strict=True):
+            kind: Arithmetic = "float32" if self._is_readout(matrix) else self._arithmetic
+            matrix.update([clip * x for x in gradients], turn.learning_rate, self._steps, kind)
         cells = max(1, rows.n_samples * rows.n_steps)
         return Report(
             loss,
             n_correct(np.concatenate(counts), labels, self._goal.heads),
-            tuple(float(f) / (cells * n) for f, n in zip(fired, self._sizes, strict=True)),
+            tuple(float(f) / (cells * n) for f, n in zip(fired, self._sizes, strict=False)),
             norm,
         )
 
@@ -420,18 +506,14 @@ class _Network:
 
     def masters(self) -> Masters:
         """Return a copy of the master weights."""
-
-        def copied(matrix: _Matrix) -> Floats:
-            return matrix.weights.detach().cpu().numpy().copy()
-
         return Masters(
-            tuple(copied(m) for m in self._matrices),
-            tuple(None if r is None else copied(r) for r in self._rings),
+            tuple(m.masters("float32" if self._is_readout(m) else self._arithmetic) for m in self._matrices),
+            tuple(None if r is None else r.masters(self._arithmetic) for r in self._rings),
         )
 
     def state(self) -> dict[str, Array]:
         """Return what training goes on from; see dse.engine.member.Engine."""
-        arrays = {"steps": np.array(self._steps)}
+        arrays = {"steps": np.array(self._steps)} | begun_arrays(self._begun, self._is_linear)
         for depth, (matrix, ring) in enumerate(zip(self._matrices, self._rings, strict=True)):
             arrays |= as_part(f"{depth}/feed_forward", matrix.state())
             arrays |= {} if ring is None else as_part(f"{depth}/recurrent", ring.state())
@@ -440,6 +522,7 @@ class _Network:
     def restore(self, state: State) -> None:
         """Go on from a state; see dse.engine.member.Engine."""
         self._steps = int(state["steps"])
+        self._lay_out(*begun_of(state, len(self._matrices)))
         for depth, (matrix, ring) in enumerate(zip(self._matrices, self._rings, strict=True)):
             matrix.restore(of_part(state, f"{depth}/feed_forward"))
             if ring is not None:
@@ -459,6 +542,10 @@ class AutogradEngine:
             for number in turns:
                 check_inputs(rows, self._n_inputs[number])
             return {number: self._networks[number].step(rows, labels, turn) for number, turn in turns.items()}
+
+    def begin(self, member: int, stage: Stage) -> None:
+        """Begin a part of a member's training with the weights as they stand."""
+        self._networks[member].begin(stage)
 
     def prune(self, member: int, kept: Masters) -> None:
         """Set the weights of a member that are not kept to 0, for good."""

@@ -3,22 +3,44 @@
 from __future__ import annotations
 
 import math
+from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dse.engine import kernels
-from dse.engine.adam import BETA_1, BETA_2, EPSILON
 from dse.engine.batch import Batch, batch_of, chunk_samples
 from dse.engine.delays import Delays
 from dse.engine.events import Rows
+from dse.engine.goal import LINEAR
 from dse.engine.layers import GRID, NO_DELAY, KernelLayer, layer_of, padded_ring, precision
 from dse.engine.layout import aligned, packed, padded, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
-from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
-from dse.engine.shared import Copies, copies_of
+from dse.engine.member import (
+    Masters,
+    Member,
+    Report,
+    Stage,
+    State,
+    TrainedLayer,
+    Turn,
+    as_part,
+    begun_arrays,
+    begun_of,
+    of_part,
+)
+from dse.engine.parameters import (
+    Form,
+    Parameters,
+    Tied,
+    WeightNorm,
+    Whitened,
+    lengths,
+    pass_rounding,
+    round_to,
+)
+from dse.engine.shared import copies_of
 from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT
 from dse.records import Arithmetic, Array, Ints
 
@@ -28,116 +50,135 @@ _LOWEST, _HIGHEST = LOWEST_WEIGHT * GRID, HIGHEST_WEIGHT * GRID
 
 @dataclass(frozen=True)
 class _Matrix:
-    """Master weights of a matrix in blocks, their gradient, Adam's moments, and the weights as they run.
+    """A matrix as trained: its parameters, its gradient in blocks, and the weights as they run.
 
-    table: int8 in integer arithmetic, else the master weights themselves.
-    unit: (column,) what a learning rate of 1 moves a weight by.
-    kept: like the gradient, 0 where a weight was removed, else 1; None: none was.
-    copies: of shared weights among the elements; None: none is shared.
+    table: int8 in integer arithmetic, else float32.
+    form: how the matrix follows from its parameters; None: they are its weights.
+    weights: float32, where the parameters are others.
     """
 
     n_rows: int
-    weights: Array
+    n_columns: int
+    parameters: tuple[Parameters, ...]
     gradient: Array
-    first: Array
-    second: Array
     table: Array
-    unit: Array
-    kept: Array | None = None
-    copies: Copies | None = None
+    form: Form | None = None
+    weights: Array = field(default_factory=lambda: _NOTHING)
 
     @property
-    def grid(self) -> float:
-        return float(GRID) if self.table.dtype == np.int8 else 0.0
+    def unit(self) -> Array:
+        """What a learning rate of 1 moves the first parameters of each neuron by, (neuron,)."""
+        return self.parameters[0].unit[: self.n_columns]
+
+    @property
+    def _is_rounded(self) -> bool:
+        """Whether weights that are no parameters are rounded."""
+        return self.weights.size > 0 and self.table is not self.weights
+
+    def masters(self) -> Array:
+        """Return a copy of the weights before rounding, (input, neuron), within the range of 8 bits if so."""
+        values = [x.values for x in self.parameters]
+        weights = values[0]
+        if self.form is not None:
+            weights = np.empty(self.gradient.size, np.float32)
+            self.form.expand(values, weights)
+        out = unpacked(weights, self.n_rows, self.n_columns)
+        return np.clip(out, _LOWEST / GRID, _HIGHEST / GRID) if self._is_rounded else out
+
+    def run_anew(self) -> _Matrix:
+        """Compute the weights as they run from the parameters; return the matrix."""
+        if self.form is not None and self.form.are_weights:
+            self.form.expand([x.table for x in self.parameters], self.table)
+        elif self.form is not None:
+            self.form.expand([x.values for x in self.parameters], self.weights)
+            if self._is_rounded:
+                round_to(self.weights, GRID, _LOWEST, _HIGHEST, self.table)
+        return self
 
     def without(self, kept: Array) -> _Matrix:
         """Return the matrix with the weights that are not kept, (row, column), set to 0 for good."""
-        before = 1 if self.kept is None else self.kept
-        mask = packed(kept, self.gradient.dtype) * before
-        for values in (self.weights, self.first, self.second, self.table):
-            values *= mask.astype(values.dtype)
-        return replace(self, kept=mask)
-
-    @property
-    def _changed(self) -> tuple[str, ...]:
-        """Names of the arrays that an update reads and writes."""
-        return ("weights", "first", "second", *(() if self.table is self.weights else ("table",)))
+        first, *others = self.parameters
+        if isinstance(self.form, WeightNorm):  # what is left keeps its values
+            directions = unpacked(first.values, self.n_rows, self.n_columns)
+            others[0].values[: self.n_columns] *= (lengths(directions * kept) / lengths(directions))[0]
+        return replace(self, parameters=(first.without(kept), *others)).run_anew()
 
     def state(self) -> dict[str, Array]:
         """Return a copy of what an update reads and writes."""
-        kept = {} if self.kept is None else {"kept": self.kept.astype(bool)}
-        return {name: getattr(self, name).copy() for name in self._changed} | kept
+        parts = [as_part(str(k), x.state()) for k, x in enumerate(self.parameters[1:], 1)]
+        return dict(ChainMap(self.parameters[0].state(), *parts))
 
     def restored(self, state: State) -> _Matrix:
         """Return the matrix with the numbers of a state; layers read its arrays, which change in place."""
-        for name in self._changed:
-            np.copyto(getattr(self, name), state[name], casting="no")
-        return replace(self, kept=state["kept"].astype(self.gradient.dtype)) if "kept" in state else self
+        first, *others = self.parameters
+        after = [x.restored(of_part(state, str(k))) for k, x in enumerate(others, 1)]
+        return replace(self, parameters=(first.restored(state), *after)).run_anew()
 
-    def keep_removed(self) -> None:
-        """Clear the gradient of removed weights; with their moments at 0 Adam leaves them at exactly 0."""
-        if self.kept is not None:
-            np.multiply(self.gradient, self.kept, out=self.gradient)
+    def forget(self) -> None:
+        """Begin Adam's moments anew."""
+        for part in self.parameters:
+            part.first[:] = part.second[:] = 0
 
-    def sum_copies(self) -> None:
-        """Give every copy of a shared weight the gradient of all of them."""
-        if self.copies is not None:
-            self.copies.sum_gradient(self.gradient)
+    def pull(self) -> None:
+        """Go from the gradient by the weights to that by the parameters."""
+        if self.form is not None:
+            if self._is_rounded:
+                pass_rounding(self.weights, GRID, _LOWEST, _HIGHEST, self.gradient)
+            values, gradients = ([getattr(x, n) for x in self.parameters] for n in ("values", "gradient"))
+            self.form.pull(values, self.gradient, gradients)
+            if self.gradient is not gradients[0]:
+                self.gradient[:] = 0
+        for part in self.parameters:
+            part.keep_removed()
 
     def squared_norm(self, factor: float) -> float:
-        """Return the squared norm of the gradient times a factor, where it passes the rounding."""
-        gradient, weights = self.gradient, self.weights
-        if self.copies is not None:
-            gradient, weights = (_once(x, self.copies) for x in (gradient, weights))
-        return float(kernels.squared_norm(gradient, factor, weights, self.grid, _LOWEST, _HIGHEST))
+        """Return the squared norm of the gradient by the parameters times a factor."""
+        return sum(x.squared_norm(factor) for x in self.parameters)
 
     def update(self, factor: float, learning_rate: float, steps: int) -> float:
         """Take Adam's step `steps`, from 1; return the squared norm of the gradient times its factor."""
-        once = None if self.copies is None else self.squared_norm(factor)
-        squared = float(
-            kernels.adam(
-                self.weights,
-                self.gradient,
-                self.first,
-                self.second,
-                self.n_rows,
-                len(self.unit),
-                self.unit,
-                factor,
-                learning_rate / (1 - BETA_1**steps),
-                BETA_1,
-                BETA_2,
-                1 / (1 - BETA_2**steps),
-                EPSILON,
-                self.table,
-                self.grid,
-                _LOWEST,
-                _HIGHEST,
-            )
-        )
-        return squared if once is None else once
+        squared = sum(x.update(factor, learning_rate, steps) for x in self.parameters)
+        self.run_anew()
+        return squared
 
 
-def _once(values: Array, copies: Copies) -> Array:
-    """Return the values of shared weights, one copy each, filled up with 0 to whole vectors."""
-    out = aligned(padded(copies.n_weights), values.dtype)
-    out[: copies.n_weights] = values[copies.first]
-    return out
-
-
-def _matrix(weights: Array, unit: Array, arithmetic: Arithmetic, shared: Ints | None = None) -> _Matrix:
-    n_rows, n_columns = weights.shape
-    masters = packed(weights, np.float32)
-    units = aligned(padded(n_columns), np.float32)
-    units[:n_columns] = unit
-    table = masters
-    if arithmetic == "integer":
-        table = packed(np.clip(np.rint(weights * np.float32(GRID)), _LOWEST, _HIGHEST), np.int8)
-    first, second = (aligned(masters.size, np.float32) for _ in range(2))
-    # Columns that pad hold 0, which is no weight where numbers count from 1.
-    copies = None if shared is None else copies_of(packed(shared + 1, np.int32) - 1)
-    gradient = aligned(masters.size, precision(arithmetic))
-    return _Matrix(n_rows, masters, gradient, first, second, table, units, None, copies)
+def _matrix(
+    weights: Array,
+    unit: Array,
+    arithmetic: Arithmetic,
+    shared: Ints | None = None,
+    norm_unit: Array | None = None,
+    basis: Array | None = None,
+) -> _Matrix:
+    """Return a matrix at its start, (input, neuron); arguments as in TrainedLayer and Stage."""
+    (n_rows, n), kind = weights.shape, precision(arithmetic)
+    rounding = (float(GRID), _LOWEST, _HIGHEST) if arithmetic == "integer" else ()
+    gradient = aligned(n_rows * padded(n), kind)
+    form: Form
+    if shared is not None:
+        # Columns that pad hold 0, which is no weight where numbers count from 1.
+        copies = copies_of(packed(shared + 1, np.int32) - 1)
+        once = np.append(packed(weights, np.float32)[copies.first], np.float32(0))
+        units = np.append(packed(np.broadcast_to(unit, weights.shape), np.float32)[copies.first], 0)
+        parameters = (Parameters.of(once[None], units, None, kind, *rounding),)
+        form, masters = Tied(copies), _NOTHING
+        table = aligned(gradient.size, parameters[0].table.dtype)
+    elif basis is not None or norm_unit is not None:
+        masters = aligned(gradient.size, np.float32)
+        table = aligned(gradient.size, np.int8) if rounding else masters
+        if basis is not None:
+            start = np.zeros((basis.shape[1], n), np.float32)
+            parameters = (Parameters.of(start, unit, None, kind),)
+            form = Whitened(packed(weights, np.float32), np.ascontiguousarray(basis, np.float32), n)
+        else:
+            norms = lengths(weights.astype(np.float64)).astype(np.float32)
+            of_norms = Parameters.of(norms, norm_unit, None, kind)
+            parameters = (Parameters.of(weights, unit, gradient, kind), of_norms)
+            form = WeightNorm(n_rows, n)
+    else:
+        of_weights = Parameters.of(weights, unit, gradient, kind, *rounding)
+        return _Matrix(n_rows, n, (of_weights,), gradient, of_weights.table)
+    return _Matrix(n_rows, n, parameters, gradient, table, form, masters).run_anew()
 
 
 class _Network:
@@ -146,10 +187,10 @@ class _Network:
     def __init__(self, member: Member) -> None:
         # Not the member itself, whose initial weights would stay in memory.
         self.goal = member.goal
-        self.clip_norm = member.clip_norm
+        self.clip_norm, self.arithmetic = member.clip_norm, member.arithmetic
         self.sizes = [x.feed_forward.shape[1] for x in member.layers]
         kind = member.arithmetic
-        self.matrices = [_matrix(x.feed_forward, x.unit, kind, x.shared) for x in member.layers]
+        self.matrices = [_matrix(x.feed_forward, x.unit, kind, x.shared, x.norm_unit) for x in member.layers]
         self.rings = [_ring(x, kind) for x in member.layers]
         self.delays = [
             None if x.delay is None else Delays.of(x.delay, x.longest_delay, precision(kind))
@@ -159,6 +200,27 @@ class _Network:
         parts = zip(member.layers, self.matrices, self.rings, self.delays, strict=True)
         self.layers = [_layer(x, m, r, late, kind) for x, m, r, late in parts]
         self.steps = self.delay_steps = 0
+        self.is_linear = False
+        self.begun: dict[int, Mapping[str, Array]] = {}
+
+    def begin(self, stage: Stage) -> None:
+        """Begin a part of the training; see dse.engine.member.Engine."""
+        self.steps = 0
+        for matrix in (*self.matrices, *self.rings):
+            if matrix is not None:
+                matrix.forget()
+        begun = stage.begun(self.masters().feed_forward, [m.unit for m in self.matrices])
+        self._lay_out(begun, stage.is_linear)
+
+    def _lay_out(self, begun: dict[int, Mapping[str, Array]], is_linear: bool) -> None:
+        """Make the matrices that a stage begins with from arguments of `_matrix`."""
+        self.begun, self.is_linear = begun, is_linear
+        for depth, arrays in begun.items():
+            is_readout = is_linear and depth == len(self.matrices) - 1
+            # A readout is not rounded.
+            kind = "float32" if is_readout and self.arithmetic == "integer" else self.arithmetic
+            self.matrices[depth] = _matrix(arithmetic=kind, **arrays)
+            self.layers[depth] = self.layers[depth]._replace(table=self.matrices[depth].table)
 
     def step(
         self,
@@ -171,28 +233,34 @@ class _Network:
         """Train on a batch."""
         self.steps += 1
         factors = [common_factor(gain) for gain in turn.gains]
+        running = slice(0, len(self.layers) - self.is_linear)
+        delays = self.delays[running]
         done = learn(
-            self.layers,
+            self.layers[running],
             self.sizes,
             batch,
             labels,
-            self.goal,
+            replace(self.goal, loss=LINEAR) if self.is_linear else self.goal,
             turn.gains,
             1,
             spaces,
-            [m.gradient for m in self.matrices],
-            [_NOTHING if r is None else r.gradient for r in self.rings],
-            [_NOTHING if d is None or not turn.delay_learning_rate else d.gradient for d in self.delays],
+            [m.gradient for m in self.matrices[running]],
+            [_NOTHING if r is None else r.gradient for r in self.rings[running]],
+            [_NOTHING if d is None or not turn.delay_learning_rate else d.gradient for d in delays],
             threads,
             turn.soft,
+            self.matrices[-1].masters() if self.is_linear else None,
         )
+        if done.by_readout is not None:
+            readout = self.matrices[-1]
+            readout.gradient[:] = packed(done.by_readout, readout.gradient.dtype)
+            factors[-1] = 1.0  # which its inputs have already
         parts = [
             *zip(self.matrices, factors, strict=True),
             *((ring, 1.0) for ring in self.rings if ring is not None),
         ]
         for matrix, _ in parts:
-            matrix.sum_copies()
-            matrix.keep_removed()
+            matrix.pull()
         clip = 1.0
         if self.clip_norm is not None:
             norm = math.sqrt(sum(m.squared_norm(f) for m, f in parts))
@@ -200,14 +268,15 @@ class _Network:
         squared = sum(m.update(clip * f, turn.learning_rate, self.steps) for m, f in parts)
         if turn.delay_learning_rate:
             self.delay_steps += 1
-            for late in self.delays:
+            for late in delays:
                 if late is not None:
                     late.update(turn.delay_learning_rate, self.delay_steps)
         cells = batch.rows.n_samples * batch.rows.n_steps
+        fired = zip(done.n_fired, self.sizes[running], strict=True)
         return Report(
             done.loss,
             done.correct,
-            tuple(float(f) / max(1, cells * n) for f, n in zip(done.n_fired, self.sizes, strict=True)),
+            tuple(float(f) / max(1, cells * n) for f, n in fired),
             math.sqrt(squared) / clip if clip else math.nan,
         )
 
@@ -222,11 +291,8 @@ class _Network:
     def masters(self) -> Masters:
         """Return a copy of the master weights."""
         return Masters(
-            tuple(unpacked(m.weights, m.n_rows, n) for m, n in zip(self.matrices, self.sizes, strict=True)),
-            tuple(
-                None if r is None else unpacked(r.weights, r.n_rows, n)[:n]
-                for r, n in zip(self.rings, self.sizes, strict=True)
-            ),
+            tuple(m.masters() for m in self.matrices),
+            tuple(None if r is None else r.masters()[: r.n_columns] for r in self.rings),
             tuple(
                 None if d is None else unpacked(d.table, d.n_rows, n)
                 for d, n in zip(self.delays, self.sizes, strict=True)
@@ -236,6 +302,7 @@ class _Network:
     def state(self) -> dict[str, Array]:
         """Return what training goes on from; see dse.engine.member.Engine."""
         arrays = {"steps": np.array([self.steps, self.delay_steps])}
+        arrays |= begun_arrays(self.begun, self.is_linear)
         parts = zip(self.matrices, self.rings, self.delays, strict=True)
         for depth, (matrix, ring, late) in enumerate(parts):
             arrays |= as_part(f"{depth}/feed_forward", matrix.state())
@@ -246,6 +313,7 @@ class _Network:
     def restore(self, state: State) -> None:
         """Go on from a state; see dse.engine.member.Engine."""
         self.steps, self.delay_steps = state["steps"].tolist()
+        self._lay_out(*begun_of(state, len(self.matrices)))
         for depth, late in enumerate(self.delays):
             of_layer = of_part(state, str(depth))
             ring = self.rings[depth]
@@ -308,6 +376,10 @@ class CpuEngine:
             number: self._networks[number].step(batch, labels, turn, self._spaces[number], self._threads)
             for number, turn in turns.items()
         }
+
+    def begin(self, member: int, stage: Stage) -> None:
+        """Begin a part of a member's training with the weights as they stand."""
+        self._networks[member].begin(stage)
 
     def prune(self, member: int, kept: Masters) -> None:
         """Set the weights of a member that are not kept to 0, for good."""

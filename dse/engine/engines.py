@@ -1,4 +1,4 @@
-"""Which engine trains a cohort: kernels where its neurons have one, automatic differentiation where not."""
+"""Which engine trains a cohort: kernels of the CPU where its neurons have one, else torch."""
 
 from __future__ import annotations
 
@@ -23,8 +23,7 @@ def start(
         threads: of the CPU, over the samples of a batch; a definition runs in one.
 
     Raises:
-        MissingExtra: the neurons have no kernel, and torch is not installed.
-        ValueError: weights are shared, and the device is a GPU whose kernels would train the neurons.
+        MissingExtra: the neurons have no kernel or the device is no CPU, and torch is not installed.
         ValueError: synapses have delays, which only the kernels of the CPU train.
     """
     neurons = {type(layer.population) for member in members for layer in member.layers}
@@ -35,15 +34,9 @@ def start(
             "delays of synapses need device cpu and neurons with a kernel, got "
             + (f"device {device}" if runs_kernels else "neurons without one")
         )
-    if not runs_kernels:
-        require_torch("training neurons without a kernel")
-        from dse.engine import autograd
+    if runs_kernels and device == "cpu":
+        return cpu.start(members, n_samples, n_steps, threads)
+    require_torch("device cuda" if runs_kernels else "training neurons without a kernel")
+    from dse.engine import autograd
 
-        return autograd.start(members, device)
-    if device == "cuda":
-        from dse.engine import gpu
-
-        if any(layer.shared is not None for member in members for layer in member.layers):
-            raise ValueError("execution.device must be cpu for networks that share weights, got cuda")
-        return gpu.start(members, n_samples, n_steps)
-    return cpu.start(members, n_samples, n_steps, threads)
+    return autograd.start(members, device)

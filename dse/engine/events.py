@@ -28,6 +28,12 @@ class Rows:
         """Return the number of spikes per sample and step, (sample, step) int32."""
         return np.diff(self.offsets).reshape(self.n_samples, self.n_steps).astype(np.int32)
 
+    def per_input(self) -> Ints:
+        """Return the number of spikes per sample and input, (sample, input)."""
+        sample = np.repeat(np.arange(self.n_samples), np.diff(self.offsets[:: self.n_steps]))
+        counts = np.bincount(sample * self.n_inputs + self.index, minlength=self.n_samples * self.n_inputs)
+        return counts.reshape(self.n_samples, self.n_inputs)
+
     def listed(self, first: int = 0) -> Ints:
         """Return sample, step and input of every spike, (n_spikes, 3) int32; samples count from `first`."""
         row = np.repeat(np.arange(self.offsets.size - 1), np.diff(self.offsets))

@@ -40,28 +40,32 @@ def aligned(n: int, kind: Any, *, zeroed: bool = True) -> Array:
     return raw[first : first + n * dtype.itemsize].view(dtype)
 
 
-def _blocks(n_columns: int) -> list[tuple[int, int]]:
-    blocks, column = [], 0
-    while column < n_columns:
-        blocks.append((column, width_at(column, n_columns)))
-        column += blocks[-1][1]
-    return blocks
+def blocks(flat: Array, rows: int, columns: int) -> list[Array]:
+    """Return the blocks of a matrix as (row, width) views, padding included."""
+    out, column = [], 0
+    while column < padded(columns):
+        width = int(width_at(column, padded(columns)))
+        out.append(flat[rows * column : rows * (column + width)].reshape(rows, width))
+        column += width
+    return out
 
 
 def packed(matrix: Array, kind: Any) -> Array:
     """Return a (row, column) matrix in blocks, flat; columns that pad hold 0."""
     rows, columns = matrix.shape
-    out = aligned(rows * padded(columns), kind)
-    for column, width in _blocks(padded(columns)):
-        part = matrix[:, column : column + width]
-        out[rows * column : rows * (column + width)].reshape(rows, width)[:, : part.shape[1]] = part
+    out, column = aligned(rows * padded(columns), kind), 0
+    for block in blocks(out, rows, columns):
+        part = matrix[:, column : column + block.shape[1]]
+        block[:, : part.shape[1]] = part
+        column += part.shape[1]
     return out
 
 
 def unpacked(flat: Array, rows: int, columns: int) -> Array:
     """Return blocks as a (row, column) matrix again."""
-    out = np.empty((rows, columns), flat.dtype)
-    for column, width in _blocks(padded(columns)):
-        block = flat[rows * column : rows * (column + width)].reshape(rows, width)
-        out[:, column : column + width] = block[:, : columns - column]
+    out, column = np.empty((rows, columns), flat.dtype), 0
+    for block in blocks(flat, rows, columns):
+        part = out[:, column : column + block.shape[1]]
+        part[:] = block[:, : part.shape[1]]
+        column += part.shape[1]
     return out

@@ -1,15 +1,17 @@
 """What an engine trains: networks at their start, one turn of training, and what it reports.
 
-An engine trains the networks of a cohort: dse.engine.cpu and dse.engine.gpu run kernels,
-dse.engine.autograd the definition of a neuron. Each module has a `start(members, n_samples, n_steps)` that
+An engine trains the networks of a cohort: dse.engine.cpu runs kernels, dse.engine.autograd
+the definition of a neuron on any device of torch. Each module has a `start(members, n_samples, n_steps)` that
 returns an `Engine`, ready for batches of at most `n_samples` samples of `n_steps` steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
+
+import numpy as np
 
 from dse.engine.events import Rows
 from dse.engine.goal import SPIKE_RATE, Goal
@@ -33,6 +35,8 @@ class TrainedLayer:
     delay: (input, neuron) float32 master delays of the feed-forward synapses, network steps; they run
         rounded. None: no synapse has one.
     longest_delay: training keeps delays between 0 and this.
+    norm_unit: (neuron,) what a learning rate of 1 moves the norm of each neuron's weights by, where these are
+        g v / |v| (dse.engine.parameters); None: they are no such product.
     """
 
     feed_forward: Floats
@@ -44,6 +48,39 @@ class TrainedLayer:
     shared: Ints | None = None
     delay: Floats | None = None
     longest_delay: int = 0
+    norm_unit: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a part of the training begins with: Adam's moments are 0 again, and its steps count from 1.
+
+    bases: by layer, the M of a matrix that is W0 + M A (dse.engine.parameters), (input, rank) float32; W0 is
+        the matrix as it stands.
+    is_linear: the last layer does not run: its weights times the spike counts of the layer below are the
+        log-odds of a softmax, whose cross-entropy is the loss. They are not rounded.
+    output: the last layer with weights and units of its own; None: as it stands.
+    """
+
+    bases: Mapping[int, Floats]
+    is_linear: bool = False
+    output: TrainedLayer | None = None
+
+    def begun(self, weights: Sequence[Floats], units: Sequence[Floats]) -> dict[int, dict[str, Array]]:
+        """Return what matrices are made anew of, by layer: weights, unit, and norm_unit or basis.
+
+        Args:
+            weights: of each layer as they stand.
+            units: of each layer.
+        """
+        made = {d: {"weights": weights[d], "unit": units[d], "basis": x} for d, x in self.bases.items()}
+        if self.output is not None:
+            last, x = len(weights) - 1, self.output
+            own = {"weights": x.feed_forward, "unit": x.unit, "norm_unit": x.norm_unit}
+            made[last] = made.get(last, {}) | {
+                name: array for name, array in own.items() if array is not None
+            }
+        return made
 
 
 @dataclass(frozen=True)
@@ -53,7 +90,7 @@ class Member:
     layers: input side first.
     true_rate, false_rate: target spike rates of the label's output and of the others.
     arithmetic: of the forward pass.
-    clip_norm: gradients whose Euclidean norm over all weights is larger are scaled down to it; None: never.
+    clip_norm: gradients of a larger Euclidean norm over all parameters are scaled down to it; None: never.
     heads: classes of each head, which share the output neurons in this order; empty: one head.
     loss: over the output spikes.
     hidden_spike_penalty: what each spike of a hidden neuron adds to the loss of its sample.
@@ -88,6 +125,20 @@ def as_part(part: str, state: State) -> dict[str, Array]:
     return {f"{part}/{name}": x for name, x in state.items()}
 
 
+def begun_arrays(begun: Mapping[int, State], is_linear: bool) -> dict[str, Array]:
+    """Return what the matrices of a stage were made of (`Stage.begun`) as a state; nothing of no stage."""
+    arrays = {"is_linear": np.array(is_linear)} if begun else {}
+    for depth, made in begun.items():
+        arrays |= as_part(f"{depth}/begun", made)
+    return arrays
+
+
+def begun_of(state: State, n_layers: int) -> tuple[dict[int, Mapping[str, Array]], bool]:
+    """Return what the matrices of a stage were made of, by layer, and whether its readout is linear."""
+    made = {depth: of_part(state, f"{depth}/begun") for depth in range(n_layers)}
+    return {depth: x for depth, x in made.items() if x}, bool(state.get("is_linear", False))
+
+
 @dataclass(frozen=True)
 class Turn:
     """What one member does with a batch.
@@ -112,9 +163,8 @@ class Report:
 
     loss: with what hidden spikes add to it, summed over the batch.
     correct: samples whose most active output (lowest number on ties) is the label, in every head.
-    fired: per layer, mean spikes per neuron and step.
-    gradient_norm: Euclidean norm over all weights, shared ones once, before clipping; NaN or infinite where a
-        gradient is.
+    fired: per layer that runs, mean spikes per neuron and step.
+    gradient_norm: Euclidean norm over all parameters, before clipping; NaN or infinite where a gradient is.
     """
 
     loss: float
@@ -143,6 +193,10 @@ class Engine(Protocol):
 
         Labels are output neurons: (sample,), or (sample, head) of members with several heads.
         """
+        ...
+
+    def begin(self, member: int, stage: Stage) -> None:
+        """Begin a part of a member's training with the weights as they stand."""
         ...
 
     def prune(self, member: int, kept: Masters) -> None:

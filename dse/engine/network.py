@@ -125,7 +125,7 @@ class Answer:
     output: (sample, step, class) uint8, shift included.
     spikes: (sample, step, layer) int32, layer 0 = the input rows.
     updates: (sample, step, layer - 1) int32.
-    fired: per layer, (neuron,) spikes over the batch.
+    fired: per layer, (sample, neuron) spikes.
     peak: largest |u| or |v| over all layers, weight units.
     """
 
@@ -153,7 +153,7 @@ def answer(rows: Rows, layers: Sequence[Prepared]) -> Answer:
         done = layer.forward(rows, count=True)
         spikes.append(done.fired.per_step())
         updates.append(done.updates)
-        fired.append(np.bincount(done.fired.index, minlength=layer.n_neurons))
+        fired.append(done.fired.per_input())
         peak = max(peak, done.peak)
         rows = delayed(done.fired)
     return Answer(dense(rows), np.stack(spikes, -1), np.stack(updates, -1), tuple(fired), peak)

@@ -2,7 +2,7 @@
 
 A matrix of shared weights comes with the number of every synapse's weight, (input, neuron): synapses of one
 number hold copies of one weight, and -1 is no synapse, whose weight is 0. The gradient of a shared weight is
-the sum over its copies. Each copy receives that sum, so that Adam moves all of them by the same bits.
+the sum over its copies (dse.engine.parameters).
 """
 
 from __future__ import annotations
@@ -28,12 +28,6 @@ class Copies:
     @property
     def n_weights(self) -> int:
         return len(self.first)
-
-    def sum_gradient(self, gradient: Floats) -> None:
-        """Replace the gradient (element,) of every copy by the sum over the copies; 0 where no weight is."""
-        totals = np.bincount(self.number, gradient, self.n_weights + 1)
-        totals[-1] = 0
-        gradient[:] = totals[self.number]
 
 
 def copies_of(number: Ints) -> Copies:

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dse.records import Bools, Floats, Ints
-from dse.skyline.thinning import SMALL, NanError, exact, has_nan, thinned
 
 _EXACT_INTEGERS = 2**53  # up to here float64 tells all integers apart
 
@@ -34,7 +33,7 @@ def _points(points: ArrayLike) -> Floats:
 
 
 def _without_nan(array: Floats) -> Floats:
-    if has_nan(array):
+    if np.isnan(array.min(initial=0)):
         row, column = np.argwhere(np.isnan(array))[0]
         raise ValueError(f"points must not be NaN, got NaN in row {row}, column {column}")
     return array
@@ -43,8 +42,11 @@ def _without_nan(array: Floats) -> Floats:
 def non_dominated(points: ArrayLike) -> Bools:
     """Return which points no other point dominates; equal points are on the front together.
 
-    Large sets are thinned first, on all cores; only the rest goes to the exact kernel, which is O(n log n)
-    for d <= 3 and O(n log^(d-2) n) above. The answer depends neither on thinning nor on the number of cores.
+    O(n log n) for d <= 3 and O(n log^(d-2) n) above, by moocore's Kung-Luccio-Preparata kernel. moocore 0.3.2
+    uses infinities as sentinels: it keeps dominated points with +inf and crashes on -inf. Columns with
+    infinities are replaced by their ranks, which dominate alike.
+
+    Source: Kung, Luccio and Preparata, J. ACM 22(4), 1975; moocore (REFERENCES.md).
 
     Args:
         points: (n, d), minimised, of any real type. +inf is a legal worst value, -inf a legal best one.
@@ -55,19 +57,14 @@ def non_dominated(points: ArrayLike) -> Bools:
     Raises:
         ValueError: a NaN (names row and column), or not two-dimensional.
     """
-    array = _points(points)
+    array = _without_nan(_points(points))
     if array.shape[1] == 1:
-        return np.asarray(_without_nan(array)[:, 0] == array.min(initial=np.inf))
-    if len(array) <= SMALL:
-        return exact(_without_nan(array))
-    try:
-        remaining = thinned(array)
-    except NanError:
-        _without_nan(array)  # says which
-        raise
-    mask = np.zeros(len(array), dtype=bool)
-    mask[remaining[exact(array[remaining])]] = True
-    return mask
+        return np.asarray(array[:, 0] == array.min(initial=np.inf))
+    bounded = array
+    for column in np.flatnonzero(~np.isfinite(array).all(axis=0)):
+        bounded = bounded if bounded is not array else array.copy()
+        bounded[:, column] = np.unique(array[:, column], return_inverse=True)[1]
+    return np.asarray(moocore.is_nondominated(bounded, keep_weakly=True), dtype=bool)
 
 
 class Front:

@@ -50,9 +50,7 @@ _OVER_BUDGET = "MemoryBudget"
 # beside others, and alone with the whole machine.
 _ATTEMPTS = 3
 _NAMED = 3
-# Estimated CPU seconds that a killed worker may lose. A GPU works them off many times as fast, and its speed
-# rises with the number of designs, where a CPU has all of the gain from some eight of them.
-_LONGEST_S = {"cpu": 120.0, "cuda": 6000.0}
+_LONGEST_S = 120.0  # estimated CPU seconds that a killed worker may lose
 
 
 @dataclasses.dataclass(frozen=True)
@@ -401,7 +399,7 @@ class Runs:
                 self._work[key] = self._work.get(key, 0.0) + demand.cost
         self._progress.plan([demand.cost for demand in demands])
         device, threads, checkpoint_s = execution.device, execution.threads, execution.checkpoint_s
-        plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S[device])
+        plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S)
         ranked_by = [name for name, _ in self._space.objectives]
         return [
             jobs.TrainingJob(

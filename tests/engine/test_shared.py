@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.ours import rows_of
-from dse.engine import cpu, engines
+from dse.engine import cpu
 from dse.engine.member import Masters, Member, TrainedLayer, Turn
 from dse.engine.shared import copies_of, distinct, expanded
 from dse.neurons import cuba_lif
@@ -18,21 +18,19 @@ from dse.neurons.surrogate import exponential
 NUMBER = np.array([[0, -1, 2], [1, 0, -1], [2, 2, 1]], np.int32)
 
 
-def test_a_gradient_becomes_the_sum_over_the_copies() -> None:
-    copies = copies_of(NUMBER)
-    assert copies.n_weights == 3
-    gradient = np.arange(1.0, 10, dtype=np.float32)
-    copies.sum_gradient(gradient)
-    np.testing.assert_array_equal(gradient.reshape(3, 3), [[6, 0, 18], [13, 6, 0], [18, 18, 13]])
-    np.testing.assert_array_equal(distinct(gradient.reshape(3, 3), NUMBER), [6, 13, 18])
-    np.testing.assert_array_equal(expanded(np.array([5.0, 6, 7]), NUMBER), [[5, 0, 7], [6, 5, 0], [7, 7, 6]])
+def test_shared_weights_stand_at_all_their_synapses() -> None:
+    assert copies_of(NUMBER).n_weights == 3
+    at_synapses = expanded(np.array([5.0, 6, 7]), NUMBER)
+    np.testing.assert_array_equal(at_synapses, [[5, 0, 7], [6, 5, 0], [7, 7, 6]])
+    np.testing.assert_array_equal(distinct(at_synapses, NUMBER), [5, 6, 7])
 
 
-def test_a_matrix_without_synapses_has_no_weights() -> None:
-    copies = copies_of(np.full((2, 2), -1))
-    gradient = np.ones(4)
-    copies.sum_gradient(gradient)
-    assert copies.n_weights == 0 and not gradient.any()
+def test_a_matrix_without_synapses_trains_nothing() -> None:
+    none = member(np.full((12, 18), -1, np.int32))
+    rows, labels, turn = batch()
+    engine = cpu.start([none], 7, 40)
+    assert np.isfinite(engine.step(rows, labels, {0: turn})[0].gradient_norm)
+    assert not engine.masters(0).feed_forward[0].any()
 
 
 def layer(rng: np.random.Generator, weights: np.ndarray, shared: np.ndarray | None) -> TrainedLayer:
@@ -133,8 +131,3 @@ def test_weights_that_have_one_copy_each_train_as_any_others() -> None:
         results.append(engine.masters(0))
     for a, b in zip(*(x.feed_forward for x in results), strict=True):
         np.testing.assert_array_equal(a, b)
-
-
-def test_gpu_kernels_refuse_shared_weights() -> None:
-    with pytest.raises(ValueError, match=r"execution.device must be cpu .*, got cuda"):
-        engines.start([member()], 7, 40, "cuda")

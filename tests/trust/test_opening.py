@@ -78,7 +78,6 @@ READ = {
     "describe": ("hardware {root}/mine.py", 2),
     "simulate": ("{root}/mine.py", 2),
     "cost": ("{study}/hardware/loihi1_silicon.yaml --hardware {root}/mine.py", 2),
-    "completion": ("bash", 0),
 }
 MORE = {
     "skyline priced anew": ("skyline", "{study} --hardware mcu_m4", 0),

@@ -264,9 +264,10 @@ def _together(
         output: of all heads.
         networks: the first stack and the second.
         responses: of either.
-        counts: per stack and layer, input copies first, (neuron,) spikes.
+        counts: per stack, from `respond_and_count`.
     """
-    (first, second), (one, two), (fired, fired_then) = networks, responses, counts
+    (first, second), (one, two) = networks, responses
+    fired, fired_then = ([x.sum(axis=0) for x in of_stack] for of_stack in counts)
     place = np.arange(second.sizes[0])
     is_data = place % second.n_channels < first.n_channels
     is_output = ~is_data & (np.asarray(second.delays)[place // second.n_channels] == 0)

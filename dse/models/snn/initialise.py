@@ -82,7 +82,7 @@ def deployed(
     ]
 
 
-def _reach_rate(rate: Callable[[float], float], target: float, start: float) -> tuple[float, float]:
+def reach_rate(rate: Callable[[float], float], target: float, start: float) -> tuple[float, float]:
     """Return the gain, and its rate, that comes closest to a target spike rate from below.
 
     The gain doubles from start / 16 until the rate is reached and the last step is then halved, so that
@@ -202,7 +202,7 @@ def initialise(
             fired = forward(gain).fired
             return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
-        gain, reached = _reach_rate(rate, target, spread)
+        gain, reached = reach_rate(rate, target, spread)
         feed_forward.append(within((gain * drawn + fixed).astype(np.float32)))
         recurrent.append(None if ring is None else within(ring))
         delays.append(late)

@@ -29,14 +29,14 @@ def respond(network: Network, dataset: Dataset, samples: Array) -> Response:
 
 
 def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tuple[Response, list[Array]]:
-    """Respond, and count each layer's spikes per neuron, input copies first."""
+    """Respond, and count each layer's spikes, (sample, neuron); first those of input copies, (1, copy)."""
     layers = layers_of(network)
     answers: list[Answer] = []
     per_input = np.zeros(network.sizes[0], np.int64)
-    for rows in _batches(network, dataset, samples):
+    for rows in batches(network, dataset, samples):
         answers.append(answer(rows, layers))
         per_input += np.bincount(rows.index, minlength=per_input.size)
-    counts = [per_input, *(np.sum([a.fired[k] for a in answers], axis=0) for k in range(len(layers)))]
+    counts = [per_input[None], *(np.concatenate([a.fired[k] for a in answers]) for k in range(len(layers)))]
     response = Response(
         np.concatenate([a.output for a in answers]),
         np.concatenate([a.spikes for a in answers]),
@@ -57,11 +57,20 @@ def spikes_of_layers(network: Network, dataset: Dataset, samples: Array) -> list
     layers = layers_of(network)
     parts: list[list[Ints]] = [[np.zeros((0, 3), np.int32)] for _ in layers]
     first = 0
-    for rows in _batches(network, dataset, samples):
+    for rows in batches(network, dataset, samples):
         for spikes, part in zip(layer_spikes(rows, layers), parts, strict=True):
             part.append(spikes.listed(first))
         first += rows.n_samples
     return [np.concatenate(part) for part in parts]
+
+
+def counts_of_layers(network: Network, dataset: Dataset, samples: Array) -> list[Ints]:
+    """Return how often each neuron of every hidden layer fires in some samples, (sample, neuron) each."""
+    layers = layers_of(network)[:-1]
+    parts = [
+        [x.per_input() for x in layer_spikes(rows, layers)] for rows in batches(network, dataset, samples)
+    ]
+    return [np.concatenate(of_layer) for of_layer in zip(*parts, strict=True)]
 
 
 def layers_of(network: Network) -> list[Prepared]:
@@ -78,7 +87,8 @@ def layers_of(network: Network) -> list[Prepared]:
     ]
 
 
-def _batches(network: Network, dataset: Dataset, samples: Array) -> Iterator[Rows]:
+def batches(network: Network, dataset: Dataset, samples: Array) -> Iterator[Rows]:
+    """Yield the evaluated windows of some samples, the input of a network."""
     for first in range(0, max(1, samples.size), _BATCH):
         part = samples[first : first + _BATCH]
         yield gather(
@@ -96,10 +106,11 @@ def synapses(network: Network, counts: Sequence[Array]) -> tuple[float, ...]:
 
     Args:
         network: a trained network.
-        counts: per layer, input copies first, (neuron,) spikes; without any, the mean is over neurons.
+        counts: from `respond_and_count`; without any spike, the mean is over neurons.
     """
     means = []
-    for reached, spikes in zip(fan_outs(network), counts, strict=True):
+    for reached, of_samples in zip(fan_outs(network), counts, strict=True):
+        spikes = of_samples.sum(axis=0)
         total = spikes.sum()
         means.append(float(reached @ spikes / total if total else reached.mean()))
     return tuple(means)

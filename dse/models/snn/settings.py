@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
@@ -91,6 +91,17 @@ class Stack:
         choices=("integer", "float32", "ideal"),
         doc="integer: what deployed networks compute; ideal: real numbers in float64",
     )
+    weight_norm: bool = param(
+        False,
+        doc="each neuron's weights from the layer below are g v / |v|, and g and v are learnt, as in lava-dl",
+    )
+    whitened: Literal["none", "output", "all"] = param(
+        "none",
+        choices=("none", "output", "all"),
+        doc="layers whose weights are learnt in the basis in which the spike counts of the neurons below are "
+        "white, which counts that rise and fall together need: the outputs, or all layers but the first. "
+        "They are stored as any others. weight_norm leaves them out",
+    )
     pruned: float = param(
         0.0,
         low=0,
@@ -128,6 +139,10 @@ class Stack:
             )
         if self.max_delay and self.recurrent and self.delayed_layers == "all":
             raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")
+        if self.whitened != "none" and self.pruned:
+            raise ValueError(
+                f"pruned must be 0 where weights are learnt in a whitened basis, got {self.pruned:g}"
+            )
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
 
@@ -135,6 +150,12 @@ class Stack:
     def has_kernel(self) -> bool:
         """Whether kernels train it; if not, automatic differentiation of its neurons' definition does."""
         return has_kernel(self.neuron.Populations)
+
+    @property
+    def whitened_layers(self) -> range:
+        """The layers, from 0, whose weights are learnt in a whitened basis."""
+        last = len(self.hidden)
+        return range({"none": last + 1, "output": last, "all": 1}[self.whitened], last + 1)
 
     @property
     def copies(self) -> int:

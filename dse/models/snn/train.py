@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,11 @@ from dse.engine.events import Rows, gather, without
 from dse.engine.member import as_part, of_part
 from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
-from dse.models.snn import prune
+from dse.models.snn import prune, whiten
 from dse.models.snn.augment import Augmentation
 from dse.models.snn.respond import respond_and_count
 from dse.models.snn.settings import Stack
+from dse.models.snn.stages import stage_of, with_spiking_outputs
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
@@ -107,6 +109,21 @@ def train(
         return
     size = min(training.batch_size, dataset.train.size)
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
+    counted = shared("whitening").permutation(dataset.train)[: whiten.SAMPLES]
+
+    def network_of(trainee: Trainee, matrices: Sequence[Array | None]) -> Network:
+        network = _network(trainee, matrices, dataset, delays)
+        if trainee.is_linear:
+            rate = trainee.rates[-1][0]
+            network, reached = with_spiking_outputs(network, dataset, chosen, head_sizes(dataset), rate)
+            trainee.rates[-1] = rate, reached
+        return network
+
+    def outcome_of(trainee: Trainee, matrices: Sequence[Array | None]) -> Outcome:
+        began = time.perf_counter()
+        outcome = _outcome(trainee, network_of(trainee, matrices), dataset)
+        return replace(outcome, train_s=trainee.seconds + time.perf_counter() - began)
+
     for trainee, read in zip(trainees, span.states, strict=bool(span.states)):
         state = read()
         trainee.restore(state)
@@ -130,11 +147,21 @@ def train(
             for trainee in live:
                 masters = engine.masters(trainee.number)
                 trainee.delays = masters.delay
-                outcome = _outcome(trainee, [*masters.feed_forward, *masters.recurrent], dataset, delays)
+                outcome = outcome_of(trainee, [*masters.feed_forward, *masters.recurrent])
                 yield trainee.number, Rung(epoch, state_of(trainee), outcome)
             return
         for trainee in live:
-            if trainee.model.pruned and epoch == int(trainee.model.prune_epoch * trainee.training.epochs):
+            linear_epochs = trainee.training.linear_epochs
+            if epoch in (0, linear_epochs):
+                masters = engine.masters(trainee.number)
+                trainee.delays = masters.delay
+                network = network_of(trainee, [*masters.feed_forward, *masters.recurrent])
+                if (stage := stage_of(trainee, epoch, network, dataset, counted)) is not None:
+                    engine.begin(trainee.number, stage)
+                trainee.seconds += clock.lap()
+            if trainee.model.pruned and epoch == max(
+                linear_epochs, int(trainee.model.prune_epoch * trainee.training.epochs)
+            ):
                 trainee.kept = prune.masks(engine.masters(trainee.number), trainee.model.pruned)
                 engine.prune(trainee.number, trainee.kept)
         order = batches.permutation(dataset.train)
@@ -170,7 +197,7 @@ def train(
             if trainee.diverged:
                 yield trainee.number, TrainingDiverged(trainee.diverged)
             elif trainee.finished:
-                yield trainee.number, _outcome(trainee, trainee.mean, dataset, delays)
+                yield trainee.number, outcome_of(trainee, trainee.mean)
         live = [x for x in live if not (x.diverged or x.finished)]
         if live and epoch != span.until and span.is_due():
             for trainee in live:
@@ -190,11 +217,10 @@ class _Clock:
         return self._last - before
 
 
-def _outcome(
+def _network(
     trainee: Trainee, matrices: Sequence[Array | None], dataset: Dataset, delays: tuple[int, ...]
-) -> Outcome:
-    """Return a design's network of these weights, feed-forward, then recurrent, and its responses."""
-    began = time.perf_counter()
+) -> Network:
+    """Return a design's network of these weights, feed-forward, then recurrent."""
     model = trainee.model
     layers = trainee.member.layers
     n = len(layers)
@@ -205,7 +231,7 @@ def _outcome(
             None if w is None or k is None else prune.remaining(w, k, model.arithmetic)
             for w, k in zip(weights, kept, strict=True)
         ]
-    network = Network(
+    return Network(
         layers=tuple(
             Layer(
                 weight=np.ascontiguousarray(w.T),
@@ -225,17 +251,27 @@ def _outcome(
         steps_per_sample=model.steps_per_sample,
         arithmetic=model.arithmetic,
     )
+
+
+def _outcome(trainee: Trainee, network: Network, dataset: Dataset) -> Outcome:
+    """Return a design's network, its responses and its health."""
+    model, layers = trainee.model, trainee.member.layers
     validation, fired = respond_and_count(network, dataset, dataset.validation)
     test = respond_and_count(network, dataset, dataset.test)[0] if dataset.test.size else None
+    totals = [x.sum(axis=0) for x in fired]
     curves = {name: np.asarray(values) for name, values in trainee.history.items()}
     cells = validation.output.shape[0] * validation.output.shape[1]
-    sharing = [*(layer.shared for layer in layers), *(None for _ in layers)]
-    pairs = zip(weights, sharing, strict=True) if model.arithmetic == "integer" else ()
-    masters = [distinct(w, shared) for w, shared in pairs if w is not None]
+    masters = [
+        w.ravel() if number is None else distinct(w, number)
+        for x in network.layers
+        for w, number in ((x.weight, x.shared), (x.recurrent, None))
+        if w is not None and model.arithmetic == "integer"
+    ]
     health: dict[str, Any] = {
-        "dead_neurons": int(sum((f == 0).sum() for f in fired[1:-1])),
-        "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in fired[1:-1])) if cells else 0,
-        "saturated_outputs": int((fired[-1] >= SATURATED * cells).sum()) if cells else 0,
+        "dead_neurons": int(sum((f == 0).sum() for f in totals[1:-1])),
+        "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in totals[1:-1])) if cells else 0,
+        "saturated_outputs": int((totals[-1] >= SATURATED * cells).sum()) if cells else 0,
+        "effective_rank": whiten.effective_rank(fired[-2]),
         "collapsed_outputs": _collapsed(dataset, validation),
         "clipped_weights": sum(
             int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in masters
@@ -257,8 +293,7 @@ def _outcome(
     }
     if any(layer.shared is not None for layer in layers):
         health["n_synapses"] = sum(network.stored)
-    seconds = trainee.seconds + time.perf_counter() - began
-    return Outcome(network, validation, test, curves, health, seconds)
+    return Outcome(network, validation, test, curves, health)
 
 
 def _collapsed(dataset: Dataset, validation: Response) -> int:

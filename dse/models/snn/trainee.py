@@ -10,6 +10,7 @@ import numpy as np
 
 from dse.engine.events import Rows
 from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, of_part
+from dse.engine.parameters import lengths
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.settings import Stack
@@ -29,7 +30,7 @@ class Trainee:
     """A design in training.
 
     number: its place in the cohort.
-    rates: per layer, the target spike rate at the start and the one reached.
+    rates: per layer, the target spike rate at the start (of spiking) and the one reached.
     silenced: draws which neurons drop out.
     history: curves by name, a number per epoch.
     mean: sum of the weights over the last epochs, over their number.
@@ -82,17 +83,24 @@ class Trainee:
         began = initialise(
             probe, model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
         )
+
+        def slower(depth: int) -> np.float32:
+            return np.float32(training.hidden_lr_factor if depth < len(model.hidden) else 1)
+
         layers = [
             TrainedLayer(
                 feed_forward=weights,
                 recurrent=ring,
                 population=population,
                 surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
-                unit=_units(weights, training.step_unit, shared, 1 if depth else model.copies),
-                recurrent_unit=None if ring is None else _units(ring, training.step_unit),
+                unit=slower(depth) * units(weights, training.step_unit, shared, 1 if depth else model.copies),
+                recurrent_unit=None if ring is None else slower(depth) * units(ring, training.step_unit),
                 shared=shared,
                 delay=late,
                 longest_delay=model.max_delay,
+                norm_unit=slower(depth) * norm_units(weights, training.step_unit)
+                if model.weight_norm and depth not in model.whitened_layers
+                else None,
             )
             for depth, (population, weights, ring, shared, late) in enumerate(
                 zip(
@@ -121,6 +129,16 @@ class Trainee:
         return cls(number, model, training, member, began.rates, rngs("dropout"), curves)
 
     @property
+    def is_linear(self) -> bool:
+        """Whether its last epoch trained a linear readout."""
+        return 0 < len(self.history["loss"]) <= self.training.linear_epochs
+
+    @property
+    def first_averaged(self) -> int:
+        """The first epoch whose weights count in the mean."""
+        return max(self.training.epochs - self.training.average_epochs, self.training.linear_epochs)
+
+    @property
     def finished(self) -> bool:
         return bool(self.stopped) or len(self.history["loss"]) == self.training.epochs
 
@@ -131,6 +149,7 @@ class Trainee:
         arrays |= {f"history/{name}": np.array(curve) for name, curve in self.history.items()}
         arrays |= {f"mean/{k}": mean for k, mean in enumerate(self.mean) if mean is not None}
         arrays |= {} if self.soft is None else {"soft": self.soft}
+        arrays |= {"rates": np.array(self.rates)} if self.training.linear_epochs else {}
         if self.kept is not None:
             matrices = (*self.kept.feed_forward, *self.kept.recurrent)
             arrays |= {f"kept/{k}": kept for k, kept in enumerate(matrices) if kept is not None}
@@ -143,6 +162,8 @@ class Trainee:
         move_to(self.silenced, state["dropout"])
         self.history = {name: curve.tolist() for name, curve in of_part(state, "history").items()}
         self.soft = state.get("soft")
+        if "rates" in state:
+            self.rates = [(target, reached) for target, reached in state["rates"].tolist()]
         n, means, kept = len(self.member.layers), of_part(state, "mean"), of_part(state, "kept")
         self.mean = [means.get(str(k)) for k in range(2 * n)] if means else []
         if kept:
@@ -168,7 +189,7 @@ class Trainee:
 
     def _delay_rate(self, epoch: float) -> float:
         """Return the learning rate of delays: none while the weights are averaged, which belong to them."""
-        if not self.model.max_delay or epoch >= self.training.epochs - self.training.average_epochs:
+        if not self.model.max_delay or epoch >= self.first_averaged:
             return 0.0
         return self.model.delay_learning_rate * self.training.rate(epoch) / self.training.learning_rate
 
@@ -190,7 +211,6 @@ class Trainee:
         weights = [*masters.feed_forward, *masters.recurrent]
         self.delays = masters.delay
         self.diverged = self._lost(weights, epoch)
-        first = self.training.epochs - self.training.average_epochs
         self.history["loss"].append(self.loss / n_samples)
         self.history["accuracy_train"].append(self.correct / n_samples)
         self.history["learning_rate"].append(self.learning_rate)
@@ -202,8 +222,9 @@ class Trainee:
             how = "silent" if rates[layer - 1] == 0 else "saturated"
             self.stopped = f"layer {layer} was {how} for {self.quiet_epochs} epochs"
             self.mean = []  # the mean of the last epochs would mix in what was before
+        first = self.first_averaged
         if epoch >= first or self.stopped:
-            n_summed = 1 if self.stopped else min(self.training.average_epochs, self.training.epochs)
+            n_summed = 1 if self.stopped else self.training.epochs - max(0, first)
             before = self.mean or [None if w is None else np.zeros(w.shape) for w in weights]
             self.mean = [
                 None if w is None or b is None else b + w / n_summed
@@ -229,7 +250,7 @@ class Trainee:
         return ""
 
 
-def _units(weights: Floats, unit: str, shared: Ints | None = None, copies: int = 1) -> Floats:
+def units(weights: Floats, unit: str, shared: Ints | None = None, copies: int = 1) -> Floats:
     """Return what a learning rate of 1 is: one weight, or each neuron's initial root mean square weight.
 
     Args:
@@ -247,6 +268,11 @@ def _units(weights: Floats, unit: str, shared: Ints | None = None, copies: int =
         squares = np.bincount(kind, weights.ravel()[first].astype(np.float64) ** 2)
         return np.tile(np.sqrt(squares / np.bincount(kind)), copies).astype(np.float32)
     return np.asarray(np.sqrt((weights**2).mean(axis=0)), np.float32)
+
+
+def norm_units(weights: Floats, unit: str) -> Floats:
+    """Return the same of the norm of each neuron's weights: 1, or its initial value."""
+    return np.ones(weights.shape[1], np.float32) if unit == "weight" else lengths(weights)[0]
 
 
 def _rms(weights: Array) -> float:

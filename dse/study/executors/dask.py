@@ -107,8 +107,6 @@ class Dask:
             self._client = self._connected(Client, address, scheduler_file)
         self._client.subscribe_topic(self._topic, lambda event: self._post(event[1]))
         self._executor = self._client.get_executor(pure=False)
-        if self._cluster is not None:
-            self._client.run(stdout_to_stderr, on_error="return")  # one may have ended already
         self._is_closed = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
         try:
@@ -212,7 +210,9 @@ class Dask:
         self._post = post
         data = os.environ.get("DSE_DATA", "")
         with self._answering():
-            future = self._executor.submit(_run, task, self._topic, _of_this_process(), os.getcwd(), data)
+            future = self._executor.submit(
+                _run, task, self._topic, _of_this_process(), os.getcwd(), data, self._cluster is not None
+            )
         self._ends[future] = ended
         future.add_done_callback(lambda _: ended())
         if self._is_lost:
@@ -283,14 +283,21 @@ def _another(worker: str, name: str, version: str, here: str) -> Unusable:
 _alone = threading.Lock()  # the threads of a worker take turns
 
 
-def _run(task: bytes, topic: str, about: dict[str, str], folder: str, data: str) -> list[bytes]:
-    """Perform a task in a worker, from the coordinator's folder and with its recordings."""
+def _run(
+    task: bytes, topic: str, about: dict[str, str], folder: str, data: str, is_ours: bool
+) -> list[bytes]:
+    """Perform a task in a worker, from the coordinator's folder and with its recordings.
+
+    The output of workers of ours is that of the coordinator, whose stdout is an answer.
+    """
     from distributed import get_worker
 
     worker = get_worker()
     for name, version in _of_this_process().items():
         if about[name] != version:
             raise _another(worker.address, name, version, about[name])
+    if is_ours:
+        stdout_to_stderr()  # here, for a worker that is lost comes again as another process
     with _alone, contextlib.chdir(folder):
         os.environ["DSE_DATA"] = data
         return perform(task, lambda message: worker.log_event(topic, message))

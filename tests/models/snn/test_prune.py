@@ -98,7 +98,7 @@ def test_synapses_are_those_that_the_spikes_reach() -> None:
         np.testing.assert_array_equal(found, expected)
     total = response.spikes.sum(axis=(0, 1), dtype=np.int64)
     assert [int(x.sum()) for x in fired] == total.tolist()
-    operations = sum(int(a @ b) for a, b in zip(reached, fired, strict=True))
+    operations = sum(int(a @ b.sum(axis=0)) for a, b in zip(reached, fired, strict=True))
     assert total @ np.array(response.synapses) == pytest.approx(operations, rel=1e-12)
 
 

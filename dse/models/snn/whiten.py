@@ -1,0 +1,150 @@
+"""The basis in which weights learn where the neurons below fire together.
+
+Counts of neurons that follow one common rate are nearly collinear. Adam then moves all weights along the
+common direction, and hardly along the differences that carry the classes. In the basis
+
+    M = diag(c) Q diag((ev + 0.1)^-1/2) / s,    c = 1 / (sd + 5),    W = W0 + M A    (dse.engine.parameters)
+
+counts are nearly white. sd are the standard deviations of the neurons' spike counts over samples; Q and ev
+belong to the mean of x x' over samples, x = c * count, not centred. s is the root mean square length of the
+rows of M whose neurons fire: a step of A moves weights as far as a step of W would.
+
+Directions in which no sample differs (eigenvalues of rounding errors alone) have no column: Adam would take
+full steps along the rounding errors of their gradients. Neurons that never fired have a column each, so that
+one that wakes up can learn.
+
+Every step has the same bits on all machines and for any number of threads: sums of whole numbers are exact,
+and eigenvectors come from Jacobi rotations (`eigen`), not from a library that picks its kernels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dse.native.compiled import compiled
+from dse.records import Array, Floats, Ints
+
+SAMPLES = 2048
+"""Training samples that the counts are of, at most."""
+_LEAST_SPREAD = 5.0  # spikes: what a neuron's count is scaled by at least
+_LEAST_POWER = 0.1  # added to the eigenvalues
+_RIGHT = 1e-13  # cosine of two rows that counts as a right angle
+_MOST_SWEEPS = 60
+
+
+def covariance(counts: Ints) -> tuple[Floats, Floats]:
+    """Return the scales c of some neurons, and the mean of x x' with x = c * count, (neuron, neuron).
+
+    Args:
+        counts: (sample, neuron) spikes, at least one sample.
+    """
+    whole, n = counts.astype(np.float64), len(counts)
+    products, totals = whole.T @ whole, whole.sum(axis=0)  # exact in any order
+    scales = 1 / (np.sqrt(n * np.diag(products) - totals**2) / n + _LEAST_SPREAD)
+    return scales, products / n * scales[:, None] * scales
+
+
+def basis(counts: Ints) -> tuple[Floats, float]:
+    """Return M, (neuron, rank) float32, and s.
+
+    Args:
+        counts: (sample, neuron) spikes, at least one sample.
+    """
+    scales, means = covariance(counts)
+    fires = counts.any(axis=0)
+    powers, vectors = eigen(means[np.ix_(fires, fires)])
+    n_silent = int((~fires).sum())
+    out = np.zeros((len(scales), powers.size + n_silent))
+    out[fires, : powers.size] = vectors / np.sqrt(powers + _LEAST_POWER)
+    out[~fires, powers.size :] = np.eye(n_silent) / np.sqrt(_LEAST_POWER)
+    out *= scales[:, None]
+    rows = out[fires] if fires.any() else out
+    length = float(np.sqrt((rows**2).sum() / len(rows)))
+    return (out / length).astype(np.float32), length
+
+
+def eigen(matrix: Floats) -> tuple[Floats, Floats]:
+    """Return the eigenvalues above 0 of a symmetric positive semidefinite matrix, falling, and their vectors.
+
+    Vectors are the columns of (n, rank); the largest component of each is positive. Left out are eigenvalues
+    below n * 2.2e-16 of the largest: rounding errors.
+    Source: Demmel and Veselic 1992, one-sided Jacobi (REFERENCES.md).
+    """
+    n = len(matrix)
+    rows = np.zeros((n, n + -n % 4))
+    rows[:, :n] = matrix
+    _orthogonalise(rows)
+    values = np.sqrt(_squares(rows))
+    order = np.argsort(-values, kind="stable")
+    order = order[values[order] > n * np.finfo(float).eps * values.max(initial=0)]
+    vectors = rows[order, :n] / values[order, None]
+    largest = np.abs(vectors).argmax(axis=1) if n else np.zeros(0, np.int64)
+    vectors *= np.sign(vectors[np.arange(order.size), largest])[:, None]
+    return values[order], vectors.T
+
+
+@compiled()
+def _dot(x: Array, y: Array) -> float:
+    """Return the sum of x times y, whose length is a multiple of 4, as four sums side by side."""
+    a = b = c = d = 0.0
+    for k in range(0, x.size, 4):
+        a += x[k] * y[k]
+        b += x[k + 1] * y[k + 1]
+        c += x[k + 2] * y[k + 2]
+        d += x[k + 3] * y[k + 3]
+    return (a + b) + (c + d)
+
+
+@compiled()
+def _squares(rows: Array) -> Array:
+    out = np.empty(len(rows))
+    for k in range(len(rows)):
+        out[k] = _dot(rows[k], rows[k])
+    return out
+
+
+@compiled()
+def _orthogonalise(rows: Array) -> None:
+    """Rotate rows pairwise until they stand at right angles; those of rounding errors alone stay."""
+    n = len(rows)
+    for _ in range(_MOST_SWEEPS):
+        squares, turned = _squares(rows), False
+        if n:
+            least = squares.max() * (n * 2.2e-16) ** 2
+        for p in range(n - 1):
+            for q in range(p + 1, n):
+                if min(squares[p], squares[q]) <= least:
+                    continue
+                along = _dot(rows[p], rows[q])
+                if abs(along) <= _RIGHT * np.sqrt(squares[p] * squares[q]):
+                    continue
+                turned = True
+                slope = (squares[q] - squares[p]) / (2 * along)
+                tangent = 1 / (abs(slope) + np.sqrt(1 + slope * slope))
+                tangent = tangent if slope >= 0 else -tangent
+                cosine = 1 / np.sqrt(1 + tangent * tangent)
+                sine = cosine * tangent
+                for k in range(rows.shape[1]):
+                    x, y = rows[p, k], rows[q, k]
+                    rows[p, k] = cosine * x - sine * y
+                    rows[q, k] = sine * x + cosine * y
+                squares[p] -= tangent * along
+                squares[q] += tangent * along
+        if not turned:
+            return
+
+
+def effective_rank(counts: Ints) -> float:
+    """Return how many directions the neurons' counts differ in, from 1 to the neurons that differ at all.
+
+    The participation ratio (sum of ev)^2 / sum of ev^2 over the eigenvalues of the correlations of the counts
+    over samples, without a decomposition: n^2 / sum of correlation^2. 0 where no neuron differs.
+    Source: Gao et al. 2017 (REFERENCES.md).
+    """
+    whole, n = counts.astype(np.float64), len(counts)
+    totals = whole.sum(axis=0)
+    spread = n * (whole.T @ whole) - totals[:, None] * totals  # exact in any order
+    differ = np.diag(spread) > 0
+    powers = np.diag(spread)[differ]
+    squares = spread[np.ix_(differ, differ)] ** 2 / powers[:, None] / powers
+    return float(powers.size**2 / squares.sum()) if powers.size else 0.0
