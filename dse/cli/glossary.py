@@ -36,6 +36,7 @@ _OTHERS = {
     "gradient_norm_last": ("", "norm of the gradient in the last epoch"),
     "clipped_gradients": ("", "batches whose gradient was shortened"),
     "epochs_trained": ("epochs", "epochs of the training"),
+    "epoch_kept": ("", "epoch whose weights are kept, from 1"),
     "front_share": (
         "",
         "fraction of samples of uncertain numbers in which a point is on the front",

@@ -418,6 +418,12 @@ class Training:
     average_epochs: int = param(
         1, low=1, unit="epochs", doc="the final weights are the mean over this many last epochs"
     )
+    keep: str = param(
+        "last",
+        choices=("last", "best"),
+        doc="best: keep weights, delays and decays of the epoch with the best validation accuracy, of equal "
+        "ones the latest; accuracy on validation is then that of the best of many (spiking networks)",
+    )
     dropout: float = param(
         0.1, low=0, high=1, high_open=True, doc="fraction of hidden neurons silenced per sample"
     )
@@ -490,6 +496,10 @@ class Training:
 
     def __post_init__(self) -> None:
         """Check the rules across keys."""
+        if self.keep == "best" and self.average_epochs > 1:
+            raise ValueError(
+                f"average_epochs must be 1 where the best epoch is kept (keep), got {self.average_epochs}"
+            )
         low, high = self.dilation
         if low > high:
             raise ValueError(f"dilation must be in increasing order, got [{low:g}, {high:g}]")

@@ -68,7 +68,7 @@ def opener_of(bundle: Classifier, recordings: Input) -> Opener:
         BundleError: it refuses such windows.
     """
     network = bundle.fitted
-    if isinstance(network, Network) and all(layer.delay is None for layer in network.layers):
+    if isinstance(network, Network):
         return _Stepwise(bundle, network, recordings)
     return _Whole(bundle, recordings)
 

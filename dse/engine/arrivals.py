@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from dse.engine import kernels
-from dse.engine.delays import SEGMENT, TILE_WORDS, WORD, summands, words_of
+from dse.engine.delays import SEGMENT, TILE_WORDS, WORD, difference, summands, words_of
 from dse.engine.layout import LANES, width_at
 from dse.native.compiled import compiled
 from dse.native.simd import (
@@ -70,7 +70,9 @@ def by_input(
     first, end = offsets[first_row], offsets[first_row + n_rows]
     starts, rows = np.empty((1, n_inputs + 1), np.int64), np.empty(end - first, np.int32)
     of_rows = offsets[first_row : first_row + n_rows + 1] - first
-    kernels.transpose(of_rows, index[first:end], n_inputs, np.array([0, n_rows]), starts, rows)
+    once = np.empty(0, np.float32)
+    starts_of_rows = np.array([0, n_rows])
+    kernels.transpose(of_rows, index[first:end], once, n_inputs, starts_of_rows, starts, rows, once)
     return starts[0], rows
 
 
@@ -219,14 +221,12 @@ def _add_sums(
 
 
 @_part
-def _fill_pairs(of: Array, n_steps: int, out: Array) -> None:
-    """Fill `out`, (sample, stride, 2), with a neuron's dL/dz and its central differences in the window."""
+def _fill_pairs(of: Array, n_steps: int, axonal: bool, out: Array) -> None:
+    """Fill `out`, (sample, stride, 2), with a neuron's dL/dz and its differences in the window."""
     for n in range(of.shape[0]):
-        out[n, 0, 0] = of[n, 0]
-        out[n, 0, 1] = of[n, 1] * 0.5
-        for t in range(1, n_steps):
+        for t in range(n_steps):
             out[n, t, 0] = of[n, t]
-            out[n, t, 1] = (of[n, t + 1] - of[n, t - 1]) * 0.5
+            out[n, t, 1] = difference(of, n, t, axonal)
 
 
 @_kernel
@@ -241,6 +241,7 @@ def add_gradients(
     delays: Array,
     n_neurons: int,
     unit: float,
+    axonal: bool,
     gradient: Array,
     by_delay: Array,
 ) -> None:
@@ -257,6 +258,7 @@ def add_gradients(
         delays: in blocks.
         n_neurons: without those that pad.
         unit: weight units per unit of the weights.
+        axonal: whether delays are those of axons.
         gradient: in blocks.
         by_delay: in blocks; empty: delays are not learnt.
     """
@@ -278,7 +280,7 @@ def add_gradients(
         width = width_at(column, n_columns)
         for c in range(0, min(width, n_neurons - column), _NEURONS):
             for x in range(_NEURONS):
-                _fill_pairs(by_neuron[column + c + x], n_steps, pairs[x])
+                _fill_pairs(by_neuron[column + c + x], n_steps, axonal, pairs[x])
                 done[x] = starts[:-1]
             for tile in range(borders.size):
                 for i in range(inputs.size):

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from dse.engine.adam import adam
 from dse.engine.batch import DIFFERENTIATED_ROWS
-from dse.engine.events import Rows
+from dse.engine.events import Rows, pooled
 from dse.engine.goal import LINEAR, SPIKE_RATE, Goal, n_correct
 from dse.engine.layers import Weights, check_inputs
 from dse.engine.losses import Loss
@@ -164,9 +164,13 @@ def first_drive(rows: Rows, samples: slice, weight: Tensor) -> Tensor:
     """Return the weighted input spikes of some samples, (step, sample, neuron), from rows of the weights."""
     low, high = samples.start * rows.n_steps, samples.stop * rows.n_steps
     offsets = rows.offsets[low : high + 1]
-    index = torch.as_tensor(rows.index[offsets[0] : offsets[-1]], device=weight.device).long()
+    part = slice(offsets[0], offsets[-1])
+    index = torch.as_tensor(rows.index[part], device=weight.device).long()
     starts = torch.as_tensor(offsets - offsets[0], device=weight.device).long()
-    summed = torch.nn.functional.embedding_bag(index, weight, starts, mode="sum", include_last_offset=True)
+    times = torch.as_tensor(rows.times[part], device=weight.device).to(weight) if rows.times.size else None
+    summed = torch.nn.functional.embedding_bag(
+        index, weight, starts, mode="sum", include_last_offset=True, per_sample_weights=times
+    )
     return summed.reshape(samples.stop - samples.start, rows.n_steps, -1).transpose(0, 1)
 
 
@@ -535,13 +539,17 @@ class AutogradEngine:
     def __init__(self, members: Sequence[Member], device: torch.device) -> None:
         self._networks = [_Network(member, device) for member in members]
         self._n_inputs = [member.layers[0].feed_forward.shape[0] for member in members]
+        self._pools = [member.pool for member in members]
 
     def step(self, rows: Rows, labels: Ints, turns: Mapping[int, Turn]) -> dict[int, Report]:
         """Train the members named in `turns` on a batch; the others do not move."""
         with _one_thread():
-            for number in turns:
-                check_inputs(rows, self._n_inputs[number])
-            return {number: self._networks[number].step(rows, labels, turn) for number, turn in turns.items()}
+            reports = {}
+            for number, turn in turns.items():
+                of_pools = pooled(rows, self._pools[number])
+                check_inputs(of_pools, self._n_inputs[number])
+                reports[number] = self._networks[number].step(of_pools, labels, turn)
+            return reports
 
     def begin(self, member: int, stage: Stage) -> None:
         """Begin a part of a member's training with the weights as they stand."""

@@ -22,12 +22,14 @@ class Batch:
     starts: (chunk + 1,) first sample of each chunk, and the end.
     offsets: (chunk, input + 1) int64 where an input's rows lie in `index`.
     index: (n_spikes,) int32 rows counted from the first of the chunk.
+    times: as in `Rows`, in the order of `index`.
     """
 
     rows: Rows
     starts: Array
     offsets: Array
     index: Array
+    times: Array
 
 
 def chunk_samples(n_samples: int, n_steps: int) -> int:
@@ -40,6 +42,8 @@ def batch_of(rows: Rows) -> Batch:
     size = chunk_samples(rows.n_samples, rows.n_steps)
     starts = np.append(np.arange(0, rows.n_samples, size), rows.n_samples)
     offsets = np.empty((len(starts) - 1, rows.n_inputs + 1), np.int64)
-    index = np.empty(rows.index.size, np.int32)
-    kernels.transpose(rows.offsets, rows.index, rows.n_inputs, starts * rows.n_steps, offsets, index)
-    return Batch(rows, starts, offsets, index)
+    index, times = np.empty_like(rows.index), np.empty_like(rows.times)
+    kernels.transpose(
+        rows.offsets, rows.index, rows.times, rows.n_inputs, starts * rows.n_steps, offsets, index, times
+    )
+    return Batch(rows, starts, offsets, index, times)

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dse.engine.batch import Batch, batch_of, chunk_samples
+from dse.engine.decays import Decays
 from dse.engine.delays import Delays
-from dse.engine.events import Rows
+from dse.engine.events import Rows, pooled
 from dse.engine.goal import LINEAR
 from dse.engine.layers import GRID, NO_DELAY, KernelLayer, layer_of, padded_ring, precision
 from dse.engine.layout import aligned, packed, padded, unpacked
@@ -41,7 +42,8 @@ from dse.engine.parameters import (
     round_to,
 )
 from dse.engine.shared import copies_of
-from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT
+from dse.neurons import cuba_lif
+from dse.neurons.fixed_point import DECAY_SCALE, HIGHEST_WEIGHT, LOWEST_WEIGHT
 from dse.records import Arithmetic, Array, Ints
 
 _NOTHING = np.zeros(0, np.float32)
@@ -190,18 +192,29 @@ class _Network:
         self.clip_norm, self.arithmetic = member.clip_norm, member.arithmetic
         self.sizes = [x.feed_forward.shape[1] for x in member.layers]
         kind = member.arithmetic
-        self.matrices = [_matrix(x.feed_forward, x.unit, kind, x.shared, x.norm_unit) for x in member.layers]
+        self.is_rounded = [x.is_rounded for x in member.layers]
+        self.matrices = [
+            _matrix(x.feed_forward, x.unit, self._weights_in(d), x.shared, x.norm_unit)
+            for d, x in enumerate(member.layers)
+        ]
         self.rings = [_ring(x, kind) for x in member.layers]
         self.delays = [
-            None if x.delay is None else Delays.of(x.delay, x.longest_delay, precision(kind))
+            None if x.delay is None else Delays.of(x.delay, x.longest_delay, precision(kind), x.axonal)
             for x in member.layers
         ]
+        self.decays = [_decays(x) for x in member.layers]
         # Layers read the matrices' tables, which change in place.
         parts = zip(member.layers, self.matrices, self.rings, self.delays, strict=True)
         self.layers = [_layer(x, m, r, late, kind) for x, m, r, late in parts]
-        self.steps = self.delay_steps = 0
+        self._run_decays()
+        self.steps = self.delay_steps = self.decay_steps = 0
         self.is_linear = False
         self.begun: dict[int, Mapping[str, Array]] = {}
+
+    def _weights_in(self, depth: int, is_readout: bool = False) -> Arithmetic:
+        """Return the arithmetic of a layer's weights, which need not be rounded where states are integers."""
+        is_real = self.arithmetic == "integer" and (is_readout or not self.is_rounded[depth])
+        return "float32" if is_real else self.arithmetic
 
     def begin(self, stage: Stage) -> None:
         """Begin a part of the training; see dse.engine.member.Engine."""
@@ -217,9 +230,7 @@ class _Network:
         self.begun, self.is_linear = begun, is_linear
         for depth, arrays in begun.items():
             is_readout = is_linear and depth == len(self.matrices) - 1
-            # A readout is not rounded.
-            kind = "float32" if is_readout and self.arithmetic == "integer" else self.arithmetic
-            self.matrices[depth] = _matrix(arithmetic=kind, **arrays)
+            self.matrices[depth] = _matrix(arithmetic=self._weights_in(depth, is_readout), **arrays)
             self.layers[depth] = self.layers[depth]._replace(table=self.matrices[depth].table)
 
     def step(
@@ -235,6 +246,10 @@ class _Network:
         factors = [common_factor(gain) for gain in turn.gains]
         running = slice(0, len(self.layers) - self.is_linear)
         delays = self.delays[running]
+        by_decays = [
+            np.zeros((2, 0 if d is None or not turn.decay_learning_rate else x.n_columns))
+            for d, x in zip(self.decays[running], self.layers[running], strict=True)
+        ]
         done = learn(
             self.layers[running],
             self.sizes,
@@ -250,6 +265,7 @@ class _Network:
             threads,
             turn.soft,
             self.matrices[-1].masters() if self.is_linear else None,
+            by_decays,
         )
         if done.by_readout is not None:
             readout = self.matrices[-1]
@@ -271,6 +287,12 @@ class _Network:
             for late in delays:
                 if late is not None:
                     late.update(turn.delay_learning_rate, self.delay_steps)
+        if turn.decay_learning_rate:
+            self.decay_steps += 1
+            for decays, by_keep in zip(self.decays[running], by_decays, strict=True):
+                if decays is not None:
+                    decays.update(by_keep, turn.decay_learning_rate, self.decay_steps)
+            self._run_decays()
         cells = batch.rows.n_samples * batch.rows.n_steps
         fired = zip(done.n_fired, self.sizes[running], strict=True)
         return Report(
@@ -279,6 +301,15 @@ class _Network:
             tuple(float(f) / max(1, cells * n) for f, n in fired),
             math.sqrt(squared) / clip if clip else math.nan,
         )
+
+    def _run_decays(self) -> None:
+        """Have the layers run the decays that were learnt."""
+        for decays, layer in zip(self.decays, self.layers, strict=True):
+            if decays is not None:
+                keeps = ((layer.keep_u, layer.back_u), (layer.keep_v, layer.back_v))
+                for row, both in zip((DECAY_SCALE - decays.whole) / DECAY_SCALE, keeps, strict=True):
+                    for keep in both:
+                        keep[: layer.n_neurons] = row
 
     def prune(self, kept: Masters) -> None:
         """Set weights to 0 for good; see dse.engine.member.Engine."""
@@ -297,24 +328,29 @@ class _Network:
                 None if d is None else unpacked(d.table, d.n_rows, n)
                 for d, n in zip(self.delays, self.sizes, strict=True)
             ),
+            tuple(
+                None if d is None else np.broadcast_to(d.whole, (2, n))
+                for d, n in zip(self.decays, self.sizes, strict=True)
+            ),
         )
 
     def state(self) -> dict[str, Array]:
         """Return what training goes on from; see dse.engine.member.Engine."""
-        arrays = {"steps": np.array([self.steps, self.delay_steps])}
+        arrays = {"steps": np.array([self.steps, self.delay_steps, self.decay_steps])}
         arrays |= begun_arrays(self.begun, self.is_linear)
-        parts = zip(self.matrices, self.rings, self.delays, strict=True)
-        for depth, (matrix, ring, late) in enumerate(parts):
+        parts = zip(self.matrices, self.rings, self.delays, self.decays, strict=True)
+        for depth, (matrix, ring, late, decays) in enumerate(parts):
             arrays |= as_part(f"{depth}/feed_forward", matrix.state())
             arrays |= {} if ring is None else as_part(f"{depth}/recurrent", ring.state())
             arrays |= {} if late is None else as_part(f"{depth}/delay", late.state())
+            arrays |= {} if decays is None else as_part(f"{depth}/decays", decays.state())
         return arrays
 
     def restore(self, state: State) -> None:
         """Go on from a state; see dse.engine.member.Engine."""
-        self.steps, self.delay_steps = state["steps"].tolist()
+        self.steps, self.delay_steps, self.decay_steps = state["steps"].tolist()
         self._lay_out(*begun_of(state, len(self.matrices)))
-        for depth, late in enumerate(self.delays):
+        for depth, (late, decays) in enumerate(zip(self.delays, self.decays, strict=True)):
             of_layer = of_part(state, str(depth))
             ring = self.rings[depth]
             self.matrices[depth] = self.matrices[depth].restored(of_part(of_layer, "feed_forward"))
@@ -322,6 +358,16 @@ class _Network:
                 self.rings[depth] = ring.restored(of_part(of_layer, "recurrent"))
             if late is not None:
                 late.restore(of_part(of_layer, "delay"))
+            if decays is not None:
+                decays.restore(of_part(of_layer, "decays"))
+        self._run_decays()
+
+
+def _decays(layer: TrainedLayer) -> Decays | None:
+    if layer.learnt_decays == "no":
+        return None
+    assert isinstance(layer.population, cuba_lif.Population)  # no other has decays
+    return Decays.of(layer.population, layer.feed_forward.shape[1], layer.learnt_decays)
 
 
 def _ring(layer: TrainedLayer, arithmetic: Arithmetic) -> _Matrix | None:
@@ -347,6 +393,7 @@ def _layer(
         arithmetic,
         layer.surrogate,
         NO_DELAY if delays is None else delays.table,
+        layer.axonal,
     )
 
 
@@ -355,6 +402,7 @@ class CpuEngine:
 
     def __init__(self, members: Sequence[Member], n_samples: int, n_steps: int, threads: int) -> None:
         self._networks = [_Network(member) for member in members]
+        self._pools = [member.pool for member in members]
         self._threads = ThreadPoolExecutor(threads) if threads > 1 else None
         n_rows = chunk_samples(n_samples, n_steps) * n_steps
         kinds = [precision(member.arithmetic) for member in members]
@@ -371,11 +419,16 @@ class CpuEngine:
 
     def step(self, rows: Rows, labels: Array, turns: Mapping[int, Turn]) -> dict[int, Report]:
         """Train the members named in `turns` on a batch; the others do not move."""
-        batch = batch_of(rows)
-        return {
-            number: self._networks[number].step(batch, labels, turn, self._spaces[number], self._threads)
-            for number, turn in turns.items()
-        }
+        batches: dict[bytes, Batch] = {}
+        reports = {}
+        for number, turn in turns.items():
+            pool = self._pools[number]
+            key = b"" if pool is None else pool.tobytes()
+            if key not in batches:
+                batches[key] = batch_of(pooled(rows, pool))
+            network, space = self._networks[number], self._spaces[number]
+            reports[number] = network.step(batches[key], labels, turn, space, self._threads)
+        return reports
 
     def begin(self, member: int, stage: Stage) -> None:
         """Begin a part of a member's training with the weights as they stand."""

@@ -100,9 +100,10 @@ def weighted(rows: Rows, samples: slice, feed_forward: Floats) -> Floats:
 
     low, high = samples.start * rows.n_steps, samples.stop * rows.n_steps
     offsets = rows.offsets[low : high + 1]
-    index = rows.index[offsets[0] : offsets[-1]]
-    ones = np.ones(index.size, feed_forward.dtype)
-    matrix = csr_array((ones, index, offsets - offsets[0]), shape=(high - low, rows.n_inputs))
+    part = slice(offsets[0], offsets[-1])
+    index, once = rows.index[part], np.ones(offsets[-1] - offsets[0], feed_forward.dtype)
+    times = rows.times[part].astype(once.dtype) if rows.times.size else once
+    matrix = csr_array((times, index, offsets - offsets[0]), shape=(high - low, rows.n_inputs))
     summed: Floats = matrix @ feed_forward
     return summed.reshape(samples.stop - samples.start, rows.n_steps, -1)
 

@@ -13,6 +13,11 @@ With g_j[t] = dL/dz_j[t], which is 0 outside the window:
 The second, over the spikes that arrive, is the central difference over whole delays; a delay is learnt as a
 real number and runs rounded, straight through (Hammouamri et al. 2024 interpolate; REFERENCES.md).
 
+An axon's delay is one delay that all synapses of an input share, d_ij = d_i. It runs rounded down, and its
+gradient is the forward difference, as in SLAYER (lava-dl; REFERENCES.md):
+
+    dL/dd_i    = sum over j, t of w_ij s_i[t] (g_j[t + d_i + 1] - g_j[t + d_i])
+
 A delay that differs from neuron to neuron spoils every vector of neurons, so vectors run along time here: the
 spikes of an input are a train of bits, 64 steps a word, and a delay shifts eight words at once. Inputs with
 few spikes a word are faster in dse.engine.arrivals.
@@ -28,9 +33,9 @@ import numba
 import numpy as np
 from numba.extending import overload
 
-from dse.engine import kernels
-from dse.engine.adam import BETA_1, BETA_2, EPSILON
-from dse.engine.layout import LANES, aligned, packed, padded, width_at
+from dse.engine.layout import LANES, aligned, packed, width_at
+from dse.engine.parameters import Parameters, Tied
+from dse.engine.shared import copies_of
 from dse.native.compiled import compiled
 from dse.native.simd import (
     LANES_8,
@@ -62,63 +67,58 @@ TILE_WORDS = 32  # of a neuron's dL/dz and its differences: 16 KiB of float32, h
 
 @dataclass(frozen=True)
 class Delays:
-    """Delays of a layer's synapses in training: real masters in blocks, their gradient, Adam's moments.
+    """Delays of a layer's synapses in training, in blocks.
 
-    table: int8, the masters rounded.
-    unit: (column,) ones: a learning rate of 1 moves every delay by a step.
-    longest: masters stay between 0 and this.
+    table: int8, as they run.
+    axons: which delays are one of an axon; None: each synapse has its own.
     """
 
     n_rows: int
-    masters: Array
     gradient: Array
-    first: Array
-    second: Array
     table: Array
-    unit: Array
-    longest: int
+    parameters: Parameters
+    axons: Tied | None = None
 
     @classmethod
-    def of(cls, masters: Array, longest: int, kind: Any) -> Delays:
-        """Return delays at their start, (input, neuron), with gradients of a type."""
-        n_rows, n_columns = masters.shape
-        packs = packed(masters, np.float32)
-        table = packed(np.rint(masters), np.int8)
-        first, second = (aligned(packs.size, np.float32) for _ in range(2))
-        unit = aligned(padded(n_columns), np.float32)
-        unit[:n_columns] = 1
-        return cls(n_rows, packs, aligned(packs.size, kind), first, second, table, unit, longest)
+    def of(cls, masters: Array, longest: int, kind: Any, axonal: bool = False) -> Delays:
+        """Return delays at their start, (input, neuron), which stay in [0, longest]; gradients of a type."""
+        n_rows, limits = len(masters), (1.0, 0.0, float(longest))
+        if not axonal:
+            own = Parameters.of(masters, 1.0, None, kind, *limits)
+            return cls(n_rows, own.gradient, own.table, own)
+        once = Parameters.of(np.append(masters[:, 0], 0)[None], 1.0, None, kind, *limits)
+        # Columns that pad hold 0, which is no axon where numbers count from 1.
+        number = np.broadcast_to(np.arange(1, n_rows + 1)[:, None], masters.shape)
+        axons = Tied(copies_of(packed(number, np.int32) - 1))
+        table = packed(running(masters, axonal), np.int8)
+        return cls(n_rows, aligned(table.size, kind), table, once, axons)
 
     def update(self, learning_rate: float, steps: int) -> None:
         """Take Adam's step `steps`, from 1, and round anew."""
-        kernels.adam(
-            self.masters,
-            self.gradient,
-            self.first,
-            self.second,
-            self.n_rows,
-            len(self.unit),
-            self.unit,
-            1.0,
-            learning_rate / (1 - BETA_1**steps),
-            BETA_1,
-            BETA_2,
-            1 / (1 - BETA_2**steps),
-            EPSILON,
-            self.table,
-            1.0,
-            0.0,
-            float(self.longest),
-        )
+        own = self.parameters
+        if self.axons is not None:
+            self.axons.pull([own.values], self.gradient, [own.gradient])
+            self.gradient[:] = 0
+        own.update(1.0, learning_rate, steps)
+        self._run_anew()
+
+    def _run_anew(self) -> None:
+        if self.axons is not None:
+            self.axons.expand([running(self.parameters.values, True).astype(np.int8)], self.table)
 
     def state(self) -> dict[str, Array]:
         """Return a copy of what an update reads and writes."""
-        return {name: getattr(self, name).copy() for name in ("masters", "first", "second", "table")}
+        return self.parameters.state()
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Take over the numbers of a state."""
-        for name in ("masters", "first", "second", "table"):
-            np.copyto(getattr(self, name), state[name], casting="no")
+        self.parameters.restored(state)
+        self._run_anew()
+
+
+def running(masters: Array, axonal: bool) -> Array:
+    """Return delays as they run: those of synapses rounded, those of axons rounded down."""
+    return np.asarray(np.floor(masters) if axonal else np.rint(masters))
 
 
 @_part
@@ -311,12 +311,19 @@ def add_up(
 
 
 @_part
-def _fill_differences(of: Array, n_steps: int, out: Array) -> None:
-    """Fill `out`, (sample, stride), with a neuron's central differences in the window; `of` is 0 beyond."""
+def difference(of: Array, n: int, t: int, axonal: bool) -> Any:
+    """Return how a neuron's dL/dz changes at a step: the central difference, of axons the forward one."""
+    if axonal:
+        return of[n, t + 1] - of[n, t]
+    return of[n, 1] * 0.5 if t == 0 else (of[n, t + 1] - of[n, t - 1]) * 0.5
+
+
+@_part
+def _fill_differences(of: Array, n_steps: int, axonal: bool, out: Array) -> None:
+    """Fill `out`, (sample, stride), with a neuron's differences in the window; `of` is 0 beyond."""
     for n in range(of.shape[0]):
-        out[n, 0] = of[n, 1] * 0.5
-        for t in range(1, n_steps):
-            out[n, t] = (of[n, t + 1] - of[n, t - 1]) * 0.5
+        for t in range(n_steps):
+            out[n, t] = difference(of, n, t, axonal)
 
 
 @_part
@@ -338,6 +345,7 @@ def add_gradients(
     delays: Array,
     n_neurons: int,
     unit: float,
+    axonal: bool,
     gradient: Array,
     by_delay: Array,
 ) -> None:
@@ -354,14 +362,15 @@ def add_gradients(
         delays: in blocks.
         n_neurons: without those that pad.
         unit: weight units per unit of the weights.
+        axonal: whether delays are those of axons.
         gradient: in blocks.
         by_delay: in blocks; empty: delays are not learnt.
     """
     n_inputs, words = trains.shape[1], words_of(n_steps)
     n_columns, n_samples, stride = by_neuron.shape
     n_words = n_samples * words
-    difference = np.zeros(by_neuron.shape[1:], by_neuron.dtype)
-    by_step, by_differences, fired = by_neuron.ravel(), difference.ravel(), trains.ravel()
+    differences = np.zeros(by_neuron.shape[1:], by_neuron.dtype)
+    by_step, by_differences, fired = by_neuron.ravel(), differences.ravel(), trains.ravel()
     places = np.arange(n_words) // words * stride + np.arange(n_words) % words * WORD
     arrive = np.empty(3 * TILE_WORDS, np.uint64)
     second, third = np.uint64(TILE_WORDS), np.uint64(2 * TILE_WORDS)
@@ -372,7 +381,7 @@ def add_gradients(
     while column < n_columns:
         width = width_at(column, n_columns)
         for c in range(min(width, n_neurons - column)):
-            _fill_differences(by_neuron[column + c], n_steps, difference)
+            _fill_differences(by_neuron[column + c], n_steps, axonal, differences)
             start = (column + c) * n_samples * stride
             for first in range(0, n_words, TILE_WORDS):
                 n = min(TILE_WORDS, n_words - first)

@@ -24,16 +24,20 @@ def start(
 
     Raises:
         MissingExtra: the neurons have no kernel or the device is no CPU, and torch is not installed.
-        ValueError: synapses have delays, which only the kernels of the CPU train.
+        ValueError: synapses have delays or decays are learnt, which only the kernels of the CPU do.
     """
     neurons = {type(layer.population) for member in members for layer in member.layers}
     runs_kernels = all(has_kernel(kind) for kind in neurons)
-    delayed = any(layer.delay is not None for member in members for layer in member.layers)
-    if delayed and not (runs_kernels and device == "cpu"):
-        raise ValueError(
-            "delays of synapses need device cpu and neurons with a kernel, got "
-            + (f"device {device}" if runs_kernels else "neurons without one")
-        )
+    layers = [layer for member in members for layer in member.layers]
+    for what, is_there in (
+        ("delays of synapses", any(layer.delay is not None for layer in layers)),
+        ("learnt decays", any(layer.learnt_decays != "no" for layer in layers)),
+    ):
+        if is_there and not (runs_kernels and device == "cpu"):
+            raise ValueError(
+                f"{what} need device cpu and neurons with a kernel, got "
+                + (f"device {device}" if runs_kernels else "neurons without one")
+            )
     if runs_kernels and device == "cpu":
         return cpu.start(members, n_samples, n_steps, threads)
     require_torch("device cuda" if runs_kernels else "training neurons without a kernel")

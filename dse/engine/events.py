@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dse.native.compiled import compiled
 from dse.records import Array, Bools, Ints, Spikes
+
+ONCE = np.zeros(0, np.float32)
+"""`Rows.times` where every entry is one spike."""
 
 
 @dataclass(frozen=True)
@@ -16,6 +19,7 @@ class Rows:
 
     offsets: (n_samples * n_steps + 1,) int64.
     index: (n_spikes,) int32 input numbers, rising within a row.
+    times: (n_spikes,) float32 how many equal spikes each entry stands for; empty: one each (`pooled`).
     """
 
     offsets: Array
@@ -23,6 +27,7 @@ class Rows:
     n_samples: int
     n_steps: int
     n_inputs: int
+    times: Array = field(default_factory=lambda: ONCE)
 
     def per_step(self) -> Array:
         """Return the number of spikes per sample and step, (sample, step) int32."""
@@ -146,6 +151,43 @@ def without(rows: Rows, silenced: Bools) -> Rows:
     offsets, index = np.empty_like(rows.offsets), np.empty_like(rows.index)
     n_left = _without(rows.offsets, rows.index, rows.n_steps, silenced, offsets, index)
     return Rows(offsets, index[:n_left], rows.n_samples, rows.n_steps, rows.n_inputs)
+
+
+@compiled()
+def _pooled(
+    offsets: Array, index: Array, pool: Array, n_pools: int, out_offsets: Array, out: Array, times: Array
+) -> int:
+    """Fill the pools of each row and how many of its spikes fall into each; return the number of entries."""
+    counts, position = np.zeros(n_pools, np.int32), 0
+    out_offsets[0] = 0
+    for row in range(offsets.size - 1):
+        for e in range(offsets[row], offsets[row + 1]):
+            counts[pool[index[e]]] += 1
+        for k in range(n_pools):
+            if counts[k]:
+                out[position], times[position] = k, counts[k]
+                position += 1
+                counts[k] = 0
+        out_offsets[row + 1] = position
+    return position
+
+
+def pooled(rows: Rows, pool: Ints | None) -> Rows:
+    """Return rows in which inputs of one pool are one input, which counts their spikes.
+
+    Sums over equal weights are the same in whole numbers; in floating point they run over pools.
+
+    Args:
+        rows: of single spikes.
+        pool: (input,) number of each input's pool, from 0; None: each input is alone.
+    """
+    if pool is None:
+        return rows
+    n_pools = int(pool.max(initial=-1)) + 1
+    most = min(rows.index.size, (rows.offsets.size - 1) * n_pools)
+    offsets, index, times = np.empty_like(rows.offsets), np.empty(most, np.int32), np.empty(most, np.float32)
+    n = _pooled(rows.offsets, rows.index, pool, n_pools, offsets, index, times)
+    return Rows(offsets, index[:n], rows.n_samples, rows.n_steps, n_pools, times[:n])
 
 
 def delayed(fired: Rows) -> Rows:

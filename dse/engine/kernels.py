@@ -79,6 +79,43 @@ def _sum_rows(
 
 
 @_part
+def _sum_counted(
+    table: Array,
+    start: int,
+    width: int,
+    index: Array,
+    times: Array,
+    begin: int,
+    end: int,
+    lanes: Any,
+    out: Array,
+) -> Any:
+    """Return the sum of some rows of a block, each as many times as it counts; int8 rows sum exactly."""
+    total = zeros(out, lanes)
+    for e in range(begin, end):
+        row = as_type_of(load(table, start + index[e] * width, lanes), out)
+        total = fma(splat(times[e], total), row, total)
+    return total
+
+
+@_part
+def _sum_listed(
+    table: Array,
+    start: int,
+    width: int,
+    index: Array,
+    times: Array,
+    begin: int,
+    end: int,
+    lanes: Any,
+    out: Array,
+) -> Any:
+    if times.size > 0:
+        return _sum_counted(table, start, width, index, times, begin, end, lanes, out)
+    return _sum_rows(table, start, width, index, begin, end, lanes, out)
+
+
+@_part
 def _put(total: Any, scale: float, out: Array, place: int, accumulate: bool, lanes: Any) -> None:
     total = total * splat(scale, total)
     store(out, place, load(out, place, lanes) + total if accumulate else total)
@@ -88,6 +125,7 @@ def _put(total: Any, scale: float, out: Array, place: int, accumulate: bool, lan
 def gather(
     offsets: Array,
     index: Array,
+    times: Array,
     first_row: int,
     n_rows: int,
     table: Array,
@@ -102,6 +140,7 @@ def gather(
 
     Args:
         offsets, index: row r lists `index[offsets[r]:offsets[r + 1]]`.
+        times: factor of each entry, a whole number; empty: 1.
         first_row, n_rows: which rows.
         table, start, width: the block of the table, int8 or floating.
         scale: factor of the sums.
@@ -114,13 +153,13 @@ def gather(
             continue
         here = place + r * width
         if width == 64:
-            total = _sum_rows(table, start, 64, index, begin, end, LANES_64, out)
+            total = _sum_listed(table, start, 64, index, times, begin, end, LANES_64, out)
             _put(total, scale, out, here, accumulate, LANES_64)
         elif width == 32:
-            half = _sum_rows(table, start, 32, index, begin, end, LANES_32, out)
+            half = _sum_listed(table, start, 32, index, times, begin, end, LANES_32, out)
             _put(half, scale, out, here, accumulate, LANES_32)
         else:
-            quarter = _sum_rows(table, start, 16, index, begin, end, LANES_16, out)
+            quarter = _sum_listed(table, start, 16, index, times, begin, end, LANES_16, out)
             _put(quarter, scale, out, here, accumulate, LANES_16)
 
 
@@ -251,6 +290,7 @@ def scan(
     n_groups: int,
     updates: Array,
     peak: Array,
+    states: Array,
 ) -> int:
     """Run one block of one sample from rest through time; return its number of spikes.
 
@@ -270,9 +310,11 @@ def scan(
         n_groups: groups of a row.
         updates: (step,) neurons with a potential or an input are added here, where it is not empty.
         peak: (16,) largest magnitude of a state by lane, raised here where updates are counted.
+        states: u, then v after its reset, in weight units, each laid out as `z`; empty: they are not kept.
     """
     centre, rate, height, cut = surrogate
     count, turns = updates.size > 0, cross.size > 0
+    keeps, half = states.size > 0, states.size // 2
     n_fired = 0
     for group in range(width // LANES):
         o = column + LANES * group
@@ -298,6 +340,9 @@ def scan(
             if what != NOTHING:
                 voltage = as_type_of(before * units, z)
                 store(z, at, _kept(what, voltage, centre, rate, height, cut))
+            if keeps:
+                store(states, at, as_type_of(u * units, states))
+                store(states, half + at, as_type_of(v * units, states))
             if count:
                 updates[t] += count_bits(bits(_awake(u, before, drive, cross, o)))
                 highest = larger(highest, larger(magnitude(u), magnitude(before)))
@@ -328,6 +373,7 @@ def scan_recurrent(
     n_groups: int,
     updates: Array,
     peak: Array,
+    states: Array,
     u: Array,
     v: Array,
     sent: Array,
@@ -346,6 +392,7 @@ def scan_recurrent(
     """
     centre, rate, height, cut = surrogate
     count, turns = updates.size > 0, cross.size > 0
+    keeps, half = states.size > 0, states.size // 2
     n_fired = 0
     for t in range(n_steps):
         row = first_row + t
@@ -372,6 +419,10 @@ def scan_recurrent(
                 if what != NOTHING:
                     voltage = as_type_of(before * splat(1.0 / scale, rest), z)
                     store(z, at, _kept(what, voltage, centre, rate, height, cut))
+                if keeps:
+                    units = splat(1.0 / scale, rest)
+                    store(states, at, as_type_of(now * units, states))
+                    store(states, half + at, as_type_of(load(v, o, LANES_16) * units, states))
                 if count:
                     updates[t] += count_bits(bits(_awake(now, before, drive, cross, o)))
                     highest = larger(magnitude(now), magnitude(before))
@@ -621,15 +672,24 @@ def scatter(
 
 @_kernel
 def transpose(
-    offsets: Array, index: Array, n_inputs: int, starts: Array, out_offsets: Array, out: Array
+    offsets: Array,
+    index: Array,
+    times: Array,
+    n_inputs: int,
+    starts: Array,
+    out_offsets: Array,
+    out: Array,
+    out_times: Array,
 ) -> None:
     """List, chunk by chunk, the rows in which each input fires, counted from the chunk's first row.
 
     Args:
         offsets, index: the inputs that fire in each row.
+        times: how often each fires; empty: once.
         starts: (chunk + 1,) first row of each chunk, and the end.
         out_offsets: (chunk, input + 1) where an input's rows lie in `out`.
         out: (event,) int32.
+        out_times: `times` in their order.
     """
     for chunk in range(starts.size - 1):
         low, high = starts[chunk], starts[chunk + 1]
@@ -645,6 +705,8 @@ def transpose(
             for e in range(offsets[r], offsets[r + 1]):
                 i = index[e]
                 out[ends[i]] = r - low
+                if times.size > 0:
+                    out_times[ends[i]] = times[e]
                 ends[i] += 1
         for i in range(n_inputs, 0, -1):
             ends[i] = ends[i - 1]

@@ -8,24 +8,26 @@ Integer states are held in float64, where they are exact up to 2**40 (products w
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dse.engine import arrivals, delays, kernels
 from dse.engine.batch import chunk_samples
-from dse.engine.events import Rows
+from dse.engine.events import ONCE, Rows, pooled
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.native.compiled import compiled
 from dse.neurons import Population, cuba_lif, resonator
 from dse.neurons.fixed_point import STATE_SCALE, WEIGHT_SCALE
 from dse.neurons.surrogate import Exponential
-from dse.records import Arithmetic, Array, Floats
+from dse.records import Arithmetic, Array, Floats, Ints
 
 GRID = WEIGHT_SCALE / 2
 """8-bit weights are whole numbers on a grid of 1/32."""
 
+_FEW_POOLS = 8
+"""Inputs are counted by pools where there are so many times as many."""
 _NONE = np.zeros((0, 0), np.float32)
 _NO_UPDATES = np.zeros(0, np.int32)
 NO_DELAY = np.zeros((0, 0), np.int8)
@@ -40,12 +42,14 @@ class Weights:
     recurrent: (neuron, neuron) float32, row = presynaptic; (0, 0) where there is none.
     population: the neurons.
     delay: (input, neuron) int8 delays of the feed-forward synapses, 0 to 62 steps; (0, 0): none has any.
+    axonal: whether these are the delays of the inputs' axons, and learnt as such (dse.engine.delays).
     """
 
     feed_forward: Floats
     recurrent: Floats
     population: Population[Any]
     delay: Array = field(default_factory=lambda: NO_DELAY)
+    axonal: bool = False
 
     @property
     def n_neurons(self) -> int:
@@ -95,6 +99,7 @@ class KernelLayer(NamedTuple):
     surrogate: (centre, -log2(e) / width, height, exponent below which it is cut).
     n_neurons: without those that pad.
     delay: int8 delays of the synapses in blocks; empty: none has any.
+    axonal: whether they are those of the inputs' axons.
     """
 
     table: Array
@@ -115,6 +120,7 @@ class KernelLayer(NamedTuple):
     surrogate: tuple[float, float, float, float]
     n_neurons: int
     delay: Array
+    axonal: bool
 
 
 def padded_ring(recurrent: Array) -> Array:
@@ -137,6 +143,7 @@ def layer_of(
     arithmetic: Arithmetic,
     surrogate: Exponential | None = None,
     delay: Array = NO_DELAY,
+    axonal: bool = False,
 ) -> KernelLayer:
     """Return a layer from matrices in blocks; int8 matrices are whole numbers on the grid of 1/32.
 
@@ -181,6 +188,7 @@ def layer_of(
         _NO_SURROGATE if surrogate is None else surrogate.exponents(neurons.to_threshold),
         n_neurons,
         delay.ravel(),
+        axonal,
     )
 
 
@@ -203,6 +211,7 @@ def laid_out(layer: Weights, arithmetic: Arithmetic, surrogate: Exponential | No
         arithmetic,
         surrogate,
         packed(layer.delay, np.int8) if layer.delay.size else NO_DELAY,
+        layer.axonal,
     )
 
 
@@ -252,12 +261,19 @@ def run(
     fired: Array,
     updates: Array,
     peak: Array,
+    times: Array = ONCE,
+    states: Array | None = None,
 ) -> int:
-    """Run some samples through a layer; return the number of its spikes (arguments as in kernels.scan)."""
+    """Run some samples through a layer; return the number of its spikes.
+
+    Arguments are those of kernels.scan and kernels.gather.
+    """
     if layer.delay.size > 0:
         # Not from compiled code: delays take as long to compile as all the rest, and few networks have any.
         _sum_delayed(layer, offsets, index, first_row, n_samples, n_steps, z)
-    return int(_run(layer, offsets, index, first_row, n_samples, n_steps, what, z, fired, updates, peak))
+    kept = z[:0] if states is None else states
+    spikes = (offsets, index, times, first_row, n_samples, n_steps)
+    return int(_run(layer, *spikes, what, z, fired, updates, peak, kept))
 
 
 @compiled()
@@ -265,6 +281,7 @@ def _run(
     layer: KernelLayer,
     offsets: Array,
     index: Array,
+    times: Array,
     first_row: int,
     n_samples: int,
     n_steps: int,
@@ -273,6 +290,7 @@ def _run(
     fired: Array,
     updates: Array,
     peak: Array,
+    states: Array,
 ) -> int:
     """Run some samples through a layer whose weighted input, if delayed, is there; arguments as in `run`."""
     n_rows, n_groups = n_samples * n_steps, layer.n_columns // LANES
@@ -287,6 +305,7 @@ def _run(
                 kernels.gather(
                     offsets,
                     index,
+                    times,
                     first_row + row,
                     n_steps,
                     layer.table,
@@ -317,6 +336,7 @@ def _run(
                     n_groups,
                     updates[row : row + n_steps],
                     peak,
+                    states,
                 )
         column += width
     if recurrent:
@@ -344,6 +364,7 @@ def _run(
                 n_groups,
                 updates[row : row + n_steps],
                 peak,
+                states,
                 u,
                 v,
                 sent,
@@ -352,11 +373,20 @@ def _run(
     return n_fired
 
 
+def arriving(layer: KernelLayer, offsets: Array, index: Array) -> Array:
+    """Return the delayed weighted input of the last of some steps, (column,), given the spikes of all."""
+    n_steps = offsets.size - 1
+    z = aligned(n_steps * layer.n_columns, layer.back_u.dtype)
+    _sum_delayed(layer, offsets, index, 0, 1, n_steps, z)
+    return unpacked(z, n_steps, layer.n_columns)[-1]
+
+
 @compiled()
 def step(
     layer: KernelLayer,
     offsets: Array,
     index: Array,
+    times: Array,
     z: Array,
     fired: Array,
     peak: Array,
@@ -370,10 +400,11 @@ def step(
     Its work grows with the input spikes and the neurons.
 
     Args:
-        layer: without delays of its synapses.
+        layer: as it runs.
         offsets: (2,) 0 and the number of input spikes.
         index: the inputs that spike.
-        z: (column,) overwritten.
+        times: how often each does; empty: once.
+        z: (column,) overwritten; of a layer with delays, what arrives.
         fired: (column / 16,) uint16, overwritten.
         peak: (16,) of the states' type, not read.
         u: (column,) states, which become those after the step.
@@ -381,11 +412,13 @@ def step(
         sent: (column,) neurons that fired in the step before, which become those that fire now.
         n_sent: how many fired in the step before.
     """
-    column = 0
+    column = layer.n_columns if layer.delay.size > 0 else 0
     while column < layer.n_columns:
         width = width_at(column, layer.n_columns)
         start = layer.n_inputs * column
-        kernels.gather(offsets, index, 0, 1, layer.table, start, width, layer.table_unit, z, column, False)
+        kernels.gather(
+            offsets, index, times, 0, 1, layer.table, start, width, layer.table_unit, z, column, False
+        )
         column += width
     n_fired: int = kernels.scan_recurrent(
         z,
@@ -407,6 +440,7 @@ def step(
         layer.n_columns // LANES,
         fired[:0],
         peak,
+        z[:0],
         u,
         v,
         sent,
@@ -433,10 +467,14 @@ class Forward:
 
 @dataclass(frozen=True)
 class CompiledLayer:
-    """A layer laid out once for many calls of `forward`: how the kernels read it, and its neurons."""
+    """A layer laid out once for many calls of `forward`: how the kernels read it, and its neurons.
+
+    pool: (input,) the row of the table that holds each input's weights; None: its own.
+    """
 
     layer: KernelLayer
     n_neurons: int
+    pool: Ints | None = None
 
     def forward(self, rows: Rows, *, keep_voltage: bool = False, count: bool = False) -> Forward:
         """Run the layer from rest over a batch.
@@ -450,7 +488,8 @@ class CompiledLayer:
             ValueError: the rows' inputs differ from the layer's.
         """
         ready, h = self.layer, self.n_neurons
-        check_inputs(rows, ready.n_inputs)
+        check_inputs(rows, ready.n_inputs if self.pool is None else self.pool.size)
+        rows = pooled(rows, self.pool)
         n, t = rows.n_samples, rows.n_steps
         size = chunk_samples(n, t)
         z = aligned(size * t * ready.n_columns, ready.back_u.dtype, zeroed=False)
@@ -475,6 +514,7 @@ class CompiledLayer:
                 fired[row * n_groups : end * n_groups],
                 updates[row:end],
                 peak,
+                rows.times,
             )
             if keep_voltage:
                 voltage[first : first + m] = unpacked(z[: m * t * ready.n_columns], m * t, h).reshape(m, t, h)
@@ -487,7 +527,21 @@ class CompiledLayer:
 
 def prepare(weights: Weights, arithmetic: Arithmetic) -> CompiledLayer:
     """Return a layer laid out for an arithmetic; its weights are as they run, rounded if deployed."""
-    return CompiledLayer(laid_out(weights, arithmetic), weights.n_neurons)
+    pool, rows = _equal_rows(weights)
+    return CompiledLayer(laid_out(rows, arithmetic), weights.n_neurons, pool)
+
+
+def _equal_rows(weights: Weights) -> tuple[Ints | None, Weights]:
+    """Return the pools of inputs with equal weights, and the weights of each pool, where these are few."""
+    matrix = weights.feed_forward
+    most = len(matrix) // _FEW_POOLS
+    if weights.delay.size or not matrix.size or len(np.unique(matrix[:, :4], axis=0)) > most:
+        return None, weights
+    whole = np.ascontiguousarray(matrix).view(np.dtype((np.void, matrix.itemsize * matrix.shape[1])))
+    _, first, pool = np.unique(whole.ravel(), return_index=True, return_inverse=True)
+    if first.size > most:
+        return None, weights
+    return pool.ravel(), replace(weights, feed_forward=matrix[first])
 
 
 def check_inputs(rows: Rows, n_inputs: int) -> None:

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from dse.engine import arrivals, delays, kernels
+from dse.engine import arrivals, decays, delays, kernels
 from dse.engine.batch import Batch
+from dse.engine.events import ONCE
 from dse.engine.goal import Goal, by_spike, n_correct
 from dse.engine.layers import KernelLayer, run
 from dse.engine.layout import LANES, aligned, padded, width_at
@@ -113,7 +114,14 @@ def _follow(slope: Array, n_samples: int, n_steps: int, n_columns: int, ends: Ar
 
 @compiled()
 def _gather_gradient(
-    offsets: Array, index: Array, n_inputs: int, n_columns: int, by_input: Array, n_rows: int, gradient: Array
+    offsets: Array,
+    index: Array,
+    times: Array,
+    n_inputs: int,
+    n_columns: int,
+    by_input: Array,
+    n_rows: int,
+    gradient: Array,
 ) -> None:
     """Add to each input's gradient the dL/dz of the rows in which it fires (kernels.transpose)."""
     column = 0
@@ -122,6 +130,7 @@ def _gather_gradient(
         kernels.gather(
             offsets,
             index,
+            times,
             0,
             n_inputs,
             by_input,
@@ -197,7 +206,15 @@ class Workspace:
         self.gradients = [aligned(n, kind) for n in n_weights]
         self.ring_gradients = [aligned(n, kind) for n in n_ring]
         self.delay_gradients = [aligned(n, kind) for n in n_delays]
+        self.decay_gradients = [np.zeros((2, padded(n))) for n in n_columns]
         self._by_neuron = aligned(0, kind)
+        self._states = [aligned(0, kind) for _ in groups]
+
+    def states(self, depth: int, size: int) -> Array:
+        """Return room for both states of a layer, `size` numbers in all, the same at each call."""
+        if self._states[depth].size < size:
+            self._states[depth] = aligned(size, self._by_neuron.dtype, zeroed=False)
+        return self._states[depth][:size]
 
     def by_neuron(self, n_columns: int, n_samples: int, stride: int) -> Array:
         """Return room for dL/dz by neuron, as `delays.turn` fills it, the same at each call."""
@@ -227,7 +244,7 @@ class _Lesson:
     running: the layers, their weight units times the factor of their inputs' gains; units: without it.
     back: per layer, the weights by which the layer below hears of it; the first has none.
     ring_back: the same of recurrent weights.
-    learns_delays: per layer, whether the gradient by its delays is needed.
+    learns_delays, learns_decays: per layer, whether the gradient by its delays or decays is needed.
     readout: (neuron, class) float64 weights from the last layer's counts to log-odds; None: it is the output.
     """
 
@@ -243,6 +260,7 @@ class _Lesson:
     back: Sequence[Array]
     ring_back: Sequence[Array]
     learns_delays: Sequence[bool]
+    learns_decays: Sequence[bool]
     readout: Array | None
 
     @property
@@ -266,6 +284,7 @@ def learn(
     threads: Executor | None = None,
     soft: Array | None = None,
     readout: Array | None = None,
+    decay_gradients: Sequence[Array] = (),
 ) -> Pass:
     """Add the gradients of a batch's loss by every weight, before the gains' common factors.
 
@@ -288,6 +307,7 @@ def learn(
         soft: (sample, class) probabilities in place of the labels; None: the labels.
         readout: (neuron, class) weights; the goal's loss is of the last layer's spike counts times these, in
             place of its counts.
+        decay_gradients: per layer, (2, column) dL/d(1 - decay), added to; (2, 0) where none is learnt.
     """
     kind = spaces[0].slope[0].dtype
     factors = [common_factor(gain) for gain in gains[: len(layers)]]
@@ -305,6 +325,7 @@ def learn(
         [nothing, *(_turned(x.table, x.table_unit, x.n_inputs, x.n_columns, kind) for x in layers[1:])],
         [_turned(x.ring, x.ring_unit, x.n_columns, x.n_columns, kind) for x in layers],
         [gradient.size > 0 for gradient in delay_gradients] or [False] * len(layers),
+        [gradient.size > 0 for gradient in decay_gradients] or [False] * len(layers),
         None if readout is None else readout.astype(np.float64),
     )
     loss, correct, n_fired = 0.0, 0, np.zeros(len(layers), np.int64)
@@ -325,6 +346,9 @@ def learn(
             _add(gradients[0 if number else 1 :], space.gradients[0 if number else 1 :])
             _add(ring_gradients, space.ring_gradients)
             _add(delay_gradients, space.delay_gradients)
+            for total, summed in zip(decay_gradients, space.decay_gradients, strict=False):
+                total += summed[:, : total.shape[1]]
+                summed[:] = 0
     return Pass(loss, correct, n_fired, by_readout)
 
 
@@ -371,13 +395,13 @@ def _learn_chunk(lesson: _Lesson, chunk: int, space: Workspace, first_gradient: 
 def _forward(lesson: _Lesson, first: int, end: int, gains: Sequence[Array | None], space: Workspace) -> Array:
     """Run samples through all layers, keep surrogates and spikes; return each layer's number of spikes."""
     rows, n = lesson.batch.rows, end - first
-    offsets, index, first_row = rows.offsets, rows.index, first * rows.n_steps
+    offsets, index, times, first_row = rows.offsets, rows.index, rows.times, first * rows.n_steps
     n_fired = np.zeros(len(lesson.running), np.int64)
     peak = np.zeros(LANES, lesson.running[0].keep_u.dtype)
     for d, layer in enumerate(lesson.running):
         if d:
             gain = gains[d]
-            offsets, index, first_row = space.offsets[d - 1], space.index[d - 1], 0
+            offsets, index, times, first_row = space.offsets[d - 1], space.index[d - 1], ONCE, 0
             kernels.decode(
                 space.fired[d - 1],
                 n,
@@ -400,6 +424,8 @@ def _forward(lesson: _Lesson, first: int, end: int, gains: Sequence[Array | None
             space.fired[d],
             _NO_UPDATES,
             peak,
+            times,
+            space.states(d, 2 * n * rows.n_steps * layer.n_columns * lesson.learns_decays[d]),
         )
     return n_fired
 
@@ -439,14 +465,15 @@ def _backward(
         penalty[: lesson.n_neurons[d]] = lesson.goal.hidden_spike_penalty
         ring_back, shift = lesson.ring_back[d], 0 if follows else lesson.shift
         _back(layer, n, n_steps, by_column, later, n_later, back, ring_back, shift, penalty, by_input)
+        if lesson.learns_decays[d]:
+            states, gradient = space.states(d, 2 * n_rows * layer.n_columns), space.decay_gradients[d]
+            decays.add_gradients(by_input, states, n, n_steps, layer.n_columns, layer.back_u, gradient)
         if layer.delay.size:
             _through_delays(lesson, chunk, d, n, gains[d], space, first_gradient)
             factors, later, n_later, back = 1.0, later[:0], 0, back[:0]
         elif d == 0:
-            offsets, index = batch.offsets[chunk], batch.index
-            _gather_gradient(
-                offsets, index, layer.n_inputs, layer.n_columns, by_input, n_rows, first_gradient
-            )
+            firing = batch.offsets[chunk], batch.index, batch.times
+            _gather_gradient(*firing, *sizes, by_input, n_rows, first_gradient)
         else:
             offsets, index, gradient = space.offsets[d - 1], space.index[d - 1], space.gradients[d]
             _scatter_gradient(offsets, index, *sizes, by_input, n_rows, gradient)
@@ -484,6 +511,7 @@ def _through_delays(
         layer.delay,
         layer.n_neurons,
         layer.table_unit,
+        layer.axonal,
         space.gradients[depth] if depth else first_gradient,
         space.delay_gradients[depth] if lesson.learns_delays[depth] else by_neuron.ravel()[:0],
     )

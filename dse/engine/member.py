@@ -8,7 +8,7 @@ returns an `Engine`, ready for batches of at most `n_samples` samples of `n_step
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
@@ -35,6 +35,9 @@ class TrainedLayer:
     delay: (input, neuron) float32 master delays of the feed-forward synapses, network steps; they run
         rounded. None: no synapse has one.
     longest_delay: training keeps delays between 0 and this.
+    is_rounded: whether feed-forward weights run rounded to 8 bits in integer arithmetic; if not, as they are.
+    axonal: whether all synapses of an input share its axon's delay, which runs rounded down.
+    learnt_decays: no, or a pair of decays that CUBA-LIF neurons learn per layer or per neuron.
     norm_unit: (neuron,) what a learning rate of 1 moves the norm of each neuron's weights by, where these are
         g v / |v| (dse.engine.parameters); None: they are no such product.
     """
@@ -48,6 +51,9 @@ class TrainedLayer:
     shared: Ints | None = None
     delay: Floats | None = None
     longest_delay: int = 0
+    is_rounded: bool = True
+    axonal: bool = False
+    learnt_decays: str = "no"
     norm_unit: Floats | None = None
 
 
@@ -67,7 +73,7 @@ class Stage:
     output: TrainedLayer | None = None
 
     def begun(self, weights: Sequence[Floats], units: Sequence[Floats]) -> dict[int, dict[str, Array]]:
-        """Return what matrices are made anew of, by layer: weights, unit, and norm_unit or basis.
+        """Return what matrices are made anew of, by layer: weights, unit, and what else its layer has.
 
         Args:
             weights: of each layer as they stand.
@@ -75,8 +81,9 @@ class Stage:
         """
         made = {d: {"weights": weights[d], "unit": units[d], "basis": x} for d, x in self.bases.items()}
         if self.output is not None:
-            last, x = len(weights) - 1, self.output
-            own = {"weights": x.feed_forward, "unit": x.unit, "norm_unit": x.norm_unit}
+            last, layer = len(weights) - 1, self.output
+            own = {name: getattr(layer, name) for name in ("unit", "shared", "norm_unit")}
+            own["weights"] = layer.feed_forward
             made[last] = made.get(last, {}) | {
                 name: array for name, array in own.items() if array is not None
             }
@@ -94,6 +101,8 @@ class Member:
     heads: classes of each head, which share the output neurons in this order; empty: one head.
     loss: over the output spikes.
     hidden_spike_penalty: what each spike of a hidden neuron adds to the loss of its sample.
+    pool: (input,) input of the first layer that each input of the rows counts for (dse.engine.events.pooled);
+        None: its own.
     """
 
     layers: tuple[TrainedLayer, ...]
@@ -104,6 +113,7 @@ class Member:
     heads: tuple[int, ...] = ()
     loss: Loss = SPIKE_RATE
     hidden_spike_penalty: float = 0.0
+    pool: Ints | None = None
 
     @property
     def goal(self) -> Goal:
@@ -149,12 +159,14 @@ class Turn:
         silenced.
     delay_learning_rate: Adam's step size of delays, network steps; 0: they stay as they are.
     soft: (sample, output) probabilities that it learns in place of the labels; None: the labels.
+    decay_learning_rate: Adam's step size of decays; 0: they stay as they are.
     """
 
     learning_rate: float
     gains: tuple[Floats | None, ...]
     delay_learning_rate: float = 0.0
     soft: Floats | None = None
+    decay_learning_rate: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -178,11 +190,28 @@ class Masters:
     """Master weights, float32, input side first: feed_forward (input, neuron), recurrent or None.
 
     delay: (input, neuron) int8 delays as they run, or None; empty where no engine gave any.
+    decays: (2, neuron) int32 decays of u and v in 1/4096 that were learnt, or None; likewise.
     """
 
     feed_forward: tuple[Array, ...]
     recurrent: tuple[Array | None, ...]
     delay: tuple[Array | None, ...] = ()
+    decays: tuple[Array | None, ...] = ()
+
+    def arrays(self) -> dict[str, Array]:
+        """Return all arrays by name and layer; `of_arrays` takes them."""
+        return {
+            f"{part.name}/{depth}": array
+            for part in fields(self)
+            for depth, array in enumerate(getattr(self, part.name))
+            if array is not None
+        }
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, Array], n_layers: int) -> Masters:
+        """Return the masters of a number of layers from `arrays`."""
+        of_parts = [[arrays.get(f"{x.name}/{k}") for k in range(n_layers)] for x in fields(cls)]
+        return cls(*map(tuple, of_parts))
 
 
 class Engine(Protocol):

@@ -27,6 +27,7 @@ class Gradients:
     fired: (layer,) mean spikes per neuron and step.
     correct: samples whose most active output (lowest number on ties) is the label, in every head.
     delay: (input, neuron) each, or (0, 0) where synapses have none.
+    keep: (2, neuron) each, dL/d(1 - decay) of u and of v; empty where it was not asked for.
     """
 
     loss: float
@@ -35,6 +36,7 @@ class Gradients:
     fired: tuple[float, ...]
     correct: int
     delay: tuple[Array, ...] = ()
+    keep: tuple[Array, ...] = ()
 
 
 def gradients(
@@ -52,6 +54,7 @@ def gradients(
     loss: Loss = SPIKE_RATE,
     hidden_spike_penalty: float = 0.0,
     soft: Array | None = None,
+    of_decays: bool = False,
 ) -> Gradients:
     """Return the loss of a batch and its gradients by every weight as it ran.
 
@@ -69,6 +72,7 @@ def gradients(
         loss: over the output spikes.
         hidden_spike_penalty: what each spike of a hidden neuron adds to the loss of its sample.
         soft: (sample, class) probabilities in place of the labels; None: the labels.
+        of_decays: also by the decays of CUBA-LIF neurons.
 
     Raises:
         ValueError: the rows' inputs differ from the first layer's.
@@ -83,6 +87,7 @@ def gradients(
     deeper = [0, *(g.size for g in feed_forward[1:])]
     delays = [aligned(g.size if x.delay.size else 0, kind) for g, x in zip(feed_forward, ready, strict=True)]
     space = Workspace(n_rows, sizes, deeper, [r.size for r in rings], [d.size for d in delays], kind)
+    keep = [np.zeros((2, x.n_columns if of_decays else 0)) for x in ready]
     done = learn(
         ready,
         sizes,
@@ -96,6 +101,7 @@ def gradients(
         rings,
         delays,
         soft=soft,
+        decay_gradients=keep,
     )
     factors = [common_factor(gain) for gain in gains]
     cells = rows.n_samples * rows.n_steps
@@ -115,6 +121,7 @@ def gradients(
             unpacked(g, x.n_inputs, n) if g.size else g.reshape(0, 0)
             for g, x, n in zip(delays, ready, sizes, strict=True)
         ),
+        tuple(k[:, :n] for k, n in zip(keep, sizes, strict=True)) if of_decays else (),
     )
 
 

@@ -1,7 +1,8 @@
 """A stack of layers that runs step by step from rest, with the spikes of `dse.engine.network.answer`.
 
 A step's work grows with its input spikes and with the neurons. A layer sees the spikes of the one before a
-step later, and its own ones too; nothing from before the first step is seen.
+step later, and its own ones too; nothing from before the first step is seen. One with delays sums anew what
+arrives in a step, from the spikes that its longest delay reaches back to.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from dse.engine import layers
-from dse.engine.definition import DefinedLayer, in_type, rows_sum, weighted
-from dse.engine.events import Rows
+from dse.engine.definition import DefinedLayer, delayed_sum, in_type, rows_sum
+from dse.engine.events import ONCE, Rows, pooled
 from dse.engine.forward import Prepared
 from dse.engine.layers import CompiledLayer
 from dse.engine.layout import LANES, aligned
 from dse.neurons.calculus import NumpyCalculus
-from dse.records import Ints
+from dse.records import Array, Ints
 
 _NONE = np.zeros(0, np.int32)
 
@@ -37,19 +38,25 @@ class RunningLayer(Protocol):
 
 
 def running(layer: Prepared) -> RunningLayer:
-    """Return a layer at rest.
-
-    Raises:
-        ValueError: its synapses have delays.
-    """
+    """Return a layer at rest."""
     if isinstance(layer, CompiledLayer):
-        if layer.layer.delay.size:
-            raise ValueError("a network whose synapses have delays does not run step by step")
         return _Compiled(layer)
     assert isinstance(layer, DefinedLayer)  # there is no other kind
-    if layer.weights.delay.size:
-        raise ValueError("a network whose synapses have delays does not run step by step")
     return _Defined(layer)
+
+
+class _Past:
+    """The input spikes of a layer, as far back as its longest delay."""
+
+    def __init__(self, delay: Array, n_inputs: int) -> None:
+        self._n_inputs = n_inputs
+        self._steps: deque[Ints] = deque(maxlen=1 + int(delay.max(initial=0)))
+
+    def with_step(self, index: Ints) -> Rows:
+        """Take over the spikes of a step; return those of all."""
+        self._steps.append(index.copy())
+        offsets = np.cumsum([0, *(len(x) for x in self._steps)])
+        return Rows(offsets, np.concatenate(self._steps), 1, len(self._steps), self._n_inputs)
 
 
 class _Compiled:
@@ -57,6 +64,7 @@ class _Compiled:
 
     def __init__(self, layer: CompiledLayer) -> None:
         self._layer = ready = layer.layer
+        self._pool = layer.pool
         n = ready.n_columns
         self._offsets = np.zeros(2, np.int64)
         self._z = aligned(n, ready.back_u.dtype)
@@ -64,14 +72,23 @@ class _Compiled:
         self._peak = np.zeros(LANES, ready.keep_u.dtype)
         self._u, self._v = aligned(n, ready.keep_u.dtype), aligned(n, ready.keep_u.dtype)
         self._sent = np.zeros(n, np.int32)
+        self._past = _Past(ready.delay, ready.n_inputs) if ready.delay.size else None
         self.fired: Ints = self._sent[:0]
 
     def step(self, index: Ints) -> None:
+        times = ONCE
+        if self._pool is not None:
+            of_pools = pooled(Rows(np.array([0, len(index)]), index, 1, 1, self._pool.size), self._pool)
+            index, times = of_pools.index, of_pools.times
         self._offsets[1] = len(index)
+        if self._past is not None:
+            rows = self._past.with_step(index)
+            self._z[:] = layers.arriving(self._layer, rows.offsets, rows.index)
         n_sent = layers.step(
             self._layer,
             self._offsets,
             index,
+            times,
             self._z,
             self._fired,
             self._peak,
@@ -90,6 +107,8 @@ class _Defined:
         self._calculus = NumpyCalculus(layer.arithmetic)
         self._real = np.dtype(np.float32 if layer.arithmetic == "float32" else np.float64)
         self._weight = layer.weights.feed_forward.astype(self._real)
+        self._delay = layer.weights.delay
+        self._past = _Past(self._delay, len(self._weight))
         self._ring = layer.weights.recurrent.astype(self._real)
         self._population: Any = in_type(layer.weights.population, self._real)
         self._state = self._population.initial_state((1, layer.n_neurons), self._calculus)
@@ -97,8 +116,7 @@ class _Defined:
         self.fired: Ints = _NONE
 
     def step(self, index: Ints) -> None:
-        rows = Rows(np.array([0, len(index)]), index, 1, 1, len(self._weight))
-        z = weighted(rows, slice(0, 1), self._weight)[:, 0]
+        z = delayed_sum(self._past.with_step(index), slice(0, 1), self._weight, self._delay)[:, -1]
         if self._ring.size:
             z = z + rows_sum(self._spikes, self._ring)
         self._state, _, self._spikes = self._population.step(self._state, z, self._calculus)
@@ -115,9 +133,6 @@ class RunningStack:
         n_channels: input channels, delayed copies not counted.
         delays: of the copies, in network steps.
         steps_per_sample: network steps per input step; spikes arrive in the first.
-
-    Raises:
-        ValueError: synapses of a layer have delays.
     """
 
     def __init__(

@@ -51,7 +51,7 @@ def test_bit_for_bit_as_trains(
     blocks = packed(rng.normal(0, 1, (n * n_steps, n_out)), kind)
     by_neuron = np.full((columns, n, arrivals.stride_of(n_steps)), np.nan, kind)
     delays.turn(blocks, n, n_steps, by_neuron)
-    for learns in (True, False):
+    for learns, axonal in ((True, False), (True, True), (False, False)):
         found = []
         by_spikes = [
             (x, *arrivals.places_of(x, *of_inputs, n_steps), n_in) for x in (inputs[1::2], inputs[::2])
@@ -63,7 +63,8 @@ def test_bit_for_bit_as_trains(
             by_weight = np.full(table.size, 0.5, kind)
             by_delay = np.full(table.size if learns else 0, 0.5, kind)
             for some in of_some:
-                add_gradients(*some, by_neuron, n_steps, table, late, n_out, 0.03, by_weight, by_delay)
+                of_layer = (by_neuron, n_steps, table, late, n_out, 0.03, axonal)
+                add_gradients(*some, *of_layer, by_weight, by_delay)
             found.append((by_weight, by_delay))
         for mine, other in zip(*found, strict=True):
             np.testing.assert_array_equal(mine, other)

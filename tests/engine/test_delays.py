@@ -204,7 +204,8 @@ def test_gradients_agree_with_automatic_differentiation(deeper: bool, n_steps: i
             assert mine.size == 0
 
 
-def test_gradients_by_delays_are_finite_differences_of_a_smooth_loss() -> None:
+@pytest.mark.parametrize("axonal", [False, True])
+def test_gradients_by_delays_are_finite_differences_of_a_smooth_loss(axonal: bool) -> None:
     """L = sum of G z is linear in z, so that whole steps of a delay give the gradient exactly."""
     rng = np.random.default_rng(1)
     n, n_steps, n_in, n_out = 3, 100, 5, 18
@@ -225,12 +226,16 @@ def test_gradients_by_delays_are_finite_differences_of_a_smooth_loss() -> None:
     table, late = packed(weight, np.float64), packed(delay, np.int8)
     by_weight, by_delay = np.zeros_like(table), np.zeros_like(table)
     inputs = np.arange(n_in)
-    delays.add_gradients(inputs, trains, by_neuron, n_steps, table, late, n_out, 1.0, by_weight, by_delay)
+    of_layer = (by_neuron, n_steps, table, late, n_out, 1.0, axonal)
+    delays.add_gradients(inputs, trains, *of_layer, by_weight, by_delay)
     for i, j in [(0, 0), (2, 15), (4, 16), (3, 17)]:
         step = np.zeros_like(delay)
         step[i, j] = 1
         found = unpacked(by_delay, n_in, n_out)[i, j]
-        assert found == pytest.approx((loss(delay + step) - loss(delay - step)) / 2)
+        if axonal:
+            assert found == pytest.approx(loss(delay + step) - loss(delay))
+        else:
+            assert found == pytest.approx((loss(delay + step) - loss(delay - step)) / 2)
 
 
 def member(seed: int, arithmetic: Arithmetic = "integer", *, deeper: bool = False) -> Member:

@@ -28,7 +28,9 @@ def gathered(rows: Rows, table: np.ndarray, kind: type, out_kind: type) -> np.nd
     while column < padded(n_columns):
         width = width_at(column, padded(n_columns))
         start, place = n_inputs * column, n_rows * column
-        kernels.gather(rows.offsets, rows.index, 0, n_rows, flat, start, width, 1.0, out, place, False)
+        kernels.gather(
+            rows.offsets, rows.index, rows.times, 0, n_rows, flat, start, width, 1.0, out, place, False
+        )
         column += width
     return unpacked(out, n_rows, n_columns)
 

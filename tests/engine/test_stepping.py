@@ -110,8 +110,24 @@ def test_the_last_spikes_come_out_a_step_later() -> None:
     assert delayed(layer.forward(rows).fired).per_step().tolist() == [[0, 1, 0]]
 
 
-def test_delays_of_synapses_are_refused() -> None:
-    population = cuba_lif.Population(np.array([9], np.int32), np.array([9], np.int32), 32)
-    late = weights(np.ones((1, 1), np.float32), None, population, np.ones((1, 1), np.int8))
-    with pytest.raises(ValueError, match="delays does not run step by step"):
-        RunningStack([prepare(late, "integer")], 1, (0,), 1)
+@pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
+@pytest.mark.parametrize("neuron", ["cuba_lif", "lif"])
+def test_spikes_that_arrive_later_arrive_in_steps_too(neuron: str, arithmetic: Arithmetic) -> None:
+    if neuron == "lif" and arithmetic == "integer":
+        arithmetic = "ideal"
+    rng = np.random.default_rng(4)
+    stack = []
+    for n_in, n in ((9, 40), (40, 30), (30, 5)):
+        w = rng.normal(0.2, 0.5, (n_in, n)).astype(np.float32)
+        delay = rng.integers(0, 63, (n_in, 1) if n_in == 40 else w.shape) * np.ones(w.shape, np.int64)
+        late = weights(quantise(w), None, population(rng, neuron, n), None if n_in == 30 else delay)
+        stack.append(prepare(late, arithmetic))
+    spikes = stored(rng.random((1, 150, 9)) < 0.3)
+    rows = gather(spikes, np.array([0]), np.array([0]), 150)
+    expected = [fired.listed()[:, 1:].tolist() for fired in layer_spikes(rows, stack)]
+    running, fired = RunningStack(stack, 9, (0,), 1), [[] for _ in stack]
+    for t in range(150):
+        running.step(spikes.channel[spikes.row_offsets[t] : spikes.row_offsets[t + 1]])
+        for k, of_layer in enumerate(running.fired):
+            fired[k] += [[t, neuron] for neuron in of_layer.tolist()]
+    assert fired == expected and all(len(x) > 10 for x in expected)

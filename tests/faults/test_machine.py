@@ -49,10 +49,12 @@ def bits_of_kernels() -> str:
     rows, n = rows_of(rng.random((1, n_steps, n_inputs)) < 0.2), layer.n_columns
     z, fired = aligned(n_steps * n, np.float32), np.zeros(n_steps * n // LANES, np.uint16)
     updates, peak = np.zeros(n_steps, np.int32), aligned(LANES, np.float64)
-    kernels.gather(rows.offsets, rows.index, 0, n_steps, layer.table, 0, n, layer.table_unit, z, 0, False)
+    kernels.gather(
+        rows.offsets, rows.index, rows.times, 0, n_steps, layer.table, 0, n, layer.table_unit, z, 0, False
+    )
     n_fired = kernels.scan(
         z, 0, n_steps, n, layer.keep_u, layer.keep_v, layer.cross, 0, layer.threshold, layer.scale,
-        layer.integer, 0, layer.surrogate, fired, 0, n // LANES, updates, peak,
+        layer.integer, 0, layer.surrogate, fired, 0, n // LANES, updates, peak, z[:0],
     )  # fmt: skip
     assert n_fired > n_steps
     return hashlib.sha256(b"".join(x.tobytes() for x in (z, fired, updates, peak))).hexdigest()

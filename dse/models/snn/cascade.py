@@ -59,9 +59,10 @@ class Cascade(Stack):
         super().__post_init__()
         if not 1 <= len(self.first_hidden) <= 3:
             raise ValueError(f"first_hidden must have 1 to 3 layers, got {len(self.first_hidden)}")
-        if self.max_delay:
+        if self.longest_delay:
             raise ValueError(
-                f"max_delay must be 0 in a cascade, whose costs count no delays, got {self.max_delay}"
+                f"{'max_delay' if self.max_delay else 'max_axonal_delay'} must be 0 in a cascade, "
+                f"whose costs count no delays, got {self.longest_delay}"
             )
         if self.cross_fit == 1:
             raise ValueError("cross_fit must be 0 or >= 2, got 1")
@@ -172,8 +173,8 @@ class Cascade(Stack):
             held = np.sort(order[part::parts])
             others = replace(data, train=np.setdiff1d(data.train, held), validation=held, test=held[:0])
             without = self._stack(self.first_hidden).fit(
-                others, training, _named(rngs, f"first without {part}")
-            )
+                others, replace(training, keep="last"), _named(rngs, f"first without {part}")
+            )  # what is held out chooses no epoch
             assert isinstance(without.network, Network) and isinstance(without.validation, Response)
             answers = head_answers(data, without.validation.output.sum(axis=1, dtype=np.int64))
             correct += int((answers == head_targets(data, held)).sum())

@@ -40,11 +40,20 @@ class Columns(SNN):
     cpu_only: ClassVar[bool] = True
     hidden_layers: ClassVar[tuple[int, int]] = (0, 2)
     recurrent: ClassVar[bool] = False  # type: ignore[misc]
+    weight_norm: ClassVar[bool] = False  # type: ignore[misc]
     pruned: ClassVar[float] = 0.0  # type: ignore[misc]
     prune_epoch: ClassVar[float] = 0.0  # type: ignore[misc]
     max_delay: ClassVar[int] = 0  # type: ignore[misc]
+    max_axonal_delay: ClassVar[int] = 0  # type: ignore[misc]
+    learnt_decays: ClassVar[str] = "no"  # type: ignore[misc]
+    decay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
     delayed_layers: ClassVar[str] = "first"  # type: ignore[misc]
     delay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
+    regions: ClassVar[int] = 0  # type: ignore[misc]
+    start: ClassVar[Literal["uniform"]] = "uniform"  # type: ignore[misc]
+    threshold_exponents: ClassVar[tuple[int, ...]] = ()  # type: ignore[misc]
+    rounding: ClassVar[Literal["nearest"]] = "nearest"  # type: ignore[misc]
+    weight_scale: ClassVar[float] = 1.0  # type: ignore[misc]
 
     features: int = param(16, low=1, doc="neurons of a column; there is a column for each taxel")
     neighbours: int = param(8, low=0, doc="taxels that a column receives beside its own, nearest first")
@@ -56,6 +65,12 @@ class Columns(SNN):
     hidden: tuple[int, ...] = param(
         (), low=1, doc="neurons of each dense hidden layer between columns and outputs, 0 to 2 layers"
     )
+
+    def __post_init__(self) -> None:
+        """Check what one key alone cannot say."""
+        super().__post_init__()
+        if self.read_out == "shared" and self.whitened != "none":
+            raise ValueError(f"whitened must be none where read_out is shared, got {self.whitened}")
 
     def placed(self, positions: Ints) -> Stack:
         """Return the stack of the columns over channels at (n_channels, 3) x, y and plane."""

@@ -121,11 +121,12 @@ class SNN(Stack):
             updates=np.zeros(len(sizes) - 1),
             step_ms=step_ms / self.steps_per_sample,
             stored=stored,
-            delay_bits=1 if self.max_delay else 0,
+            delay_bits=1 if self.longest_delay else 0,
+            delayed=tuple(map(self.has_delays, range(len(recurrent)))) if self.longest_delay else (),
         )
         # Pruning may leave any weight at 0, training any delay at 1, and resonators are drawn.
         draws = type(self.neuron).resonators.__func__ is not Neuron.resonators.__func__  # type: ignore[attr-defined]
-        is_exact = not self.pruned and self.max_delay <= 1 and not draws
+        is_exact = not self.pruned and self.longest_delay <= 1 and not draws
         if self.neuron.on_chips:
             return LeastWork(least, is_exact)
         n_weights = 0 if self.pruned else self.n_weights(n_channels, n_outputs)

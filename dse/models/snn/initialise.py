@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from dse.engine import layers
+from dse.engine.delays import running
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
 from dse.engine.shared import copies_of, expanded
+from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.neurons import LayerSpec, Population, tiled
 from dse.neurons.calculus import NumpyCalculus
@@ -20,6 +22,10 @@ from dse.neurons.fixed_point import quantise, within_range
 from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
+_LEVELS = 0.25, 0.99
+"""Quantiles of the active channels of a region between which levels lie."""
+_LONGEST = 2**16
+"""Steps after which a potential that still grows is taken to have no limit."""
 _IMPULSE = 2.0**-30  # a power of two scales float64 exactly, and so small a drive makes nothing fire
 
 
@@ -43,7 +49,8 @@ def populations_of(
             steps_per_sample=model.steps_per_sample,
             step_ms=step_ms / model.steps_per_sample,
         )
-        populations.append(tiled(model.neuron.population(spec, rng), copies))
+        population = tiled(model.neuron.population(spec, rng), copies)
+        populations.append(finer(population, model.exponent(depth)))
     return populations
 
 
@@ -61,6 +68,59 @@ def response_norm(population: Population[Any], n_neurons: int, n_steps: int) -> 
         total += ((potential[1] - potential[0]) / _IMPULSE) ** 2
         drive = np.zeros_like(drive)
     return np.asarray(np.sqrt(total))
+
+
+def dc_gain(population: Population[Any], n_neurons: int) -> Floats:
+    """Return the potential that a constant input of 1 per step ends at, no neuron firing, (neuron,).
+
+    Raises:
+        ValueError: it has no limit, or none above rest.
+    """
+    calculus = NumpyCalculus("ideal")
+    state, drive = population.initial_state((2, n_neurons), calculus), np.zeros((2, n_neurons))
+    drive[1] = _IMPULSE
+    before, steps = np.zeros(n_neurons), 64
+    while steps <= _LONGEST:
+        for _ in range(steps):
+            state, potential, _ = population.step(state, drive, calculus)
+        gain = np.asarray((potential[1] - potential[0]) / _IMPULSE, np.float64)
+        if (gain > 0).all() and np.allclose(gain, before, rtol=1e-6, atol=0):
+            return gain
+        before, steps = gain, 2 * steps
+    raise ValueError(
+        "model.start must be uniform for neurons whose potential has no limit above rest under a constant "
+        "input, got levels"
+    )
+
+
+def levels(rows: Rows, population: Population[Any], n_neurons: int) -> Floats:
+    """Return the start `levels` of a layer, (input, neuron): one weight per neuron, for inputs in turn.
+
+    The weight onto a neuron of level N is that with which N active channels of the input's pool per step just
+    reach the threshold. Levels of an input's neurons are spread evenly on a logarithmic scale over what
+    the probe shows, means over as many steps as the neurons remember.
+    """
+    gain = dc_gain(population, n_neurons)
+    memory = float(np.median((gain / response_norm(population, n_neurons, rows.n_steps)) ** 2))
+    seen = _mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
+    weights = np.zeros((rows.n_inputs, n_neurons))
+    for k in range(min(rows.n_inputs, n_neurons)):
+        active, neurons = seen[:, k][seen[:, k] > 0], np.arange(k, n_neurons, rows.n_inputs)
+        low, high = np.quantile(active, _LEVELS) if active.size else (1.0, 1.0)
+        level = low * (high / low) ** ((np.arange(neurons.size) + 0.5) / neurons.size)
+        weights[k, neurons] = (population.to_threshold / gain)[neurons] / level
+    return weights
+
+
+def _mean_counts(rows: Rows, n_steps: int) -> Floats:
+    """Return the mean spikes per step of every input over whole stretches of steps, (stretch, input)."""
+    n_stretches = rows.n_steps // n_steps
+    sample, step = np.divmod(np.repeat(np.arange(rows.offsets.size - 1), np.diff(rows.offsets)), rows.n_steps)
+    stretch = np.minimum(step // n_steps, n_stretches)  # the last holds what is left over
+    cell = (sample * (n_stretches + 1) + stretch) * rows.n_inputs + rows.index
+    shape = rows.n_samples, n_stretches + 1, rows.n_inputs
+    counts = np.bincount(cell, rows.times if rows.times.size else None, math.prod(shape)).reshape(shape)
+    return np.asarray(counts[:, :-1].reshape(-1, rows.n_inputs) / n_steps)
 
 
 def deployed(
@@ -107,9 +167,9 @@ def reach_rate(rate: Callable[[float], float], target: float, start: float) -> t
 
 
 def _arriving(rows: Rows, shared: Ints | None) -> float:
-    """Return how many spikes reach a neuron, in the mean over neurons."""
+    """Return how many spikes reach a neuron, in the mean over neurons; n equal ones at a time count n**2."""
     if shared is None:
-        return rows.index.size
+        return float((rows.times.astype(np.float64) ** 2).sum()) if rows.times.size else rows.index.size
     reached = np.count_nonzero(shared >= 0, axis=1) / shared.shape[1]
     return float(reached[rows.index].sum())
 
@@ -142,7 +202,9 @@ def initialise(
     are driven alike. A hidden layer's gain is searched for the initial rate, which carries it over the
     8-bit rounding that would silence a layer of many inputs. An output neuron starts with weights that
     cancel over the mean input, plus a common share that is searched for the mean of its targets: outputs
-    that start elsewhere are pushed as one into a silence that the loss does not leave.
+    that start elsewhere are pushed as one into a silence that the loss does not leave. The first layer of
+    a start by levels is as `levels` returns it, and all layers of one by fan_in are as drawn, whatever their
+    rates.
 
     Args:
         rows: probe batch of input spikes.
@@ -151,7 +213,8 @@ def initialise(
         n_outputs: output neurons.
         rng: draws the weights.
         n_heads: of the output, each with one neuron that is to fire.
-        of_delays: draws delays, uniform in [0, model.max_delay]; None: no synapse has one.
+        of_delays: draws delays, of synapses uniform in [0, model.max_delay], of axons in [0, 1); None: there
+            are none.
     """
     feed_forward: list[Floats] = []
     recurrent: list[Floats | None] = []
@@ -164,25 +227,35 @@ def initialise(
         unit = population.to_threshold / response_norm(population, n, rows.n_steps)
         shared = sharing[depth]
         spread = math.sqrt(3 / max(1.0, _arriving(rows, shared) / cells))
+        is_fan_in = model.start == "fan_in"
+        scale = model.weight_scale / math.sqrt(rows.n_inputs) if is_fan_in else unit
         if shared is None:
-            drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * unit
+            drawn = rng.uniform(-1, 1, (rows.n_inputs, n)) * scale
         else:
-            drawn = expanded(rng.uniform(-1, 1, copies_of(shared).n_weights), shared) * unit
+            drawn = expanded(rng.uniform(-1, 1, copies_of(shared).n_weights), shared) * scale
         fixed: Floats | float = 0.0
         ring = None
         target = model.initial_rate
-        if depth == len(model.hidden):
+        is_levels = depth == 0 and model.start == "levels"
+        as_drawn = is_levels or is_fan_in
+        if is_levels:
+            drawn = levels(rows, population, n)
+        if depth == len(model.hidden) and not is_fan_in:
             share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
             fixed = spread * (drawn - sum_of_products(drawn.T, share))
             drawn = np.broadcast_to(unit, drawn.shape)
             target = (n_heads * model.true_rate + (n - n_heads) * model.false_rate) / n
-        elif model.recurrent:
+        elif model.recurrent and depth < len(model.hidden):
             drive = math.sqrt(3 / max(1.0, model.initial_rate * n))
-            ring = (rng.uniform(-0.5, 0.5, (n, n)) * unit * drive).astype(np.float32)
+            own, drive = (2 * model.weight_scale, n**-0.5) if is_fan_in else (unit, drive)
+            ring = (rng.uniform(-0.5, 0.5, (n, n)) * own * drive).astype(np.float32)
 
         late = None
         if of_delays is not None and model.has_delays(depth):
-            late = of_delays.uniform(0, model.max_delay, drawn.shape).astype(np.float32)
+            axonal = model.max_axonal_delay > 0
+            shape = (rows.n_inputs, 1) if axonal else drawn.shape
+            late = of_delays.uniform(0, model.max_delay or 1, shape).astype(np.float32)
+            late = np.broadcast_to(late, drawn.shape)
 
         def forward(
             gain: float,
@@ -192,9 +265,12 @@ def initialise(
             ring: Floats | None = ring,
             population: Population[Any] = population,
             delay: Floats | None = late,
+            is_dithered: bool = model.is_dithered(depth),
         ) -> Forward:
             matrix = (gain * drawn + fixed).astype(np.float32)
-            rounded = None if delay is None else np.rint(delay)
+            rounded = None if delay is None else running(delay, model.max_axonal_delay > 0)
+            if is_dithered:
+                return prepare(layers.weights(matrix, ring, population), model.arithmetic).forward(rows)
             (weights,) = deployed([matrix], [ring], [population], model.arithmetic, [rounded])
             return prepare(weights, model.arithmetic).forward(rows)
 
@@ -202,10 +278,11 @@ def initialise(
             fired = forward(gain).fired
             return fired.index.size / max(1, fired.n_samples * fired.n_steps * fired.n_inputs)
 
-        gain, reached = reach_rate(rate, target, spread)
-        feed_forward.append(within((gain * drawn + fixed).astype(np.float32)))
+        gain, reached = (1.0, rate(1.0)) if as_drawn else reach_rate(rate, target, spread)
+        master = (gain * drawn + fixed).astype(np.float32)
+        feed_forward.append(master if model.is_dithered(depth) else within(master))
         recurrent.append(None if ring is None else within(ring))
         delays.append(late)
-        rates.append((target, reached))
+        rates.append((reached if as_drawn else target, reached))
         rows = delayed(forward(gain).fired)
     return Start(feed_forward, recurrent, rates, delays)

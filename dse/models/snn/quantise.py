@@ -17,17 +17,23 @@ Source: Davies et al. 2018, weights with a shared exponent; Han et al. 2015, pru
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dse.models.snn.prune import largest
-from dse.neurons.fixed_point import WEIGHT_SCALE
-from dse.records import Array, Layer, Network
+from dse.neurons import Population
+from dse.neurons.fixed_point import HIGHEST_WEIGHT, WEIGHT_SCALE
+from dse.records import Array, Floats, Ints, Layer, Network
 
 BITS = 8
 """Bits of a weight as trained."""
 
+P = TypeVar("P", bound=Population[Any])
+
+_GOLDEN = (math.sqrt(5) - 1) / 2
 _STEPS = WEIGHT_SCALE // 2  # 8-bit steps in a weight of 1
 _ROUNDS_TO_0 = np.float32(0.5 / _STEPS)  # the largest magnitude that 8 bits round to 0: half to even
 
@@ -60,6 +66,46 @@ def rounded(network: Network, weight_bits: int, pruned: float) -> Network:
     return dataclasses.replace(
         network, layers=tuple(_rounded_layer(layer, weight_bits, pruned) for layer in network.layers)
     )
+
+
+def finer(population: P, exponent: int) -> P:
+    """Return neurons with thresholds 2**exponent times as high: with such weights they spike alike."""
+    if not exponent:
+        return population
+    of_integers: Any = population
+    scaled: P = dataclasses.replace(of_integers, threshold=int(of_integers.threshold * 2.0**exponent))
+    return scaled
+
+
+def dithered(weights: Array, pool: Ints) -> Floats:
+    """Return the 8-bit weights of every input, (input, neuron) float32, from those of their pools.
+
+    Within a pool of n inputs, a weight is rounded up for some and down for the others, so that the sum over
+    the pool is that of the weight, rounded once. Which ones is a low-discrepancy sequence: of any run of
+    inputs, the right share is rounded up. What rounds to 0 keeps its sign and deploys as 0.
+
+    Args:
+        weights: (pool, neuron).
+        pool: (input,) each input's pool.
+    """
+    steps = _in_steps(weights)
+    turn = np.arange(weights.shape[1]) * _GOLDEN % 1  # neurons round different inputs up
+    out = np.empty((pool.size, weights.shape[1]), np.float32)
+    for k, of_pool in enumerate(steps):
+        inputs = np.flatnonzero(pool == k)
+        n = inputs.size
+        rank = np.argsort(np.argsort(np.arange(n) * _GOLDEN % 1))
+        up = (((rank[:, None] + np.floor(turn * n)) % n) + 0.5) / n
+        out[inputs] = np.clip(np.floor(of_pool + up), -128, 127) / _STEPS
+    small = np.clip(weights, -_ROUNDS_TO_0, _ROUNDS_TO_0)[pool]
+    return np.where(out == 0, small, out)
+
+
+def finest(weights: Array, most: int) -> int:
+    """Return the largest exponent, 0 to `most`, with which 8 bits hold all of some weights; 0: none does."""
+    largest_magnitude = np.abs(weights).max(initial=0)
+    fits = [k for k in range(most + 1) if largest_magnitude * 2.0**k <= HIGHEST_WEIGHT]
+    return max(fits, default=0)
 
 
 def exponents(network: Network, weight_bits: int) -> tuple[int, ...]:

@@ -33,7 +33,7 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
     layers = layers_of(network)
     answers: list[Answer] = []
     per_input = np.zeros(network.sizes[0], np.int64)
-    for rows in batches(network, dataset, samples):
+    for rows in batches_of(network, dataset, samples):
         answers.append(answer(rows, layers))
         per_input += np.bincount(rows.index, minlength=per_input.size)
     counts = [per_input[None], *(np.concatenate([a.fired[k] for a in answers]) for k in range(len(layers)))]
@@ -57,7 +57,7 @@ def spikes_of_layers(network: Network, dataset: Dataset, samples: Array) -> list
     layers = layers_of(network)
     parts: list[list[Ints]] = [[np.zeros((0, 3), np.int32)] for _ in layers]
     first = 0
-    for rows in batches(network, dataset, samples):
+    for rows in batches_of(network, dataset, samples):
         for spikes, part in zip(layer_spikes(rows, layers), parts, strict=True):
             part.append(spikes.listed(first))
         first += rows.n_samples
@@ -68,7 +68,7 @@ def counts_of_layers(network: Network, dataset: Dataset, samples: Array) -> list
     """Return how often each neuron of every hidden layer fires in some samples, (sample, neuron) each."""
     layers = layers_of(network)[:-1]
     parts = [
-        [x.per_input() for x in layer_spikes(rows, layers)] for rows in batches(network, dataset, samples)
+        [x.per_input() for x in layer_spikes(rows, layers)] for rows in batches_of(network, dataset, samples)
     ]
     return [np.concatenate(of_layer) for of_layer in zip(*parts, strict=True)]
 
@@ -87,8 +87,8 @@ def layers_of(network: Network) -> list[Prepared]:
     ]
 
 
-def batches(network: Network, dataset: Dataset, samples: Array) -> Iterator[Rows]:
-    """Yield the evaluated windows of some samples, the input of a network."""
+def batches_of(network: Network, dataset: Dataset, samples: Array) -> Iterator[Rows]:
+    """Yield the input spikes of some samples' windows as the network sees them."""
     for first in range(0, max(1, samples.size), _BATCH):
         part = samples[first : first + _BATCH]
         yield gather(

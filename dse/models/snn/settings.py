@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Literal
 
+import numpy as np
+
 from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
+from dse.models.snn.regions import RINGS, regions_of
 from dse.models.training import Training
-from dse.neurons import Neuron
+from dse.neurons import Neuron, cuba_lif
+from dse.neurons.fixed_point import STATE_LIMIT, WEIGHT_SCALE
 from dse.neurons.surrogate import Exponential, exponential
 from dse.records import Arithmetic, Floats, Ints
 from dse.registry import name_of, param
+
+FINEST = 8
+"""Largest exponent of a layer's thresholds and weights."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +75,14 @@ class Stack:
         choices=("first", "all"),
         doc="layers whose synapses have delays, recurrent ones never: the first, or the outputs too",
     )
+    max_axonal_delay: int = param(
+        0,
+        low=0,
+        high=MOST,
+        unit="network steps",
+        doc="longest delay of a hidden neuron's axon: each has one of its own, which is learnt from below 1 "
+        "on and holds for all that the neuron feeds (lava-dl: 62); 0: axons have none",
+    )
     delay_learning_rate: float = param(
         0.1,
         low=0,
@@ -74,8 +90,42 @@ class Stack:
         doc="step size of Adam for delays, on the schedule of the learning rate; 0: delays stay as drawn. "
         "They rest in the last `average_epochs` epochs",
     )
+    learnt_decays: str = param(
+        "no",
+        choices=("no", "layer", "neuron"),
+        doc="current and voltage decays that CUBA-LIF neurons learn, outputs too: none, a pair per layer or "
+        "a pair per neuron",
+    )
+    decay_learning_rate: float = param(
+        0.001,
+        low=0,
+        doc="step size of Adam for decays per network step, on the schedule of the learning rate; they run "
+        "rounded to 1/4096, stay inside (0, 1), and rest in the last `average_epochs` epochs",
+    )
     steps_per_sample: int = param(1, low=1, high=16, doc="network steps per input step")
     recurrent: bool = param(False, doc="each hidden layer also receives its own spikes of the previous step")
+    regions: int = param(
+        0,
+        low=0,
+        doc="regions of the sensor, 3 rings by regions / 3 sectors around its middle (runs where channels "
+        "lie on a line), whose channels share one weight to each neuron of the first layer; planes "
+        "(polarities, thresholds) and delayed copies have weights of their own; 0: every channel has",
+    )
+    start: Literal["uniform", "levels", "fan_in"] = param(
+        "uniform",
+        choices=("uniform", "levels", "fan_in"),
+        doc="initial weights. uniform: drawn, scaled to `initial_rate`; fan_in: drawn up to `weight_scale` "
+        "over the root of a layer's inputs, whatever rate that gives, as torch and lava-dl do; levels, of "
+        "the first layer (needs `regions`): a region per neuron, in turn, with the weight that fires the "
+        "neuron from so many active channels of the region per step on; these levels are spread over what "
+        "the training data show",
+    )
+    weight_scale: float = param(
+        1.0,
+        low=0,
+        low_open=True,
+        doc="of a start by fan_in; 8-bit weights below 1/64 are 0, as are all of more than 4096 inputs at 1",
+    )
     initial_rate: float = param(
         0.1,
         low=0,
@@ -90,6 +140,20 @@ class Stack:
         "integer",
         choices=("integer", "float32", "ideal"),
         doc="integer: what deployed networks compute; ideal: real numbers in float64",
+    )
+    threshold_exponents: tuple[int, ...] = param(
+        (),
+        low=0,
+        high=FINEST,
+        doc="of each layer, k: its thresholds and weights are 2**k times as large, which is the same network "
+        "on a finer grid of 8-bit weights (1/32 of 2**-k). Without any: 0, and for a dithered layer the "
+        "largest k whose 8-bit weights hold those that were learnt and whose states stay within 24 bits",
+    )
+    rounding: Literal["nearest", "dithered"] = param(
+        "nearest",
+        choices=("nearest", "dithered"),
+        doc="of weights to 8 bits. nearest: in every step of the training; dithered (needs `regions`): those "
+        "of the first layer after the training, up or down by channel so that the sum over a region is right",
     )
     weight_norm: bool = param(
         False,
@@ -127,24 +191,97 @@ class Stack:
             raise ValueError(
                 f"input_delays must hold at least one delay and none twice, got {list(self.input_delays)}"
             )
+        if self.max_delay and self.max_axonal_delay:
+            raise ValueError(
+                f"max_axonal_delay must be 0 where synapses have delays of their own (max_delay), got "
+                f"{self.max_axonal_delay}"
+            )
         if self.max_delay and self.input_delays != (0,):
             raise ValueError(
                 "input_delays must be [0] where synapses have delays of their own (max_delay), got "
                 f"{list(self.input_delays)}"
             )
-        if self.max_delay and not self.has_kernel:
+        for key in ("max_delay", "max_axonal_delay"):
+            if (longest := getattr(self, key)) and not self.has_kernel:
+                raise ValueError(
+                    f"{key} must be 0 for neuron {name_of('neurons', self.neuron)}, which has no kernel, "
+                    f"got {longest}"
+                )
+        if self.max_axonal_delay and self.recurrent:
             raise ValueError(
-                f"max_delay must be 0 for neuron {name_of('neurons', self.neuron)}, which has no kernel, "
-                f"got {self.max_delay}"
+                f"max_axonal_delay must be 0 where hidden layers are recurrent, got {self.max_axonal_delay}"
+            )
+        if self.learnt_decays != "no" and self.neuron.Populations is not cuba_lif.Population:
+            raise ValueError(
+                f"learnt_decays must be no for neuron {name_of('neurons', self.neuron)}, which is no "
+                f"cuba_lif, got {self.learnt_decays}"
             )
         if self.max_delay and self.recurrent and self.delayed_layers == "all":
             raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")
+        if self.regions % RINGS:
+            raise ValueError(f"regions must be a multiple of {RINGS} rings, got {self.regions}")
+        if self.regions and self.max_delay:
+            raise ValueError(
+                f"max_delay must be 0 where channels share weights (regions), got {self.max_delay}"
+            )
+        if self.weight_norm and self.regions:
+            raise ValueError("weight_norm must be false where channels share weights (regions), got true")
+        if self.start == "fan_in" and self.regions:
+            raise ValueError(
+                "start must be uniform or levels where channels share weights (regions), got fan_in"
+            )
+        if self.start == "levels" and not self.regions:
+            raise ValueError("regions must be > 0 for start levels, got 0")
+        if self.rounding == "dithered" and not (self.regions and self.arithmetic == "integer"):
+            raise ValueError(
+                "rounding must be nearest without regions or integer arithmetic, got dithered with "
+                f"{self.regions} regions in {self.arithmetic} arithmetic"
+            )
+        self._check_exponents()
         if self.whitened != "none" and self.pruned:
             raise ValueError(
                 f"pruned must be 0 where weights are learnt in a whitened basis, got {self.pruned:g}"
             )
         if self.false_rate >= self.true_rate:
             raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
+
+    def _check_exponents(self) -> None:
+        """Raise ValueError where thresholds have no integer mantissa or leave the states' 24 bits."""
+        n_layers, exponents = len(self.hidden) + 1, self.threshold_exponents
+        if not exponents and self.rounding == "nearest":
+            return
+        if not exponents and self.recurrent:
+            raise ValueError(
+                "threshold_exponents must be given where a recurrent layer is dithered, whose recurrent "
+                "weights are rounded as they are learnt, got []"
+            )
+        mantissa = WEIGHT_SCALE * getattr(self.neuron, "threshold", math.inf)
+        if not self.has_kernel:
+            raise ValueError(
+                "threshold_exponents and rounding need neurons with a kernel, got "
+                f"{name_of('neurons', self.neuron)}"
+            )
+        if exponents and len(exponents) != n_layers:
+            raise ValueError(
+                f"threshold_exponents must have one exponent for each of the {n_layers} layers, got "
+                f"{list(exponents)}"
+            )
+        most = int(math.log2(STATE_LIMIT / (WEIGHT_SCALE * mantissa)))
+        if max(exponents, default=0) > most:
+            raise ValueError(
+                f"threshold_exponents must be at most {most}, beyond which the threshold leaves the 24 bits "
+                f"of a state, got {max(exponents)}"
+            )
+
+    def exponent(self, depth: int) -> int:
+        """Return the power of two by which a layer's thresholds and weights are scaled as it trains."""
+        if self.threshold_exponents:
+            return self.threshold_exponents[depth]
+        return FINEST if self.is_dithered(depth) else 0
+
+    def is_dithered(self, depth: int) -> bool:
+        """Return whether a layer trains without rounding, and is dithered afterwards."""
+        return depth == 0 and self.rounding == "dithered"
 
     @property
     def has_kernel(self) -> bool:
@@ -166,13 +303,35 @@ class Stack:
         """Return the stack that trains on channels at (n_channels, 3) x, y and plane: the same for all."""
         return self
 
+    def pool(self, positions: Ints) -> Ints | None:
+        """Return which pool of inputs with equal weights each input belongs to, (input,); None: its own.
+
+        Args:
+            positions: (n_channels, 3) x, y and plane.
+
+        Raises:
+            ValueError: there are fewer places than regions.
+        """
+        if not self.regions:
+            return None
+        region = regions_of(positions, self.regions)
+        n_pools = region.max() + 1
+        return np.concatenate([region + d * n_pools for d in range(len(self.input_delays))])
+
     def sharing(self, n_outputs: int) -> list[Ints | None]:
         """Return the numbers of each layer's shared weights (`dse.engine.shared`), or None."""
         return [None] * (len(self.hidden) + 1)
 
     def has_delays(self, depth: int) -> bool:
-        """Return whether synapses into a layer, from 0, have delays."""
+        """Return whether synapses into a layer, from 0, have delays, their own or those of axons."""
+        if self.max_axonal_delay:
+            return depth > 0
         return self.max_delay > 0 and (depth == 0 or self.delayed_layers == "all")
+
+    @property
+    def longest_delay(self) -> int:
+        """Most steps by which a synapse or an axon delays; 0: none does."""
+        return self.max_delay or self.max_axonal_delay
 
     def matrices(self, n_channels: int, n_outputs: int) -> list[tuple[int, int]]:
         """Return (inputs, neurons) of every weight matrix, recurrent ones included."""

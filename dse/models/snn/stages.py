@@ -22,7 +22,7 @@ from dse.engine.member import Stage
 from dse.engine.network import layer_spikes
 from dse.engine.parameters import product
 from dse.models.snn.initialise import deployed, reach_rate, response_norm
-from dse.models.snn.respond import batches, counts_of_layers, layers_of
+from dse.models.snn.respond import batches_of, counts_of_layers, layers_of
 from dse.models.snn.trainee import Trainee, norm_units, units
 from dse.models.snn.whiten import basis, covariance
 from dse.neurons import population_of
@@ -30,8 +30,8 @@ from dse.neurons.fixed_point import within_range
 from dse.records import Array, Dataset, Floats, Ints, Network
 
 
-def stage_of(trainee: Trainee, epoch: int, network: Network, dataset: Dataset, samples: Ints) -> Stage | None:
-    """Return what a design's training begins with at an epoch; None: with its weights as they are.
+def stage_of(trainee: Trainee, epoch: int, network: Network, dataset: Dataset, samples: Ints) -> Stage:
+    """Return what a stage of a design's training begins with.
 
     Args:
         trainee: the design.
@@ -41,8 +41,6 @@ def stage_of(trainee: Trainee, epoch: int, network: Network, dataset: Dataset, s
         samples: training samples whose spikes are counted.
     """
     model, training = trainee.model, trainee.training
-    if not (model.whitened_layers or training.linear_epochs):
-        return None
     layer, is_linear = trainee.member.layers[-1], epoch < training.linear_epochs
     counts = counts_of_layers(network, dataset, samples)
     bases = {depth: basis(counts[depth - 1]) for depth in model.whitened_layers}
@@ -53,17 +51,18 @@ def stage_of(trainee: Trainee, epoch: int, network: Network, dataset: Dataset, s
         unit = np.full_like(layer.unit, length)  # of log-odds
         output = replace(layer, feed_forward=np.zeros_like(layer.feed_forward), unit=unit, norm_unit=None)
     elif training.linear_epochs:
-        weights, step = np.ascontiguousarray(network.layers[-1].weight.T), training.step_unit
-        norms = None if layer.norm_unit is None else norm_units(weights, step)
-        unit = units(weights, step, layer.shared)
+        weights = np.ascontiguousarray(network.layers[-1].weight.T)
+        step = training.step_unit, 2.0 ** model.exponent(len(model.hidden))
+        norms = None if layer.norm_unit is None else norm_units(weights, *step)
+        unit = units(weights, *step, layer.shared)
         output = replace(layer, feed_forward=weights, unit=unit, norm_unit=norms)
     return Stage({depth: matrix for depth, (matrix, _) in bases.items()}, is_linear, output)
 
 
-def with_spiking_outputs(
+def spiking_outputs(
     network: Network, dataset: Dataset, probe: Ints, heads: Sequence[int], rate: float
-) -> tuple[Network, float]:
-    """Return a network whose output weights are those of a linear readout, times one factor, and its rate.
+) -> tuple[Floats, float]:
+    """Return the weights of spiking outputs, (input, neuron), those of a linear readout times one factor.
 
     Args:
         network: with the readout as its outputs' weights.
@@ -71,10 +70,13 @@ def with_spiking_outputs(
         probe: at most a batch of samples, on which the rate is reached.
         heads: classes of each head.
         rate: spikes per step of the most active output of each head, in the mean.
+
+    Returns:
+        The weights, and the rate that they reach.
     """
-    *hidden, last = network.layers
     *before, _ = layers_of(network)
-    rows = delayed(layer_spikes(next(batches(network, dataset, probe)), before)[-1])
+    rows = delayed(layer_spikes(next(batches_of(network, dataset, probe)), before)[-1])
+    last = network.layers[-1]
     population = population_of(last.neuron, last.parameters)
     readout, delay = last.weight.T.astype(np.float64), None if last.delay is None else last.delay.T
 
@@ -82,16 +84,13 @@ def with_spiking_outputs(
         parts = np.split(of_outputs, np.cumsum(heads)[:-1], axis=1)
         return float(np.mean([x.max(axis=1).mean() for x in parts])) / rows.n_steps
 
-    def weights(gain: float) -> Floats:
-        return (gain * readout).astype(np.float32)
-
     def reached(gain: float) -> float:
-        (one,) = deployed([weights(gain)], [None], [population], network.arithmetic, [delay])
+        weights = (gain * readout).astype(np.float32)
+        (one,) = deployed([weights], [None], [population], network.arithmetic, [delay])
         return most(prepare(one, network.arithmetic).forward(rows).fired.per_input())
 
     drive = most(product(rows.per_input().astype(np.float64), readout))
     unit = population.to_threshold / response_norm(population, readout.shape[1], rows.n_steps)
     gain, found = reach_rate(reached, rate, float(np.mean(unit)) / drive if drive > 0 else 1.0)
     within = within_range if network.arithmetic == "integer" else np.asarray
-    spiking = replace(last, weight=np.ascontiguousarray(within(weights(gain)).T))
-    return replace(network, layers=(*hidden, spiking)), found
+    return within((gain * readout).astype(np.float32)), found

@@ -6,6 +6,7 @@ dropout from each design's own. A design's result is bitwise the same alone and 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -15,19 +16,20 @@ import numpy as np
 
 from dse.engine import engines
 from dse.engine.events import Rows, gather, without
-from dse.engine.member import as_part, of_part
+from dse.engine.member import Masters, as_part, of_part
 from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import prune, whiten
 from dse.models.snn.augment import Augmentation
-from dse.models.snn.respond import respond_and_count
-from dse.models.snn.settings import Stack
-from dse.models.snn.stages import stage_of, with_spiking_outputs
+from dse.models.snn.quantise import dithered, finer, finest
+from dse.models.snn.respond import batches_of, layers_of, respond, respond_and_count
+from dse.models.snn.settings import FINEST, Stack
+from dse.models.snn.stages import spiking_outputs, stage_of
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
-from dse.neurons import name_of_population, parameters_of
-from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, quantise
+from dse.neurons import Population, cuba_lif, name_of_population, parameters_of
+from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
 from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
 
@@ -48,8 +50,9 @@ def train(
 
     A finished design has responded on validation and, where there is one, on test. The weights that are
     kept are those of the last epoch (or the mean of the last epochs), whatever validation says of earlier
-    ones. A design whose numbers run away ends at once, and its neighbours go on untouched. A training that
-    goes on from the state of a `Rung` ends with the same bits as one that never paused.
+    ones; with `training.keep: best` those of the best epoch on validation. A design whose numbers run away
+    ends at once, and its neighbours go on untouched. A training that goes on from the state of a `Rung` ends
+    with the same bits as one that never paused.
 
     Args:
         dataset: spikes, windows, split.
@@ -61,12 +64,14 @@ def train(
         span: from where to where they train.
 
     Raises:
-        ValueError: there is no training sample, the designs cannot train on the same batches, or they stand
-            at different epochs.
+        ValueError: there is no training sample, or none that chooses the best epoch, the designs cannot train
+            on the same batches, or they stand at different epochs.
         MissingExtra: the neurons have no kernel, and torch is not installed.
     """
     if not dataset.train.size:
         raise ValueError("training needs at least one training sample, got none")
+    if not dataset.validation.size and any(design.training.keep == "best" for design in designs):
+        raise ValueError("training.keep must be last where no sample validates, got best")
     if len({design.model.shares(design.training) for design in designs}) != 1:
         raise ValueError(
             "the designs of a cohort must agree in input_delays, steps_per_sample, batch_size, "
@@ -90,7 +95,10 @@ def train(
     clock = _Clock()
     trainees = []
     for number, design in enumerate(designs):
-        trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset)))
+        pool = design.model.pool(dataset.positions)
+        trainees.append(
+            Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset), pool)
+        )
         trainees[-1].seconds += clock.lap()
     teachers, live = Teachers(dataset, shared, device, threads), []
     for trainee in trainees:
@@ -111,18 +119,18 @@ def train(
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
     counted = shared("whitening").permutation(dataset.train)[: whiten.SAMPLES]
 
-    def network_of(trainee: Trainee, matrices: Sequence[Array | None]) -> Network:
-        network = _network(trainee, matrices, dataset, delays)
-        if trainee.is_linear:
-            rate = trainee.rates[-1][0]
-            network, reached = with_spiking_outputs(network, dataset, chosen, head_sizes(dataset), rate)
-            trainee.rates[-1] = rate, reached
-        return network
+    def deployed(trainee: Trainee, masters: Masters) -> Network:
+        exponent = _exponent(trainee, masters, dataset, delays)
+        return _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
 
-    def outcome_of(trainee: Trainee, matrices: Sequence[Array | None]) -> Outcome:
-        began = time.perf_counter()
-        outcome = _outcome(trainee, network_of(trainee, matrices), dataset)
-        return replace(outcome, train_s=trainee.seconds + time.perf_counter() - began)
+    def deployable(trainee: Trainee, masters: Masters) -> Masters:
+        """Return a design's masters with weights of spiking outputs."""
+        if not trainee.is_linear:
+            return masters
+        network, rate = deployed(trainee, masters), trainee.rates[-1][0]
+        outputs, reached = spiking_outputs(network, dataset, chosen, head_sizes(dataset), rate)
+        trainee.rates[-1] = rate, reached
+        return replace(masters, feed_forward=(*masters.feed_forward[:-1], outputs))
 
     for trainee, read in zip(trainees, span.states, strict=bool(span.states)):
         state = read()
@@ -145,23 +153,16 @@ def train(
     while live:
         if span.until is not None and epoch >= span.until:
             for trainee in live:
-                masters = engine.masters(trainee.number)
-                trainee.delays = masters.delay
-                outcome = outcome_of(trainee, [*masters.feed_forward, *masters.recurrent])
+                masters = trainee.best or deployable(trainee, engine.masters(trainee.number))
+                outcome = _outcome(trainee, masters, dataset, delays)
                 yield trainee.number, Rung(epoch, state_of(trainee), outcome)
             return
         for trainee in live:
-            linear_epochs = trainee.training.linear_epochs
-            if epoch in (0, linear_epochs):
-                masters = engine.masters(trainee.number)
-                trainee.delays = masters.delay
-                network = network_of(trainee, [*masters.feed_forward, *masters.recurrent])
-                if (stage := stage_of(trainee, epoch, network, dataset, counted)) is not None:
-                    engine.begin(trainee.number, stage)
+            if trainee.has_stages and epoch in (0, trainee.training.linear_epochs):
+                network = deployed(trainee, deployable(trainee, engine.masters(trainee.number)))
+                engine.begin(trainee.number, stage_of(trainee, epoch, network, dataset, counted))
                 trainee.seconds += clock.lap()
-            if trainee.model.pruned and epoch == max(
-                linear_epochs, int(trainee.model.prune_epoch * trainee.training.epochs)
-            ):
+            if trainee.model.pruned and epoch == trainee.pruned_at:
                 trainee.kept = prune.masks(engine.masters(trainee.number), trainee.model.pruned)
                 engine.prune(trainee.number, trainee.kept)
         order = batches.permutation(dataset.train)
@@ -190,14 +191,19 @@ def train(
             if not live:
                 return
         for trainee in live:
-            trainee.end_epoch(engine.masters(trainee.number), epoch, order.size)
+            masters = engine.masters(trainee.number)
+            trainee.end_epoch(masters, epoch, order.size)
+            if trainee.training.keep == "best" and not trainee.diverged:
+                masters = deployable(trainee, masters)
+                trainee.consider(masters, _accuracy(deployed(trainee, masters), dataset))
             trainee.seconds += clock.lap()
         epoch += 1
         for trainee in live:
             if trainee.diverged:
                 yield trainee.number, TrainingDiverged(trainee.diverged)
             elif trainee.finished:
-                yield trainee.number, outcome_of(trainee, trainee.mean)
+                masters = deployable(trainee, trainee.result)
+                yield trainee.number, _outcome(trainee, masters, dataset, delays)
         live = [x for x in live if not (x.diverged or x.finished)]
         if live and epoch != span.until and span.is_due():
             for trainee in live:
@@ -217,56 +223,50 @@ class _Clock:
         return self._last - before
 
 
-def _network(
-    trainee: Trainee, matrices: Sequence[Array | None], dataset: Dataset, delays: tuple[int, ...]
-) -> Network:
-    """Return a design's network of these weights, feed-forward, then recurrent."""
-    model = trainee.model
-    layers = trainee.member.layers
-    n = len(layers)
-    weights = [None if w is None else w.astype(np.float32) for w in matrices]
-    if trainee.kept is not None:
-        kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
-        weights = [
-            None if w is None or k is None else prune.remaining(w, k, model.arithmetic)
-            for w, k in zip(weights, kept, strict=True)
-        ]
-    return Network(
-        layers=tuple(
-            Layer(
-                weight=np.ascontiguousarray(w.T),
-                recurrent=None if r is None else np.ascontiguousarray(r.T),
-                parameters=parameters_of(layer.population),
-                neuron=name_of_population(layer.population, model.neuron),
-                shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
-                delay=None if late is None else np.ascontiguousarray(late.T),
-            )
-            for w, r, layer, late in zip(
-                weights[:n], weights[n:], layers, trainee.delays or (None,) * n, strict=True
-            )
-            if w is not None
-        ),
-        n_channels=dataset.spikes.n_channels,
-        delays=delays,
-        steps_per_sample=model.steps_per_sample,
-        arithmetic=model.arithmetic,
-    )
+def _trained(trainee: Trainee, masters: Masters) -> list[Array | None]:
+    """Return the weights as trained, feed-forward, then recurrent; 0 where pruning removed one."""
+    weights = [
+        None if w is None else w.astype(np.float32) for w in (*masters.feed_forward, *masters.recurrent)
+    ]
+    if trainee.kept is None:
+        return weights
+    kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
+    return [
+        None if w is None or k is None else prune.remaining(w, k, trainee.model.arithmetic)
+        for w, k in zip(weights, kept, strict=True)
+    ]
 
 
-def _outcome(trainee: Trainee, network: Network, dataset: Dataset) -> Outcome:
-    """Return a design's network, its responses and its health."""
-    model, layers = trainee.model, trainee.member.layers
+def _learnt(population: Population[Any], decays: Array | None) -> Population[Any]:
+    """Return neurons with the decays of u and v that they learnt, if they did."""
+    if decays is None:
+        return population
+    assert isinstance(population, cuba_lif.Population)  # no other learns them
+    return replace(population, decay_current=decays[0], decay_voltage=decays[1])
+
+
+def _accuracy(network: Network, dataset: Dataset) -> float:
+    """Return the share of the validation samples that are answered rightly, of several heads in all."""
+    counts = respond(network, dataset, dataset.validation).output.sum(axis=1, dtype=np.int64)
+    right = head_answers(dataset, counts) == head_targets(dataset, dataset.validation)
+    return float(right.all(axis=1).mean())
+
+
+def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> Outcome:
+    """Return a design's network of these weights, and its responses."""
+    began = time.perf_counter()
+    exponent = _exponent(trainee, masters, dataset, delays)
+    model, network = trainee.model, _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
     validation, fired = respond_and_count(network, dataset, dataset.validation)
     test = respond_and_count(network, dataset, dataset.test)[0] if dataset.test.size else None
     totals = [x.sum(axis=0) for x in fired]
     curves = {name: np.asarray(values) for name, values in trainee.history.items()}
     cells = validation.output.shape[0] * validation.output.shape[1]
-    masters = [
-        w.ravel() if number is None else distinct(w, number)
-        for x in network.layers
-        for w, number in ((x.weight, x.shared), (x.recurrent, None))
-        if w is not None and model.arithmetic == "integer"
-    ]
+    layers = trainee.member.layers
+    sharing = [*(layer.shared for layer in layers), *(None for _ in layers)]
+    pairs = zip(_trained(trainee, masters), sharing, strict=True) if model.arithmetic == "integer" else ()
+    weights = [distinct(w, shared) for w, shared in pairs if w is not None]
+    weights[:1] = [w * 2.0 ** (exponent - model.exponent(0)) for w in weights[:1]]
     health: dict[str, Any] = {
         "dead_neurons": int(sum((f == 0).sum() for f in totals[1:-1])),
         "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in totals[1:-1])) if cells else 0,
@@ -274,7 +274,7 @@ def _outcome(trainee: Trainee, network: Network, dataset: Dataset) -> Outcome:
         "effective_rank": whiten.effective_rank(fired[-2]),
         "collapsed_outputs": _collapsed(dataset, validation),
         "clipped_weights": sum(
-            int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in masters
+            int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in weights
         ),
         "peak_state": validation.peak_state,
         "overflows_24_bit": "integer" in model.neuron.arithmetics and validation.peak_state > STATE_LIMIT,
@@ -289,11 +289,68 @@ def _outcome(trainee: Trainee, network: Network, dataset: Dataset) -> Outcome:
         "clipped_gradients": trainee.clipped_batches,
         "stopped_early": trainee.stopped,
         "epochs_trained": len(trainee.history["loss"]),
+        "epoch_kept": trainee.epoch_kept,
         "n_weights_dense": network.n_weights_dense,
     }
     if any(layer.shared is not None for layer in layers):
         health["n_synapses"] = sum(network.stored)
-    return Outcome(network, validation, test, curves, health)
+    seconds = trainee.seconds + time.perf_counter() - began
+    return Outcome(network, validation, test, curves, health, seconds)
+
+
+def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> int:
+    """Return the exponent of the first layer's thresholds and weights as they run.
+
+    Where it is free, it is the largest whose 8 bits hold the weights and whose states stay within 24 bits,
+    with a sixteenth to spare, on validation samples.
+    """
+    model, first = trainee.model, _trained(trainee, masters)[0]
+    if model.threshold_exponents or not model.is_dithered(0) or first is None:
+        return model.exponent(0)
+    exponent = finest(first * 2.0**-FINEST, FINEST)
+    network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
+    layer, windows = layers_of(network)[0], batches_of(network, dataset, dataset.validation)
+    peak = max(layer.forward(rows, count=True).peak for rows in windows) * STATE_SCALE
+    over = math.ceil(math.log2(max(1.0, peak / (15 / 16 * STATE_LIMIT))))
+    return max(0, exponent - over)
+
+
+def _network(
+    trainee: Trainee, masters: Masters, n_channels: int, delays: tuple[int, ...], exponent: int
+) -> Network:
+    """Return the network of trained weights, delays and decays; `exponent` is of the first layer."""
+    model, layers, pool = trainee.model, trainee.member.layers, trainee.member.pool
+    n, none = len(layers), (None,) * len(layers)
+    matrices = _trained(trainee, masters)
+    populations = [
+        _learnt(layer.population, decays)
+        for layer, decays in zip(layers, masters.decays or none, strict=True)
+    ]
+    first = matrices[0]
+    if pool is not None and first is not None:
+        coarser = model.exponent(0) - exponent
+        first = first * np.float32(2.0**-coarser)
+        populations[0] = finer(populations[0], -coarser)
+        matrices[0] = dithered(first, pool) if model.is_dithered(0) else first[pool]
+    of_layers = zip(matrices[:n], matrices[n:], populations, layers, masters.delay or none, strict=True)
+    return Network(
+        layers=tuple(
+            Layer(
+                weight=np.ascontiguousarray(w.T),
+                recurrent=None if r is None else np.ascontiguousarray(r.T),
+                parameters=parameters_of(population),
+                neuron=name_of_population(population, model.neuron),
+                shared=None if layer.shared is None else np.ascontiguousarray(layer.shared.T),
+                delay=None if late is None else np.ascontiguousarray(late.T),
+            )
+            for w, r, population, layer, late in of_layers
+            if w is not None
+        ),
+        n_channels=n_channels,
+        delays=delays,
+        steps_per_sample=model.steps_per_sample,
+        arithmetic=model.arithmetic,
+    )
 
 
 def _collapsed(dataset: Dataset, validation: Response) -> int:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dse.engine.events import Rows
-from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, of_part
+from dse.engine.events import Rows, pooled
+from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
 from dse.engine.parameters import lengths
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import initialise, populations_of
@@ -38,7 +38,8 @@ class Trainee:
     loss, correct, fired, largest_norm: of the epoch so far; `fired` is per layer, times the samples.
     stopped: why it ended before the last epoch; diverged: why it has no result. Empty: neither.
     kept: weights that pruning left; None: no weight was pruned.
-    delays: per layer, the delays of the last epoch, (input, neuron), or None; empty: none is learnt.
+    last: masters of the last epoch, whose delays and decays belong to `mean`.
+    best: masters of the epoch that is kept, where it is the best on validation; None: none yet, or the last.
     soft: (sample, output) targets of the training samples, from a teacher; None: the labels.
     """
 
@@ -61,12 +62,19 @@ class Trainee:
     diverged: str = ""
     learning_rate: float = 0.0
     kept: Masters | None = None
-    delays: tuple[Array | None, ...] = ()
+    last: Masters | None = None
+    best: Masters | None = None
     soft: Floats | None = None
 
     @classmethod
     def start(
-        cls, number: int, design: FitRequest[Stack], probe: Rows, step_ms: float, heads: tuple[int, ...]
+        cls,
+        number: int,
+        design: FitRequest[Stack],
+        probe: Rows,
+        step_ms: float,
+        heads: tuple[int, ...],
+        pool: Ints | None,
     ) -> Trainee:
         """Draw a design's neurons and weights.
 
@@ -76,16 +84,20 @@ class Trainee:
             probe: input spikes on which initial rates are reached.
             step_ms: duration of an input step.
             heads: classes of each head.
+            pool: of each input (`Stack.pool`).
         """
         model, training, rngs = design
         populations = populations_of(model, sum(heads), step_ms, rngs("time constants"))
-        of_delays = rngs("delays") if model.max_delay else None
+        of_delays = rngs("delays") if model.longest_delay else None
         began = initialise(
-            probe, model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
+            pooled(probe, pool), model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
         )
 
         def slower(depth: int) -> np.float32:
             return np.float32(training.hidden_lr_factor if depth < len(model.hidden) else 1)
+
+        def step(depth: int) -> tuple[str, float]:
+            return training.step_unit, 2.0 ** model.exponent(depth)
 
         layers = [
             TrainedLayer(
@@ -93,12 +105,15 @@ class Trainee:
                 recurrent=ring,
                 population=population,
                 surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
-                unit=slower(depth) * units(weights, training.step_unit, shared, 1 if depth else model.copies),
-                recurrent_unit=None if ring is None else slower(depth) * units(ring, training.step_unit),
+                unit=slower(depth) * units(weights, *step(depth), shared, 1 if depth else model.copies),
+                recurrent_unit=None if ring is None else slower(depth) * units(ring, *step(depth)),
                 shared=shared,
                 delay=late,
-                longest_delay=model.max_delay,
-                norm_unit=slower(depth) * norm_units(weights, training.step_unit)
+                longest_delay=model.longest_delay,
+                axonal=model.max_axonal_delay > 0,
+                learnt_decays=model.learnt_decays,
+                is_rounded=not model.is_dithered(depth),
+                norm_unit=slower(depth) * norm_units(weights, *step(depth))
                 if model.weight_norm and depth not in model.whitened_layers
                 else None,
             )
@@ -122,11 +137,18 @@ class Trainee:
             heads=heads if len(heads) > 1 else (),
             loss=model.loss,
             hidden_spike_penalty=model.hidden_spike_penalty,
+            pool=pool,
         )
+        of_best = ["accuracy_validation"] if training.keep == "best" else []
         curves: dict[str, list[float]] = {
-            name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm")
+            name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm", *of_best)
         }
         return cls(number, model, training, member, began.rates, rngs("dropout"), curves)
+
+    @property
+    def has_stages(self) -> bool:
+        """Whether its training begins with other matrices than those drawn."""
+        return bool(self.model.whitened_layers or self.training.linear_epochs)
 
     @property
     def is_linear(self) -> bool:
@@ -153,6 +175,8 @@ class Trainee:
         if self.kept is not None:
             matrices = (*self.kept.feed_forward, *self.kept.recurrent)
             arrays |= {f"kept/{k}": kept for k, kept in enumerate(matrices) if kept is not None}
+        if self.best is not None:
+            arrays |= as_part("best", self.best.arrays())
         return arrays
 
     def restore(self, state: State) -> None:
@@ -169,6 +193,8 @@ class Trainee:
         if kept:
             masks = [kept.get(str(k)) for k in range(2 * n)]
             self.kept = Masters(tuple(x for x in masks[:n] if x is not None), tuple(masks[n:]))
+        if best := of_part(state, "best"):
+            self.best = Masters.of_arrays(best, n)
 
     def turn(self, epoch: float, samples: Ints) -> Turn:
         """Return learning rate, dropout and targets of a batch of samples; whole neurons drop out per sample.
@@ -185,13 +211,16 @@ class Trainee:
             kept = self.silenced.random((n_samples, size)) >= share if share else None
             gains.append(None if kept is None else (kept / np.float32(1 - share)).astype(np.float32))
         soft = None if self.soft is None else self.soft[samples]
-        return Turn(self.learning_rate, tuple(gains), self._delay_rate(epoch), soft)
+        model = self.model
+        of_delays = self._rate_of(model.delay_learning_rate if model.longest_delay else 0.0, epoch)
+        of_decays = self._rate_of(0.0 if model.learnt_decays == "no" else model.decay_learning_rate, epoch)
+        return Turn(self.learning_rate, tuple(gains), of_delays, soft, of_decays)
 
-    def _delay_rate(self, epoch: float) -> float:
-        """Return the learning rate of delays: none while the weights are averaged, which belong to them."""
-        if not self.model.max_delay or epoch >= self.first_averaged:
+    def _rate_of(self, step_size: float, epoch: float) -> float:
+        """Return the rate of delays or decays: none while the weights are averaged, which belong to them."""
+        if epoch >= self.first_averaged:
             return 0.0
-        return self.model.delay_learning_rate * self.training.rate(epoch) / self.training.learning_rate
+        return step_size * self.training.rate(epoch) / self.training.learning_rate
 
     def absorb(self, report: Report, n_samples: int, epoch: int) -> None:
         """Add a batch's report to the epoch."""
@@ -209,7 +238,7 @@ class Trainee:
     def end_epoch(self, masters: Masters, epoch: int, n_samples: int) -> None:
         """Close an epoch: note its curves, add to the mean of the last epochs, look for dead ends."""
         weights = [*masters.feed_forward, *masters.recurrent]
-        self.delays = masters.delay
+        self.last = masters
         self.diverged = self._lost(weights, epoch)
         self.history["loss"].append(self.loss / n_samples)
         self.history["accuracy_train"].append(self.correct / n_samples)
@@ -232,6 +261,41 @@ class Trainee:
             ]
         self.loss, self.correct, self.fired, self.largest_norm = 0.0, 0, np.zeros(0), 0.0
 
+    @property
+    def pruned_at(self) -> int:
+        """The epoch before which weights are pruned."""
+        return max(self.training.linear_epochs, int(self.model.prune_epoch * self.training.epochs))
+
+    @property
+    def _first_to_keep(self) -> int:
+        """Epochs that are not kept, whatever their accuracy: with a linear readout, or before pruning."""
+        return self.pruned_at if self.model.pruned else self.training.linear_epochs
+
+    def consider(self, masters: Masters, accuracy: float) -> None:
+        """Keep an epoch's masters where none was better on validation."""
+        curve = self.history["accuracy_validation"]
+        curve.append(accuracy)
+        if len(curve) > self._first_to_keep and accuracy >= max(curve[self._first_to_keep :]):
+            self.best = masters
+
+    @property
+    def epoch_kept(self) -> int:
+        """The epoch, from 1, whose weights are the result: the best one, or the last."""
+        if self.best is None:
+            return len(self.history["loss"])
+        curve = self.history["accuracy_validation"]
+        return max(range(self._first_to_keep, len(curve)), key=lambda k: (curve[k], k)) + 1
+
+    @property
+    def result(self) -> Masters:
+        """What training ends with: the best epoch, or the mean of the last ones."""
+        assert self.last is not None  # an epoch is over
+        if self.best is not None:
+            return self.best
+        n = len(self.member.layers)
+        forward = tuple(w for w in self.mean[:n] if w is not None)
+        return replace(self.last, feed_forward=forward, recurrent=tuple(self.mean[n:]))
+
     def _lost(self, weights: Sequence[Array | None], epoch: int) -> str:
         """Return why training cannot go on from these weights, or nothing."""
         layers = self.member.layers
@@ -250,29 +314,34 @@ class Trainee:
         return ""
 
 
-def units(weights: Floats, unit: str, shared: Ints | None = None, copies: int = 1) -> Floats:
-    """Return what a learning rate of 1 is: one weight, or each neuron's initial root mean square weight.
+def units(weights: Floats, unit: str, scale: float, shared: Ints | None = None, copies: int = 1) -> Floats:
+    """Return what a learning rate of 1 is: one weight, or each neuron's root mean square of initial ones.
 
     Args:
         weights: (input, neuron).
         unit: `training.step_unit`.
+        scale: of the layer's weights (`Stack.exponent`).
         shared: numbers of the weights, of which each then counts once.
         copies: how many times the neurons are repeated.
     """
     n = weights.shape[1]
     if unit == "weight":
-        return np.ones(n, np.float32)
+        return np.full(n, scale, np.float32)
     if shared is not None:
         first = copies_of(shared).first
         kind = first % n % (n // copies)
         squares = np.bincount(kind, weights.ravel()[first].astype(np.float64) ** 2)
         return np.tile(np.sqrt(squares / np.bincount(kind)), copies).astype(np.float32)
-    return np.asarray(np.sqrt((weights**2).mean(axis=0)), np.float32)
+    squares, n_weights = weights**2, np.count_nonzero(weights, axis=0)
+    mean = squares.mean(axis=0)
+    if (n_weights < len(weights)).any():  # levels: most begin at 0, and move like the one that does not
+        mean = squares.sum(axis=0) / np.maximum(n_weights, 1)
+    return np.asarray(np.sqrt(mean), np.float32)
 
 
-def norm_units(weights: Floats, unit: str) -> Floats:
-    """Return the same of the norm of each neuron's weights: 1, or its initial value."""
-    return np.ones(weights.shape[1], np.float32) if unit == "weight" else lengths(weights)[0]
+def norm_units(weights: Floats, unit: str, scale: float) -> Floats:
+    """Return the same of the norm of each neuron's weights: that of one weight, or its initial value."""
+    return np.full(weights.shape[1], scale, np.float32) if unit == "weight" else lengths(weights)[0]
 
 
 def _rms(weights: Array) -> float:

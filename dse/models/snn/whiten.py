@@ -55,10 +55,10 @@ def basis(counts: Ints) -> tuple[Floats, float]:
     powers, vectors = eigen(means[np.ix_(fires, fires)])
     n_silent = int((~fires).sum())
     out = np.zeros((len(scales), powers.size + n_silent))
-    out[fires, : powers.size] = vectors / np.sqrt(powers + _LEAST_POWER)
-    out[~fires, powers.size :] = np.eye(n_silent) / np.sqrt(_LEAST_POWER)
-    out *= scales[:, None]
-    rows = out[fires] if fires.any() else out
+    of_firing = scales[fires, None] * vectors / np.sqrt(powers + _LEAST_POWER)
+    of_silent = scales[~fires, None] * np.eye(n_silent) / np.sqrt(_LEAST_POWER)
+    out[fires, : powers.size], out[~fires, powers.size :] = of_firing, of_silent
+    rows = of_firing if fires.any() else of_silent
     length = float(np.sqrt((rows**2).sum() / len(rows)))
     return (out / length).astype(np.float32), length
 
@@ -70,9 +70,9 @@ def eigen(matrix: Floats) -> tuple[Floats, Floats]:
     below n * 2.2e-16 of the largest: rounding errors.
     Source: Demmel and Veselic 1992, one-sided Jacobi (REFERENCES.md).
     """
-    n = len(matrix)
+    n, unit = len(matrix), np.abs(matrix).max(initial=0) or 1.0
     rows = np.zeros((n, n + -n % 4))
-    rows[:, :n] = matrix
+    rows[:, :n] = matrix / unit
     _orthogonalise(rows)
     values = np.sqrt(_squares(rows))
     order = np.argsort(-values, kind="stable")
@@ -80,7 +80,7 @@ def eigen(matrix: Floats) -> tuple[Floats, Floats]:
     vectors = rows[order, :n] / values[order, None]
     largest = np.abs(vectors).argmax(axis=1) if n else np.zeros(0, np.int64)
     vectors *= np.sign(vectors[np.arange(order.size), largest])[:, None]
-    return values[order], vectors.T
+    return values[order] * unit, vectors.T
 
 
 @compiled()

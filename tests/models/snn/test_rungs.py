@@ -36,6 +36,14 @@ PLAIN: Designs = {
     3: (SNN(hidden=(8,), neuron=Resonator()), base(step_unit="weight", learning_rate=0.005)),
     4: (SNN(hidden=(8,), arithmetic="ideal", loss=CountCrossEntropy()), base(teacher="mlp", epochs=24)),
     5: (SNN(hidden=(6,), arithmetic="float32", hidden_spike_penalty=1e-4), base(epochs=10)),
+    6: (SNN(hidden=(7,), max_axonal_delay=9, learnt_decays="neuron", pruned=0.4), base(keep="best")),
+}
+STAGED: Designs = {
+    0: (SNN(hidden=(12,), whitened="output"), base(linear_epochs=10, average_epochs=25)),
+    1: (SNN(hidden=(9, 7), whitened="all", arithmetic="float32"), base(linear_epochs=13, dropout=0.3)),
+    2: (SNN(hidden=(10,), weight_norm=True, pruned=0.3, prune_epoch=0.2), base(linear_epochs=8, clip_norm=1)),
+    3: (SNN(hidden=(8,), weight_norm=True, recurrent=True), base(lr_schedule="cosine", warmup_epochs=3)),
+    4: (SNN(hidden=(10,), max_delay=9, delayed_layers="all"), base(linear_epochs=20, epochs=24)),
 }
 CHANGED = {
     "event_dropout": 0.1,
@@ -68,8 +76,13 @@ def whole(data: Dataset, designs: Designs) -> dict[int, Outcome]:
 
 @pytest.mark.parametrize(
     ("designs", "ends"),
-    [(PLAIN, (10, 20, None)), (AUGMENTED, (10, 20, None)), (WITHOUT_KERNEL, (1, 3, None))],
-    ids=["kernels", "augmented", "without_kernel"],
+    [
+        (PLAIN, (10, 20, None)),
+        (STAGED, (5, 10, 20, None)),
+        (AUGMENTED, (10, 20, None)),
+        (WITHOUT_KERNEL, (1, 3, None)),
+    ],
+    ids=["kernels", "staged", "augmented", "without_kernel"],
 )
 def test_spans_through_files_give_the_bits_of_one_training(
     designs: Designs, ends: tuple[int | None, ...], tmp_path: Path

@@ -1,0 +1,228 @@
+"""Regions: which channels share weights, and networks that train on counts per region."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.ours import rows_of
+from dse.engine.events import Rows, pooled
+from dse.engine.forward import prepare
+from dse.engine.layers import CompiledLayer, laid_out, weights
+from dse.engine.network import gradients
+from dse.engine.stepping import RunningStack
+from dse.models.snn.family import SNN
+from dse.models.snn.initialise import dc_gain, levels
+from dse.models.snn.regions import regions_of
+from dse.models.training import FitRequest
+from dse.neurons import cuba_lif
+from dse.neurons.lif import Lif
+from dse.neurons.surrogate import exponential
+from dse.records import Dataset, Network, Outcome
+from tests.models.snn.toy import SHORT, rngs, toy
+
+
+def array(width: int, height: int, planes: int = 1) -> np.ndarray:
+    """Return the positions of a full array of taxels."""
+    return np.array([(x, y, p) for p in range(planes) for y in range(height) for x in range(width)], np.int32)
+
+
+def test_regions_of_a_camera_are_rings_of_quarters() -> None:
+    positions = array(78, 78)
+    region = regions_of(positions, 12)
+    x, y = (positions[:, :2] - 38.5).T
+    for k in range(12):
+        sector = (np.sign(x), np.sign(y))
+        assert all(len(np.unique(side[region == k])) == 1 for side in sector)
+    radius = np.hypot(x, y) / 39
+    inner, middle, outer = (radius[region % 3 == ring] for ring in range(3))
+    assert inner.max() == pytest.approx(0.28, abs=0.01) == middle.min()
+    assert middle.max() == pytest.approx(0.56, abs=0.01) == outer.min()
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    places=st.sets(st.tuples(st.integers(0, 30), st.integers(0, 30)), min_size=3, max_size=120),
+    thirds=st.integers(1, 12),
+    planes=st.integers(1, 3),
+)
+def test_every_place_has_a_region_and_every_region_a_place(places: Any, thirds: int, planes: int) -> None:
+    positions = np.array([(x, y, 4 * p) for x, y in places for p in range(planes)], np.int32)
+    n = 3 * thirds
+    if len(places) < n:
+        with pytest.raises(ValueError, match=f"at most the {len(places)} places"):
+            regions_of(positions, n)
+        return
+    region = regions_of(positions, n)
+    np.testing.assert_array_equal(np.unique(region), np.arange(n * planes))
+    np.testing.assert_array_equal(
+        region.reshape(-1, planes) // n, np.arange(planes) + 0 * region[::planes, None]
+    )
+    shuffled = np.random.default_rng(0).permutation(len(positions))
+    np.testing.assert_array_equal(regions_of(positions[shuffled], n), region[shuffled])
+
+
+def batch(n: int, n_steps: int, n_inputs: int, n_pools: int, seed: int) -> tuple[Rows, np.ndarray]:
+    """Return random rows, and the pool of each input; the first inputs see to it that none is empty."""
+    rng = np.random.default_rng(seed)
+    pool = np.concatenate([np.arange(n_pools), rng.integers(0, n_pools, n_inputs - n_pools)])
+    return rows_of((rng.random((n, n_steps, n_inputs)) < rng.random()).astype(np.uint8)), pool
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    sizes=st.tuples(st.integers(1, 5), st.integers(1, 40), st.integers(6, 300), st.integers(1, 6)),
+    hidden=st.integers(1, 70),
+    seed=st.integers(0, 2**30),
+)
+def test_counts_give_the_bits_of_the_full_matrix_in_integers(sizes: Any, hidden: int, seed: int) -> None:
+    """Forward: every spike and the loss. Backward: the gradient of a region is the sum over its channels."""
+    n, n_steps, n_inputs, n_pools = sizes
+    rows, pool = batch(n, n_steps, n_inputs, n_pools, seed)
+    rng = np.random.default_rng(seed)
+    of_regions = rng.integers(-40, 41, (n_pools, hidden)) / 32
+    output = rng.integers(-128, 128, (hidden, 3)) / 32
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
+    labels, surrogate = rng.integers(0, 3, n), exponential(1.25, 0.03, 3.0)
+    found, expected = (
+        gradients(
+            x,
+            [weights(w, None, neurons), weights(output, None, neurons)],
+            [surrogate] * 2,
+            labels,
+            true_rate=0.5,
+            false_rate=0.1,
+            gains=[np.full((n, 1), 1.25, np.float32), None],
+        )
+        for x, w in ((pooled(rows, pool), of_regions), (rows, of_regions[pool]))
+    )
+    assert found.loss == expected.loss and found.fired == expected.fired
+    np.testing.assert_array_equal(found.feed_forward[1], expected.feed_forward[1])
+    summed = np.zeros((n_pools, hidden))
+    np.add.at(summed, pool, expected.feed_forward[0].astype(np.float64))
+    np.testing.assert_allclose(found.feed_forward[0], summed, rtol=1e-4, atol=1e-5 * np.abs(summed).max())
+
+
+@pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
+def test_inputs_of_equal_weights_are_counted_when_a_network_answers(arithmetic: Any) -> None:
+    """As rows of samples and step by step, bit for bit; in integers with the bits of every input alone."""
+    rows, pool = batch(3, 50, 60, 5, 7)
+    rng = np.random.default_rng(1)
+    of_pools = (rng.integers(-20, 40, (5, 20)) / 32).astype(np.float32)
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
+    layer = prepare(weights(of_pools[pool], None, neurons), arithmetic)
+    assert isinstance(layer, CompiledLayer) and layer.pool is not None
+    fired = layer.forward(rows).fired
+    assert fired.index.size > 100
+    alone = CompiledLayer(laid_out(weights(of_pools[pool], None, neurons), arithmetic), 20)
+    np.testing.assert_array_equal(alone.forward(rows).fired.index, fired.index)
+    sample = slice(rows.offsets[0], rows.offsets[50])
+    stack, sent = RunningStack([layer], 60, (0,), 1), []
+    for t in range(50):
+        stack.step(rows.index[sample][rows.offsets[t] : rows.offsets[t + 1]])
+        sent.append(stack.fired[0].copy())
+    np.testing.assert_array_equal(np.concatenate(sent), fired.index[: fired.offsets[50]])
+
+
+def placed(width: int = 4, height: int = 3, **keys: Any) -> Dataset:
+    return replace(toy(n_channels=width * height, **keys), positions=array(width, height))
+
+
+def test_a_network_of_regions_is_stored_as_a_full_matrix_with_equal_weights() -> None:
+    data = placed()
+    model = SNN(hidden=(20,), regions=6, input_delays=(0, 3), recurrent=True)
+    network = model.fit(data, SHORT, rngs()).network
+    assert isinstance(network, Network)
+    first, pool = network.layers[0], model.pool(data.positions)
+    assert first.weight.shape == (20, 24) and first.shared is None and pool is not None
+    np.testing.assert_array_equal(
+        first.weight, first.weight[:, np.unique(pool, return_index=True)[1]][:, pool]
+    )
+    assert len(np.unique(first.weight, axis=1).T) == 12
+    assert network.n_weights == network.n_weights_dense == model.n_weights(12, 3) == 24 * 20 + 400 + 60
+
+
+@pytest.mark.parametrize("keys", [{"regions": 3}, {"regions": 3, "start": "levels", "arithmetic": "float32"}])
+def test_a_design_of_regions_trains_alone_as_in_a_cohort_of_other_regions(keys: Any) -> None:
+    data = placed()
+    training = replace(SHORT, input_dropout=0.3)
+    models = [SNN(hidden=(20,), **keys), SNN(hidden=(9,)), SNN(hidden=(20,), regions=12)]
+    alone = models[0].fit(data, training, rngs())
+    cohort = dict(SNN.fit_cohort(data, [FitRequest(m, training, rngs()) for m in models], rngs()))
+    together = cohort[0]
+    assert isinstance(together, Outcome)
+    for a, b in zip(alone.network.layers, together.network.layers, strict=True):  # type: ignore[union-attr]
+        np.testing.assert_array_equal(a.weight, b.weight)
+    assert alone.history["loss"].tolist() == together.history["loss"].tolist()
+
+
+@pytest.mark.parametrize("arithmetic", ["integer", "float32"])
+def test_regions_of_one_channel_each_are_free_weights(arithmetic: Any) -> None:
+    data = placed(12, 1)
+    tied, free = (
+        SNN(hidden=(20,), regions=n, arithmetic=arithmetic).fit(data, SHORT, rngs()).network for n in (12, 0)
+    )
+    assert isinstance(tied, Network) and isinstance(free, Network)
+    for a, b in zip(tied.layers, free.layers, strict=True):  # gradients sum the same numbers in another order
+        np.testing.assert_allclose(a.weight, b.weight, atol=1e-4)
+
+
+def test_neurons_without_a_kernel_train_on_regions_too() -> None:
+    pytest.importorskip("torch")
+    data = placed(n=20)
+    outcome = SNN(hidden=(8,), neuron=Lif(), arithmetic="float32", regions=3).fit(data, SHORT, rngs())
+    assert isinstance(outcome.network, Network)
+    assert len(np.unique(outcome.network.layers[0].weight, axis=1).T) == 3
+
+
+def test_a_level_fires_a_neuron_from_so_many_active_channels_on() -> None:
+    """The threshold's weight follows from the decays: 1.25 * 0.25 * 0.03 of the printed neurons."""
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
+    decays = neurons.decay_current * neurons.decay_voltage / 4096**2
+    assert dc_gain(neurons, 5) == pytest.approx([1 / decays] * 5, rel=1e-4)
+    rng = np.random.default_rng(2)
+    rows = pooled(rows_of((rng.random((6, 500, 40)) < 0.3).astype(np.uint8)), np.arange(40) % 2)
+    start = levels(rows, neurons, 10)
+    np.testing.assert_array_equal(start > 0, np.arange(2)[:, None] == np.arange(10) % 2)
+    level = 1.25 * decays / start.max(axis=0)
+    assert ((level > 3) & (level < 9)).all()  # 20 channels of a region fire with 0.3
+    assert (np.diff(level.reshape(5, 2), axis=0) > 0).all()
+    np.testing.assert_array_equal(start, levels(rows, neurons, 10))
+
+
+def test_levels_need_neurons_whose_potential_has_a_limit() -> None:
+    rows = pooled(rows_of(np.ones((1, 20, 3), np.uint8)), np.arange(3))
+    with pytest.raises(ValueError, match="start must be uniform for neurons whose potential has no limit"):
+        levels(rows, cuba_lif.rounded(0.25, 0.0, 1.25), 3)
+
+
+def test_a_start_by_levels_notes_its_rate_and_moves_weights_in_units_of_the_one_that_is_there() -> None:
+    data = placed()
+    training = replace(SHORT, step_unit="initial", learning_rate=1e-7, epochs=1, average_epochs=1)
+    model = SNN(hidden=(24,), regions=6, start="levels", arithmetic="float32")
+    outcome = model.fit(data, training, rngs())
+    assert outcome.health["missed_initial_rates"] == 0 and outcome.health["initial_rate_hidden"] > 0
+    weight = outcome.network.layers[0].weight  # type: ignore[union-attr]
+    largest = weight.max(axis=1, keepdims=True)
+    is_start, pool = weight > 0.99 * largest, model.pool(data.positions)
+    np.testing.assert_array_equal(is_start, pool == np.arange(24)[:, None] % 6)
+    others = np.where(is_start, 0, np.abs(weight) / largest)
+    assert 0 < others.max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        ({"regions": 4}, "regions must be a multiple of 3"),
+        ({"start": "levels"}, "regions must be > 0 for start levels"),
+        ({"regions": 3, "max_delay": 5}, "max_delay must be 0"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(keys: Any, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        SNN(**keys)

@@ -1,0 +1,269 @@
+"""Trainings with whitened weights, weight norm and a linear stage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dse.engine.losses.count_cross_entropy import CountCrossEntropy
+from dse.engine.parameters import lengths
+from dse.measure import heads
+from dse.models.snn.columns import Columns
+from dse.models.snn.family import SNN
+from dse.models.snn.train import train
+from dse.models.training import FitRequest, Rung, Span, Training
+from dse.neurons.xylo_lif import XyloLif
+from dse.records import Dataset, Network, Outcome
+from dse.testing.small import spikes_of
+from tests.joint_data import joint
+from tests.models.snn.test_train import SHARED, alone, assert_same, own, settled, together
+from tests.models.snn.toy import accuracy, fit, rngs, toy
+
+LOSS = CountCrossEntropy(0.2)
+
+
+def base(**keys: Any) -> Training:
+    return Training(**{"epochs": 6, "linear_epochs": 3, "batch_size": 9, "dropout": 0.0, **keys})
+
+
+DESIGNS: list[tuple[SNN, Training]] = [
+    (SNN(hidden=(20,), whitened="output", loss=LOSS), base(lr_schedule="cosine", hidden_lr_factor=0.1)),
+    (SNN(hidden=(20, 15), whitened="all", loss=LOSS), base(dropout=0.2, clip_norm=0.5)),
+    (SNN(hidden=(20,), whitened="output"), base(linear_epochs=0, average_epochs=2)),
+    (SNN(hidden=(20,), weight_norm=True, arithmetic="float32"), base(step_unit="weight", learning_rate=0.01)),
+    (SNN(hidden=(15,), weight_norm=True, recurrent=True, pruned=0.4, loss=LOSS), base(linear_epochs=4)),
+    (SNN(hidden=(12,), max_delay=5, delayed_layers="all", loss=LOSS), base(linear_epochs=1, epochs=4)),
+    (SNN(hidden=(15,), weight_norm=True, whitened="output", arithmetic="ideal"), base(teacher="mlp")),
+    (SNN(hidden=(20,)), base(linear_epochs=0)),
+]
+
+
+def up_to(data: Dataset, design: tuple[SNN, Training], until: int | None, state: Any = None) -> Any:
+    span = Span([] if state is None else [lambda: state], until)
+    ((_, ended),) = train(data, [FitRequest(*design, own(0))], SHARED, span=span)
+    return ended
+
+
+def same_weights(a: Outcome, b: Outcome) -> bool:
+    assert isinstance(a.network, Network) and isinstance(b.network, Network)
+    pairs = zip(a.network.layers, b.network.layers, strict=True)
+    return all(np.array_equal(x.weight, y.weight) for x, y in pairs)
+
+
+def hidden_spikes(outcome: Outcome) -> int:
+    return int(outcome.validation.spikes[..., 1:-1].sum())
+
+
+@pytest.mark.parametrize("design", DESIGNS, ids=range(len(DESIGNS)))
+def test_every_kind_learns_the_toy_task_with_a_curve_per_epoch(design: tuple[SNN, Training]) -> None:
+    data = toy()
+    outcome = fit(data, design[0], replace(design[1], epochs=12), rngs())
+    assert accuracy(outcome, data) > 0.9
+    assert {len(curve) for curve in outcome.history.values()} == {12}
+    assert all(np.isfinite(curve).all() for curve in outcome.history.values())
+    assert 1 <= outcome.health["effective_rank"] <= 20
+
+
+def test_a_result_is_bitwise_the_same_alone_and_in_any_cohort_and_with_any_threads() -> None:
+    data = toy(margin=3)
+    whole = together(data, DESIGNS)
+    for number, design in enumerate(DESIGNS):
+        assert_same(settled(whole[number]), settled(alone(data, design, number)))
+    ((_, threaded),) = train(data, [FitRequest(*DESIGNS[1], own(1))], SHARED, threads=3)
+    assert_same(settled(threaded), settled(whole[1]))  # type: ignore[arg-type]
+
+
+def test_the_outputs_begin_with_the_readout_at_the_rate_of_their_targets() -> None:
+    """With no step to speak of, the second stage leaves what the first ended with."""
+    data, model = toy(), SNN(hidden=(20,), loss=LOSS, arithmetic="float32", true_rate=0.3)
+    design = model, base(learning_rate=1e-9, linear_learning_rate=0.05)
+    rung, end = up_to(data, design, 3), up_to(data, design, None)
+    assert isinstance(rung, Rung) and rung.outcome is not None
+    for a, b in zip(rung.outcome.network.layers, end.network.layers, strict=True):
+        np.testing.assert_allclose(a.weight, b.weight, atol=1e-7)
+    assert accuracy(rung.outcome, data) > 0.9  # it answers as it would be deployed
+    target = (0.3 + 2 * 0.02) / 3
+    counts = rung.outcome.validation.output.sum(axis=1, dtype=np.int64)
+    assert counts.max(axis=1).mean() / 40 == pytest.approx(target, rel=0.3)
+    assert end.health["initial_rate_output"] == pytest.approx(target, rel=0.1)
+    # Log-odds and weights differ by one factor.
+    readout = rung.state["engine/1/feed_forward/weights"][: 20 * 16].reshape(20, 16)[:, :3]
+    weights = rung.outcome.network.layers[1].weight.T
+    factor = (weights * readout).sum() / (readout**2).sum()
+    assert factor > 0
+    np.testing.assert_allclose(weights, factor * readout, rtol=1e-4)
+
+
+def test_the_readout_is_the_softmax_regression_of_the_counts() -> None:
+    """With the first layer at rest, the readout ends where a minimiser of the cross-entropy does."""
+    from scipy.optimize import minimize
+
+    from dse.models.snn.respond import counts_of_layers
+
+    data, model = toy(n=90), SNN(hidden=(6,), whitened="output", arithmetic="float32")
+    at_rest = base(epochs=401, linear_epochs=400, batch_size=100, hidden_lr_factor=0.0)
+    training = replace(at_rest, learning_rate=0.3, lr_schedule="cosine")
+    rung = up_to(data, (model, training), 400)
+    network = rung.outcome.network
+    at_start = up_to(data, (model, training), 1).outcome.network
+    np.testing.assert_array_equal(network.layers[0].weight, at_start.layers[0].weight)
+    (counts,) = counts_of_layers(network, data, data.train)
+    label = data.target[data.train]
+
+    def entropy(flat: np.ndarray) -> float:
+        odds = counts @ flat.reshape(6, 3)
+        odds = odds - odds.max(axis=1, keepdims=True)
+        return float((np.log(np.exp(odds).sum(axis=1)) - odds[np.arange(len(label)), label]).sum())
+
+    readout = rung.state["engine/1/begun/weights"]
+    assert not readout.any()  # it begins at 0
+    found = rung.outcome.history["loss"][-1] * len(label)
+    least = minimize(entropy, np.zeros(18), method="BFGS").fun
+    assert found == pytest.approx(least, rel=0.1, abs=0.05)
+
+
+def test_factor_0_leaves_the_hidden_layers_as_drawn() -> None:
+    data, model = toy(), SNN(hidden=(20,), recurrent=True, loss=LOSS, whitened="output")
+    one, other = (fit(data, model, base(hidden_lr_factor=0.0, epochs=n), rngs()) for n in (4, 7))
+    np.testing.assert_array_equal(one.network.layers[0].weight, other.network.layers[0].weight)
+    np.testing.assert_array_equal(one.network.layers[0].recurrent, other.network.layers[0].recurrent)
+    assert not same_weights(one, other)
+
+
+def test_a_price_of_hidden_spikes_leaves_fewer_in_both_stages() -> None:
+    data = toy()
+    spikes = {}
+    for price in (0.0, 0.003):
+        model = SNN(hidden=(20,), whitened="output", loss=LOSS, hidden_spike_penalty=price)
+        rung, end = (up_to(data, (model, base(epochs=12, linear_epochs=6)), until) for until in (6, None))
+        spikes[price] = hidden_spikes(rung.outcome), hidden_spikes(end)
+        assert accuracy(end, data) > 0.9
+    assert spikes[0.003][0] < 0.9 * spikes[0.0][0]
+    assert spikes[0.003][1] < 0.9 * spikes[0.0][1]
+    late = SNN(hidden=(20,), whitened="output", loss=LOSS, hidden_spike_penalty=0.003)
+    only_spiking = base(epochs=12, linear_epochs=6, linear_learning_rate=1e-9)
+    free = fit(data, replace(late, hidden_spike_penalty=0.0), only_spiking, rngs())
+    assert hidden_spikes(fit(data, late, only_spiking, rngs())) < 0.95 * hidden_spikes(free)
+
+
+def test_whitened_weights_tell_classes_apart_that_a_common_rate_hides() -> None:
+    """Every channel follows one rate, which differs from sample to sample far more than the classes do."""
+    rng = np.random.default_rng(4)
+    target = np.arange(240) % 4
+    share = np.full((240, 16), 0.12)
+    for i in range(240):
+        share[i, target[i] * 4 : target[i] * 4 + 4] *= 1.35
+    share *= np.exp(rng.normal(0, 0.6, 240))[:, None]
+    data = toy(n_channels=16, n_steps=120, n=240)
+    spikes = spikes_of(rng.random((240, 120, 16)) < np.minimum(share, 0.9)[:, None], 5.0)
+    data = replace(data, spikes=spikes, target=target, classes=("a", "b", "c", "d"))
+    training = base(epochs=8, linear_epochs=6, batch_size=32, learning_rate=0.05, lr_schedule="cosine")
+    ends = []
+    for whitened in ("none", "output"):
+        model = SNN(hidden=(40,), whitened=whitened, loss=LOSS, arithmetic="float32")
+        ends.append(fit(data, model, replace(training, hidden_lr_factor=0.05), rngs()))
+    plain, white = (x.history["accuracy_train"][5] for x in ends)
+    assert white > plain + 0.05
+
+
+def test_the_schedule_begins_anew_after_the_linear_epochs() -> None:
+    steps = base(epochs=10, linear_epochs=4, learning_rate=0.1, linear_learning_rate=0.4)
+    steps = replace(steps, lr_every=2, lr_factor=0.5)
+    assert [steps.rate(e) for e in (0, 1.9, 2, 3.9, 4, 5.5, 6, 9)] == [
+        0.4,
+        0.4,
+        0.2,
+        0.2,
+        0.1,
+        0.1,
+        0.05,
+        0.025,
+    ]
+    cosine = replace(steps, lr_schedule="cosine")
+    expected = [0.4, 0.2, 0.1, 0.05]
+    assert [cosine.rate(e) for e in (0, 2, 4, 7)] == pytest.approx(expected, rel=1e-12)
+    assert cosine.rate(3.999) < 1e-6 and cosine.rate(9.999) < 1e-7
+    assert replace(cosine, warmup_epochs=2).rate(5) == pytest.approx(
+        0.05 * (1 + np.cos(np.pi / 6)) / 2, rel=1e-3
+    )
+
+
+def test_several_heads_have_a_readout_each() -> None:
+    data = joint()
+    model = SNN(hidden=(40,), whitened="output", loss=LOSS)
+    design = model, Training(epochs=14, linear_epochs=8, batch_size=16, dropout=0.0)
+    rung, end = (up_to(data, design, until) for until in (8, None))
+    for outcome in (rung.outcome, end):
+        counts = outcome.validation.output.sum(axis=1, dtype=np.int64)
+        right = heads.head_answers(data, counts) == heads.head_targets(data, data.validation)
+        assert right.mean(axis=0).min() > 0.8
+
+
+@pytest.mark.parametrize("read_out", ["dense", "shared"])
+def test_columns_keep_shared_weights_equal_through_both_stages(read_out: Any) -> None:
+    data = toy(n_channels=6)
+    model = Columns(features=4, neighbours=2, read_out=read_out, loss=LOSS).placed(data.positions)
+    rung, end = (up_to(data, (model, base(epochs=8)), until) for until in (3, None))
+    for outcome in (rung.outcome, end):
+        for layer in outcome.network.layers:
+            for number in () if layer.shared is None else range(layer.shared.max() + 1):
+                assert len(np.unique(layer.weight[layer.shared == number])) == 1
+    assert not same_weights(rung.outcome, end)
+
+
+def test_neurons_without_a_kernel_have_both_stages() -> None:
+    pytest.importorskip("torch")
+    data = toy(n_channels=6, n_steps=24, n=30)
+    model = SNN(hidden=(8,), neuron=XyloLif(), whitened="output", loss=LOSS)
+    design = model, base(epochs=4, linear_epochs=2, learning_rate=0.05)
+    whole = up_to(data, design, None)
+    state = up_to(data, design, 1).state
+    for until in (2, 3):
+        state = up_to(data, design, until, state).state
+    assert_same(up_to(data, design, None, state), whole)
+    assert whole.history["accuracy_train"][1] > 0.6
+
+
+def test_a_silent_hidden_layer_and_a_single_sample_train() -> None:
+    data = toy()
+    silent = replace(data, spikes=spikes_of(np.zeros((60, 40, 12)), 5.0))
+    for of in (silent, replace(data, train=data.train[:1])):
+        for arithmetic in ("integer", "float32"):
+            model = SNN(hidden=(10,), whitened="output", loss=LOSS, arithmetic=arithmetic)
+            outcome = fit(of, model, base(epochs=4, linear_epochs=2), rngs())
+            assert all(np.isfinite(x.weight).all() for x in outcome.network.layers)
+            assert np.isfinite(outcome.history["loss"]).all()
+
+
+def test_weight_norm_trains_norms_and_directions() -> None:
+    data, model = toy(), SNN(hidden=(20,), weight_norm=True, arithmetic="float32")
+    before = up_to(data, (model, base(linear_epochs=0)), 1).state
+    outcome = fit(data, model, base(linear_epochs=0), rngs())
+    assert before["engine/0/feed_forward/1/weights"].shape == (32,)
+    norms = lengths(outcome.network.layers[0].weight.T)[0]
+    assert (np.abs(norms - before["engine/0/feed_forward/1/weights"][:20]) > 1e-3 * norms).mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            partial(SNN, whitened="output", pruned=0.3),
+            "pruned must be 0 where weights are learnt in a whitened",
+        ),
+        (partial(SNN, weight_norm=True, regions=3), "weight_norm must be false where channels share weights"),
+        (
+            partial(Columns, whitened="all", read_out="shared"),
+            "whitened must be none where read_out is shared",
+        ),
+        (partial(Training, epochs=3, linear_epochs=3), r"linear_epochs must be below epochs \(3\), got 3"),
+    ],
+)
+def test_settings_that_contradict_are_refused(make: Callable[[], Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()
