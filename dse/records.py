@@ -416,6 +416,7 @@ class Workload:
         most all.
     copies: delayed copies of the input channels among the inputs, the undelayed ones included.
     delayed: per layer after the input, whether its forward synapses have delays; None: all, given bits.
+    peak_state: largest magnitude of a state, as in `Response`; 0: not known.
     """
 
     sizes: tuple[int, ...]
@@ -434,6 +435,7 @@ class Workload:
     awake: Floats | None = None
     copies: int = 1
     delayed: tuple[bool, ...] | None = None
+    peak_state: int = 0
 
     @property
     def n_resonators(self) -> int:
@@ -553,6 +555,7 @@ class Workload:
             ("delay_bits", self.delay_bits, 0),
             ("pipeline_steps", self.pipeline_steps, 0),
             ("copies", self.copies, 1),
+            ("peak_state", self.peak_state, 0),
         ):
             if number < least:
                 raise ValueError(f"{name} must be >= {least}, got {number}")

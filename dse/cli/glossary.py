@@ -28,6 +28,7 @@ _OTHERS = {
     "collapsed_outputs": ("", "outputs that nearly every validation sample is answered with"),
     "clipped_weights": ("", "weights at the largest value of their bits"),
     "peak_state": ("", "largest current or voltage in integer units"),
+    "peak_thresholds": ("", "the same in the largest threshold of a layer"),
     "overflows_24_bit": ("", "whether peak_state exceeds 24-bit registers, as those of Loihi"),
     "missed_initial_rates": ("", "layers that began at less than half or more than twice their target rate"),
     "initial_rate_hidden": ("", "spikes per hidden neuron and step before training"),

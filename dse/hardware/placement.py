@@ -20,10 +20,10 @@ Source: NengoLoihi's allocator rule for Loihi 1; lava-dl's logs for Loihi 2 (REF
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
-from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +39,7 @@ class Rules:
     """What a core and a chip hold, by the names of `dse.hardware.kinds.mesh.Mesh`.
 
     practice: fewest and most weights of 8 bits per core that a compiler was seen to reach; None: no range.
+    state_bits: of a neuron's states, with their sign; None: not known.
     """
 
     cores: int
@@ -57,6 +58,12 @@ class Rules:
     delay_bits_most: int
     skips_zero_weights: bool
     practice: tuple[float, float] | None = None
+    state_bits: int | None = None
+
+    @property
+    def state_limit(self) -> float:
+        """Largest magnitude that a state holds."""
+        return math.inf if self.state_bits is None else 2 ** (self.state_bits - 1) - 1
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,7 @@ class Architecture:
     """The fields of `dse.records.Workload` that decide the placement of a network.
 
     stored: per layer after the input, weights into it that alone take memory; None: all.
+    peak_state: largest magnitude of a state, where that is beyond the chip's; 0: it is not.
     """
 
     sizes: tuple[int, ...]
@@ -72,6 +80,7 @@ class Architecture:
     delay_bits: int = 0
     stored: tuple[int, ...] | None = None
     cores: tuple[int, ...] | None = None
+    peak_state: int = 0
 
     @functools.cached_property
     def axons(self) -> tuple[int, ...]:
@@ -96,7 +105,10 @@ class _Broken(NamedTuple):
 def architecture(load: Workload, rules: Rules) -> Architecture:
     """Return the fields of a load that decide its placement on a chip."""
     stored = load.stored if rules.skips_zero_weights else None
-    return Architecture(load.sizes, load.recurrent, load.weight_bits, load.delay_bits, stored, load.cores)
+    beyond = load.peak_state if load.peak_state > rules.state_limit else 0
+    return Architecture(
+        load.sizes, load.recurrent, load.weight_bits, load.delay_bits, stored, load.cores, beyond
+    )
 
 
 @functools.lru_cache(maxsize=1 << 14)
@@ -161,6 +173,10 @@ def _placed(net: Architecture, rules: Rules) -> tuple[tuple[int, ...], tuple[_Br
     ):
         if bits > most:
             broken.append(_Broken(rule, 0, f"{rule.split('_')[0]}s of {bits} bits, {most} at most"))
+    if net.peak_state > rules.state_limit:
+        times = net.peak_state / rules.state_limit
+        text = f"a state reaches {times:.3g} times what {rules.state_bits} bits hold ({net.peak_state})"
+        broken.append(_Broken("state_bits", 0, text))
     cores: list[int] = []
     next_cores = 0  # from the output backwards: a layer's output axons depend on the cores after it
     for layer in range(len(net.sizes) - 1, 0, -1):
@@ -226,8 +242,8 @@ def _practice(net: Architecture, rules: Rules, cores: tuple[int, ...]) -> tuple[
     low = high = 0
     for layer, n_cores in enumerate(cores):
         weights = dense[layer] * _width(net, rules, layer) / _PRACTICE_BITS
-        low += max(n_cores, ceil(weights / rules.practice[1]))
-        high += max(n_cores, ceil(weights / rules.practice[0]))
+        low += max(n_cores, math.ceil(weights / rules.practice[1]))
+        high += max(n_cores, math.ceil(weights / rules.practice[0]))
     return low, high
 
 
@@ -310,6 +326,13 @@ def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
             least,
             lambda n, key=f"{name}_bits": replace(net, **{key: n}),  # type: ignore[misc]
             lambda n, name=name: f"{name}s of at most {n} bits",  # type: ignore[misc]
+        )
+    if net.peak_state:
+        yield _Axis(
+            net.peak_state,
+            0,
+            lambda peak: replace(net, peak_state=peak),
+            "states (peak_state) of at most {}".format,
         )
     if rules.skips_zero_weights:
         yield _Axis(

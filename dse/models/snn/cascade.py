@@ -321,7 +321,7 @@ def _health(
         **second,
         **{name: first[name] + second[name] for name in _ADDED},
         "n_weights": n_weights,
-        "peak_state": max(first["peak_state"], second["peak_state"]),
+        **{name: max(first[name], second[name]) for name in ("peak_state", "peak_thresholds")},
         "overflows_24_bit": first["overflows_24_bit"] or second["overflows_24_bit"],
         "initial_rates": [*first["initial_rates"], *second["initial_rates"]],
         "stopped_early": "; ".join(x for x in stopped if not x.endswith(": ")),

@@ -277,6 +277,8 @@ def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple
             int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in weights
         ),
         "peak_state": validation.peak_state,
+        "peak_thresholds": validation.peak_state
+        / (STATE_SCALE * max(float(np.max(layer.population.to_threshold)) for layer in layers)),
         "overflows_24_bit": "integer" in model.neuron.arithmetics and validation.peak_state > STATE_LIMIT,
         "missed_initial_rates": sum(
             not 0.5 * target <= reached <= 2 * target for target, reached in trainee.rates
