@@ -33,7 +33,20 @@ _COMPARED, _README = "compared.csv", "README.md"
 _KEPT = ("search_space.yaml", "environment.json", "trials.parquet", "points.parquet")
 _JOURNAL, _SMALL_BYTES = "journal.log", 64_000
 _PNG_SCALE = 1.0
-_SHOWN = ("where", "quantity", "condition", "printed", "ours", "se", "runs", "why", "causes", "study", "task")
+_SHOWN = (
+    "where",
+    "quantity",
+    "condition",
+    "printed",
+    "ours",
+    "se",
+    "runs",
+    "why",
+    "causes",
+    "setup",
+    "study",
+    "task",
+)
 _COST = ("study", "task", "designs", "trainings", "hours")
 
 

@@ -1,0 +1,49 @@
+"""The folders of the papers in results/: audits and runs the search spaces of a paper, then compares.
+
+`python -m benchmarks.papers 004` writes results/004_elm_receptors anew, and runs only what STUDIES lacks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from dse.cli import main as dse
+from dse.report.papers import publication
+
+RESULTS = Path(__file__).resolve().parent.parent / "results"
+SPACES = {
+    "000": ("realtime_texture_small",),
+    "001": ("artificial_pins_small", "natural_textures_small"),
+    "002": ("texture_profile_grid_small",),
+    "003": ("threshold_icub",),
+    "004": ("elm_sankar", "elm_sankar_printed_split", "elm_scene"),
+}
+
+
+def main() -> None:
+    """Write the folders of some papers; stop at the first command that fails."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "papers", nargs="*", metavar="PAPER", help=f"any of {', '.join(SPACES)} (default: all)"
+    )
+    parser.add_argument("--studies", type=Path, default=RESULTS / "studies", help="folder of the studies")
+    arguments = parser.parse_args()
+    for key in arguments.papers or SPACES:
+        folders = [str(arguments.studies / space) for space in SPACES[key]]
+        for space in SPACES[key]:
+            _run("audit", space, "--format", "csv")
+            _run("run", space, "--results", str(arguments.studies), "--quiet", "--format", "csv")
+        _run("report", *folders, "--paper", key, "--out", str(RESULTS / f"{key}_{publication(key).name}"))
+
+
+def _run(*command: str) -> None:
+    print("dse", *command, file=sys.stderr)
+    code = dse(command)
+    if code not in (0, 3):  # 3: no honest design is left on the front, which a paper that leaks has
+        sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()
