@@ -1,6 +1,7 @@
 """The folders of the papers in results/: audits and runs the search spaces of a paper, then compares.
 
-`python -m benchmarks.papers 004` writes results/004_elm_receptors anew, and runs only what STUDIES lacks.
+`python -m benchmarks.papers 004` writes results/004_elm_receptors anew, and runs only what the folder of
+studies lacks; `--table` prints the table of results/README.md from the folders.
 """
 
 from __future__ import annotations
@@ -8,6 +9,8 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+
+import pandas as pd
 
 from dse.cli import main as dse
 from dse.report.papers import publication
@@ -29,13 +32,43 @@ def main() -> None:
         "papers", nargs="*", metavar="PAPER", help=f"any of {', '.join(SPACES)} (default: all)"
     )
     parser.add_argument("--studies", type=Path, default=RESULTS / "studies", help="folder of the studies")
+    parser.add_argument("--table", action="store_true", help="print the table of the folders that there are")
     arguments = parser.parse_args()
+    if arguments.table:
+        print("\n".join(table(RESULTS)))
+        return
     for key in arguments.papers or SPACES:
         folders = [str(arguments.studies / space) for space in SPACES[key]]
         for space in SPACES[key]:
             _run("audit", space, "--format", "csv")
             _run("run", space, "--results", str(arguments.studies), "--quiet", "--format", "csv")
         _run("report", *folders, "--paper", key, "--out", str(RESULTS / f"{key}_{publication(key).name}"))
+
+
+def table(results: Path) -> list[str]:
+    """Return the accuracies of the folders of papers beside the printed ones, as a table of Markdown."""
+    lines = [
+        "| paper | printed quantity | printed | ours | study | trained, h |",
+        "|---|---|---|---|---|---|",
+    ]
+    for folder in sorted(results.glob("0*/compared.csv")):
+        compared = pd.read_csv(folder, dtype={"printed": str, "ours": str}, keep_default_na=False)
+        known = compared[(compared["kind"] == "result") & (compared["ours"] != "")]
+        for row in known[known["quantity"].str.contains("accuracy")].itertuples():
+            se = f" ± {float(row.se):.2g}" if row.se else ""
+            where = f"[{folder.parent.name}]({folder.parent.name}/README.md)"
+            about = ", ".join(filter(None, [row.quantity, row.condition, row.task]))
+            hours = _hours(folder.parent / row.study / "trials.parquet")
+            lines.append(
+                f"| {where} | {about} | {row.printed or '-'} | {row.ours}{se} | {row.study} | {hours:.2g} |"
+            )
+    return lines
+
+
+def _hours(trials: Path) -> float:
+    """Return how long a study trained, on the clock."""
+    rows = pd.read_parquet(trials, columns=["train_s", "repeats"])
+    return float((rows["train_s"] * rows["repeats"]).sum() / 3600)
 
 
 def _run(*command: str) -> None:
