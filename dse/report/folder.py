@@ -17,12 +17,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dse import registry, store
 from dse.figures import draw
 from dse.figures.image import static_image
+from dse.recordings.scene import SceneTrials
 from dse.report.causes import fits
 from dse.report.compare import PaperReport, paper_report, sides_of
-from dse.report.designs import best
+from dse.report.designs import best, sections_of
 from dse.report.ours import Side
 from dse.report.papers import Redrawn, publication
 from dse.report.rows import number
@@ -115,6 +118,9 @@ def _keys(figure: Redrawn, side: Side) -> dict[str, Any]:
     """
     fields = {x.name for x in dataclasses.fields(registry.known("figures")[figure.figure])}
     keys = dict(figure.keys)
+    if figure.cells:
+        samples = _samples(figure, side)
+        keys |= {"samples": samples} if "samples" in fields else {"sample": samples[0]}
     if "task" in fields:
         keys["task"] = side.part.task
     if "trial" in fields:
@@ -123,6 +129,28 @@ def _keys(figure: Redrawn, side: Side) -> dict[str, Any]:
             raise ValueError(f"the study has no design of family {' or '.join(figure.families)}")
         keys["trial"] = int(row["trial"])
     return keys
+
+
+def _samples(figure: Redrawn, side: Side) -> tuple[int, ...]:
+    """Return the first recording of each cell of the scene.
+
+    Raises:
+        ValueError: touch is recorded, or the scene has no such cell.
+    """
+    row = side.chosen
+    assert row is not None  # a side has a design
+    folder = side.part.study.folder
+    data = sections_of(folder, int(row["trial"])).data
+    if not isinstance(data, SceneTrials):
+        raise ValueError("it shows cells of a simulated scene")
+    trials, places = data.read(folder), []
+    for texture, motion in figure.cells:
+        textures, motions = trials.scene.textures, trials.scene.motions
+        if texture >= len(textures) or motion >= len(motions):
+            raise ValueError(f"the scene has no texture {texture} with motion {motion}")
+        is_felt = trials.columns["texture"] == textures[texture].name
+        places.append(int(np.argmax(is_felt & (trials.columns["profile"] == motions[motion].label))))
+    return tuple(places)
 
 
 def _write_csv(compared: PaperReport, path: Path) -> None:

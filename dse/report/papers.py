@@ -74,6 +74,7 @@ class Redrawn:
     keys: Mapping[str, Any] = field(default_factory=dict)
     condition: Mapping[str, str] = field(default_factory=dict)
     families: tuple[str, ...] = param((), doc="whose best design it shows; empty: that of all of the paper")
+    cells: tuple[tuple[int, int], ...] = param((), doc="numbers of a texture and a motion of the scene each")
 
 
 @dataclass(frozen=True)
