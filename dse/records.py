@@ -462,9 +462,16 @@ class Workload:
         return tuple(n * (before + n * back) for before, n, back in pairs)
 
     @property
-    def number_bits(self) -> int:
-        """Bits per stored number: of a weight, and of its delay."""
-        return self.weight_bits + self.delay_bits
+    def delayed_share(self) -> float:
+        """Share of the weights whose synapses have delays."""
+        weights = self.dense if self.stored is None or not sum(self.stored) else self.stored
+        delayed = self.delayed or (self.delay_bits > 0,) * len(weights)
+        return sum(n for n, late in zip(weights, delayed, strict=True) if late) / sum(weights)
+
+    @property
+    def number_bits(self) -> float:
+        """Bits per stored number, of a weight and of its delay, in the mean over the weights."""
+        return self.weight_bits + self.delay_bits * self.delayed_share
 
     @property
     def input_ms(self) -> Floats:

@@ -26,6 +26,8 @@ _OTHERS = {
     "saturated_neurons": ("", "hidden neurons that spike at nearly every step"),
     "saturated_outputs": ("", "output neurons that spike at nearly every step"),
     "collapsed_outputs": ("", "outputs that nearly every validation sample is answered with"),
+    "effective_rank": ("", "directions in which the counts of the last hidden layer differ"),
+    "collinear_dropout": ("", "whether dropout met counts that differ in few directions"),
     "clipped_weights": ("", "weights at the largest value of their bits"),
     "peak_state": ("", "largest current or voltage in integer units"),
     "peak_thresholds": ("", "the same in the largest threshold of a layer"),

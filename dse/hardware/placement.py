@@ -81,6 +81,7 @@ class Architecture:
     stored: tuple[int, ...] | None = None
     cores: tuple[int, ...] | None = None
     peak_state: int = 0
+    delayed: tuple[bool, ...] | None = None
 
     @functools.cached_property
     def axons(self) -> tuple[int, ...]:
@@ -106,9 +107,8 @@ def architecture(load: Workload, rules: Rules) -> Architecture:
     """Return the fields of a load that decide its placement on a chip."""
     stored = load.stored if rules.skips_zero_weights else None
     beyond = load.peak_state if load.peak_state > rules.state_limit else 0
-    return Architecture(
-        load.sizes, load.recurrent, load.weight_bits, load.delay_bits, stored, load.cores, beyond
-    )
+    bits = load.weight_bits, load.delay_bits
+    return Architecture(load.sizes, load.recurrent, *bits, stored, load.cores, beyond, load.delayed)
 
 
 @functools.lru_cache(maxsize=1 << 14)
@@ -138,7 +138,8 @@ def _format(bits: int, rules: Rules) -> int:
 
 def _width(net: Architecture, rules: Rules, layer: int) -> int:
     """Return the bits per stored synapse of a layer, counted from 0 after the input."""
-    width = _format(net.weight_bits, rules) + net.delay_bits
+    is_delayed = net.delayed is None or net.delayed[layer]
+    width = _format(net.weight_bits, rules) + net.delay_bits * is_delayed
     return width + rules.synapse_index_bits if _is_pruned(net, layer) else width
 
 
@@ -255,7 +256,8 @@ def _assumptions(
         assumptions.append("the number of cores of each layer is set by the user")
     if net.delay_bits:
         assumptions.append(
-            f"every synapse stores an individual delay, {net.delay_bits} bits beside the "
+            f"every synapse{'' if all(net.delayed or (True,)) else ' of a layer with delays'} stores an "
+            f"individual delay, {net.delay_bits} bits beside the "
             f"{_format(net.weight_bits, rules)} of its weight"
         )
     if any(_is_pruned(net, layer) for layer in range(len(net.sizes) - 1)):

@@ -27,9 +27,11 @@ _HOW = (
     "by `ours`, which was measured",
     "`ours` is the mean over the runs; `se` the standard error over the runs, or Wilson's over the "
     "recordings where there is one run or all agree",
-    "`reader` is what a plain reader of the same data answers (`dse audit`; validation chooses it), on "
-    "the test set where there is one",
     "`published` is what a paper prints of its own recordings: shown for comparison, not reproduced",
+)
+_READER = (
+    "`reader` is what a plain reader of the same data answers (`dse audit`; validation chooses it), on the "
+    "test set where there is one"
 )
 
 
@@ -77,6 +79,8 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
             f"{FAMILIES}: within {WITHIN:g} of the best accuracy of the same side; own spikes are those of "
             "hidden and output neurons; accuracies that differ by no more than the standard error are a draw"
         )
+    if any(row.reader is not None for row in rows):
+        notes.append(_READER)
     for study in studies:
         of_chips, verdicts = _of_hardware(study, [part for part in parts if part.study is study], hardware)
         rows += of_chips

@@ -28,6 +28,12 @@ _FAULTS = (
         "compare initial_rate_hidden with model.initial_rate and initial_rate_output with the target rates; "
         "change these or the neuron's threshold, or give the model more input spikes",
     ),
+    (
+        ("collinear_dropout",),
+        "silence hidden neurons whose counts rise and fall together",
+        "set training.dropout to 0, and model.whitened to output (effective_rank says in how many directions "
+        "counts differ)",
+    ),
 )
 
 
