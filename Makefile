@@ -22,7 +22,7 @@ PEERS := $(VENV)/.peers
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
-.PHONY: example quickstart test wheel faults fuzz peers setup lint types kernels-engine kernels-scene format clean
+.PHONY: example papers quickstart test wheel faults fuzz peers setup lint types kernels-engine kernels-scene format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -32,6 +32,10 @@ example: $(STUDY)
 	rm -rf results/example
 	$(BIN)/dse run search_spaces/example.yaml --quiet
 	rm -rf results/example/checkpoints results/example/page.html results/example/.lock
+
+# The folders of the papers in results/: runs what results/studies lacks, an hour; PAPERS=004 for one of them.
+papers: $(TESTS)
+	$(BIN)/python -m benchmarks.papers $(PAPERS)
 
 # Types are checked while kernels are compiled. Test files with studies and pages come first
 # (tests/conftest.py), and wait much: there are more processes than cores.

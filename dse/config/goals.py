@@ -381,7 +381,7 @@ def automatic(n_designs: int | None, n_trials: Raw) -> str:
     """Return the sampler that `auto` stands for.
 
     A grid that is trained whole needs no sampler. Of the others, Sobol points lead while designs are few, and
-    TPE from then on (results/README.md, section Search).
+    TPE from then on (results/measurements.md, section Search).
 
     Args:
         n_designs: of the grid; None: there is none.

@@ -82,7 +82,9 @@ class Figure(Protocol[R]):
 
 def trial_key() -> Any:
     """Declare the key `trial` of a figure (`trial_of`)."""
-    return param(None, doc="number of the trial (default: the most accurate one)", axis=False)
+    return param(
+        None, doc="number of the trial (default: the most accurate one that has what is drawn)", axis=False
+    )
 
 
 def hardware_key() -> Any:
@@ -169,16 +171,33 @@ def trial_of(results: Results, trial: int | None) -> int:
     return results.best_trial() if trial is None else trial
 
 
-def recorded(results: Results, trial: int, name: str) -> list[dict[str, Array]]:
-    """Return the arrays of a file of every run of a trial.
+def recorded(
+    results: Results, trial: int | None, name: str, array: str = ""
+) -> tuple[int, list[dict[str, Array]]]:
+    """Return a trial, and the arrays of a file of every run of it.
+
+    Args:
+        results: of a study.
+        trial: its number; None: the most accurate trial that has the file and the array.
+        name: of the file.
+        array: what the file must hold beside.
 
     Raises:
-        ValueError: no run has the file.
+        ValueError: no run has the file with the array.
     """
-    runs = results.arrays(trial, name)
-    if not runs:
-        raise ValueError(f"trial {trial} recorded no {name}")
-    return runs
+    for each in _ranked(results) if trial is None else [trial]:
+        runs = results.arrays(each, name)
+        if runs and (not array or array in runs[0]):
+            return each, runs
+    who, what = "no trial" if trial is None else f"trial {trial}", f"'{array}' in {name}" if array else name
+    raise ValueError(f"{who} recorded {'' if trial is None else 'no '}{what}")
+
+
+def _ranked(results: Results) -> list[int]:
+    """Return the finished trials, the most accurate first."""
+    trials = results.trials
+    finished = trials[trials["status"] == "finished"]
+    return list(map(int, finished.sort_values("accuracy", ascending=False, kind="stable")["trial"]))
 
 
 def mean_of(runs: Sequence[Mapping[str, Array]], name: str) -> Array:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.figures import Results, chip_of, hardware_key, recorded, trial_key, trial_of
+from dse.figures import Results, chip_of, hardware_key, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT, short
 from dse.hardware.cost import Cost, cost
 from dse.records import Floats
@@ -53,7 +53,7 @@ class EnergyFigure:
     trial: int | None = trial_key()
 
     def gather(self, results: Results) -> Breakdown:
-        runs = recorded(results, trial_of(results, self.trial), "read_out.npz")
+        _, runs = recorded(results, self.trial, "read_out.npz")
         chip = chip_of(results, self.hardware)
         loads = [store.work_of(run).mapped(lambda counts: counts[-1:]) for run in runs]
         return gather_breakdown([cost(chip, load) for load in loads])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, recorded, trial_key, trial_of
+from dse.figures import Results, recorded, trial_key
 from dse.records import Array
 from dse.registry import register
 
@@ -38,8 +38,8 @@ class ConfusionFigure:
     trial: int | None = trial_key()
 
     def gather(self, results: Results) -> Confusion:
-        trial = trial_of(results, self.trial)
-        counts = [run["validation"] for run in recorded(results, trial, "confusion.npz")]
+        trial, runs = recorded(results, self.trial, "confusion.npz")
+        counts = [run["validation"] for run in runs]
         return gather_confusion(np.sum(counts, axis=0), results.classes(trial))
 
     def draw(self, record: Confusion) -> plotly.graph_objects.Figure:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
-from dse.figures import Results, chip_of, hardware_key, recorded, trial_key, trial_of
+from dse.figures import Results, chip_of, hardware_key, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.hardware.placement import neurons_per_core
 from dse.hardware.plan import NotApplicable
@@ -56,7 +56,8 @@ class CoresFigure:
     trial: int | None = trial_key()
 
     def gather(self, results: Results) -> CoreMap:
-        load = store.work_of(recorded(results, trial_of(results, self.trial), "read_out.npz")[0])
+        _, runs = recorded(results, self.trial, "read_out.npz")
+        load = store.work_of(runs[0])
         chip = chip_of(results, self.hardware)
         if not isinstance(load, Workload):
             raise NotApplicable(f"{chip.name} runs networks of spiking layers only")

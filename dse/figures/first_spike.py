@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_key, trial_of
+from dse.figures import Results, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.measure.objectives.first_spike import by_class, first_spike_ms
 from dse.records import Floats, Ints
@@ -51,11 +51,9 @@ class FirstSpikeFigure:
     trial: int | None = trial_key()
 
     def gather(self, results: Results) -> FirstSpikes:
-        trial = trial_of(results, self.trial)
+        trial, validated = recorded(results, self.trial, "response.npz", "output")
         tested = results.arrays(trial, "response_test.npz")
-        runs = tested or recorded(results, trial, "response.npz")
-        if "output" not in runs[0]:
-            raise ValueError(f"trial {trial} has no output spikes")
+        runs = tested or validated
         responses = [store.response_of(run) for run in runs]
         classes = results.classes(trial)
         if responses[0].output.shape[2] != len(classes):

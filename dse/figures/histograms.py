@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_key, trial_of
+from dse.figures import Results, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.figures.panels import MOST_COLUMNS, chosen_classes, class_panels
 from dse.records import Array, Parameters
@@ -45,15 +45,13 @@ class HistogramsFigure:
     classes: tuple[str, ...] = param((), doc="classes that have a panel (default: all)", axis=False)
 
     def gather(self, results: Results) -> Histograms:
-        trial = trial_of(results, self.trial)
-        runs = recorded(results, trial, "weights.npz")
+        trial, runs = recorded(results, self.trial, "weights.npz", "own/signatures")
         if self.repeat >= len(runs):
             raise ValueError(
                 f"repeat must be below {len(runs)}, the runs of trial {trial}, got {self.repeat}"
             )
         fitted = store.fitted_of(runs[self.repeat])
-        if not isinstance(fitted, Parameters) or "signatures" not in fitted.arrays:
-            raise ValueError(f"trial {trial} has no class histograms: trials of family hots have them")
+        assert isinstance(fitted, Parameters)
         return gather_histograms(fitted.arrays, results.classes(trial), self.classes)
 
     def draw(self, record: Histograms) -> plotly.graph_objects.Figure:

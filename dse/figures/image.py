@@ -21,10 +21,12 @@ SIZE_PX = (700, 450)
 """Width and height of a figure that has none of its own."""
 
 PX_PER_MM = 96 / 25.4
+PNG_SCALE = 3.0
+"""Dots of a PNG per pixel: 288 dpi."""
+
 FONT_PX = 8 * 96 / 72
 """8 pt, the text of a figure in most journals."""
 
-_PNG_SCALE = 3  # dots per pixel: 288 dpi
 _INK, _RULE = "#1B1E22", "#DFE3E8"
 _AXIS: dict[str, Any] = {
     "showline": True,
@@ -58,7 +60,10 @@ _LAYOUT: dict[str, Any] = {
 
 
 def static_image(
-    figure: plotly.graph_objects.Figure, form: str, size_px: tuple[int, int] | None = None
+    figure: plotly.graph_objects.Figure,
+    form: str,
+    size_px: tuple[int, int] | None = None,
+    png_scale: float = PNG_SCALE,
 ) -> bytes:
     """Return a figure as the content of a file, on white.
 
@@ -66,6 +71,7 @@ def static_image(
         figure: what is drawn.
         form: one of `FORMATS`.
         size_px: width and height, 96 px to the inch; None: those of its layout, else `SIZE_PX`.
+        png_scale: dots of a PNG per pixel.
 
     Raises:
         MissingExtra: kaleido or a browser is missing, or the browser does not start.
@@ -82,7 +88,7 @@ def static_image(
 
     layout = figure.layout
     width, height = size_px or (layout.width or SIZE_PX[0], layout.height or SIZE_PX[1])
-    options = {"format": form, "width": width, "height": height, "scale": _PNG_SCALE if form == "png" else 1}
+    options = {"format": form, "width": width, "height": height, "scale": png_scale if form == "png" else 1}
     browser = {"path": os.environ["DSE_CHROMIUM"]} if os.environ.get("DSE_CHROMIUM") else {}
     try:
         content: bytes = kaleido.calc_fig_sync(

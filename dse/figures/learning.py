@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures import Results, recorded, trial_key, trial_of
+from dse.figures import Results, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array
 from dse.registry import register
@@ -41,7 +41,8 @@ class LearningFigure:
     trial: int | None = trial_key()
 
     def gather(self, results: Results) -> Learning:
-        return gather_learning(recorded(results, trial_of(results, self.trial), "history.npz"))
+        _, runs = recorded(results, self.trial, "history.npz", "loss")
+        return gather_learning(runs)
 
     def draw(self, record: Learning) -> plotly.graph_objects.Figure:
         return draw_learning(record)

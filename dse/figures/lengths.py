@@ -55,7 +55,8 @@ class LengthsFigure:
 
     def gather(self, results: Results) -> Lengths:
         trials = results.trials
-        return gather_lengths(trials, recorded(results, longest(trials), "read_out.npz"))
+        _, runs = recorded(results, longest(trials), "read_out.npz")
+        return gather_lengths(trials, runs)
 
     def draw(self, record: Lengths) -> plotly.graph_objects.Figure:
         return draw_lengths(record)

@@ -81,7 +81,10 @@ class InputsFigure:
 
 
 def gather_stages(stages: Stages) -> tuple[Raster, ...]:
-    """Gather the rasters of one recording: all events, those in the crop, all spikes, those in the window."""
+    """Gather the rasters of one recording: all events, those in the crop, all spikes, those in the window.
+
+    A step that leaves out nothing has no raster of its own; the title of the one before says so.
+    """
     events, (width, height) = stages.events, stages.frame
     left, top, columns, rows = stages.crop
     x, y = events.x.astype(np.int64) - left, events.y.astype(np.int64) - top
@@ -91,22 +94,22 @@ def gather_stages(stages: Stages) -> tuple[Raster, ...]:
     pooled = gather_pooled(stages)
     t_us = _spike_us(stages)
     inside = (t_us >= stages.begin_us) & (t_us < stages.end_us)
-    return (
-        _raster(
-            f"as recorded, {width} × {height} pixels", "pixel",
-            events.t_us, events.y.astype(np.int64) * width + events.x, end_us, width * height,
-        ),
-        _raster(
-            "not cropped" if is_whole else f"cropped to {columns} × {rows} pixels", "pixel",
-            events.t_us[kept], (y * columns + x)[kept], end_us, columns * rows,
-        ),
-        replace(pooled, title=f"pooled to {stages.n_channels} channels"),
-        _raster(
-            f"window of {(stages.end_us - stages.begin_us) / 1000:g} ms", "channel",
-            t_us[inside] - stages.begin_us, stages.channels[inside],
-            stages.end_us - stages.begin_us, stages.n_channels, stages.bin_us,
-        ),
+    window = f"window of {(stages.end_us - stages.begin_us) / 1000:g} ms"
+    is_window = pooled.window_ms is None
+    raw = _raster(
+        f"as recorded, {width} × {height} pixels{', not cropped' * is_whole}", "pixel",
+        events.t_us, events.y.astype(np.int64) * width + events.x, end_us, width * height,
     )  # fmt: skip
+    cropped = _raster(
+        f"cropped to {columns} × {rows} pixels", "pixel",
+        events.t_us[kept], (y * columns + x)[kept], end_us, columns * rows,
+    )  # fmt: skip
+    pooled = replace(pooled, title=f"pooled to {stages.n_channels} channels{f', {window}' * is_window}")
+    cut = _raster(
+        window, "channel", t_us[inside] - stages.begin_us, stages.channels[inside],
+        stages.end_us - stages.begin_us, stages.n_channels, stages.bin_us,
+    )  # fmt: skip
+    return raw, *(() if is_whole else (cropped,)), pooled, *(() if is_window else (cut,))
 
 
 def gather_pooled(stages: Stages) -> Raster:

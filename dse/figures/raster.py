@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_key, trial_of
+from dse.figures import Results, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.measure.decision import decide
 from dse.records import Array
@@ -70,10 +70,7 @@ class RecordingFigure:
     theta: float = param(0.5, doc="confidence to reach, where phi is given", low=0, high=1, axis=False)
 
     def gather(self, results: Results) -> Recording:
-        trial = trial_of(results, self.trial)
-        runs = recorded(results, trial, "response.npz")
-        if "output" not in runs[0]:
-            raise ValueError(f"trial {trial} has no output spikes")
+        trial, runs = recorded(results, self.trial, "response.npz", "output")
         response = store.response_of(runs[0])
         if self.sample >= len(response.output):
             raise ValueError(f"sample must be below {len(response.output)}, got {self.sample}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures import Results, recorded, trial_key, trial_of
+from dse.figures import Results, recorded, trial_key
 from dse.figures.labels import axis_title
 from dse.records import Array, DecisionSurface
 from dse.registry import param, register
@@ -44,8 +44,7 @@ class SurfaceFigure:
     repeat: int = param(0, doc="run of the trial", low=0, axis=False)
 
     def gather(self, results: Results) -> SurfaceMap:
-        trial = trial_of(results, self.trial)
-        runs = recorded(results, trial, "surface.npz")
+        trial, runs = recorded(results, self.trial, "surface.npz")
         if self.repeat >= len(runs):
             raise ValueError(f"repeat must be below {len(runs)} in trial {trial}, got {self.repeat}")
         return gather_surface(stored_surface(runs[self.repeat]), self.quantity)

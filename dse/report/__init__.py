@@ -4,10 +4,12 @@ Each file of `systems/` turns the measurements of a task into rows for one publi
 add a file there and its published numbers to `published.yaml`. Designs are selected on validation; test
 accuracy is printed beside. Further rows compare model families, and chips.
 
-`paper_report` sets every number of one paper beside ours, from the files of `tables/`.
+`paper_report` sets every number of one paper beside ours, from the files of `tables/`; `write_paper` makes a
+folder of it, with figures.
 """
 
 from dse.report.compare import PaperReport, PaperRow, SetupError, key_of, paper_report
+from dse.report.folder import write_paper
 from dse.report.gather import Report, gather_marks, report
 from dse.report.rows import FAMILIES, HARDWARE, Row
 
@@ -23,4 +25,5 @@ __all__ = [
     "key_of",
     "paper_report",
     "report",
+    "write_paper",
 ]

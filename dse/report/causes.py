@@ -14,7 +14,7 @@ from dse.report.designs import sections_of
 from dse.report.digits import agrees, printed_text, text_of
 from dse.report.facts import Fact
 from dse.report.ours import Side
-from dse.report.papers import Number, Publication
+from dse.report.papers import Number, Publication, Redrawn
 
 if TYPE_CHECKING:
     import pandas
@@ -89,8 +89,8 @@ class Setups:
         return alike and (of == family or of not in self._paper.holds.families)
 
 
-def fits(number: Number, side: Side) -> bool:
-    """Return whether the conditions of a number are not those of another side."""
+def fits(number: Number | Redrawn, side: Side) -> bool:
+    """Return whether the conditions of a number or a figure are not those of another side."""
     return all(side.labels.get(name, value) == value for name, value in number.condition.items())
 
 

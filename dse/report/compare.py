@@ -101,8 +101,8 @@ def paper_report(studies: Sequence[Study], key: str) -> PaperReport:
         StoreError: a study's folder is damaged.
     """
     paper = publication(key)
-    module = importlib.import_module(f"dse.report.tables.{paper.name}")
-    sides, others = _sides(studies, paper, key, module)
+    module = _table(paper)
+    sides, others = sides_of(studies, key)
     if not sides:
         raise SetupError("\n".join(others))
     setups = Setups(paper)
@@ -118,11 +118,10 @@ def paper_report(studies: Sequence[Study], key: str) -> PaperReport:
     return PaperReport(rows, [*about, *dict.fromkeys(scales), *setups.legend(), *errors, *others])
 
 
-def _sides(
-    studies: Sequence[Study], paper: Publication, key: str, module: ModuleType
-) -> tuple[list[Side], list[str]]:
+def sides_of(studies: Sequence[Study], key: str) -> tuple[list[Side], list[str]]:
     """Return the tasks of studies that stand beside a paper, and a sentence about every other study."""
-    labels: Callable[[StudyTask], Mapping[str, str]] = getattr(module, "labels", lambda part: {})
+    paper = publication(key)
+    labels: Callable[[StudyTask], Mapping[str, str]] = getattr(_table(paper), "labels", lambda part: {})
     sides: list[Side] = []
     others = []
     for study in studies:
@@ -134,6 +133,11 @@ def _sides(
             why = "; ".join(dict.fromkeys(reasons.values())) or "it has no finished design"
             others.append(f"{study.folder.name}: is of another set-up than paper {key} ({paper.name}): {why}")
     return sides, others
+
+
+def _table(paper: Publication) -> ModuleType:
+    """Return the module that says what of ours stands beside the results of a paper."""
+    return importlib.import_module(f"dse.report.tables.{paper.name}")
 
 
 def why_not(part: StudyTask, holds: Holds) -> str:

@@ -66,6 +66,18 @@ class Number:
 
 
 @dataclass(frozen=True)
+class Redrawn:
+    """A printed figure, and ours that shows the same."""
+
+    where: str = param(doc="the printed figure")
+    figure: str = param(doc="name of a figure of `dse figure`")
+    keys: Mapping[str, Any] = field(default_factory=dict)
+    condition: Mapping[str, str] = field(default_factory=dict)
+    families: tuple[str, ...] = param((), doc="whose best design it shows; empty: that of all of the paper")
+    cells: tuple[tuple[int, int], ...] = param((), doc="numbers of a texture and a motion of the scene each")
+
+
+@dataclass(frozen=True)
 class Publication:
     """A paper and every number that it prints.
 
@@ -81,6 +93,7 @@ class Publication:
     results: Mapping[str, Entry] = field(default_factory=dict)
     setup: Mapping[str, Entry] = field(default_factory=dict)
     cited: Mapping[str, Entry] = field(default_factory=dict)
+    figures: tuple[Redrawn, ...] = param((), doc="printed figures that ours redraw")
 
     def numbers(self) -> Iterator[Number]:
         """Yield every printed number: results, then the set-up, then what the paper quotes."""

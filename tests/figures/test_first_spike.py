@@ -47,5 +47,5 @@ def test_what_it_refuses():
         gather_first_spikes(np.array([NAN]), np.array([0]), ["a"])
     with pytest.raises(ValueError, match="trial 0 must have one output per class, got several heads"):
         FirstSpikeFigure(trial=0).gather(Joint())
-    with pytest.raises(ValueError, match="trial 0 has no output spikes"):
+    with pytest.raises(ValueError, match="trial 0 recorded no 'output' in response"):
         FirstSpikeFigure(trial=0).gather(Silent())

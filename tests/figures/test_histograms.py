@@ -43,5 +43,5 @@ def test_what_it_refuses():
 
 def test_a_study_without_histograms():
     figure = registry.known("figures")["histograms"]
-    with pytest.raises(ValueError, match=r"trial 1 recorded no weights\.npz"):
+    with pytest.raises(ValueError, match=r"trial 1 recorded no 'own/signatures' in weights"):
         figure(trial=1).gather(SmallStudy())

@@ -43,8 +43,14 @@ def test_every_stage_by_hand(monkeypatch):
 
 
 def test_a_frame_without_crop():
-    _, cropped, *_ = gather_stages(replace(stages(), crop=(0, 0, 4, 2)))
-    assert cropped.title == "not cropped" and cropped.counts.sum() == 4
+    raw, pooled, _ = gather_stages(replace(stages(), crop=(0, 0, 4, 2)))
+    assert raw.title == "as recorded, 4 × 2 pixels, not cropped" and raw.counts.sum() == 4
+    assert pooled.title == "pooled to 2 channels"
+
+
+def test_no_two_panels_are_equal_where_a_step_leaves_out_nothing():
+    raw, pooled = gather_stages(replace(stages(), crop=(0, 0, 4, 2), begin_us=0, end_us=8000))
+    assert raw.counts.sum() == 4 and pooled.title == "pooled to 2 channels, window of 8 ms"
 
 
 def test_cells_hold_whole_bins(monkeypatch):

@@ -1,9 +1,17 @@
 import numpy as np
 import pytest
 
-from dse.figures.surface import QUANTITIES, draw_surface, draw_surfaces, gather_surface, stored_surface
+from dse.figures.surface import (
+    QUANTITIES,
+    SurfaceFigure,
+    draw_surface,
+    draw_surfaces,
+    gather_surface,
+    stored_surface,
+)
 from dse.measure.decision import surface as decision_surface
 from dse.records import DecisionSurface
+from dse.testing.small import SmallStudy
 
 
 @pytest.fixture
@@ -23,6 +31,22 @@ def surface():
 
 def test_best_is_the_fastest_of_the_most_accurate(surface):
     assert gather_surface(surface).best == (8.0, 0.9)
+
+
+def test_by_default_it_is_of_the_most_accurate_trial_that_has_one():
+    class Bayes(SmallStudy):
+        """The most accurate trial decides once, at the end, and has no surface."""
+
+        def arrays(self, trial, name):
+            is_best = trial == self.best_trial()
+            return [] if is_best and name == "surface.npz" else super().arrays(trial, name)
+
+    study = Bayes()
+    next_best = study.trials.sort_values("accuracy", ascending=False, kind="stable")["trial"].iloc[1]
+    drawn, expected = SurfaceFigure().gather(study), SurfaceFigure(trial=int(next_best)).gather(study)
+    assert drawn.values.tolist() == expected.values.tolist()
+    with pytest.raises(ValueError, match=f"trial {study.best_trial()} recorded no surface"):
+        SurfaceFigure(trial=study.best_trial()).gather(study)
 
 
 def test_drawing_puts_theta_across_and_phi_up(surface):

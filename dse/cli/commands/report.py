@@ -59,6 +59,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the studies must be of the paper's set-up",
     )
     parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FOLDER",
+        help="with --paper, also write a folder: the comparison, the printed figures redrawn (needs "
+        "`pip install 'dse[figures]'` and Chromium) and the tables of the studies",
+    )
+    parser.add_argument(
         "--hardware",
         action="append",
         metavar="NAME",
@@ -73,10 +80,13 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.measure.on_chips import DRAWN
     from dse.report import report
     from dse.report.papers import systems
+    from dse.skyline.constraints import ExpressionError
 
     studies = {study.folder.resolve(): study for text in arguments.results for study in _studies(Path(text))}
     if arguments.paper is not None:
         return _of_paper(list(studies.values()), arguments)
+    if arguments.out is not None:
+        raise ExpressionError("--out must be with --paper, got it alone")
     known = systems()
     letters = _systems(arguments.system, list(known))
     chips = _chips(arguments.hardware)
@@ -116,7 +126,7 @@ def _of_paper(studies: list[Study], arguments: argparse.Namespace) -> Answer:
         ExpressionError: there is no such paper, or a system or profiles are named too.
         SetupError: no study is of its set-up.
     """
-    from dse.report import key_of, paper_report
+    from dse.report import key_of, paper_report, write_paper
     from dse.report.papers import publications
     from dse.skyline.constraints import ExpressionError
 
@@ -127,11 +137,13 @@ def _of_paper(studies: list[Study], arguments: argparse.Namespace) -> Answer:
     if key is None:
         papers = ", ".join(f"{number} ({paper.name})" for number, paper in publications().items())
         raise ExpressionError(f"--paper must be one of {papers}, got '{name}'")
-    compared = paper_report(studies, key)
+    out = arguments.out
+    compared = paper_report(studies, key) if out is None else write_paper(studies, key, out)
     columns = [row.columns for row in compared.rows]
     used = {name: {row[name] for row in columns} - {None, ""} for name in _PAPER}
     shown = [name for name in _PAPER if len(used[name]) > (name == "study")]
-    return Answer(columns, compared.notes, shown, all_rows=True)
+    written = [] if out is None else [f"folder: {out}"]
+    return Answer(columns, [*compared.notes, *written], shown, all_rows=True)
 
 
 def _systems(text: str | None, known: list[str]) -> set[str] | None:
