@@ -18,7 +18,10 @@ from dse.scene.trial import trial
 LATER = slice(150, None)
 """Bins of 10 ms from 1.5 s on."""
 
-AT_12_MM_S = {"motions": "[{kind: constant, speed_mm_s: 12, acceleration_mm_s2: 3000}]", "duration_ms": "2500"}
+AT_12_MM_S = {
+    "motions": "[{kind: constant, speed_mm_s: 12, acceleration_mm_s2: 3000}]",
+    "duration_ms": "2500",
+}
 
 
 @functools.cache
