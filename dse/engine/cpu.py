@@ -139,9 +139,10 @@ class _Matrix:
 
     def update(self, factor: float, learning_rate: float, steps: int) -> float:
         """Take Adam's step `steps`, from 1; return the squared norm of the gradient times its factor."""
+        once = self.squared_norm(factor) if isinstance(self.form, Tied) else None
         squared = sum(x.update(factor, learning_rate, steps) for x in self.parameters)
         self.run_anew()
-        return squared
+        return squared if once is None else once
 
 
 def _matrix(

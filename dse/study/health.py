@@ -30,8 +30,9 @@ _FAULTS = (
     ),
     (
         ("collinear_dropout",),
-        "silence hidden neurons whose counts rise and fall together (effective_rank)",
-        "set training.dropout to 0, and model.whitened to output",
+        "silence hidden neurons whose counts rise and fall together",
+        "set training.dropout to 0, and model.whitened to output (effective_rank says in how many directions "
+        "counts differ)",
     ),
 )
 

@@ -64,6 +64,11 @@ class Cascade(Stack):
                 f"{'max_delay' if self.max_delay else 'max_axonal_delay'} must be 0 in a cascade, "
                 f"whose costs count no delays, got {self.longest_delay}"
             )
+        if self.threshold_exponents and len(self.first_hidden) != len(self.hidden):
+            raise ValueError(
+                "threshold_exponents are those of both stacks of a cascade, whose first_hidden must then "
+                f"have as many layers as hidden, got {len(self.first_hidden)} and {len(self.hidden)}"
+            )
         if self.cross_fit == 1:
             raise ValueError("cross_fit must be 0 or >= 2, got 1")
 

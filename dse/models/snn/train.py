@@ -34,7 +34,7 @@ from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response,
 from dse.seeds import move_to, position
 
 PROBE_SAMPLES = 64
-_FEW_DIRECTIONS = 0.25  # per output: most of what tells so many classes apart is then in small differences
+_FEW_DIRECTIONS = 0.5  # per output: what tells so many classes apart is then in small differences
 COLLAPSED = 0.99
 """Share of the samples with one answer that counts as all."""
 
