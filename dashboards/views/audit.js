@@ -32,7 +32,8 @@ const Audit = (() => {
       if (rows === drawn || rows.length === 0) return;
       drawn = rows;
       const several = new Set(rows.map(({ task }) => task)).size > 1;
-      const columns = COLUMNS.filter((column) => column !== "task" || several);
+      const columns = COLUMNS.filter((column) =>
+        column === "task" ? several : column !== "test" || rows.some((row) => (row.test ?? null) !== null));
       const shortcuts = rows.filter(({ shortcut }) => shortcut);
       const named = [...new Set(shortcuts.map(({ probe, task }) => (several ? `${probe} (${task})` : probe)))];
       line.textContent = named.length ? `Audit: could pass for skill: ${named.join(", ")}`

@@ -98,9 +98,8 @@ def _blamed(record: RunRecord, n_runs: int) -> str:
 def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
     """Return a trial's full read-out: mean of every number, `all` of every claim, errors of accuracies.
 
-    Of states that leave their registers the worst run counts.
-
-    A fold that training leaves out counts once, whatever the number of runs that trained it.
+    A fold that training leaves out counts once, whatever the number of runs that trained it. Of states that
+    leave their registers the worst run counts.
 
     Args:
         runs: measurements of the runs of one trial.
@@ -109,7 +108,7 @@ def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
     rows = [{**run.columns, **(run.hardware[profile] if profile else {})} for run in runs]
     columns: dict[str, Any] = {}
     for name in dict.fromkeys(name for row in rows for name in row):
-        values = [row.get(name) for row in rows]
+        values: list[Any] = [row.get(name) for row in rows]
         if name in _WORST and None not in values:
             columns[name] = max(values)
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import pytest
@@ -45,6 +46,14 @@ def test_an_audit_is_a_line_and_a_table(opened):
         [f"spike total{EVIL}", "0.239 ± 0.02", "0.170", "–", "explains 10 %"],
     ]
     assert page.tab.evaluate("[...document.querySelectorAll('#audit tr.shortcut')].length") == 1
+
+
+def test_what_a_reader_knows_on_the_test_set_is_a_column(opened):
+    known = dataclasses.replace(ROW, probe="counts over time", shortcut=False, test=0.83, test_se=0.02)
+    page = opened(json.loads(json.dumps([known.columns, CLEAN.columns])))
+    page.tab.locator("#audit summary").click()
+    head, first, second = page.tab.evaluate(LINES)
+    assert head[-2] == "test" and first[-2] == "0.830 ± 0.02" and second[-2] == "–"
 
 
 def test_a_study_without_an_audit_has_no_such_section(opened):

@@ -15,8 +15,8 @@ copies of inputs are inputs of their own, which the host feeds later; `delay` is
 The file is run, not the network that it was written from: always by the integers that Lava's bit-accurate
 simulator was recorded with, and by brian2-loihi 0.5.2, an emulator of Loihi 1 by others, where an environment
 has it. Both must agree for `faithful`. Registers have 24 bits: u wraps, v is clipped, which the network's own
-arithmetic does not do. A network whose states left them in validation is refused (`state_bits` of the profile);
-for other recordings a run shows whether it matters.
+arithmetic does not do. A network whose states left them in validation is refused (`state_bits` of the
+profile); for other recordings a run shows whether it matters.
 
 Refused besides what the profile loihi1_silicon refuses: a current decay of 0 (the chip adds 1 to its
 register), a voltage decay of 4096 (12 bits), a threshold above 131071 (17 bits).
