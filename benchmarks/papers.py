@@ -54,7 +54,8 @@ def table(results: Path) -> list[str]:
     for folder in sorted(results.glob("0*/compared.csv")):
         compared = pd.read_csv(folder, dtype={"printed": str, "ours": str}, keep_default_na=False)
         known = compared[(compared["kind"] == "result") & (compared["ours"] != "")]
-        for row in known[known["quantity"].str.contains("accuracy")].itertuples():
+        shares = known["quantity"].str.contains("accuracy") & ~known["quantity"].str.contains(",")
+        for row in known[shares].itertuples():
             se = f" ± {float(row.se):.2g}" if row.se else ""
             where = f"[{folder.parent.name}]({folder.parent.name}/README.md)"
             about = ", ".join(filter(None, [row.quantity, row.condition, row.task]))
