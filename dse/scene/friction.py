@@ -7,6 +7,13 @@ State: deflection s of the skin (mm), whether it slips, threshold mu*; X = int (
            until s is within 15 % of the drop; then stick with
            mu* = mu_k + (mu_s - mu_k) e^(-v / v_s) e^(j n) + 0.004,   n ~ N(0, 1) of this slip
 
+With incipient slip the rim of the contact slips before its middle does (Cattaneo, Mindlin). Of the contact the
+share (c / a)^2 = (1 - phi)^(2/3) still sticks, phi being how far s has come from where the stick began, s_0, to
+where it ends, and only that share is carried along, while the rest slides over the texture:
+
+    stick  ds/dt = v (1 - phi)^(2/3),   phi = (s - s_0) / (mu* F rho(X) / k_t - s_0)
+           so (1 - phi)^(1/3) falls linearly with the way, and the stick ends after three times the deflection
+
 rho(X) = 1 + eta n(X) is the friction roughness. Both phases are exact within a step (v, F and X held),
 their ends are located within it: a step's length moves no slip. The first stick is the pre-sliding burst,
 mu* = mu_s.
@@ -36,6 +43,7 @@ class Friction(NamedTuple):
     jitter: float
     roughness: float
     stiffness_n_mm: float
+    incipient_slip: bool = False
 
 
 def travel(
@@ -60,9 +68,9 @@ def travel(
 
 @compiled()
 def _travel(  # type: ignore[no-untyped-def]
-    mu_s, mu_k, v_s, jitter, eta, stiffness, v, force, step, line, line_step, normals, s_out, x_out
+    mu_s, mu_k, v_s, jitter, eta, stiffness, incipient, v, force, step, line, line_step, normals, s_out, x_out
 ):
-    s, x = 0.0, 0.0
+    s, x, s_0 = 0.0, 0.0, 0.0
     slipping, drop, threshold, n_slips = False, 0.0, mu_s, 0
     for k in range(len(v)):
         place = x / line_step
@@ -77,12 +85,22 @@ def _travel(  # type: ignore[no-untyped-def]
         for _ in range(_MOST_CHANGES):
             if not slipping:
                 room = threshold * reach - s
-                if room >= v[k] * left:
-                    s += v[k] * left
+                way, stuck = _way(room, threshold * reach - s_0) if incipient else (room, 1.0)
+                if way >= v[k] * left:
+                    carried = v[k] * left
+                    if incipient and carried > 0:
+                        stuck -= stuck * carried / way
+                        carried = room - (threshold * reach - s_0) * stuck**3
+                        x += v[k] * left - carried
+                    s += carried
                     break
                 # At once where the threshold fell below s; v is 0 only there.
-                used = room / v[k] if room > 0 else 0.0
-                s += v[k] * used
+                used = way / v[k] if way > 0 else 0.0
+                if incipient and used > 0:
+                    x += way - room
+                    s += room
+                else:
+                    s += v[k] * used
                 left -= used
                 slipping, drop = True, s - s_k
                 if drop <= 0:  # nothing holds the skin
@@ -101,8 +119,17 @@ def _travel(  # type: ignore[no-untyped-def]
                 s = s_k + ends
                 x += v[k] * used - (s - s_k - over)
                 left -= used
-            slipping = False
+            slipping, s_0 = False, s
             threshold = mu_k + fades * np.exp(jitter * normals[n_slips % len(normals)]) + FLOOR
             n_slips += 1
         s_out[k + 1] = s
         x_out[k + 1] = x
+
+
+@compiled(forceinline=True)
+def _way(room, span):  # type: ignore[no-untyped-def]
+    """Return the way until a stick with incipient slip ends, mm, and (1 - phi)^(1/3)."""
+    if room <= 0:
+        return room, 0.0
+    stuck = min(1.0, room / span) ** (1 / 3)
+    return 3 * span * stuck, stuck

@@ -184,11 +184,10 @@ def _textures(raw: Iterable[Any], report: Report) -> list[tuple[Texture, Keys]]:
         if isinstance(entry, str) and entry not in known and entry not in sets:
             report(where, f"unknown texture '{entry}'; {known_names(entry, [*known, *sets])}")
             continue
-        named = (
-            [{"preset": name} for name in sets.get(entry, (entry,))] if isinstance(entry, str) else [entry]
-        )
-        for keys in named:
-            for texture in _varied(keys, where, report):
+        keys = {"preset": entry} if isinstance(entry, str) else entry
+        group = sets.get(str(keys.get("preset")))
+        for one in [{**keys, "preset": name} for name in group] if group else [keys]:
+            for texture in _varied(one, where, report):
                 _report_all(checks.texture_faults(texture), where, report)
                 textures.append((texture, where))
     _no_twins([(texture.name, where) for texture, where in textures], report)
@@ -200,7 +199,8 @@ def _varied(keys: Mapping[str, Any], where: Keys, report: Report) -> list[Textur
     known = presets.textures()
     name = keys.get("preset", keys.get("name"))
     if "preset" in keys and name not in known:
-        report((*where, "preset"), f"unknown texture {echo(name)}; {known_names(str(name), known)}")
+        names = known_names(str(name), [*known, *presets.texture_sets()])
+        report((*where, "preset"), f"unknown texture {echo(name)}; {names}")
         return []
     written = {key: value for key, value in keys.items() if key != "preset"}
     if name not in known:

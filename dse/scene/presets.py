@@ -55,8 +55,12 @@ def sensors() -> Mapping[str, Preset]:
     data = _data("sensors.yaml")
     sensors = {}
     for name, keys in data["sensors"].items():
+        base = data["sensors"].get(keys.get("like"), {})
         numbers, camera = (
-            {key: _number(number) for key, number in {**data["common"][part], **keys[part]}.items()}
+            {
+                key: _number(number)
+                for key, number in {**data["common"][part], **base.get(part, {}), **keys[part]}.items()
+            }
             for part in NUMBERS_OF_A_SENSOR
         )
         sensors[name] = Preset(keys["doc"], numbers, camera)

@@ -39,6 +39,10 @@ class Sensor:
         18.0, doc="radius at which the skin is clamped [A]", unit="mm", low=0, low_open=True
     )
     stiffness_n_mm: float = param(0.9, doc="tangential stiffness [A]", unit="N/mm", low=0, low_open=True)
+    incipient_slip: bool = param(
+        False,
+        doc="the rim of the contact slips before its middle does, so that the texture is felt meanwhile",
+    )
     lever_mm: float = param(4.0, doc="travel of a pin's tip per slope of the skin [A]", unit="mm", low=0)
     depth_mm: float = param(0.30, doc="effective depth from skin to pin [A]", unit="mm", low=0)
     pin_average_mm: float = param(0.2, doc="Gaussian width over which a pin averages [A]", unit="mm", low=0)

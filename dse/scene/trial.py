@@ -76,7 +76,7 @@ def trial(scene: Scene, k: int) -> Trial:
         contact=contact(sensor, pins, force, tip_mpa, texture.modulus_mpa),
         friction=Friction(
             texture.mu_static * friction, texture.mu_kinetic * friction, texture.stribeck_mm_s,
-            texture.slip_jitter, texture.friction_roughness, sensor.stiffness_n_mm,
+            texture.slip_jitter, texture.friction_roughness, sensor.stiffness_n_mm, sensor.incipient_slip,
         ),
         pins_mm=pins,
         offset_px=mounting,

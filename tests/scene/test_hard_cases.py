@@ -21,6 +21,8 @@ from tests.scene import small
 DRIFT = replace(small.NONE, force_drift=0.06)
 SEVEN = replace(small.SENSOR, n_across=1, frame_px=(64, 64))
 
+SOFT = replace(small.SENSOR, stiffness_n_mm=0.15, rim_mm=30.0, frame_px=(136, 88), incipient_slip=True)
+
 
 def agree(scene, counts: float = 0.015, likeness: float = 0.995) -> tuple[Block, Block]:
     """Check a scene's fast events against its reference; return both."""
@@ -37,6 +39,32 @@ def test_standing_still_sends_nothing() -> None:
     assert len(found.t_us) == 0
     assert flags.looks == 0
     assert len(reference.events(scene, 0).t_us) == 0
+
+
+def test_a_soft_tip_neither_slips_nor_creeps_while_it_stands_or_touches_nothing() -> None:
+    for scene in (small.scene(v_mm_s=0.0, sensor=SOFT), small.scene(force_n=0.0, sensor=SOFT)):
+        found, flags = simulate.simulated(scene, 0)
+        assert len(found.t_us) == flags.looks == 0
+
+
+@pytest.mark.parametrize("texture", [small.SMOOTH, small.DENIM, small.FOAM], ids=lambda x: x.name)
+def test_a_soft_tip_that_creeps_slips_and_stops_is_seen_as_by_definition(texture: Texture) -> None:
+    # 60 mm/s on the way, then rest: the rim slips from the start, then stick-slip, then nothing moves.
+    sticky = replace(texture, stribeck_mm_s=10.0)
+    scene = small.scene(sticky, sensor=SOFT, motions=(small.Steady(60.0, duration_s=0.25),))
+    paths = simulate.pin_paths(scene, 0, 0.1)
+    assert np.ptp(paths.px[:, 0, 0]) > 30
+    assert 0 < paths.x_mm[100] < 0.1 * paths.s_mm[100]
+    assert np.ptp(paths.x_mm[paths.t_s > 0.27]) < 1e-3
+    agree(scene, likeness=0.98)
+
+
+def test_a_soft_tip_pressed_to_its_rim_and_out_of_sight_is_flagged() -> None:
+    sensor = replace(SOFT, rim_mm=10.0, frame_px=(40, 40), stiffness_n_mm=0.5)
+    scene = small.scene(force_n=20.0, v_mm_s=60.0, sensor=sensor)
+    _, flags = simulate.simulated(scene, 0)
+    assert flags.contact_saturated and flags.lost_looks > 0
+    agree(scene)
 
 
 def test_standing_still_while_the_force_drifts_moves_pins_slowly_and_little() -> None:

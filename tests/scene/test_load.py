@@ -170,6 +170,8 @@ def test_overrides(write) -> None:
         ("[denim, foam]", "[{name: denin, rms_um: 3}]", 4, r"textures\[0\] 'denin' is not a shipped "
         ".*'denim'"),
         ("[denim, foam]", "[{rms_um: 3}]", 4, r"textures\[0\] is not a shipped .* must have name, wave"),
+        ("[denim, foam]", "[{preset: neurotac12}]", 4, "unknown texture 'neurotac12'; .*mean 'neurotac_12'"),
+        ("[denim, foam]", "[{preset: neurotac_12, name: all}]", 4, "repeats 'all' of textures"),
         ("[denim, foam]", "[{preset: denim, rms: 3}]", 4, r"unknown key 'textures\[0\]\.rms'"),
         ("[denim, foam]", "[{preset: denim, rms_um: -1}]", 4, r"textures\[0\]\.rms_um must be >= 0, got -1"),
         ("[denim, foam]", "[{preset: denim, name: ''}]", 4, r"textures\[0\]\.name must not be empty"),
@@ -297,9 +299,13 @@ def test_what_is_shipped() -> None:
     }
     assert cells == {
         "natural_textures": (11, 1, 1, 100, 5000),
+        "natural_textures_soft": (11, 1, 1, 100, 5000),
         "neurotac_davis": (11, 1, 4, 50, 5000),
+        "neurotac_davis_soft": (11, 1, 4, 50, 5000),
         "neurotac_dvxplorer": (12, 12, 1, 100, 1000),
+        "neurotac_dvxplorer_soft": (12, 12, 1, 100, 1000),
         "pin_arrays": (11, 1, 1, 100, 5000),
+        "pin_arrays_soft": (11, 1, 1, 100, 5000),
         "quickstart": (6, 4, 1, 20, 1000),
     }
 

@@ -81,11 +81,47 @@ def test_steps_of_friction_move_no_slip() -> None:
     np.testing.assert_allclose(coarse, fine[::100], atol=1e-6)
 
 
-def test_skin_never_moves_faster_than_it_relaxes_and_travel_never_turns_back() -> None:
+def test_incipient_slip_ends_the_stick_after_three_times_its_deflection() -> None:
+    v, most, step = 12.0, 0.8 * 1.5 / 0.9, 1e-4
+    s, x = moved(v, n=5000, mu_kinetic=0.8, incipient_slip=True)
+    way = v * step * np.arange(len(s))
+    stick = way < 3 * most
+    np.testing.assert_allclose(s[stick], most * (1 - (1 - way[stick] / (3 * most)) ** 3), atol=1e-9)
+    np.testing.assert_allclose(s[~stick], most, atol=0.02 * most)
+    np.testing.assert_allclose(s + x, way, atol=1e-9)
+    assert 0 < x[10] < 0.01 * way[10] and np.all(np.diff(x) >= 0)  # at first nearly all sticks
+
+
+def test_steps_move_no_slip_while_the_rim_slips_before() -> None:
+    numbers = {"mu_static": 0.5, "mu_kinetic": 0.4, "stiffness_n_mm": 0.15, "incipient_slip": True}
+    coarse, _ = moved(28.0, n=1000, step_s=1e-3, **numbers)
+    fine, _ = moved(28.0, n=10_000, step_s=1e-4, **numbers)
+    assert np.sum(np.diff(fine) < -1e-3) > 100
+    # (1 - phi)^(1/3) near the end of a stick holds five digits.
+    np.testing.assert_allclose(coarse, fine[::10], atol=1e-4)
+
+
+def test_incipient_slip_stands_still_with_the_tip_and_needs_no_force() -> None:
+    friction = Friction(0.5, 0.4, 10.0, 0.2, 0.03, 0.15, incipient_slip=True)
+    v = np.repeat([28.0, 0.0, 28.0], 500)
+    line, normals = np.random.default_rng(7).standard_normal((2, 64))
+    s, x = travel(friction, v, np.full(1500, 1.5), 1e-4, line, 0.5, normals)
+    assert len(set(s[501:1001])) == len(set(x[501:1001])) == 1
+    assert s[1200] > s[1000] > 0 and x[1200] > x[1000] > 0
+    np.testing.assert_allclose(s + x, np.concatenate([[0], np.cumsum(v * 1e-4)]), rtol=1e-9)
+    for force in (np.zeros(1500), np.where(np.arange(1500) < 250, 1.5, 0.0)):  # none, and none any more
+        s, x = travel(friction, v, force, 1e-4, line, 0.5, normals)
+        assert np.isfinite(s).all() and np.isfinite(x).all()
+        assert 0 <= s[400] < 1e-2 and s[-1] < 1e-3
+        np.testing.assert_allclose(s + x, np.concatenate([[0], np.cumsum(v * 1e-4)]), rtol=1e-9)
+
+
+@pytest.mark.parametrize("incipient", [False, True])
+def test_skin_never_moves_faster_than_it_relaxes_and_travel_never_turns_back(incipient: bool) -> None:
     rng = np.random.default_rng(3)
     line = rng.standard_normal(64)
     v = np.abs(rng.normal(40, 20, 3000))
-    friction = Friction(0.7, 0.6, 5.0, 0.3, 0.05, 0.9)
+    friction = Friction(0.7, 0.6, 5.0, 0.3, 0.05, 0.9, incipient)
     s, x = travel(friction, v, np.full(3000, 1.5), 1e-4, line, 0.05, rng.standard_normal(256))
     assert np.isfinite(s).all() and (s >= 0).all()
     np.testing.assert_allclose(s + x, np.concatenate([[0], np.cumsum(v * 1e-4)]), rtol=1e-9)

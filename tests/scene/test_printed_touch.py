@@ -1,0 +1,114 @@
+"""What Brayshaw et al. print about the touch, and the soft scenes do; the hard ones mostly do not.
+
+Accuracies of their classifiers are not facts about the touch: no test here asks for one of them.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from dse.scene import simulate
+from dse.scene.load import load_scene
+from dse.scene.scene import Scene
+from dse.scene.trial import trial
+
+LATER = slice(150, None)
+"""Bins of 10 ms from 1.5 s on."""
+
+
+@functools.cache
+def psth(name: str) -> np.ndarray:
+    """Return the events (texture, bin of 10 ms) of one trial of 5 s of each texture."""
+    scene = load_scene(name, {"trials": "1"})
+    return np.stack([counts(scene, k, 10.0) for k in range(scene.n_trials)])
+
+
+def counts(scene: Scene, k: int, bin_ms: float) -> np.ndarray:
+    """Return the events of trial k in bins."""
+    n_bins = round(scene.duration_ms / bin_ms)
+    return np.bincount(simulate.events(scene, k).t_us // round(1000 * bin_ms), minlength=n_bins)[:n_bins]
+
+
+def falls_ms(rates: np.ndarray) -> float:
+    """Return when a rate in bins of 10 ms has lost 90 % of what it has above its later level at its onset."""
+    later, onset = rates[LATER].mean(), rates[5:15].mean()
+    smooth = np.convolve(rates, np.full(5, 0.2), "same")
+    return 10.0 * (5 + int(np.argmax(smooth[5:] < later + 0.1 * (onset - later))))
+
+
+def test_the_initial_movement_sends_many_spikes_for_some_500_ms_at_12_mm_s() -> None:
+    soft, hard = psth("natural_textures_soft").mean(axis=0), psth("natural_textures").mean(axis=0)
+    assert 350 < falls_ms(soft) < 650
+    assert falls_ms(hard) < 200
+    assert soft[:50].mean() > 1.5 * soft[LATER].mean()
+
+
+def test_pins_send_more_than_natural_textures_whatever_the_label() -> None:
+    pins, natural = psth("pin_arrays_soft").sum(axis=1), psth("natural_textures_soft").sum(axis=1)
+    assert pins.min() > natural.max()
+    assert pins.mean() > 1.5 * natural.mean()
+
+
+def slips_per_s(name: str) -> np.ndarray:
+    """Return how often the skin of each texture springs back by half a pixel or more in 1.5 to 5 s."""
+    scene = load_scene(name, {"trials": "1"})
+    least_mm = 0.5 / scene.sensor.image_scale_px_mm
+    rates = []
+    for k in range(scene.n_trials):
+        paths = simulate.pin_paths(scene, k, 0.5)
+        s = paths.s_mm[paths.t_s > 1.5]
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(s)))) + 1
+        rates.append(np.sum(-np.diff(s[turns]) > least_mm) / 3.5)
+    return np.array(rates)
+
+
+@pytest.mark.parametrize("name", ["natural_textures", "pin_arrays"])
+def test_stick_slip_occurs_throughout_the_test_on_every_texture(name: str) -> None:
+    assert slips_per_s(f"{name}_soft").min() > 3
+    assert slips_per_s(name).min() < 1
+
+
+def profiles(
+    name: str, texture: str, trials: int, bin_ms: float, duration_ms: float
+) -> tuple[Scene, np.ndarray]:
+    """Return a scene of one texture, and its events (motion, trial, bin)."""
+    changes = {"trials": str(trials), "textures": f"[{texture}]", "duration_ms": str(duration_ms)}
+    scene = load_scene(name, changes)
+    found = np.stack([counts(scene, k, bin_ms) for k in range(scene.n_trials)])
+    return scene, found.reshape(len(scene.motions), trials, -1)
+
+
+def test_constant_speeds_differ_from_the_start() -> None:
+    """Every trial of a faster constant speed peaks higher in its first 80 ms than any of a slower one."""
+    for name, apart in (("neurotac_dvxplorer_soft", True), ("neurotac_dvxplorer", False)):
+        scene, found = profiles(name, "denim", 3, 10.0, 80.0)
+        peaks = found[[m.label.startswith("constant") for m in scene.motions]].max(axis=-1)
+        assert bool(np.all(peaks[:-1].max(axis=1) < peaks[1:].min(axis=1))) == apart, peaks
+
+
+def test_profiles_are_confused_within_their_kind_and_not_across() -> None:
+    """By the nearest mean of log rates of 100 ms, leaving one trial out: the nearest two for each trial."""
+    scene, found = profiles("neurotac_dvxplorer_soft", "wool", 4, 100.0, 1000.0)
+    kinds = np.array([motion.label.split("_")[0] for motion in scene.motions])
+    rates = np.log1p(found)
+    kind_of_two = []
+    for left_out in range(4):
+        means = np.delete(rates, left_out, axis=1).mean(axis=1)
+        distance = np.linalg.norm(rates[:, left_out, None] - means, axis=-1)
+        kind_of_two.append(kinds[np.argsort(distance, axis=1)[:, :2]] == kinds[:, None])
+    first, second = np.mean(kind_of_two, axis=(0, 1))
+    assert first > 0.95
+    assert second > 0.7
+
+
+@pytest.mark.parametrize(
+    ("name", "most_mm"),
+    [("neurotac_dvxplorer_soft", 0.5), ("natural_textures_soft", 0.5), ("pin_arrays_soft", 0.1)],
+)
+def test_trials_start_where_arm_and_cloth_leave_them(name: str, most_mm: float) -> None:
+    scene = load_scene(name)
+    starts = np.abs([trial(scene, k).start_mm for k in range(40)])
+    assert 0.8 * most_mm < starts.max() <= most_mm
