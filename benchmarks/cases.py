@@ -28,6 +28,8 @@ class Variant:
     reset: whether spikes reset the potential of resonators.
     delayed: whether layers hand their spikes on one step later.
     max_delay: longest delay of a hidden neuron's synapses, which are drawn and learnt; 0: they have none.
+    form: how weights follow from what is learnt: free, weight norm, or whitened (the outputs).
+    regions: runs of inputs with one weight to each hidden neuron; 0: every input has its own.
     """
 
     arithmetic: Arithmetic
@@ -35,6 +37,8 @@ class Variant:
     reset: bool = False
     delayed: bool = True
     max_delay: int = 0
+    form: str = "free"
+    regions: int = 0
 
 
 @dataclass(frozen=True)
@@ -70,12 +74,22 @@ class Case:
         They are rounded up or down by chance: to the nearest would zero all of case C.
         """
         hidden, output = self.weights
+        if (pool := self.pool(variant)) is not None:
+            hidden = hidden[np.flatnonzero(np.diff(pool, prepend=-1))][pool]
         resonates = np.arange(self.sizes[1]) < round(variant.share * self.sizes[1])
         started = [hidden * np.where(resonates, GAIN, 1).astype(np.float32), output]
         if variant.arithmetic != "integer":
             return started
         rng = np.random.default_rng(2)
-        return [np.floor(w * 32 + rng.random(w.shape, np.float32)) / np.float32(32) for w in started]
+        chances = [rng.random(w.shape, np.float32) for w in started]
+        if pool is not None:
+            chances[0] = chances[0][pool]
+        return [np.floor(w * 32 + x) / np.float32(32) for w, x in zip(started, chances, strict=True)]
+
+    def pool(self, variant: Variant) -> np.ndarray | None:
+        """Return the region of each input, (input,); None: it has none."""
+        n_inputs = self.sizes[0]
+        return np.arange(n_inputs) * variant.regions // n_inputs if variant.regions else None
 
 
 CASES = {

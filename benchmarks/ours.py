@@ -23,7 +23,7 @@ from benchmarks.cases import (
 from dse.engine import cpu
 from dse.engine.events import Rows, delayed
 from dse.engine.layers import Weights, prepare, weights
-from dse.engine.member import Member, TrainedLayer, Turn
+from dse.engine.member import Member, Stage, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.neurons import Population, cuba_lif, resonator
 from dse.neurons.surrogate import exponential
@@ -76,20 +76,30 @@ class Ours:
         self._case, self._arithmetic = case, arithmetic
         self._rows, self._layers = rows_of(case.x), layers_of(case, variant)
         self._prepared = [prepare(layer, arithmetic) for layer in self._layers]
+        pool = case.pool(variant)
+        alone = [layer.feed_forward for layer in self._layers]
+        if pool is not None:
+            alone[0] = alone[0][np.flatnonzero(np.diff(pool, prepend=-1))]
         layers = tuple(
             TrainedLayer(
-                layer.feed_forward,
+                matrix,
                 None,
                 layer.population,
                 SURROGATE,
                 np.ones(layer.n_neurons, np.float32),
                 delay=layer.delay.astype(np.float32) if layer.delay.size else None,
                 longest_delay=variant.max_delay,
+                norm_unit=np.ones(layer.n_neurons, np.float32) if variant.form == "weight norm" else None,
             )
-            for layer in self._layers
+            for matrix, layer in zip(alone, self._layers, strict=True)
         )
-        member = Member(layers, TRUE_RATE, FALSE_RATE, arithmetic)
+        member = Member(layers, TRUE_RATE, FALSE_RATE, arithmetic, pool=pool)
         self._cohort = cpu.start([member] * copies, case.batch, case.n_steps)
+        if variant.form == "whitened":
+            n = layers[-1].feed_forward.shape[0]
+            basis = np.random.default_rng(4).normal(0, n**-0.5, (n, n)).astype(np.float32)
+            for k in range(copies):
+                self._cohort.begin(k, Stage({len(layers) - 1: basis}))
         self._turns = {k: Turn(LEARNING_RATE, (None,) * len(layers), LEARNING_RATE) for k in range(copies)}
 
     def step(self) -> Any:

@@ -51,7 +51,7 @@ EXACT = {
     "csr loop": Variant("ideal"),
     "loop, resonators": Variant("ideal", 1.0),
     "spikingjelly, resonators": Variant("ideal", 1.0, reset=True, delayed=False),
-    **{name: variant for name, (variant, _) in OURS.items() if not variant.max_delay},
+    **{n: variant for n, (variant, _) in OURS.items() if not variant.max_delay and variant.form == "free"},
 }
 """What the rows whose gradients are compared with the definition train."""
 
@@ -64,7 +64,7 @@ CSR_LOOP_ELSEWHERE = {"A": 0.093, "B": 0.039, "C": 0.231}
 """CPU seconds per training step measured on another machine."""
 
 
-CUBA_LIF = [name for name, (variant, _) in OURS.items() if not (variant.share or variant.max_delay)]
+CUBA_LIF = [name for name, (x, _) in OURS.items() if x == Variant(x.arithmetic)]
 
 
 @dataclass

@@ -416,6 +416,7 @@ class Workload:
         most all.
     copies: delayed copies of the input channels among the inputs, the undelayed ones included.
     delayed: per layer after the input, whether its forward synapses have delays; None: all, given bits.
+    peak_state: largest magnitude of a state, as in `Response`; 0: not known.
     """
 
     sizes: tuple[int, ...]
@@ -434,6 +435,7 @@ class Workload:
     awake: Floats | None = None
     copies: int = 1
     delayed: tuple[bool, ...] | None = None
+    peak_state: int = 0
 
     @property
     def n_resonators(self) -> int:
@@ -460,9 +462,16 @@ class Workload:
         return tuple(n * (before + n * back) for before, n, back in pairs)
 
     @property
-    def number_bits(self) -> int:
-        """Bits per stored number: of a weight, and of its delay."""
-        return self.weight_bits + self.delay_bits
+    def delayed_share(self) -> float:
+        """Share of the weights whose synapses have delays."""
+        weights = self.dense if self.stored is None or not sum(self.stored) else self.stored
+        delayed = self.delayed or (self.delay_bits > 0,) * len(weights)
+        return sum(n for n, late in zip(weights, delayed, strict=True) if late) / sum(weights)
+
+    @property
+    def number_bits(self) -> float:
+        """Bits per stored number, of a weight and of its delay, in the mean over the weights."""
+        return self.weight_bits + self.delay_bits * self.delayed_share
 
     @property
     def input_ms(self) -> Floats:
@@ -553,6 +562,7 @@ class Workload:
             ("delay_bits", self.delay_bits, 0),
             ("pipeline_steps", self.pipeline_steps, 0),
             ("copies", self.copies, 1),
+            ("peak_state", self.peak_state, 0),
         ):
             if number < least:
                 raise ValueError(f"{name} must be >= {least}, got {number}")

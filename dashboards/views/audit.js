@@ -1,8 +1,8 @@
 "use strict";
 // What could pass for skill in the recordings and the split: a row per probe of `dse audit`.
 const Audit = (() => {
-  const COLUMNS = ["task", "probe", "accuracy", "chance", "without", "verdict"];
-  const ERRORS = { accuracy: "se", chance: null, without: "without_se" }; // of the columns of numbers
+  const COLUMNS = ["task", "probe", "accuracy", "chance", "without", "test", "verdict"];
+  const ERRORS = { accuracy: "se", chance: null, without: "without_se", test: "test_se" }; // of the columns of numbers
   const BELOW = { probe: "reader", verdict: "remedy" }; // in the same cell
 
   function view(root, app) {

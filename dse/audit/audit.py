@@ -17,9 +17,13 @@ from dse.recordings.doubts import silent_windows
 
 _HOW = (
     "a shortcut is at least half of what readers of counts over time reach above chance, and no accident "
-    "(p < 0.001); accuracy is that of validation samples, never of the test set; without: accuracy of the "
-    "same reader where the shortcut does not help"
+    "(p < 0.001); accuracy is that of validation samples, test that of the test set, which decides nothing; "
+    "without: accuracy of the same reader where the shortcut does not help"
 )
+
+
+KNOWN = "counts over time"
+"""The probe whose rows say what the recordings hold."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,11 @@ class Audit:
     def shortcuts(self) -> list[str]:
         """Return the probes that have found a shortcut, each with its task."""
         return list(dict.fromkeys(f"{row.probe} ({row.task})" for row in self.rows if row.shortcut))
+
+    def known(self, task: str) -> AuditRow | None:
+        """Return the reader of counts over time that validation chooses for a task; None: it was not read."""
+        rows = [row for row in self.rows if row.task == task and row.probe == KNOWN and row.accuracy]
+        return max(rows, key=lambda row: row.accuracy or 0.0, default=None)
 
 
 def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: Progress = silent) -> Audit:
@@ -79,7 +88,9 @@ def probe(read: Material, shifts: Sequence[int] = ()) -> tuple[list[AuditRow], l
         return [], [f"{read.task}: training has one class, so that there is nothing to tell apart"]
     moved = position.rows(read, shifts)
     verdict = "the better of these is what shortcuts are compared with"
-    rows = [read.row("counts over time", score, verdict) for score in read.scores.values()]
+    rows = [
+        read.row(KNOWN, score, verdict, test=read.on_test(score.reader)) for score in read.scores.values()
+    ]
     rows += [*totals.rows(read), *rest.rows(read), *length.rows(read)]
     rows += [*moved, *twins.rows(read), *leaks.rows(read), *groups.rows(read)]
     n_spikes = read.counts(read.validation, 1).sum(axis=1)

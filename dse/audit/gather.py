@@ -24,8 +24,9 @@ from dse.recordings.targets import target_columns
 from dse.records import Bools, Rasters, Signals
 from dse.search.space import corners
 
-MOST_SIMULATED = 400
-"""Samples of simulated touch, a tenth of a second each: no more of it is simulated than the probes use."""
+MOST_SIMULATED = (800, 300, 300)
+"""Training, validation and test samples of simulated touch, half a tenth of a second each, that are read: no
+more of it is simulated than the probes use."""
 
 _MOST_ENCODERS = 1000
 _DATA = ("task", "window", "preprocessing", "encoder")
@@ -84,11 +85,13 @@ def material(
     roomy = dataclasses.replace(sections, window=_with_room(sections.window, shifts))
     recordings = dataset.recordings(sections, base)
     simulated = not isinstance(recordings, Signals | Rasters) and trials_of(recordings) is not None
-    of_split = dataset.split_of(recordings, sections)[:2]
-    train, validation = (drawn(samples, MOST_SIMULATED if simulated else MOST) for samples in of_split)
-    only = np.concatenate([train, validation]) if simulated else None
+    of_split = dataset.split_of(recordings, sections)
+    most = MOST_SIMULATED if simulated else (MOST,) * 3
+    train, validation, test = map(drawn, of_split, most)
+    only = np.concatenate([train, validation, test]) if simulated else None
     folder = dataset.prepare(roomy, base, root, space.execution.threads, progress, only)
     data = dataset.load(folder)
+    test = test if simulated else drawn(data.test)
     window = sections.window
     every = window.every_steps or window.cut_steps or 1
     levels = None
@@ -103,6 +106,8 @@ def material(
         dataset=data,
         train=train,
         validation=validation,
+        test=test,
+        data=dataset.dataset_key(space.resolve(design), base),
         drawn_from=(len(of_split[0]), len(of_split[1])),
         columns=recordings.columns,
         lengths=dataset.lengths(folder),

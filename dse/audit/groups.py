@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.audit.material import LOGISTIC_BINS, Material, in_both, percent
-from dse.audit.readers import NEAREST, classes_of, logistic, nearest
+from dse.audit.material import Material, in_both, percent
+from dse.audit.readers import NEAREST, TREES, classes_of, nearest, trees
 from dse.audit.rows import HALF, AuditRow, is_above, is_above_rate, is_lower, share_lost
 from dse.audit.totals import best_of_readers
 from dse.audit.twins import FEW
@@ -105,13 +105,13 @@ def _unseen(material: Material, name: str) -> Ints:
         values = material.columns[name]
         allowed = values[material.validation][:, None] != values[material.train]
         return classes_of(material.codes, nearest(material.distances, allowed))
-    x, query = (material.counts(s, LOGISTIC_BINS) for s in (material.train, material.validation))
+    x, query = (material.seen(TREES, samples) for samples in (material.train, material.validation))
     answers = np.full(len(material.validation), -1)
     for fold in _folds(material, name):
         rest, _, unseen = without(material.columns, fold, material.train, material.validation)
         trained, unknown = np.isin(material.train, rest), np.isin(material.validation, unseen)
         if trained.any():
-            answers[unknown] = logistic(x[trained], material.codes[trained], query[unknown])
+            answers[unknown] = trees(x[trained], material.codes[trained], query[unknown])
     return answers
 
 

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from dse.audit.readers import LOGISTIC, NEAREST, NEIGHBOURS, classes_of, distances, logistic, nearest
+from dse.audit.readers import COUNT_READERS, NEAREST, NEIGHBOURS, TREES, distances, regions
 from dse.audit.rows import AuditRow, Score, largest_class
 from dse.dataset.shifts import shifted
 from dse.models.counts.rate_windows import as_features, window_counts
 from dse.recordings.leakage import nearest_neighbours
 from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
 
-LOGISTIC_BINS, NEAREST_BINS = 16, 8
-"""Equal time bins of the window that logistic regression and nearest neighbours count spikes in."""
+SEEN: Mapping[str, tuple[tuple[int, int], ...]] = {
+    TREES: ((1, 100), (6, 40), (12, 8)),
+    NEAREST: ((12, 8),),
+}
+"""What readers of counts over time see: regions along each axis of the frame, and equal bins of the window.
+
+With a window of 1 s the first two are totals of 10 ms, and 6 x 6 cells of 25 ms.
+"""
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,8 @@ class Levels:
 class Material:
     """One task of a search space: its spikes, and the training and validation samples that the probes use.
 
-    dataset: as prepared; its test set is not read.
+    dataset: as prepared.
+    train, validation, test: samples that are read; of the test set only what the recordings hold is told.
     columns: label columns, each (n,).
     lengths: (n,) steps of the recordings.
     target_columns, split_columns: the label columns that the target and the split read.
@@ -48,6 +55,7 @@ class Material:
     reach: windows that were cut from one recording share steps where their numbers differ by at most this.
     leak: why the evaluation has seen its answers; '' where it has not.
     reads_labels: whether the encoder reads the labels of what it encodes.
+    data: key of the data set on which designs train.
     drawn_from: training and validation samples of the split, from which these were drawn.
     """
 
@@ -67,6 +75,8 @@ class Material:
     leak: str = ""
     reads_labels: bool = False
     drawn_from: tuple[int, int] = (0, 0)
+    test: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    data: str = ""
 
     @property
     def codes(self) -> Ints:
@@ -78,25 +88,56 @@ class Material:
         """(validation,) classes of the validation samples."""
         return self.dataset.target[self.validation]
 
-    def counts(self, samples: Ints, bins: int, steps: int = 0) -> Floats:
-        """Return spikes per bin and channel, (samples, bins * channel), of windows moved by some steps."""
+    def counts(
+        self, samples: Ints, bins: int, steps: int = 0, spikes: Spikes | None = None, side: int = 12
+    ) -> Floats:
+        """Return spikes per bin and region, (samples, bins * region), of windows moved by some steps.
+
+        Args:
+            samples: their numbers.
+            bins: equal ones of the window.
+            steps: by which windows are moved.
+            spikes: whose windows begin at step 0, in place of the data set's.
+            side: regions along each axis (`readers.regions`).
+        """
+        group, n_steps = regions(self.dataset.positions, side), self.dataset.n_steps
+        if spikes is not None:
+            return counts(spikes, samples, np.zeros_like(samples), n_steps, bins, group)
         moved = shifted(self.dataset, steps) if steps else self.dataset
-        return counts(moved.spikes, samples, moved.start[samples], self.dataset.n_steps, bins)
+        return counts(moved.spikes, samples, moved.start[samples], n_steps, bins, group)
+
+    def seen(self, reader: str, samples: Ints, steps: int = 0, spikes: Spikes | None = None) -> Floats:
+        """Return what a reader of counts over time sees of windows, (samples, feature); see `counts`."""
+        views = [self.counts(samples, bins, steps, spikes, side) for side, bins in SEEN[reader]]
+        return views[0] if reader == NEAREST else np.sqrt(np.hstack(views))
 
     @cached_property
     def distances(self) -> Floats:
-        """Squared distances (validation, train) of counts in `NEAREST_BINS` bins."""
-        x = self.counts(self.train, NEAREST_BINS)
-        return distances(x, self.counts(self.validation, NEAREST_BINS))
+        """Squared distances (validation, train) of the counts that nearest neighbours see."""
+        return distances(self.seen(NEAREST, self.train), self.seen(NEAREST, self.validation))
+
+    @cached_property
+    def _answers(self) -> dict[str, Ints]:
+        """What readers of counts over time answer to the validation samples, then to those of the test."""
+        asked = np.concatenate([self.validation, self.test])
+        return {
+            name: reader(self.seen(name, self.train), self.codes, self.seen(name, asked))
+            for name, reader in COUNT_READERS.items()
+        }
 
     @cached_property
     def scores(self) -> dict[str, Score]:
         """Readers of counts over time by name: what they reach on the windows of the split."""
-        x, query = self.counts(self.train, LOGISTIC_BINS), self.counts(self.validation, LOGISTIC_BINS)
-        return {
-            LOGISTIC: self.score(LOGISTIC, logistic(x, self.codes, query)),
-            NEAREST: self.score(NEAREST, classes_of(self.codes, nearest(self.distances))),
-        }
+        n = len(self.validation)
+        return {name: self.score(name, answers[:n]) for name, answers in self._answers.items()}
+
+    def on_test(self, reader: str) -> Score | None:
+        """Return what a reader of counts over time reaches on the test set; None without one."""
+        if not len(self.test):
+            return None
+        truth = self.dataset.target[self.test]
+        correct = self._answers[reader][len(self.validation) :] == truth
+        return Score(reader, correct, largest_class(truth))
 
     @property
     def best(self) -> Score:
@@ -121,6 +162,7 @@ class Material:
         shortcut: bool = False,
         remedy: str = "",
         without: Score | None = None,
+        test: Score | None = None,
     ) -> AuditRow:
         """Return a row of the audit; the remedy is stated for a shortcut alone."""
         return AuditRow(
@@ -136,11 +178,14 @@ class Material:
             shortcut=shortcut,
             verdict=verdict,
             remedy=remedy if shortcut else "",
+            test=None if test is None else test.accuracy,
+            test_se=None if test is None else test.se,
+            data=self.data,
         )
 
 
-def counts(spikes: Spikes, samples: Ints, start: Ints, n_steps: int, bins: int) -> Floats:
-    """Return spikes per bin and channel, (samples, bins * channel) float64.
+def counts(spikes: Spikes, samples: Ints, start: Ints, n_steps: int, bins: int, group: Ints) -> Floats:
+    """Return spikes per bin and group of channels, (samples, bins * group) float64.
 
     Bins are equal; the steps that are left over at the end of a window are not counted.
 
@@ -150,10 +195,11 @@ def counts(spikes: Spikes, samples: Ints, start: Ints, n_steps: int, bins: int) 
         start: (samples,) first step of each window.
         n_steps: length of the windows.
         bins: their number, at most one per step.
+        group: (n_channels,) of each channel, from 0.
     """
     bins = min(bins, n_steps)
     edges = np.arange(bins + 1) * (n_steps // bins)
-    return as_features(window_counts(spikes, samples, start, edges, "each")).astype(np.float64)
+    return as_features(window_counts(spikes, samples, start, edges, group)).astype(np.float64)
 
 
 def spikes_per_step(spikes: Spikes, samples: Ints, start: Ints, n_steps: int) -> Ints:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dse.audit.material import LOGISTIC_BINS, NEAREST_BINS, Material, percent
-from dse.audit.readers import LOGISTIC, NEAREST, classes_of, distances, logistic, nearest
+from dse.audit.material import Material, percent
+from dse.audit.readers import COUNT_READERS, NEAREST, distances, nearest
 from dse.audit.rows import HALF, AuditRow, Score, is_above, is_lower, share_lost
 from dse.dataset.shifts import has_room
 from dse.records import Bools
@@ -41,7 +41,7 @@ def rows(material: Material, shifts: Sequence[int] = ()) -> list[AuditRow]:
     if not room.any():
         return []
     audit = []
-    for reader in (LOGISTIC, NEAREST):
+    for reader in COUNT_READERS:
         after = _moved(material, reader, steps)
         for group in [(s,) for s in steps] if shifts else [steps]:
             audit.append(_row(material, room, material.scores[reader], {s: after[s] for s in group}))
@@ -96,24 +96,20 @@ def _row(material: Material, room: Bools, before: Score, after: Mapping[int, Sco
 
 def _moved(material: Material, reader: str, steps: Sequence[int]) -> dict[int, Score]:
     """Return what a reader of the windows of the split answers to moved ones, by shift."""
-    bins = LOGISTIC_BINS if reader == LOGISTIC else NEAREST_BINS
-    x = material.counts(material.train, bins)
-    queries = [material.counts(material.validation, bins, s) for s in steps]
-    if reader == LOGISTIC:
-        answers = np.split(logistic(x, material.codes, np.concatenate(queries)), len(steps))
-    else:
-        answers = [classes_of(material.codes, nearest(distances(x, query))) for query in queries]
+    x = material.seen(reader, material.train)
+    queries = [material.seen(reader, material.validation, s) for s in steps]
+    answers = np.split(COUNT_READERS[reader](x, material.codes, np.concatenate(queries)), len(steps))
     return {s: material.score(reader, answer) for s, answer in zip(steps, answers, strict=True)}
 
 
 def _of_crops(material: Material, steps: Sequence[int]) -> tuple[Score, dict[int, Score]]:
     """Return what nearest neighbours among crops of training answer to unmoved windows, and by shift."""
     crops = np.unique(np.linspace(-material.jitter_steps, material.jitter_steps, CROPS).round().astype(int))
-    queries = {s: material.counts(material.validation, NEAREST_BINS, s) for s in (0, *steps)}
+    queries = {s: material.seen(NEAREST, material.validation, s) for s in (0, *steps)}
     least = {s: np.full(len(query), np.inf) for s, query in queries.items()}
     answers = {s: np.full(len(query), -1) for s, query in queries.items()}
     for crop in crops.tolist():
-        x = material.counts(material.train, NEAREST_BINS, crop)
+        x = material.seen(NEAREST, material.train, crop)
         for s, query in queries.items():
             squared = distances(x, query)
             nearer = squared.min(axis=1) < least[s]

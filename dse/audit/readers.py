@@ -13,7 +13,9 @@ from dse.records import Array, Bools, Floats, Ints
 Reader = Callable[[Floats, Ints, Floats], Ints]
 """Training features (n, feature), their classes (n,), others (m, feature) -> predicted classes (m,)."""
 
-LOGISTIC, NEAREST, NEIGHBOURS, TREE = "logistic", "nearest", "5 nearest", "tree"
+TREES, NEAREST = "trees", "nearest"
+LOGISTIC, NEIGHBOURS, TREE = "logistic", "5 nearest", "tree"
+N_TREES = 200
 
 
 def logistic(x: Floats, codes: Ints, query: Floats) -> Ints:
@@ -31,21 +33,8 @@ def logistic(x: Floats, codes: Ints, query: Floats) -> Ints:
     spread = np.where(spread > 0, spread, 1.0)
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        train, other = _in_span((x - mean) / spread, (query - mean) / spread)
-        return np.asarray(LogisticRegression(C=0.1, max_iter=300).fit(train, codes).predict(other))
-
-
-def _in_span(x: Floats, query: Floats) -> tuple[Floats, Floats]:
-    """Return both in coordinates of the space that the rows of x span, where it has fewer dimensions.
-
-    The weights of a linear reader with an L2 penalty lie in that space, so that the reader stays the same.
-    """
-    if x.shape[1] <= x.shape[0]:
-        return x, query
-    values, vectors = np.linalg.eigh(x @ x.T)
-    present = values > 1e-9 * values[-1]
-    basis = x.T @ (vectors[:, present] / np.sqrt(values[present]))
-    return x @ basis, query @ basis
+        fitted = LogisticRegression(C=0.1, max_iter=300).fit((x - mean) / spread, codes)
+        return np.asarray(fitted.predict((query - mean) / spread))
 
 
 def tree(x: Floats, codes: Ints, query: Floats) -> Ints:
@@ -55,6 +44,17 @@ def tree(x: Floats, codes: Ints, query: Floats) -> Ints:
     n_leaves = 4 * len(np.unique(codes))
     fitted = DecisionTreeClassifier(max_leaf_nodes=max(2, n_leaves), min_samples_leaf=2, random_state=0)
     return np.asarray(fitted.fit(x, codes).predict(query))
+
+
+def trees(x: Floats, codes: Ints, query: Floats) -> Ints:
+    """Return what extremely randomised trees answer: the same for any number of processes.
+
+    Source: Geurts et al. 2006 (REFERENCES.md).
+    """
+    from sklearn.ensemble import ExtraTreesClassifier
+
+    fitted = ExtraTreesClassifier(N_TREES, random_state=0).fit(x.astype(np.float32), codes)
+    return np.asarray(fitted.predict(query.astype(np.float32)))
 
 
 READERS: Mapping[str, Reader] = {NEIGHBOURS: nearest_neighbours, LOGISTIC: logistic, TREE: tree}
@@ -82,3 +82,28 @@ def nearest(squared: Floats, allowed: Bools | None = None) -> Ints:
 def classes_of(codes: Array, place: Ints) -> Ints:
     """Return the class of the row at each place; -1 where there is none."""
     return np.where(place >= 0, codes[place], -1)
+
+
+COUNT_READERS: Mapping[str, Reader] = {
+    TREES: trees,
+    NEAREST: lambda x, codes, query: classes_of(codes, nearest(distances(x, query))),
+}
+"""Readers of spike counts over time, the better of which says what the recordings hold."""
+
+
+def regions(positions: Ints, side: int) -> Ints:
+    """Return the region of every channel, from 0, (n_channels,): a cell of the frame in one plane.
+
+    Channels of no more than side x side are a region each.
+
+    Args:
+        positions: (n_channels, 3) x, y and plane.
+        side: cells along each axis; of channels in a row, side x side along it.
+    """
+    if len(positions) <= side**2 and side > 1:
+        return np.arange(len(positions))
+    place = [np.unique(column, return_inverse=True)[1] for column in np.asarray(positions).T]
+    n = [int(x.max(initial=0)) + 1 for x in place]
+    most = [side**2 if n[1] == 1 else side, side**2 if n[0] == 1 else side, 1 if side == 1 else n[2]]
+    cell = [x * min(m, k) // k for x, k, m in zip(place, n, most, strict=True)]
+    return np.unique(np.stack(cell, axis=1), axis=0, return_inverse=True)[1].ravel()

@@ -18,7 +18,7 @@ from dse.store import damaged, read_json, write_json
 
 FILE = "audit.json"
 """Of a study."""
-_VERSION = 1
+_VERSION = 2
 
 
 def key(space: SearchSpace) -> str:
@@ -74,4 +74,6 @@ def read(path: Path) -> Audit | None:
 
 
 def _row(columns: Mapping[str, Any]) -> AuditRow:
-    return AuditRow(**{field.name: columns[field.name] for field in dataclasses.fields(AuditRow)})
+    fields = dataclasses.fields(AuditRow)
+    needed = [x.name for x in fields if x.name in columns or x.default is dataclasses.MISSING]
+    return AuditRow(**{name: columns[name] for name in needed})

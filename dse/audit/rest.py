@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.audit.material import (
-    LOGISTIC_BINS,
-    NEAREST_BINS,
-    Levels,
-    Material,
-    counts,
-    percent,
-    spikes_per_step,
-)
-from dse.audit.readers import LOGISTIC, classes_of, distances, logistic, nearest
+from dse.audit.material import Levels, Material, percent, spikes_per_step
+from dse.audit.readers import COUNT_READERS
 from dse.audit.rows import HALF, AuditRow, Score, is_lower, share_lost
 from dse.audit.totals import best_of_readers, is_shortcut, weight_of
 from dse.records import Floats, Ints, Spikes
 
+BINS = 16
+"""Equal bins of the window in which counts are compared."""
 QUIET = 0.25
 """Before contact, steps have at most this share of the spikes that steps have from contact on."""
 
@@ -69,31 +63,18 @@ def _row(
 
 
 def _share_changed(material: Material, changed: Spikes) -> float:
-    """Return the difference of the counts per bin and channel, as a share of the spikes of both."""
+    """Return the difference of the counts per bin and region, as a share of the spikes of both."""
     samples = np.concatenate([material.train, material.validation])
-    n_steps = material.dataset.n_steps
-    after = counts(changed, samples, np.zeros_like(samples), n_steps, LOGISTIC_BINS)
-    before = material.counts(samples, LOGISTIC_BINS)
+    before, after = (material.counts(samples, BINS, spikes=x) for x in (None, changed))
     both = before.sum() + after.sum()
     return float(np.abs(before - after).sum() / both) if both else 0.0
 
 
 def _read(material: Material, spikes: Spikes) -> Score:
     """Return what the better reader of counts over time reaches on other spikes of the same windows."""
-    is_logistic = material.best.reader == LOGISTIC
-    x, query = (
-        counts(
-            spikes,
-            samples,
-            np.zeros_like(samples),
-            material.dataset.n_steps,
-            LOGISTIC_BINS if is_logistic else NEAREST_BINS,
-        )
-        for samples in (material.train, material.validation)
-    )
-    if is_logistic:
-        return material.score(LOGISTIC, logistic(x, material.codes, query))
-    return material.score(material.best.reader, classes_of(material.codes, nearest(distances(x, query))))
+    reader = material.best.reader
+    x, query = (material.seen(reader, part, spikes=spikes) for part in (material.train, material.validation))
+    return material.score(reader, COUNT_READERS[reader](x, material.codes, query))
 
 
 def _before_contact(material: Material) -> list[AuditRow]:

@@ -31,6 +31,8 @@ class AuditRow:
     shortcut: whether the probe has found one.
     verdict: the same in words.
     remedy: the key of the search space that removes the shortcut; '' without a shortcut.
+    test, test_se: accuracy of a reader of counts over time on the test set, and its standard error.
+    data: key of the data set that was read, as designs train on it.
     """
 
     task: str
@@ -45,6 +47,9 @@ class AuditRow:
     shortcut: bool
     verdict: str
     remedy: str
+    test: float | None = None
+    test_se: float | None = None
+    data: str = ""
 
     @property
     def columns(self) -> dict[str, object]:

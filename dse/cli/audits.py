@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from dse.audit import Audit
 
 _SHOWN = (
-    *("task", "probe", "reader", "accuracy", "se", "chance", "without"),
+    *("task", "probe", "reader", "accuracy", "se", "chance", "without", "test"),
     *("shortcut", "verdict", "remedy"),
 )
 

@@ -309,6 +309,18 @@ def placed(family: CohortFamily, positions: Ints) -> CohortFamily:
     return on_channels
 
 
+def check_channels(family: Family, positions: Ints) -> None:
+    """Check that a family can train on channels at (n_channels, 3) x, y and plane.
+
+    Most can, wherever their channels lie; one that cannot has a method `check_channels`.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    if hasattr(family, "check_channels"):
+        family.check_channels(positions)
+
+
 F = TypeVar("F")
 
 

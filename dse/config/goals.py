@@ -149,7 +149,7 @@ def programmed_neurons(model: Part) -> list[str]:
 
 
 def check_steps(sections: Mapping[str, Part], report: Report) -> None:
-    """Report neurons whose parameters need shorter input steps than the search space has.
+    """Report neurons whose parameters need other input steps than the search space has.
 
     Args:
         sections: data .. training.
@@ -158,12 +158,10 @@ def check_steps(sections: Mapping[str, Part], report: Report) -> None:
     data, model = sections.get("preprocessing", sections.get("data")), sections["model"]
     if data is None or not data.good:
         return
-    known = registry.known("neurons")
     steps = {getattr(built, "step_ms", None) for built in data.at_ends()}
     for part in model.entries.values() or [model]:
-        if not any(hasattr(known[name], "check_step") for name in part.components("neurons")):
-            continue
-        checks = [getattr(getattr(built, "neuron", None), "check_step", None) for built in part.at_ends()]
+        parts = [x for built in part.at_ends() for x in (built, getattr(built, "neuron", None))]
+        checks = [getattr(x, "check_step", None) for x in parts]
         messages: dict[str, None] = {}
         for check, step_ms in product(filter(None, checks), filter(None, steps)):
             try:

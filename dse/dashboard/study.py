@@ -320,7 +320,7 @@ def _zipped(folder: Path, name: str) -> bytes:
 def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> dict[str, Any]:
     from dse.dashboard.gather import gather_page
     from dse.store import plain_cell
-    from dse.study import held
+    from dse.study import health, held
 
     audit = study.audit
     marks, lacks = _marks(study) if len(table) else ([], [])
@@ -330,7 +330,13 @@ def _gathered(study: Study, table: pandas.DataFrame, request: PageRequest) -> di
         table,
         name=study.space["study"],
         objectives=study.objectives,
-        notes=[*study.warnings, *held.remarks(study.folder), *lacks, *_of_runs(request)],
+        notes=[
+            *study.warnings,
+            *held.remarks(study.folder),
+            *(health.faults(study.trials) if len(table) else ()),
+            *lacks,
+            *_of_runs(request),
+        ],
         results=str(study.folder),
         hardware=request.hardware,
         definition=request.definition,

@@ -14,7 +14,7 @@ from dse.skyline.constraints import named_columns
 from dse.skyline.goals import Goal
 from dse.skyline.pick import budgeted, pick, sure_pick
 from dse.store import StoreError
-from dse.study import corrected, held, pricing, resampling
+from dse.study import corrected, health, held, pricing, resampling
 from dse.study.record import TOLD
 from dse.study.results import open as open_study
 
@@ -198,6 +198,7 @@ def choose(
     notes = [
         *picked.notes,
         *remarks,
+        *(f"trial {row['trial']} leaves 24 bits: {text}" for text in [health.overflow(row)] if text),
         *corrected.lacking(row.to_frame().T, [name for name, _ in goals]),
         *_others(points, budgets, "task", "tasks"),
         *_others(points, budgets, "hardware", "hardware profiles"),

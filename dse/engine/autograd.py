@@ -327,11 +327,12 @@ class _Matrix:
         def tensor(x: Array | float) -> Tensor:
             return torch.tensor(x, dtype=torch.float32, device=device)
 
-        start, units, form = [tensor(weights)], [tensor(unit)], None
+        start, units = [tensor(weights)], [tensor(unit)]
+        form: Callable[..., Tensor] | None = None
         if shared is not None:
-            first, number = copies_of(shared).first, torch.as_tensor(shared, device=device).long()
-            start = [start[0].flatten()[first]]
-            units = [units[0].expand(weights.shape).flatten()[first]]
+            once, number = copies_of(shared).first, torch.as_tensor(shared, device=device).long()
+            start = [start[0].flatten()[once]]
+            units = [units[0].expand(weights.shape).flatten()[once]]
             form = partial(_tied, number=number)
         elif basis is not None:
             form = partial(whitened, start=start[0], basis=tensor(basis))
@@ -340,8 +341,8 @@ class _Matrix:
             start.append(lengths(start[0].double()).float())
             units.append(tensor(norm_unit))
             form = normed
-        zeros = [[torch.zeros_like(x) for x in start] for _ in range(2)]
-        return cls(start, units, *zeros, form, basis is None and norm_unit is None)
+        first, second = ([torch.zeros_like(x) for x in start] for _ in range(2))
+        return cls(start, units, first, second, form, basis is None and norm_unit is None)
 
     @property
     def weights(self) -> Tensor:
@@ -407,6 +408,7 @@ class _Network:
             on_torch(x.population, calculus) for x, calculus in zip(member.layers, self._calculi, strict=True)
         ]
         self._sizes = [x.feed_forward.shape[1] for x in member.layers]
+        self._real = [depth for depth, x in enumerate(member.layers) if not x.is_rounded]
         self._device = device
         self._matrices = [
             _Matrix.of(device, x.feed_forward, x.unit, x.shared, x.norm_unit) for x in member.layers
@@ -419,7 +421,7 @@ class _Network:
         ]
         self._steps = 0
         self._is_linear = False
-        self._begun: dict[int, Mapping[str, Array]] = {}
+        self._begun: Mapping[int, Mapping[str, Array]] = {}
 
     def begin(self, stage: Stage) -> None:
         """Begin a part of the training; see dse.engine.member.Engine."""
@@ -430,19 +432,23 @@ class _Network:
         begun = stage.begun(self.masters().feed_forward, [m.units[0].cpu().numpy() for m in self._matrices])
         self._lay_out(begun, stage.is_linear)
 
-    def _lay_out(self, begun: dict[int, Mapping[str, Array]], is_linear: bool) -> None:
+    def _lay_out(self, begun: Mapping[int, Mapping[str, Array]], is_linear: bool) -> None:
         """Make the matrices that a stage begins with from arguments of `_Matrix.of`."""
         self._begun, self._is_linear = begun, is_linear
         for depth, arrays in begun.items():
             self._matrices[depth] = _Matrix.of(self._device, **arrays)
 
     def _as_run(self, matrix: _Matrix) -> Tensor:
-        is_rounded = self._arithmetic == "integer" and not self._is_readout(matrix)
+        is_rounded = self._weights_in(matrix) == "integer"
         running = quantised(matrix.weights) if is_rounded else matrix.weights
         return running.to(self._calculi[0].dtype)
 
-    def _is_readout(self, matrix: _Matrix) -> bool:
-        return self._is_linear and matrix is self._matrices[-1]
+    def _weights_in(self, matrix: _Matrix) -> Arithmetic:
+        """Return the arithmetic of a matrix, which need not be rounded where states are integers."""
+        real = {id(self._matrices[d]) for d in self._real}
+        is_readout = self._is_linear and matrix is self._matrices[-1]
+        is_real = self._arithmetic == "integer" and (is_readout or id(matrix) in real)
+        return "float32" if is_real else self._arithmetic
 
     def step(self, rows: Rows, labels: Ints, turn: Turn) -> Report:
         """Train on a batch."""
@@ -490,7 +496,7 @@ class _Network:
         if self._clip_norm is not None and norm > 0:
             clip = min(1.0, self._clip_norm / norm)
         for matrix, gradients in zip(trained, by_matrix, strict=True):
-            kind: Arithmetic = "float32" if self._is_readout(matrix) else self._arithmetic
+            kind = self._weights_in(matrix)
             matrix.update([clip * x for x in gradients], turn.learning_rate, self._steps, kind)
         cells = max(1, rows.n_samples * rows.n_steps)
         return Report(
@@ -511,7 +517,7 @@ class _Network:
     def masters(self) -> Masters:
         """Return a copy of the master weights."""
         return Masters(
-            tuple(m.masters("float32" if self._is_readout(m) else self._arithmetic) for m in self._matrices),
+            tuple(m.masters(self._weights_in(m)) for m in self._matrices),
             tuple(None if r is None else r.masters(self._arithmetic) for r in self._rings),
         )
 

@@ -139,9 +139,10 @@ class _Matrix:
 
     def update(self, factor: float, learning_rate: float, steps: int) -> float:
         """Take Adam's step `steps`, from 1; return the squared norm of the gradient times its factor."""
+        once = self.squared_norm(factor) if isinstance(self.form, Tied) else None
         squared = sum(x.update(factor, learning_rate, steps) for x in self.parameters)
         self.run_anew()
-        return squared
+        return squared if once is None else once
 
 
 def _matrix(
@@ -155,32 +156,30 @@ def _matrix(
     """Return a matrix at its start, (input, neuron); arguments as in TrainedLayer and Stage."""
     (n_rows, n), kind = weights.shape, precision(arithmetic)
     rounding = (float(GRID), _LOWEST, _HIGHEST) if arithmetic == "integer" else ()
-    gradient = aligned(n_rows * padded(n), kind)
-    form: Form
+    gradient, size = aligned(n_rows * padded(n), kind), n_rows * padded(n)
     if shared is not None:
         # Columns that pad hold 0, which is no weight where numbers count from 1.
         copies = copies_of(packed(shared + 1, np.int32) - 1)
         once = np.append(packed(weights, np.float32)[copies.first], np.float32(0))
         units = np.append(packed(np.broadcast_to(unit, weights.shape), np.float32)[copies.first], 0)
-        parameters = (Parameters.of(once[None], units, None, kind, *rounding),)
-        form, masters = Tied(copies), _NOTHING
-        table = aligned(gradient.size, parameters[0].table.dtype)
-    elif basis is not None or norm_unit is not None:
-        masters = aligned(gradient.size, np.float32)
-        table = aligned(gradient.size, np.int8) if rounding else masters
-        if basis is not None:
-            start = np.zeros((basis.shape[1], n), np.float32)
-            parameters = (Parameters.of(start, unit, None, kind),)
-            form = Whitened(packed(weights, np.float32), np.ascontiguousarray(basis, np.float32), n)
-        else:
-            norms = lengths(weights.astype(np.float64)).astype(np.float32)
-            of_norms = Parameters.of(norms, norm_unit, None, kind)
-            parameters = (Parameters.of(weights, unit, gradient, kind), of_norms)
-            form = WeightNorm(n_rows, n)
-    else:
-        of_weights = Parameters.of(weights, unit, gradient, kind, *rounding)
-        return _Matrix(n_rows, n, (of_weights,), gradient, of_weights.table)
-    return _Matrix(n_rows, n, parameters, gradient, table, form, masters).run_anew()
+        own = Parameters.of(once[None], units, None, kind, *rounding)
+        tied = _Matrix(n_rows, n, (own,), gradient, aligned(size, own.table.dtype), Tied(copies))
+        return tied.run_anew()
+    if basis is None and norm_unit is None:
+        own = Parameters.of(weights, unit, gradient, kind, *rounding)
+        return _Matrix(n_rows, n, (own,), gradient, own.table)
+    form: Form = WeightNorm(n_rows, n)
+    others: tuple[Parameters, ...] = ()
+    if basis is not None:
+        own = Parameters.of(np.zeros((basis.shape[1], n)), unit, None, kind)
+        form = Whitened(packed(weights, np.float32), np.ascontiguousarray(basis, np.float32), n)
+    elif norm_unit is not None:
+        own = Parameters.of(weights, unit, gradient, kind)
+        norms = lengths(weights.astype(np.float64)).astype(np.float32)
+        others = (Parameters.of(norms, norm_unit, None, kind),)
+    masters = aligned(size, np.float32)
+    table = aligned(size, np.int8) if rounding else masters
+    return _Matrix(n_rows, n, (own, *others), gradient, table, form, masters).run_anew()
 
 
 class _Network:
@@ -209,7 +208,7 @@ class _Network:
         self._run_decays()
         self.steps = self.delay_steps = self.decay_steps = 0
         self.is_linear = False
-        self.begun: dict[int, Mapping[str, Array]] = {}
+        self.begun: Mapping[int, Mapping[str, Array]] = {}
 
     def _weights_in(self, depth: int, is_readout: bool = False) -> Arithmetic:
         """Return the arithmetic of a layer's weights, which need not be rounded where states are integers."""
@@ -225,7 +224,7 @@ class _Network:
         begun = stage.begun(self.masters().feed_forward, [m.unit for m in self.matrices])
         self._lay_out(begun, stage.is_linear)
 
-    def _lay_out(self, begun: dict[int, Mapping[str, Array]], is_linear: bool) -> None:
+    def _lay_out(self, begun: Mapping[int, Mapping[str, Array]], is_linear: bool) -> None:
         """Make the matrices that a stage begins with from arguments of `_matrix`."""
         self.begun, self.is_linear = begun, is_linear
         for depth, arrays in begun.items():

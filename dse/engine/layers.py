@@ -378,7 +378,7 @@ def arriving(layer: KernelLayer, offsets: Array, index: Array) -> Array:
     n_steps = offsets.size - 1
     z = aligned(n_steps * layer.n_columns, layer.back_u.dtype)
     _sum_delayed(layer, offsets, index, 0, 1, n_steps, z)
-    return unpacked(z, n_steps, layer.n_columns)[-1]
+    return np.asarray(unpacked(z, n_steps, layer.n_columns)[-1])
 
 
 @compiled()

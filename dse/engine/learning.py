@@ -340,7 +340,7 @@ def learn(
             loss += part.loss
             correct += part.correct
             n_fired += part.n_fired
-            if by_readout is not None:
+            if by_readout is not None and part.by_readout is not None:
                 by_readout += part.by_readout
             space = spaces[number]
             _add(gradients[0 if number else 1 :], space.gradients[0 if number else 1 :])

@@ -210,8 +210,8 @@ class Masters:
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, Array], n_layers: int) -> Masters:
         """Return the masters of a number of layers from `arrays`."""
-        of_parts = [[arrays.get(f"{x.name}/{k}") for k in range(n_layers)] for x in fields(cls)]
-        return cls(*map(tuple, of_parts))
+        of_parts: Any = (tuple(arrays.get(f"{x.name}/{k}") for k in range(n_layers)) for x in fields(cls))
+        return cls(*of_parts)
 
 
 class Engine(Protocol):

@@ -16,35 +16,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 
 from dse.engine import kernels
 from dse.engine.adam import BETA_1, BETA_2, EPSILON
-from dse.engine.layout import aligned, blocks, packed, padded, width_at
+from dse.engine.layout import WORD, aligned, blocks, packed, padded, width_at
 from dse.engine.shared import Copies
 from dse.native.compiled import compiled
 from dse.records import Array
-
-A = TypeVar("A", bound=Any)
-"""An array of numpy or a tensor of torch."""
 
 _LEAST_SQUARE = 1e-30
 """Added to |v|^2: a neuron without weights keeps W = 0 and a finite gradient."""
 
 
-def whitened(parameters: A, start: A, basis: A) -> A:
+def whitened(parameters: Any, start: Any, basis: Any) -> Any:
     """Return W0 + M A, (input, neuron); A is (rank, neuron), M (input, rank)."""
     return start + basis @ parameters
 
 
-def lengths(directions: A) -> A:
+def lengths(directions: Any) -> Any:
     """Return |v| of each neuron, (1, neuron)."""
     return ((directions * directions).sum(0, keepdims=True) + _LEAST_SQUARE) ** 0.5
 
 
-def normed(directions: A, norms: A) -> A:
+def normed(directions: Any, norms: Any) -> Any:
     """Return g v / |v|, (input, neuron); v are `directions`, g (1, neuron) `norms`."""
     return directions * (norms / lengths(directions))
 
@@ -72,7 +69,12 @@ class Parameters:
 
     @classmethod
     def of(
-        cls, values: Array, unit: Array | float, gradient: Array | None, kind: Any, *rounding: float
+        cls,
+        values: Array,
+        unit: Array | float,
+        gradient: Array | None,
+        kind: Any,
+        *rounding: float,
     ) -> Parameters:
         """Return parameters at their start, (row, column).
 
@@ -88,13 +90,13 @@ class Parameters:
         units = aligned(padded(n_columns), np.float32)
         units[:n_columns] = unit
         table = numbers
+        grid, low, high = rounding or (0.0, 0.0, 0.0)
         if rounding:
-            grid, low, high = rounding
             table = packed(np.clip(np.rint(values * np.float32(grid)), low, high), np.int8)
         first, second = (aligned(numbers.size, np.float32) for _ in range(2))
         if gradient is None:
             gradient = aligned(numbers.size, kind)
-        return cls(n_rows, numbers, gradient, first, second, units, table, *rounding)
+        return cls(n_rows, numbers, gradient, first, second, units, table, grid, low, high)
 
     @property
     def _changed(self) -> dict[str, Array]:
@@ -162,7 +164,8 @@ class Form(Protocol):
     are_weights: every parameter is a weight, and is clipped as such.
     """
 
-    are_weights: bool
+    @property
+    def are_weights(self) -> bool: ...
 
     def expand(self, parameters: Sequence[Array], out: Array) -> None:
         """Write the matrix."""
@@ -254,26 +257,29 @@ def _add_product(left: Array, right: Array, out: Array) -> None:
 
 
 @compiled()
-def _sums(x: Array, y: Array, at: int, n_rows: int, width: int, total: Array) -> None:
+def _sums(x: Array, y: Array, width: int, total: Array) -> None:
     """Write the sum over the rows of a block of x times y, in float64."""
     total[:] = 0
-    for i in range(n_rows):
+    for at in range(0, x.size, width):
+        one, other = x[at : at + width], y[at : at + width]
         for c in range(width):
-            total[c] += np.float64(x[at + i * width + c]) * np.float64(y[at + i * width + c])
+            total[c] += np.float64(one[c]) * np.float64(other[c])
 
 
 @compiled()
 def _norm(v: Array, g: Array, n_rows: int, n_columns: int, out: Array) -> None:
-    column, squares = 0, np.empty(64)
-    factor = np.empty(64, np.float32)
+    column, squares = 0, np.empty(WORD)
+    factor = np.empty(WORD, np.float32)
     while column < n_columns:
-        width, at = width_at(column, n_columns), n_rows * column
-        _sums(v, v, at, n_rows, width, squares)
+        width = width_at(column, n_columns)
+        first, end = n_rows * column, n_rows * (column + width)
+        _sums(v[first:end], v[first:end], width, squares)
         for c in range(width):
             factor[c] = g[column + c] / np.sqrt(squares[c] + _LEAST_SQUARE)
-        for i in range(n_rows):
+        for at in range(first, end, width):
+            row, into = v[at : at + width], out[at : at + width]
             for c in range(width):
-                out[at + i * width + c] = v[at + i * width + c] * factor[c]
+                into[c] = row[c] * factor[c]
         column += width
 
 
@@ -281,21 +287,22 @@ def _norm(v: Array, g: Array, n_rows: int, n_columns: int, out: Array) -> None:
 def _pull_norm(
     v: Array, g: Array, n_rows: int, n_columns: int, by_weight: Array, by_v: Array, by_g: Array
 ) -> None:
-    column, squares, along = 0, np.empty(64), np.empty(64)
-    factor, share = np.empty(64, by_v.dtype), np.empty(64, by_v.dtype)
+    column, squares, along = 0, np.empty(WORD), np.empty(WORD)
+    factor, share = np.empty(WORD, by_v.dtype), np.empty(WORD, by_v.dtype)
     while column < n_columns:
-        width, at = width_at(column, n_columns), n_rows * column
-        _sums(v, v, at, n_rows, width, squares)
-        _sums(by_weight, v, at, n_rows, width, along)
+        width = width_at(column, n_columns)
+        first, end = n_rows * column, n_rows * (column + width)
+        _sums(v[first:end], v[first:end], width, squares)
+        _sums(by_weight[first:end], v[first:end], width, along)
         for c in range(width):
             square = squares[c] + _LEAST_SQUARE
             by_g[column + c] = along[c] / np.sqrt(square)
             factor[c] = g[column + c] / np.sqrt(square)
             share[c] = along[c] / square
-        for i in range(n_rows):
+        for at in range(first, end, width):
+            row, gradient, into = v[at : at + width], by_weight[at : at + width], by_v[at : at + width]
             for c in range(width):
-                k = at + i * width + c
-                by_v[k] = factor[c] * (by_weight[k] - v[k] * share[c])
+                into[c] = factor[c] * (gradient[c] - row[c] * share[c])
         column += width
 
 

@@ -20,10 +20,10 @@ Source: NengoLoihi's allocator rule for Loihi 1; lava-dl's logs for Loihi 2 (REF
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
-from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +39,7 @@ class Rules:
     """What a core and a chip hold, by the names of `dse.hardware.kinds.mesh.Mesh`.
 
     practice: fewest and most weights of 8 bits per core that a compiler was seen to reach; None: no range.
+    state_bits: of a neuron's states, with their sign; None: not known.
     """
 
     cores: int
@@ -57,6 +58,12 @@ class Rules:
     delay_bits_most: int
     skips_zero_weights: bool
     practice: tuple[float, float] | None = None
+    state_bits: int | None = None
+
+    @property
+    def state_limit(self) -> float:
+        """Largest magnitude that a state holds."""
+        return math.inf if self.state_bits is None else 2 ** (self.state_bits - 1) - 1
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,7 @@ class Architecture:
     """The fields of `dse.records.Workload` that decide the placement of a network.
 
     stored: per layer after the input, weights into it that alone take memory; None: all.
+    peak_state: largest magnitude of a state, where that is beyond the chip's; 0: it is not.
     """
 
     sizes: tuple[int, ...]
@@ -72,6 +80,8 @@ class Architecture:
     delay_bits: int = 0
     stored: tuple[int, ...] | None = None
     cores: tuple[int, ...] | None = None
+    peak_state: int = 0
+    delayed: tuple[bool, ...] | None = None
 
     @functools.cached_property
     def axons(self) -> tuple[int, ...]:
@@ -96,7 +106,9 @@ class _Broken(NamedTuple):
 def architecture(load: Workload, rules: Rules) -> Architecture:
     """Return the fields of a load that decide its placement on a chip."""
     stored = load.stored if rules.skips_zero_weights else None
-    return Architecture(load.sizes, load.recurrent, load.weight_bits, load.delay_bits, stored, load.cores)
+    beyond = load.peak_state if load.peak_state > rules.state_limit else 0
+    bits = load.weight_bits, load.delay_bits
+    return Architecture(load.sizes, load.recurrent, *bits, stored, load.cores, beyond, load.delayed)
 
 
 @functools.lru_cache(maxsize=1 << 14)
@@ -126,7 +138,8 @@ def _format(bits: int, rules: Rules) -> int:
 
 def _width(net: Architecture, rules: Rules, layer: int) -> int:
     """Return the bits per stored synapse of a layer, counted from 0 after the input."""
-    width = _format(net.weight_bits, rules) + net.delay_bits
+    is_delayed = net.delayed is None or net.delayed[layer]
+    width = _format(net.weight_bits, rules) + net.delay_bits * is_delayed
     return width + rules.synapse_index_bits if _is_pruned(net, layer) else width
 
 
@@ -161,6 +174,10 @@ def _placed(net: Architecture, rules: Rules) -> tuple[tuple[int, ...], tuple[_Br
     ):
         if bits > most:
             broken.append(_Broken(rule, 0, f"{rule.split('_')[0]}s of {bits} bits, {most} at most"))
+    if net.peak_state > rules.state_limit:
+        times = net.peak_state / rules.state_limit
+        text = f"a state reaches {times:.3g} times what {rules.state_bits} bits hold ({net.peak_state})"
+        broken.append(_Broken("state_bits", 0, text))
     cores: list[int] = []
     next_cores = 0  # from the output backwards: a layer's output axons depend on the cores after it
     for layer in range(len(net.sizes) - 1, 0, -1):
@@ -226,8 +243,8 @@ def _practice(net: Architecture, rules: Rules, cores: tuple[int, ...]) -> tuple[
     low = high = 0
     for layer, n_cores in enumerate(cores):
         weights = dense[layer] * _width(net, rules, layer) / _PRACTICE_BITS
-        low += max(n_cores, ceil(weights / rules.practice[1]))
-        high += max(n_cores, ceil(weights / rules.practice[0]))
+        low += max(n_cores, math.ceil(weights / rules.practice[1]))
+        high += max(n_cores, math.ceil(weights / rules.practice[0]))
     return low, high
 
 
@@ -239,7 +256,8 @@ def _assumptions(
         assumptions.append("the number of cores of each layer is set by the user")
     if net.delay_bits:
         assumptions.append(
-            f"every synapse stores an individual delay, {net.delay_bits} bits beside the "
+            f"every synapse{'' if all(net.delayed or (True,)) else ' of a layer with delays'} stores an "
+            f"individual delay, {net.delay_bits} bits beside the "
             f"{_format(net.weight_bits, rules)} of its weight"
         )
     if any(_is_pruned(net, layer) for layer in range(len(net.sizes) - 1)):
@@ -310,6 +328,13 @@ def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
             least,
             lambda n, key=f"{name}_bits": replace(net, **{key: n}),  # type: ignore[misc]
             lambda n, name=name: f"{name}s of at most {n} bits",  # type: ignore[misc]
+        )
+    if net.peak_state:
+        yield _Axis(
+            net.peak_state,
+            0,
+            lambda peak: replace(net, peak_state=peak),
+            "states (peak_state) of at most {}".format,
         )
     if rules.skips_zero_weights:
         yield _Axis(

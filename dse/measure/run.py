@@ -710,6 +710,7 @@ def load_of(
             delay_bits=network.delay_bits,
             awake=awake,
             copies=len(network.delays),
+            peak_state=response.peak_state,
         )
         neurons = [neuron_of(layer.neuron) for layer in network.layers]
         pairs = zip(neurons, network.layers, strict=True)

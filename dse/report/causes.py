@@ -1,4 +1,7 @@
-"""How the set-up of a design of ours differs from the printed one, and how large it was run."""
+"""How the set-up of a design of ours differs from the printed one, and how large it was run.
+
+A difference need not be why a result differs: `dse.report.known` has the causes that measurements show.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ _LETTERS = "abcdefghijklmnopqrstuvwxyz"
 _SHORTEST_RUN = 3
 
 
-class Causes:
+class Setups:
     """The differences between our set-ups and the printed one; each gets a letter where it first appears."""
 
     def __init__(self, paper: Publication) -> None:
@@ -29,7 +32,7 @@ class Causes:
         self._places: dict[str, int] = {}
 
     def of_result(self, side: Side, row: pandas.Series[Any], condition: Mapping[str, str]) -> list[str]:
-        """Return the differences that bear on a result of one design, those of the recordings first."""
+        """Return the differences that may bear on a result of one design, those of the recordings first."""
         data = sections_of(side.part.study.folder, int(row["trial"])).data
         touch = "simulated touch"
         if not isinstance(data, SceneTrials):

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from types import ModuleType
 
 from dse.config.sections import front_end
-from dse.report.causes import Causes, fact_beside, fits
+from dse.report.causes import Setups, fact_beside, fits
 from dse.report.designs import StudyTask, described, sections_of, tasks_of
 from dse.report.digits import WITHIN, as_number, gap_of, printed_text, text_of
 from dse.report.facts import Fact
+from dse.report.known import shown_causes
 from dse.report.ours import Measure, Ours, Side, missing
 from dse.report.papers import Entry, Holds, Number, Publication, publication, publications
 from dse.study.results import Study
@@ -20,7 +21,8 @@ _TEXTURE = ("texture", "fabric", "material", "textile", "surface")
 _CITED = "quoted from another work"
 _HOW = (
     "designs are selected on validation; se, low and high are over the runs (folds or repeats) of a design; "
-    "of one run, se is Wilson's of the accuracy; same: whether it is the same quantity; causes: as below"
+    "of one run, se is Wilson's of the accuracy; same: whether it is the same quantity; causes: what "
+    "measurements of the study show; setup: how set-ups differ, as below, which need not be why"
 )
 
 
@@ -37,7 +39,8 @@ class PaperRow:
     printed, ours: as text; printed_value, ours_value: as numbers, None for ranges and texts.
     se, low, high: standard error and range of ours over the runs, or the range of an uncertain figure.
     scale: how large ours was run, against the printed sizes. same: whether it is the same quantity.
-    why: why ours is missing or another quantity. causes: letters of the differences between the set-ups.
+    why: why ours is missing or another quantity. causes: why it is lower, as far as measurements show it.
+    setup: letters of the differences between the set-ups, which need not be why.
     differs: all of that as a sentence; '' where both agree.
     """
 
@@ -55,6 +58,7 @@ class PaperRow:
     same: bool | None
     why: str
     causes: str
+    setup: str
     differs: str
     scale: str
     printed_value: float | None
@@ -101,17 +105,17 @@ def paper_report(studies: Sequence[Study], key: str) -> PaperReport:
     sides, others = _sides(studies, paper, key, module)
     if not sides:
         raise SetupError("\n".join(others))
-    causes = Causes(paper)
-    rows = [row for number in paper.numbers() for row in _rows(number, sides, module, causes)]
+    setups = Setups(paper)
+    rows = [row for number in paper.numbers() for row in _rows(number, sides, module, setups)]
     unprinted: Mapping[str, Measure] = getattr(module, "UNPRINTED", {})
     for name, measure in unprinted.items():
         number = Number("result", name, Entry(name, "not printed", ""), {}, "")
-        rows += _result_rows(number, sides, measure, causes)
+        rows += _result_rows(number, sides, measure, setups)
     rows.sort(key=lambda row: row.kind != "result")  # stable
     about = [f"paper {key}: {paper.title} ({paper.source}); its recordings {paper.recordings}", _HOW]
-    scales = [f"{side.part.name}, {side.part.task}: {causes.scale(side)}" for side in sides]
+    scales = [f"{side.part.name}, {side.part.task}: {setups.scale(side)}" for side in sides]
     errors = [f"{side.part.name}, {side.part.task}: {text}" for side in sides if (text := side.confused())]
-    return PaperReport(rows, [*about, *dict.fromkeys(scales), *causes.legend(), *errors, *others])
+    return PaperReport(rows, [*about, *dict.fromkeys(scales), *setups.legend(), *errors, *others])
 
 
 def _sides(
@@ -152,25 +156,25 @@ def why_not(part: StudyTask, holds: Holds) -> str:
     return ""
 
 
-def _rows(number: Number, sides: Sequence[Side], module: ModuleType, causes: Causes) -> Iterator[PaperRow]:
+def _rows(number: Number, sides: Sequence[Side], module: ModuleType, setups: Setups) -> Iterator[PaperRow]:
     if number.kind == "cited":
-        yield _row(number, None, missing(_CITED), causes)
+        yield _row(number, None, missing(_CITED), setups)
     elif number.kind == "result":
-        yield from _result_rows(number, sides, module.OURS[number.key], causes)
+        yield from _result_rows(number, sides, module.OURS[number.key], setups)
     else:
-        yield from _setup_rows(number, sides, causes)
+        yield from _setup_rows(number, sides, setups)
 
 
 def _result_rows(
-    number: Number, sides: Sequence[Side], measure: Measure, causes: Causes
+    number: Number, sides: Sequence[Side], measure: Measure, setups: Setups
 ) -> Iterator[PaperRow]:
     """Yield a row per side that has a value, or one row that says why none has."""
     several = [(side, measure(side, number.condition)) for side in sides if fits(number, side)]
     known = [(side, ours) for side, ours in several if ours.value is not None]
     for side, ours in known or several[:1]:
-        yield _row(number, side, ours, causes)
+        yield _row(number, side, ours, setups)
     if not several:
-        yield _row(number, None, missing(_absent(number, sides)), causes)
+        yield _row(number, None, missing(_absent(number, sides)), setups)
 
 
 def _absent(number: Number, sides: Sequence[Side]) -> str:
@@ -181,7 +185,7 @@ def _absent(number: Number, sides: Sequence[Side]) -> str:
     return f"no study of {' and '.join(number.entry.by[x].format(number.condition[x]) for x in labels)}"
 
 
-def _setup_rows(number: Number, sides: Sequence[Side], causes: Causes) -> Iterator[PaperRow]:
+def _setup_rows(number: Number, sides: Sequence[Side], setups: Setups) -> Iterator[PaperRow]:
     """Yield a row per value of ours; studies of one value share it."""
     several: dict[Fact, list[Side]] = {}
     for side in sides:
@@ -195,26 +199,31 @@ def _setup_rows(number: Number, sides: Sequence[Side], causes: Causes) -> Iterat
         value = (
             fact if isinstance(fact, str) else text_of(fact) if isinstance(fact, tuple) else float(fact or 0)
         )
-        yield _row(number, alike[0], Ours(value), causes, study=names)
+        yield _row(number, alike[0], Ours(value), setups, study=names)
     if not several:
         of_none = _absent(number, sides)
         yield _row(
-            number, None, missing(number.entry.lacks or of_none or "the study does not show it"), causes
+            number, None, missing(number.entry.lacks or of_none or "the study does not show it"), setups
         )
 
 
-def _row(number: Number, side: Side | None, ours: Ours, causes: Causes, study: str = "") -> PaperRow:
+def _row(number: Number, side: Side | None, ours: Ours, setups: Setups, study: str = "") -> PaperRow:
     entry, design = number.entry, ours.row
     printed, value = as_number(number.value), as_number(ours.value)
     is_result, has_value = number.kind == "result", ours.value is not None
     gap = "" if printed is None or value is None else gap_of(printed, value, ours.se)
     texts: list[str] = []
+    shown: list[str] = []
     if side is not None and has_value and not is_result:
-        texts = causes.of_setting(side, number)
+        texts = setups.of_setting(side, number)
     elif side is not None and has_value and (printed is None or gap not in ("", WITHIN)):
         chosen = side.chosen if design is None else design
-        texts = [] if chosen is None else causes.of_result(side, chosen, number.condition)
-    reasons = "; ".join(filter(None, [ours.why, *texts]))
+        if chosen is not None:
+            accuracy = value if ours.is_accuracy else None
+            shown = shown_causes(side.part, chosen, accuracy, printed)
+            texts = setups.of_result(side, chosen, number.condition)
+    set_up = f"set-up: {'; '.join(texts)}" if texts and is_result else "".join(texts)
+    reasons = "; ".join(filter(None, [ours.why, *shown, set_up]))
     return PaperRow(
         kind="set-up" if number.kind == "setup" else number.kind,
         where=entry.where,
@@ -229,9 +238,10 @@ def _row(number: Number, side: Side | None, ours: Ours, causes: Causes, study: s
         runs=ours.runs,
         same=ours.same if has_value and is_result and printed is not None else None,
         why=ours.why,
-        causes=causes.code(texts),
+        causes="; ".join(shown),
+        setup=setups.code(texts),
         differs=": ".join(filter(None, [gap if is_result else "", reasons])),
-        scale=causes.scale(side, design) if side is not None and is_result else "",
+        scale=setups.scale(side, design) if side is not None and is_result else "",
         printed_value=printed,
         ours_value=value,
         task="" if side is None else side.part.task,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import store
+from dse.audit import AuditRow
 from dse.config import ConfigError, Sections
 from dse.config.contracts import PLACES, Family, Source
 from dse.config.values import plain
@@ -38,6 +39,7 @@ class StudyTask:
     split: how recordings were divided, in words.
     joint: whether the task is one head of a joint network.
     n_validation: number of validation recordings; 0 if it was not recorded.
+    known: the audit's row of the cheap reader that validation chooses; None without an audit.
     """
 
     study: Study
@@ -48,6 +50,7 @@ class StudyTask:
     split: str
     joint: bool
     n_validation: int
+    known: AuditRow | None = None
 
     @property
     def name(self) -> str:
@@ -113,7 +116,7 @@ def tasks_of(study: Study) -> list[StudyTask]:
     full = full_read_outs(points)
     if "hardware" in full:
         full = full[full["hardware"] == full["hardware"].iloc[0]]
-    parts = []
+    parts, audit = [], study.audit
     for named, rows in full.groupby("task", sort=False):
         task = str(named)
         first = record(study.folder, int(rows["trial"].iloc[0]))
@@ -122,9 +125,9 @@ def tasks_of(study: Study) -> list[StudyTask]:
         target = (task,) if joint else target_columns(sections.task.target)
         counts = first.get("samples", {})
         n = int(counts.get("validation", 0))
-        parts.append(
-            StudyTask(study, task, rows, target, _data(sections.data), _split(sections, counts), joint, n)
-        )
+        of_data = _data(sections.data), _split(sections, counts)
+        known = None if audit is None else audit.known(task)
+        parts.append(StudyTask(study, task, rows, target, *of_data, joint, n, known))
     return parts
 
 

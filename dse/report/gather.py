@@ -10,13 +10,14 @@ from dataclasses import dataclass, field
 from types import ModuleType
 
 from dse.audit import Audit
+from dse.report import known
 from dse.report.designs import StudyTask, record, tasks_of
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
 from dse.report.marks import Mark
 from dse.report.papers import systems
 from dse.report.rows import FAMILIES, Row
-from dse.study import held, pricing
+from dse.study import health, held, pricing
 from dse.study.results import Study
 
 _HOW = (
@@ -27,6 +28,10 @@ _HOW = (
     "`ours` is the mean over the runs; `se` the standard error over the runs, or Wilson's over the "
     "recordings where there is one run or all agree",
     "`published` is what a paper prints of its own recordings: shown for comparison, not reproduced",
+)
+_READER = (
+    "`reader` is what a plain reader of the same data answers (`dse audit`; validation chooses it), on the "
+    "test set where there is one"
 )
 
 
@@ -74,6 +79,8 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
             f"{FAMILIES}: within {WITHIN:g} of the best accuracy of the same side; own spikes are those of "
             "hidden and output neurons; accuracies that differ by no more than the standard error are a draw"
         )
+    if any(row.reader is not None for row in rows):
+        notes.append(_READER)
     for study in studies:
         of_chips, verdicts = _of_hardware(study, [part for part in parts if part.study is study], hardware)
         rows += of_chips
@@ -81,9 +88,10 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     notes += [
         f"{part.name}, {part.task}: predicted by classifiers of several tasks" for part in parts if part.joint
     ]
-    notes += [text for part in parts for text in _leaks(part)]
+    notes += [*known.notes(parts), *(text for part in parts for text in _leaks(part))]
     for study in studies:
         notes += _failures(study)
+        notes += [f"{study.folder.name}: {text}" for text in health.faults(study.trials)]
         notes += _warnings(study)
     audits = {study.folder.name: audit for study in studies if (audit := study.audit) is not None}
     for name, audit in audits.items():

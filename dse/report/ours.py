@@ -33,6 +33,7 @@ class Ours:
     se, low, high: standard error and range over the runs, which are folds or repeats, or the range of an
     uncertain figure. runs: behind it. row: the design.
     same: whether it is the same quantity. why: why it is not, or why there is none.
+    is_accuracy: whether it is the accuracy of the design.
     """
 
     value: float | str | None = None
@@ -43,6 +44,7 @@ class Ours:
     row: pandas.Series[Any] | None = field(default=None, compare=False)
     same: bool = True
     why: str = ""
+    is_accuracy: bool = False
 
 
 def missing(why: str) -> Ours:
@@ -141,6 +143,7 @@ def of_column(side: Side, row: pandas.Series[Any] | None, columns: Mapping[str, 
             continue
         each = [x for run in side.part.columns(int(row["trial"])) if (x := number(run.get(name))) is not None]
         ours = replace(over_runs(each, row), value=value, row=row, same=not why, why=why)
+        ours = replace(ours, is_accuracy=name.startswith("accuracy"))
         if name.startswith("accuracy") and len(each) < 2:
             n = side.n_test if name.endswith("_test") else side.part.n_validation
             ours = replace(ours, se=float(wilson_se(round(value * n), n)) if n else None)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, SupportsFloat
 from dse.hardware.interval import column_names
 from dse.measure.objectives.accuracy import wilson_se
 from dse.report.designs import StudyTask, described
+from dse.report.known import known_of
 
 if TYPE_CHECKING:
     import pandas
@@ -33,6 +34,7 @@ class Row:
     shifted, unseen: accuracy of the same design on moved windows, and on groups without training recordings;
         shifted_se, unseen_se: their standard errors. None where the study did not evaluate them.
     corrected, corrected_low, corrected_high: of an accuracy of ours, `accuracy_corrected` and its interval.
+    reader, reader_se: of an accuracy, what a cheap reader of the same data set answers (`Known`).
     hardware: the chip of ours; low, high: the range of ours, from the chip's uncertain numbers.
     """
 
@@ -56,6 +58,8 @@ class Row:
     shifted_se: float | None = None
     unseen: float | None = None
     unseen_se: float | None = None
+    reader: float | None = None
+    reader_se: float | None = None
     corrected: float | None = None
     corrected_low: float | None = None
     corrected_high: float | None = None
@@ -95,12 +99,15 @@ def measured(
         return of_design
     error = standard_error(part, row) if column == "accuracy" else number(row.get(f"{column}_se"))
     value, low, high = (number(row.get(x)) for x in column_names(f"{column}_corrected"))
+    known = known_of(part, row)
     return replace(
         of_design,
         corrected=value,
         corrected_low=low,
         corrected_high=high,
         se=error,
+        reader=None if known is None else known.accuracy,
+        reader_se=None if known is None else known.se,
         shifted=number(row.get("accuracy_shifted")),
         shifted_se=number(row.get("accuracy_shifted_se")),
         unseen=number(row.get("accuracy_unseen")),

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dse.config import SearchSpace
-from dse.config.contracts import placed, trains_in_cohorts
+from dse.config.contracts import check_channels, placed, trains_in_cohorts
 from dse.config.resolved import Sections
 from dse.config.yaml_lines import Path as Keys
-from dse.dataset.shape import announced
+from dse.dataset.shape import Shape, announced
 from dse.recordings import RecordingError, Recordings
 from dse.recordings.cutting import cut
 from dse.recordings.splits import split
@@ -50,6 +50,8 @@ def refusals(space: SearchSpace) -> list[Refusal]:
         if key not in seen:
             seen.add(key)
             faults |= dict.fromkeys(_of_labels_and_windows(sections, read))
+    if not faults:
+        faults |= dict.fromkeys(_of_channels(space, read))
     if not faults and (fault := _too_large(space, read)) is not None:
         faults[fault] = None
     return list(faults)
@@ -101,26 +103,44 @@ def _onset(design: Sections, recordings: Signals | Rasters) -> Ints | None:
     return np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
 
 
+def _shapes(space: SearchSpace, read: Recordings) -> Iterator[tuple[Sections, Shape]]:
+    """Yield designs at the ends of all axes and the shapes of their data, up to one that the data decide."""
+    of_file = space.data.channel_positions(space.source.parent)
+    shapes: dict[str, Shape | None] = {}
+    for design in corners(space, ("task", "preprocessing", "encoder", "model"), _MOST_CORNERS):
+        sections = space.resolve(design)
+        key = repr((sections.task, sections.window, sections.preprocessing, sections.encoder))
+        if key not in shapes:
+            try:
+                recordings = cut(read, sections.window.cut_steps, sections.window.every_steps)
+                shapes[key] = announced(sections, recordings, of_file)
+            except (RecordingError, ValueError):
+                return
+        shape = shapes[key]
+        if shape is None:
+            return
+        yield sections, shape
+
+
+def _of_channels(space: SearchSpace, read: Recordings) -> Iterator[Refusal]:
+    """Yield why designs cannot train on channels where they lie."""
+    for sections, shape in _shapes(space, read):
+        try:
+            check_channels(sections.model, shape.positions)
+        except ValueError as error:
+            yield Refusal(("model",), str(error))
+
+
 def _too_large(space: SearchSpace, read: Recordings) -> Refusal | None:
     """Return the fault of a search space in which no design fits the memory of a worker."""
-    of_file = space.data.channel_positions(space.source.parent)
     execution = space.execution
     budget = Workers(execution.jobs).memory_budget(execution.memory_gib, execution.device)
     least: tuple[int, int] | None = None
-    for design in corners(space, ("task", "preprocessing", "encoder", "model"), _MOST_CORNERS):
-        sections = space.resolve(design)
+    for sections, shape in _shapes(space, read):
         if not trains_in_cohorts(sections.model):
             return None
-        recordings = cut(read, sections.window.cut_steps, sections.window.every_steps)
-        try:
-            shape = announced(sections, recordings, of_file)
-        except (RecordingError, ValueError):
-            return None
-        if shape is None:
-            return None
-        n_steps = shape.n_steps or 1
         family, sizes = placed(sections.model, shape.positions), (len(shape.positions), shape.n_outputs)
-        needed = family.memory_bytes(*sizes, n_steps, sections.training)
+        needed = family.memory_bytes(*sizes, shape.n_steps or 1, sections.training)
         least = min(filter(None, (least, (needed, family.n_weights(*sizes)))))
         if needed <= budget:
             return None

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 _LAST = ("status", "reason")
 
+# What one run has, the trial has.
+_WORST = ("peak_state", "peak_thresholds", "overflows_24_bit")
+
 
 def trials_table(
     space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]], excluded: Sequence[Entry] = ()
@@ -95,6 +98,8 @@ def _blamed(record: RunRecord, n_runs: int) -> str:
 def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
     """Return a trial's full read-out: mean of every number, `all` of every claim, errors of accuracies.
 
+    Of states that leave their registers the worst run counts.
+
     A fold that training leaves out counts once, whatever the number of runs that trained it.
 
     Args:
@@ -105,7 +110,10 @@ def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
     columns: dict[str, Any] = {}
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [row.get(name) for row in rows]
-        columns[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
+        if name in _WORST and None not in values:
+            columns[name] = max(values)
+        else:
+            columns[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
     if len(rows) > 1:
         for name in with_errors(columns):
             columns[f"{name}_se"] = float(seeds_se([row[name] for row in rows]))

@@ -157,3 +157,23 @@ def by_order(seed: int) -> Material:
     return dataclasses.replace(
         material, columns={"label": columns["label"], "part": columns["part"], "trial": order}
     )
+
+
+def by_rate_of_regions(seed: int) -> Material:
+    """Return classes that differ in how many spikes quarters of a frame of 24 x 24 have over time.
+
+    The gain of a sample varies by a factor of 10, and a channel hardly ever spikes twice.
+    """
+    rng = np.random.default_rng(seed)
+    label, side = labels()["label"], 24
+    y, x = np.divmod(np.arange(side**2), side)
+    quarter = 2 * (y >= side // 2) + (x >= side // 2)
+    course = rng.permuted(np.tile([1.0, 4.0], (N_CLASSES, 4, 2)), axis=2)  # of four parts of the window
+    part = np.minimum(4 * np.arange(N_STEPS + 2 * ROOM) // (N_STEPS + 2 * ROOM), 3)
+    rate = course[:, :, part].transpose(0, 2, 1)[label][:, :, quarter]
+    gain = 10 ** rng.uniform(-1, 0, len(label))
+    spikes = spikes_of(rng.random(rate.shape) < 0.004 * gain[:, None, None] * rate)
+    material = clean(seed)
+    positions = np.stack([x, y, 0 * x], axis=1).astype(np.int32)
+    data = dataclasses.replace(material.dataset, spikes=spikes, positions=positions)
+    return dataclasses.replace(material, dataset=data)

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from dse import store
 from dse.audit import audit, gather, record
 from dse.cli import main
 from dse.config import load_space
@@ -123,18 +124,18 @@ def test_no_more_touch_is_simulated_than_probes_use(tmp_path, monkeypatch):
     (tmp_path / "tip.yaml").write_text(FINGERTIP + "trials: 6\n", encoding="utf-8")
     (tmp_path / "sim.yaml").write_text(SIMULATED, encoding="utf-8")
     space = load_space(tmp_path / "sim.yaml")
-    monkeypatch.setattr(gather, "MOST_SIMULATED", 6)
+    monkeypatch.setattr(gather, "MOST_SIMULATED", (6, 6, 2))
     (design,) = gather.designs(space)
     read = gather.material(space, design, tmp_path / "cache")
     assert len(read.train) == 6 and read.validation.tolist() == [5, 11, 17, 23]
     recordings = np.arange(24)
-    drawn = np.isin(recordings, [*read.train, *read.validation])
+    drawn = np.isin(recordings, [*read.train, *read.validation, *read.test])
     assert read.columns["repetition"][read.train].max() <= 3
     n_spikes = np.diff(read.dataset.spikes.row_offsets[:: read.dataset.spikes.n_steps])
     assert (n_spikes[drawn] > 0).all() and not n_spikes[~drawn].any()
     notes = audit(space, tmp_path / "cache").notes
     assert "texture: 6 of 16 training samples are drawn" in notes
-    monkeypatch.setattr(gather, "MOST_SIMULATED", 400)
+    monkeypatch.setattr(gather, "MOST_SIMULATED", (400, 400, 400))
     assert len(gather.material(space, design, tmp_path / "cache").train) == 16
 
 
@@ -233,3 +234,30 @@ def test_run_and_audit_read_the_resting_level_alike(encoder, advice, tmp_path, m
     verdict = rows["resting level"]["verdict"]
     assert verdict.startswith("the resting level of the signals explains 100 %")
     assert ("(0 % of the spike counts follow it)" in verdict) == ("already" in advice)
+
+
+def test_the_reader_that_validation_chooses_is_told_on_the_test_set(tmp_path):
+    (tmp_path / "tip.yaml").write_text(FINGERTIP + "trials: 6\n", encoding="utf-8")
+    (tmp_path / "sim.yaml").write_text(SIMULATED, encoding="utf-8")
+    space = load_space(tmp_path / "sim.yaml")
+    found = audit(space, tmp_path / "cache")
+    known = found.known("texture")
+    rows = [row for row in found.rows if row.probe == "counts over time"]
+    assert known.accuracy == max(row.accuracy for row in rows) and known.test is not None
+    (design,) = gather.designs(space)
+    read = gather.material(space, design, tmp_path / "cache")
+    answered = read.on_test(known.reader)
+    assert known.test == answered.accuracy == answered.correct.mean() and answered.n == len(read.test) == 4
+    assert found.known("profile") is None
+
+
+def test_an_audit_of_before_has_no_accuracy_on_the_test_set(tmp_path):
+    found = audit(write(tmp_path), tmp_path / "cache")
+    record.write(found, tmp_path / "audit.json")
+    document = json.loads((tmp_path / "audit.json").read_text(encoding="utf-8"))
+    del document["seal"]
+    for row in document["rows"]:
+        del row["test"], row["test_se"]
+    store.write_json(tmp_path / "old.json", document)
+    assert record.read(tmp_path / "audit.json") == found
+    assert record.read(tmp_path / "old.json") == found  # these recordings have no test set

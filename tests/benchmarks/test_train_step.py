@@ -27,6 +27,7 @@ WITNESSES = {
     Variant("ideal", 1.0): "loop, resonators",
     Variant("integer", 1.0): "dse, resonators, integer",
     Variant("integer", 0.5): "dse, half resonators, integer",
+    Variant("integer", regions=12): "dse, 12 regions, integer",
 }
 
 

@@ -40,6 +40,21 @@ def test_memory_is_counted() -> None:
     assert any("delays of 5 bits instead of 6" in str(misfit) for misfit in misfits)
 
 
+def test_layers_without_them_store_none() -> None:
+    wide = replace(LATE, sizes=(2000, 50, 7), delayed=(False, True))
+    assert wide.number_bits == 8 + 6 * 350 / 100350
+    plain, late, everywhere = (
+        [cost(load(name), x) for name in ("loihi1_silicon", "asic45_memory", "mcu_m4")]
+        for x in (replace(wide, delay_bits=0, delayed=None), wide, replace(wide, delayed=None))
+    )
+    assert plain[0].n_cores.high == late[0].n_cores.high < everywhere[0].n_cores.high
+    energies = [float(x[1].energy_uj.low) for x in (plain, late, everywhere)]
+    assert energies[0] < energies[1] < energies[2]
+    # A byte beside each weight is more than the flash holds: 2 MiB.
+    most = replace(wide, sizes=(30000, 50, 7))
+    assert cost(load("mcu_m4"), most).fits and not cost(load("mcu_m4"), replace(most, delayed=None)).fits
+
+
 def test_a_processor_adds_late_weights_one_by_one() -> None:
     chip = load("mcu_m4")
     assert isinstance(chip, Processor)

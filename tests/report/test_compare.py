@@ -88,7 +88,7 @@ def test_ends_of_the_front_and_their_reductions(tmp_path: Path) -> None:
     peak = only(found, "accuracy", "texture, best accuracy")
     assert (peak.printed, peak.ours, peak.same, peak.trial) == ("0.95", "0.76", True, 0)
     assert peak.differs.startswith(
-        "0.19 below: simulated touch; the paper's recordings are not public; samples"
+        "0.19 below: set-up: simulated touch; the paper's recordings are not public; samples"
     )
     assert "epochs: 30 instead of 100" in peak.differs
     assert "trials of each texture and profile 13 (printed 100)" in peak.scale
@@ -132,7 +132,7 @@ def test_a_length_stands_beside_the_same_length_alone(tmp_path: Path) -> None:
     study = on_scene(tmp_path / "lengths", "neurotac_davis", "texture", designs, split=k_fold)
     found = paper_report([study], "000")
     row = only(found, "t_p", "samples of 1000 ms")
-    assert (row.ours, row.same, row.differs, row.causes) == ("437.4", True, "", ""), (
+    assert (row.ours, row.same, row.differs, row.setup) == ("437.4", True, "", ""), (
         "rounds to the printed 437"
     )
     assert only(found, "t_p", "samples of 250 ms").differs == "no network of this length"

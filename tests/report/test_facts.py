@@ -66,7 +66,7 @@ def test_shipped_spaces_are_set_up_as_printed(
 ) -> None:
     rows = paper_report([study_of(tmp_path, space, design, samples)], paper).rows
     differing = {
-        row.quantity.split(",")[0]: row.differs for row in rows if row.kind == "set-up" and row.causes
+        row.quantity.split(",")[0]: row.differs for row in rows if row.kind == "set-up" and row.setup
     }
     assert set(differing) == others, differing
     alike = [row for row in rows if row.kind == "set-up" and row.ours]
@@ -78,7 +78,7 @@ def test_a_smaller_study_says_so(tmp_path: Path) -> None:
     small = load_space(shipped_spaces()[space]).resolve(GRID)
     assert isinstance(small.data, SceneTrials)
     rows = paper_report([study_of(tmp_path, space, GRID, (864, 288, 288))], "002").rows
-    differs = {row.quantity: row.differs for row in rows if row.kind == "set-up" and row.causes}
+    differs = {row.quantity: row.differs for row in rows if row.kind == "set-up" and row.setup}
     assert differs["epochs"] == f"epochs: {small.training.epochs} instead of 100"
     trials = "trials of each texture and profile"
     assert differs[trials] == f"{trials}: {small.data.trials} instead of 100"

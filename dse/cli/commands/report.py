@@ -17,7 +17,7 @@ HELP = "compare studies with published systems, spiking with other families, and
 _HONEST = ("shifted", "shifted_se", "unseen", "unseen_se")  # where a study evaluates them
 _SHOWN = (
     *("system", "figure", "task", "published", "corrected", "ours", "se", "low", "high", "test"),
-    *_HONEST,
+    *("reader", "reader_se", *_HONEST),
     *("runs", "hardware", "family", "trial", "study"),
 )
 _ESSENTIAL = ("system", "figure", "published", "corrected", "ours")
@@ -37,7 +37,7 @@ _PAPER = (
         "same",
         "why",
     ),
-    *("causes", "study"),
+    *("causes", "setup", "study"),
 )
 _NOTHING = 1
 
@@ -88,7 +88,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     splits_of_rows = [f"{study}, {task}: {split}" for study, task, split in splits]
     code = 0 if rows else _NOTHING
     columns = [row.columns for row in rows]
-    empty = {name for name in _HONEST if all(row[name] is None for row in columns)}
+    empty = {name for name in (*_HONEST, "reader", "reader_se") if all(row[name] is None for row in columns)}
     columns = [{name: x for name, x in row.items() if name not in empty} for row in columns]
     values = {name: {row.get(name) for row in columns} - {None, ""} for name in _SHOWN}
     # A terminal shows no empty columns, and no column for the name of the only study.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -47,6 +48,7 @@ def misfit(bundle: Bundle, chip: str) -> str:
         stored=network.stored,
         delay_bits=network.delay_bits,
         resonators=tuple(neuron.resonators(layer.parameters) for neuron, layer in neurons),
+        peak_state=_peak_state(bundle),
     )
     chosen = profile.load(chip)
     try:
@@ -56,6 +58,12 @@ def misfit(bundle: Bundle, chip: str) -> str:
     if placement is None or not placement.misfits:
         return ""
     return f"the network does not fit {chip}: {placement.misfits[0]}"
+
+
+def _peak_state(bundle: Bundle) -> int:
+    """Return the largest state of the design's validation; 0 where its record has none."""
+    peak = bundle.record.get("peak_state")
+    return int(peak) if isinstance(peak, int | float) and 0 <= peak < math.inf else 0
 
 
 def inputs_of(network: Network) -> dict[str, object]:

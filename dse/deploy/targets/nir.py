@@ -20,7 +20,7 @@ What NIR has no word for is in the graph's metadata:
     Recurrent spikes arrive one step later in both.
   * Delays of inputs, and of synapses of the first layer, are copies of the inputs, fed by whoever runs the
     graph: input d * n_channels + c is channel c, delays[d] steps ago. (Norse and snnTorch do not read the
-    node Delay.) Delays of synapses of later layers are refused.
+    node Delay.) Delays of synapses of later layers, and of axons, are refused.
   * Input spikes arrive on the first of `steps_per_sample` steps.
   * The decision rule.
 
@@ -87,7 +87,7 @@ class Nir:
             return f"NIR holds networks of neurons, and family {bundle.sections.kinds['model']} is none"
         for k, layer in enumerate(network.layers, 1):
             if k > 1 and layer.delay is not None and layer.delay.any():
-                return f"no reader of NIR delays single synapses, and those of layer {k} have their own"
+                return f"no reader of NIR delays spikes in a network, and layer {k} receives some later"
             population = population_of(layer.neuron, layer.parameters)
             if not isinstance(population, cuba_lif.Population):
                 if layer.neuron == "resonator":

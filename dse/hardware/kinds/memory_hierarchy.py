@@ -69,27 +69,29 @@ class MemoryHierarchy(Profile):
         return energy_only(_of_operations(load, figures))
 
 
-def as_lists(load: Workload, weight_bits: int) -> bool:
+def as_lists(load: Workload, weight_bits: float) -> bool:
     """Return whether lists of the weights that are left take less memory than all weights do."""
     if load.stored is None:
         return False
     return sum(load.stored) * (weight_bits + INDEX_BITS) < sum(load.dense) * weight_bits
 
 
-def states_per_neuron(delay_bits: int) -> int:
-    """Return how many states a neuron keeps: current and voltage, and a current per step of delay."""
-    return 2 + (2**delay_bits if delay_bits else 0)
+def n_states(load: Workload, delay_bits: int) -> int:
+    """Return how many states the neurons keep: current and voltage, and a current per step of delay."""
+    delayed = load.delayed or (True,) * len(load.recurrent)
+    later = 2**delay_bits if delay_bits else 0
+    return sum(n * (2 + later * late) for n, late in zip(load.sizes[1:], delayed, strict=True))
 
 
 def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
     """Return the energy per count by cause, (D..., F)."""
-    bits = load.weight_bits + load.delay_bits
+    bits = load.number_bits
     n_weights = sum(load.dense)
     reached: tuple[float, ...] = load.fan_out
     if load.stored is not None and as_lists(load, bits):
         n_weights, bits = sum(load.stored), bits + INDEX_BITS
         reached = reached if load.synapses is None else load.synapses
-    state_bits = sum(load.sizes[1:]) * states_per_neuron(load.delay_bits) * STATE_BITS
+    state_bits = n_states(load, load.delay_bits) * STATE_BITS
     state_bits += load.n_resonators * FACTORS * FACTOR_BITS
     weight = _access_pj(figures, n_weights * bits, bits)
     state, factor = (_access_pj(figures, state_bits, bits) for bits in (STATE_BITS, FACTOR_BITS))
@@ -120,7 +122,7 @@ def _of_operations(load: Operations, figures: Figures) -> dict[str, Floats]:
     }
 
 
-def _access_pj(figures: Figures, stored_bits: float, value_bits: int) -> Floats:
+def _access_pj(figures: Figures, stored_bits: float, value_bits: float) -> Floats:
     """Return the energy of reading or writing one value in the smallest memory that holds all, (D...)."""
     fits = (name for kib, name in _MEMORIES if stored_bits <= kib * 1024 * 8)
     access = figures[next(fits, "dram_pj")]

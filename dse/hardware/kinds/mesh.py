@@ -113,6 +113,9 @@ class Mesh(Profile):
     skips_zero_weights: Number = figure(
         "1", "1 if weights of 0 are neither stored nor cause synaptic events, else 0", claim=True
     )
+    state_bits: Number | None = figure(
+        "1", "bits of a neuron's states, their sign included", whole=True, optional=True
+    )
 
     @functools.cached_property
     def rules(self) -> Rules:
@@ -121,7 +124,7 @@ class Mesh(Profile):
         whole = {
             name: int(getattr(self, name).value)
             for name in Rules.__annotations__
-            if name not in ("skips_zero_weights", "practice")
+            if name not in ("skips_zero_weights", "practice") and getattr(self, name) is not None
         }
         return Rules(
             **whole,

@@ -92,7 +92,7 @@ from dse.hardware.kinds.memory_hierarchy import (
     INDEX_BITS,
     STATE_BITS,
     as_lists,
-    states_per_neuron,
+    n_states,
 )
 from dse.hardware.plan import Misfit, Placement, Plan, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure
@@ -235,7 +235,7 @@ class Processor(Profile):
         """Return the one core, and whether the memories hold the weights and the states."""
         lists = as_lists(load, _stored_bits(load))
         n_weights = sum(load.stored or ()) if lists else sum(load.dense)
-        beside = _bytes(load.delay_bits) + (INDEX_BITS // 8 if lists else 0)
+        beside = _bytes(load.delay_bits) * load.delayed_share + (INDEX_BITS // 8 if lists else 0)
         factors = load.n_resonators * FACTORS * FACTOR_BITS // 8
         misfits = _flash_misfits(n_weights, load.weight_bits, beside, self._flash_bytes, factors)
         misfits += _sram_misfits(load, int(self.sram_kib.value) * 1024)
@@ -452,20 +452,20 @@ def _bytes(bits: int) -> int:
     return 1 << (-(-bits // 8) - 1).bit_length() if bits else 0
 
 
-def _stored_bits(load: Workload) -> int:
+def _stored_bits(load: Workload) -> float:
     """Return the bits that a weight takes in flash, its delay included."""
-    return 8 * (_bytes(load.weight_bits) + _bytes(load.delay_bits))
+    return 8 * (_bytes(load.weight_bits) + _bytes(load.delay_bits) * load.delayed_share)
 
 
 def _flash_misfits(
-    n_weights: int, bits: int, beside: int, flash: int, factors: int = 0, *, is_fixed: bool = False
+    n_weights: int, bits: int, beside: float, flash: int, factors: int = 0, *, is_fixed: bool = False
 ) -> tuple[Misfit, ...]:
     """Return the misfit of the weights, where there is one.
 
     Args:
         n_weights: numbers stored.
         bits: of each.
-        beside: bytes that are stored with each.
+        beside: bytes that are stored with each, in the mean.
         flash: bytes that there are.
         factors: bytes of the neurons' own factors.
         is_fixed: whether numbers cannot be shorter.
@@ -477,11 +477,11 @@ def _flash_misfits(
     types = () if is_fixed else (_bytes(bits) >> halved for halved in range(1, _bytes(bits).bit_length()))
     shorter = next((each for each in types if n_weights * (each + beside) <= flash), None)
     if shorter is None:
-        change = f"at most {flash // size} weights instead of {n_weights}"
+        change = f"at most {flash // size:.0f} weights instead of {n_weights}"
     else:
         change = f"weights of {8 * shorter} bits instead of {bits}"
     left = f" beside {factors} of neurons' factors" if factors else ""
-    text = f"weights of {n_weights * size} bytes, {flash} bytes of flash{left}"
+    text = f"weights of {n_weights * size:.0f} bytes, {flash} bytes of flash{left}"
     return (Misfit("flash_kib", text, change),)
 
 
@@ -490,7 +490,7 @@ def _sram_misfits(load: Workload, sram: int) -> tuple[Misfit, ...]:
     n_neurons = sum(load.sizes[1:])
 
     def needed(delay_bits: int) -> int:
-        return n_neurons * states_per_neuron(delay_bits) * STATE_BITS // 8
+        return n_states(load, delay_bits) * STATE_BITS // 8
 
     if needed(load.delay_bits) <= sram:
         return ()

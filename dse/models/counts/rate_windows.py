@@ -21,7 +21,7 @@ import numpy as np
 
 from dse.models.training import Generators, Training
 from dse.native.compiled import compiled
-from dse.records import Answers, Array, Dataset, Outcome, Parameters, Spikes
+from dse.records import Answers, Array, Dataset, Ints, Outcome, Parameters, Spikes
 from dse.registry import param
 
 Channels = Literal["sum", "each"]
@@ -45,7 +45,9 @@ def window_edges(n_steps: int, step_ms: float, window_ms: float) -> Array:
     return np.append(np.flatnonzero(np.diff(window, prepend=-1)), n_steps).astype(np.int64)
 
 
-def window_counts(spikes: Spikes, samples: Array, start: Array, edges: Array, channels: Channels) -> Array:
+def window_counts(
+    spikes: Spikes, samples: Array, start: Array, edges: Array, channels: Channels | Ints
+) -> Array:
     """Return how many spikes fall into each window, (n, window, channel) int32; one channel for 'sum'.
 
     The work grows with the spikes, and for 'sum' with the windows only.
@@ -55,7 +57,8 @@ def window_counts(spikes: Spikes, samples: Array, start: Array, edges: Array, ch
         samples: (n,) sample numbers.
         start: (n,) stored step at which the first window of each begins.
         edges: (window + 1,) of `window_edges`.
-        channels: 'sum' counts the spikes of all channels together.
+        channels: 'sum' counts the spikes of all channels together; (n_channels,) the group of each, from 0:
+            those of a group together.
 
     Raises:
         ValueError: a window reaches outside the stored steps.
@@ -101,22 +104,23 @@ def event_counts(spikes: Spikes, samples: Array, start: Array, edges_us: Array, 
     return _counted(spikes, borders, channels)
 
 
-def _counted(spikes: Spikes, borders: Array, channels: Channels) -> Array:
-    """Return how many spikes lie between borders, (n, window + 1), by channel or of all together."""
-    if channels == "sum":
+def _counted(spikes: Spikes, borders: Array, channels: Channels | Ints) -> Array:
+    """Return how many spikes lie between borders, (n, window + 1), by channel or group, or of all."""
+    if isinstance(channels, str) and channels == "sum":
         return np.asarray(np.diff(borders, axis=1).astype(np.int32)[:, :, None])
-    counts = np.zeros((len(borders), borders.shape[1] - 1, spikes.n_channels), np.int32)
-    _count(borders, spikes.channel, counts)
+    group = np.arange(spikes.n_channels) if isinstance(channels, str) else channels
+    counts = np.zeros((len(borders), borders.shape[1] - 1, int(group.max(initial=-1)) + 1), np.int32)
+    _count(borders, spikes.channel, group, counts)
     return counts
 
 
 @compiled(_nrt=False)
-def _count(borders: Array, channel: Array, counts: Array) -> None:
-    """Count the spikes `borders[n, w]` to `borders[n, w + 1]` by channel."""
+def _count(borders: Array, channel: Array, group: Array, counts: Array) -> None:
+    """Count the spikes `borders[n, w]` to `borders[n, w + 1]` by the group of their channel."""
     for n in range(counts.shape[0]):
         for w in range(counts.shape[1]):
             for e in range(borders[n, w], borders[n, w + 1]):
-                counts[n, w, channel[e]] += 1
+                counts[n, w, group[channel[e]]] += 1
 
 
 def as_features(counts: Array) -> Array:

@@ -64,6 +64,11 @@ class Cascade(Stack):
                 f"{'max_delay' if self.max_delay else 'max_axonal_delay'} must be 0 in a cascade, "
                 f"whose costs count no delays, got {self.longest_delay}"
             )
+        if self.threshold_exponents and len(self.first_hidden) != len(self.hidden):
+            raise ValueError(
+                "threshold_exponents are those of both stacks of a cascade, whose first_hidden must then "
+                f"have as many layers as hidden, got {len(self.first_hidden)} and {len(self.hidden)}"
+            )
         if self.cross_fit == 1:
             raise ValueError("cross_fit must be 0 or >= 2, got 1")
 
@@ -321,7 +326,7 @@ def _health(
         **second,
         **{name: first[name] + second[name] for name in _ADDED},
         "n_weights": n_weights,
-        "peak_state": max(first["peak_state"], second["peak_state"]),
+        **{name: max(first[name], second[name]) for name in ("peak_state", "peak_thresholds")},
         "overflows_24_bit": first["overflows_24_bit"] or second["overflows_24_bit"],
         "initial_rates": [*first["initial_rates"], *second["initial_rates"]],
         "stopped_early": "; ".join(x for x in stopped if not x.endswith(": ")),

@@ -12,6 +12,7 @@ from dse.engine.batch import DIFFERENTIATED_ROWS, chunk_samples
 from dse.engine.layout import padded
 from dse.models.snn import respond, train
 from dse.models.snn.settings import Stack
+from dse.models.snn.whiten import SAMPLES
 from dse.models.training import FitRequest, Generators, Rung, Span, Training, TrainingDiverged
 from dse.neurons import Neuron
 from dse.records import (
@@ -31,6 +32,7 @@ from dse.registry import register
 # core of a 2023 server CPU (benchmarks/train_step.py). Only their ratios matter.
 _SUM_NS, _SCAN_NS, _UPDATE_NS, _CALL_NS = 0.04, 1.3, 1.2, 3e5
 _DELAY_NS = 0.12  # per synapse with a delay and step
+_BASIS_NS = 0.6  # per number of a basis and neuron
 # Of automatic differentiation: per neuron and step, and per step of a layer and batch.
 _TORCH_CELL_NS, _TORCH_STEP_NS = 150.0, 4e5
 # Tensors of a layer's size that it keeps of every step, and what torch itself takes.
@@ -154,9 +156,25 @@ class SNN(Stack):
         per_weight = 4 * 4 + real + 1 + 8 + (real + 1 if self.pruned else 0)  # which are kept, twice
         # Delays are rounded by a byte, and have the gradient in the workspace as well.
         per_delay = 4 * 3 + real + 1 + 4
-        return sum(a * padded(b) * per_weight for a, b in self.matrices(n_channels, n_classes)) + sum(
-            a * padded(b) * per_delay for a, b in self._delayed(n_channels, n_classes)
-        )
+        weights = sum(a * padded(b) * per_weight for a, b in self._learnt(n_channels, n_classes))
+        delays = sum(a * padded(b) * per_delay for a, b in self._delayed(n_channels, n_classes))
+        # Regions: the matrix of all channels, as it is stored and as it runs.
+        stored = 13 * n_channels * len(self.input_delays) * padded(self.hidden[0]) if self.regions else 0
+        if self.weight_norm:  # the weights beside the directions
+            weights += sum(4 * a * padded(b) for a, b in self._learnt(n_channels, n_classes))
+        # A basis and its transpose, and the counts that it is of.
+        bases = sum(12 * a * a + 20 * SAMPLES * a for a, _ in self._whitened(n_channels, n_classes))
+        return weights + delays + stored + bases
+
+    def _whitened(self, n_channels: int, n_classes: int) -> list[tuple[int, int]]:
+        """Return (inputs, neurons) of the matrices that are learnt in a whitened basis."""
+        return [self.matrices(n_channels, n_classes)[depth] for depth in self.whitened_layers]
+
+    def _learnt(self, n_channels: int, n_classes: int) -> list[tuple[int, int]]:
+        """Return (inputs, neurons) of every weight matrix as it is learnt: channels of a region are one."""
+        first, *deeper = self.matrices(n_channels, n_classes)
+        n_pools = self.regions * len(self.input_delays) or first[0]
+        return [(min(first[0], n_pools), first[1]), *deeper]
 
     def _delayed(self, n_channels: int, n_classes: int) -> list[tuple[int, int]]:
         """Return (inputs, neurons) of the matrices whose synapses have delays."""
@@ -181,8 +199,9 @@ class SNN(Stack):
         real = 8 if self.arithmetic == "ideal" else 4
         columns = [padded(n) for n in (*self.hidden, n_classes)]
         chunk = sum(rows * (n * (real + 4) + n // 8 + 8) for n in columns) + rows * 4 * max(columns)
-        weights = sum(a * padded(b) for a, b in self.matrices(n_channels, n_classes))
-        deeper = weights - self.matrices(n_channels, n_classes)[0][0] * padded(self.hidden[0])
+        learnt = self._learnt(n_channels, n_classes)
+        weights = sum(a * padded(b) for a, b in learnt)
+        deeper = weights - learnt[0][0] * padded(self.hidden[0])
         # Of layers with delays: dL/dz by neuron, twice, trains of bits, and the gradient by the delays.
         late = max(
             (
@@ -211,7 +230,11 @@ class SNN(Stack):
         """
         steps = n_steps * self.steps_per_sample
         columns = [padded(n) for n in (*self.hidden, n_classes)]
-        spikes = [n_events * len(self.input_delays), *(self.initial_rate * steps * h for h in self.hidden)]
+        learnt = self._learnt(n_channels, n_classes)
+        n_spikes = n_events * len(self.input_delays)
+        if self.regions:
+            n_spikes = min(n_spikes, steps * learnt[0][0])
+        spikes = [n_spikes, *(self.initial_rate * steps * h for h in self.hidden)]
         summed = sum(a * b for a, b in zip(spikes, columns, strict=True))
         batches = -(-n_train // training.batch_size)
         if not self.has_kernel:
@@ -220,8 +243,9 @@ class SNN(Stack):
                 _TORCH_CELL_NS * n_train * steps * sum(columns) + _TORCH_STEP_NS * batches * steps * layers
             )
             return 1e-9 * training.epochs * per_epoch
-        weights = sum(a * padded(b) for a, b in self.matrices(n_channels, n_classes))
+        weights = sum(a * padded(b) for a, b in learnt)
         per_sample = _SUM_NS * summed + _SCAN_NS * steps * sum(columns)
         per_sample += _DELAY_NS * steps * sum(a * b for a, b in self._delayed(n_channels, n_classes))
-        per_batch = _UPDATE_NS * weights + _CALL_NS
+        per_batch = _UPDATE_NS * weights * (3 if self.weight_norm else 1) + _CALL_NS
+        per_batch += _BASIS_NS * sum(a * a * padded(b) for a, b in self._whitened(n_channels, n_classes))
         return 1e-9 * training.epochs * (n_train * per_sample + batches * per_batch)

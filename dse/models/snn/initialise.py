@@ -17,16 +17,14 @@ from dse.engine.shared import copies_of, expanded
 from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.neurons import LayerSpec, Population, tiled
-from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.fixed_point import quantise, within_range
+from dse.neurons.response import dc_gain, response_norm
 from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
+_NO_DRIVE = 1e-35  # whose square is 0 in float32
 _LEVELS = 0.25, 0.99
 """Quantiles of the active channels of a region between which levels lie."""
-_LONGEST = 2**16
-"""Steps after which a potential that still grows is taken to have no limit."""
-_IMPULSE = 2.0**-30  # a power of two scales float64 exactly, and so small a drive makes nothing fire
 
 
 def populations_of(
@@ -54,56 +52,18 @@ def populations_of(
     return populations
 
 
-def response_norm(population: Population[Any], n_neurons: int, n_steps: int) -> Floats:
-    """Return the root of the summed squared potential after one unit input spike, (neuron,).
-
-    The response is that to an impulse so small that no neuron fires, against the potential without any.
-    """
-    calculus = NumpyCalculus("ideal")
-    state = population.initial_state((2, n_neurons), calculus)
-    drive, total = np.zeros((2, n_neurons)), np.zeros(n_neurons)
-    drive[1] = _IMPULSE
-    for _ in range(n_steps):
-        state, potential, _ = population.step(state, drive, calculus)
-        total += ((potential[1] - potential[0]) / _IMPULSE) ** 2
-        drive = np.zeros_like(drive)
-    return np.asarray(np.sqrt(total))
-
-
-def dc_gain(population: Population[Any], n_neurons: int) -> Floats:
-    """Return the potential that a constant input of 1 per step ends at, no neuron firing, (neuron,).
-
-    Raises:
-        ValueError: it has no limit, or none above rest.
-    """
-    calculus = NumpyCalculus("ideal")
-    state, drive = population.initial_state((2, n_neurons), calculus), np.zeros((2, n_neurons))
-    drive[1] = _IMPULSE
-    before, steps = np.zeros(n_neurons), 64
-    while steps <= _LONGEST:
-        for _ in range(steps):
-            state, potential, _ = population.step(state, drive, calculus)
-        gain = np.asarray((potential[1] - potential[0]) / _IMPULSE, np.float64)
-        if (gain > 0).all() and np.allclose(gain, before, rtol=1e-6, atol=0):
-            return gain
-        before, steps = gain, 2 * steps
-    raise ValueError(
-        "model.start must be uniform for neurons whose potential has no limit above rest under a constant "
-        "input, got levels"
-    )
-
-
 def levels(rows: Rows, population: Population[Any], n_neurons: int) -> Floats:
     """Return the start `levels` of a layer, (input, neuron): one weight per neuron, for inputs in turn.
 
     The weight onto a neuron of level N is that with which N active channels of the input's pool per step just
     reach the threshold. Levels of an input's neurons are spread evenly on a logarithmic scale over what
-    the probe shows, means over as many steps as the neurons remember.
+    the probe shows, means over as many steps as the neurons remember. Other weights are next to 0, not 0,
+    which would be no weight.
     """
     gain = dc_gain(population, n_neurons)
     memory = float(np.median((gain / response_norm(population, n_neurons, rows.n_steps)) ** 2))
     seen = _mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
-    weights = np.zeros((rows.n_inputs, n_neurons))
+    weights = np.full((rows.n_inputs, n_neurons), _NO_DRIVE)
     for k in range(min(rows.n_inputs, n_neurons)):
         active, neurons = seen[:, k][seen[:, k] > 0], np.arange(k, n_neurons, rows.n_inputs)
         low, high = np.quantile(active, _LEVELS) if active.size else (1.0, 1.0)

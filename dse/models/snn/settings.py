@@ -15,8 +15,9 @@ from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
 from dse.models.snn.regions import RINGS, regions_of
 from dse.models.training import Training
-from dse.neurons import Neuron, cuba_lif
-from dse.neurons.fixed_point import STATE_LIMIT, WEIGHT_SCALE
+from dse.neurons import LayerSpec, Neuron, cuba_lif
+from dse.neurons.fixed_point import STATE_LIMIT, STATE_SCALE
+from dse.neurons.response import dc_gain
 from dse.neurons.surrogate import Exponential, exponential
 from dse.records import Arithmetic, Floats, Ints
 from dse.registry import name_of, param
@@ -143,11 +144,11 @@ class Stack:
     )
     threshold_exponents: tuple[int, ...] = param(
         (),
-        low=0,
+        low=-1,
         high=FINEST,
         doc="of each layer, k: its thresholds and weights are 2**k times as large, which is the same network "
-        "on a finer grid of 8-bit weights (1/32 of 2**-k). Without any: 0, and for a dithered layer the "
-        "largest k whose 8-bit weights hold those that were learnt and whose states stay within 24 bits",
+        "on a finer grid of 8-bit weights (1/32 of 2**-k). -1 (dithered layers): the largest k with which "
+        "8 bits hold the weights that were learnt, and 24 bits the states. Default: -1 if dithered, else 0",
     )
     rounding: Literal["nearest", "dithered"] = param(
         "nearest",
@@ -250,12 +251,6 @@ class Stack:
         n_layers, exponents = len(self.hidden) + 1, self.threshold_exponents
         if not exponents and self.rounding == "nearest":
             return
-        if not exponents and self.recurrent:
-            raise ValueError(
-                "threshold_exponents must be given where a recurrent layer is dithered, whose recurrent "
-                "weights are rounded as they are learnt, got []"
-            )
-        mantissa = WEIGHT_SCALE * getattr(self.neuron, "threshold", math.inf)
         if not self.has_kernel:
             raise ValueError(
                 "threshold_exponents and rounding need neurons with a kernel, got "
@@ -266,7 +261,18 @@ class Stack:
                 f"threshold_exponents must have one exponent for each of the {n_layers} layers, got "
                 f"{list(exponents)}"
             )
-        most = int(math.log2(STATE_LIMIT / (WEIGHT_SCALE * mantissa)))
+        if -1 in exponents[self.rounding == "dithered" :]:
+            raise ValueError(
+                "threshold_exponents must be 0 or more for layers that are not dithered (the first one, with "
+                f"rounding dithered), got {list(exponents)}"
+            )
+        if self.recurrent and self.is_free(0):
+            raise ValueError(
+                "threshold_exponents must be 0 or more where a recurrent layer is dithered, whose recurrent "
+                f"weights are rounded as they are learnt, got {list(exponents)}"
+            )
+        threshold: float = getattr(self.neuron, "threshold", math.inf)
+        most = int(math.log2(STATE_LIMIT / STATE_SCALE / threshold))
         if max(exponents, default=0) > most:
             raise ValueError(
                 f"threshold_exponents must be at most {most}, beyond which the threshold leaves the 24 bits "
@@ -275,13 +281,17 @@ class Stack:
 
     def exponent(self, depth: int) -> int:
         """Return the power of two by which a layer's thresholds and weights are scaled as it trains."""
-        if self.threshold_exponents:
-            return self.threshold_exponents[depth]
-        return FINEST if self.is_dithered(depth) else 0
+        if self.is_free(depth):
+            return FINEST
+        return self.threshold_exponents[depth] if self.threshold_exponents else 0
 
     def is_dithered(self, depth: int) -> bool:
         """Return whether a layer trains without rounding, and is dithered afterwards."""
         return depth == 0 and self.rounding == "dithered"
+
+    def is_free(self, depth: int) -> bool:
+        """Return whether a layer's exponent is chosen after the training."""
+        return self.is_dithered(depth) and (self.threshold_exponents or (-1,))[0] == -1
 
     @property
     def has_kernel(self) -> bool:
@@ -293,6 +303,16 @@ class Stack:
         """The layers, from 0, whose weights are learnt in a whitened basis."""
         last = len(self.hidden)
         return range({"none": last + 1, "output": last, "all": 1}[self.whitened], last + 1)
+
+    def check_step(self, step_ms: float) -> None:
+        """Check that levels can be set for neurons in input steps of this length."""
+        if self.start == "levels":
+            one = LayerSpec(1, False, self.steps_per_sample, step_ms / self.steps_per_sample)
+            dc_gain(self.neuron.population(one, np.random.default_rng(0)), 1)
+
+    def check_channels(self, positions: Ints) -> None:
+        """Check that there is a region for channels at (n_channels, 3) x, y and plane."""
+        self.pool(positions)
 
     @property
     def copies(self) -> int:

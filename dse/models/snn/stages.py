@@ -21,12 +21,13 @@ from dse.engine.forward import prepare
 from dse.engine.member import Stage
 from dse.engine.network import layer_spikes
 from dse.engine.parameters import product
-from dse.models.snn.initialise import deployed, reach_rate, response_norm
+from dse.models.snn.initialise import deployed, reach_rate
 from dse.models.snn.respond import batches_of, counts_of_layers, layers_of
 from dse.models.snn.trainee import Trainee, norm_units, units
 from dse.models.snn.whiten import basis, covariance
 from dse.neurons import population_of
 from dse.neurons.fixed_point import within_range
+from dse.neurons.response import response_norm
 from dse.records import Array, Dataset, Floats, Ints, Network
 
 

@@ -34,6 +34,7 @@ from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response,
 from dse.seeds import move_to, position
 
 PROBE_SAMPLES = 64
+_FEW_DIRECTIONS = 0.5  # per output: what tells so many classes apart is then in small differences
 COLLAPSED = 0.99
 """Share of the samples with one answer that counts as all."""
 
@@ -267,16 +268,20 @@ def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple
     pairs = zip(_trained(trainee, masters), sharing, strict=True) if model.arithmetic == "integer" else ()
     weights = [distinct(w, shared) for w, shared in pairs if w is not None]
     weights[:1] = [w * 2.0 ** (exponent - model.exponent(0)) for w in weights[:1]]
+    rank, n_outputs = whiten.effective_rank(fired[-2]), network.sizes[-1]
     health: dict[str, Any] = {
         "dead_neurons": int(sum((f == 0).sum() for f in totals[1:-1])),
         "saturated_neurons": int(sum((f >= SATURATED * cells).sum() for f in totals[1:-1])) if cells else 0,
         "saturated_outputs": int((totals[-1] >= SATURATED * cells).sum()) if cells else 0,
-        "effective_rank": whiten.effective_rank(fired[-2]),
+        "effective_rank": rank,
+        "collinear_dropout": trainee.training.dropout > 0 and rank < _FEW_DIRECTIONS * n_outputs,
         "collapsed_outputs": _collapsed(dataset, validation),
         "clipped_weights": sum(
             int(np.isin(quantise(w), (LOWEST_WEIGHT, HIGHEST_WEIGHT)).sum()) for w in weights
         ),
         "peak_state": validation.peak_state,
+        "peak_thresholds": validation.peak_state
+        / (STATE_SCALE * max(float(np.max(layer.population.to_threshold)) for layer in layers)),
         "overflows_24_bit": "integer" in model.neuron.arithmetics and validation.peak_state > STATE_LIMIT,
         "missed_initial_rates": sum(
             not 0.5 * target <= reached <= 2 * target for target, reached in trainee.rates
@@ -305,7 +310,7 @@ def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tupl
     with a sixteenth to spare, on validation samples.
     """
     model, first = trainee.model, _trained(trainee, masters)[0]
-    if model.threshold_exponents or not model.is_dithered(0) or first is None:
+    if first is None or not model.is_free(0):
         return model.exponent(0)
     exponent = finest(first * 2.0**-FINEST, FINEST)
     network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)

@@ -332,10 +332,11 @@ def units(weights: Floats, unit: str, scale: float, shared: Ints | None = None, 
         kind = first % n % (n // copies)
         squares = np.bincount(kind, weights.ravel()[first].astype(np.float64) ** 2)
         return np.tile(np.sqrt(squares / np.bincount(kind)), copies).astype(np.float32)
-    squares, n_weights = weights**2, np.count_nonzero(weights, axis=0)
-    mean = squares.mean(axis=0)
-    if (n_weights < len(weights)).any():  # levels: most begin at 0, and move like the one that does not
-        mean = squares.sum(axis=0) / np.maximum(n_weights, 1)
+    powers = weights**2
+    counted = np.count_nonzero(powers, axis=0)
+    mean = powers.mean(axis=0)
+    if (counted < len(weights)).any():  # levels: most begin at next to 0, and move like the one that does not
+        mean = powers.sum(axis=0) / np.maximum(counted, 1)
     return np.asarray(np.sqrt(mean), np.float32)
 
 

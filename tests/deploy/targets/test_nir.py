@@ -164,7 +164,7 @@ def test_what_nir_cannot_hold_is_refused() -> None:
         for k, layer in enumerate(made.fitted.layers)
     ]
     delayed = bundles.bundle(replace(made.fitted, layers=tuple(layers)))
-    reason = "no reader of NIR delays single synapses, and those of layer 2 have their own"
+    reason = "no reader of NIR delays spikes in a network, and layer 2 receives some later"
     assert Nir().refusal(delayed) == reason
     first = bundles.bundle(replace(made.fitted, layers=(layers[0], *made.fitted.layers[1:])))
     assert Nir().refusal(first) == ""

@@ -221,3 +221,15 @@ def test_targets_that_do_not_fit_are_refused() -> None:
         fit(Cascade(first="speed"), data)
     with pytest.raises(ValueError, match=r"cascade needs a joint target, got 1 head"):
         fit(Cascade(), dataclasses.replace(data, heads=()))
+
+
+def test_both_stacks_are_tied_by_region_and_dithered() -> None:
+    """The outputs of the first are inputs of their own, with a weight each."""
+    keys = {**SMALL, "regions": 3, "start": "levels", "rounding": "dithered", "threshold_exponents": (-1, 2)}
+    outcome = fit(Cascade(**keys), joint())
+    for name in ("first/", "second/"):
+        network = of(outcome.network, name)
+        assert network.n_weights == network.n_weights_dense
+        assert [int(x.parameters["threshold"]) for x in network.layers][1] == 320
+    with pytest.raises(ValueError, match="first_hidden must then have as many layers as hidden, got 2 and 1"):
+        Cascade(**{**keys, "first_hidden": (5, 6)})

@@ -13,16 +13,19 @@ from hypothesis import strategies as st
 from benchmarks.ours import rows_of
 from dse.engine.events import Rows, pooled
 from dse.engine.forward import prepare
-from dse.engine.layers import CompiledLayer, laid_out, weights
+from dse.engine.layers import CompiledLayer, has_kernel, laid_out, weights
 from dse.engine.network import gradients
 from dse.engine.stepping import RunningStack
 from dse.models.snn.family import SNN
-from dse.models.snn.initialise import dc_gain, levels
+from dse.models.snn.initialise import levels
 from dse.models.snn.regions import regions_of
 from dse.models.training import FitRequest
 from dse.neurons import cuba_lif
 from dse.neurons.lif import Lif
+from dse.neurons.resonator import Resonator
+from dse.neurons.response import dc_gain
 from dse.neurons.surrogate import exponential
+from dse.neurons.xylo_lif import XyloLif
 from dse.records import Dataset, Network, Outcome
 from tests.models.snn.toy import SHORT, rngs, toy
 
@@ -188,11 +191,22 @@ def test_a_level_fires_a_neuron_from_so_many_active_channels_on() -> None:
     rng = np.random.default_rng(2)
     rows = pooled(rows_of((rng.random((6, 500, 40)) < 0.3).astype(np.uint8)), np.arange(40) % 2)
     start = levels(rows, neurons, 10)
-    np.testing.assert_array_equal(start > 0, np.arange(2)[:, None] == np.arange(10) % 2)
+    assert (start > 0).all()
+    np.testing.assert_array_equal(start > 1e-30, np.arange(2)[:, None] == np.arange(10) % 2)
     level = 1.25 * decays / start.max(axis=0)
     assert ((level > 3) & (level < 9)).all()  # 20 channels of a region fire with 0.3
     assert (np.diff(level.reshape(5, 2), axis=0) > 0).all()
     np.testing.assert_array_equal(start, levels(rows, neurons, 10))
+
+
+@pytest.mark.parametrize("neuron", [Lif(), Resonator(), XyloLif()], ids=["lif", "resonator", "xylo_lif"])
+def test_any_neuron_whose_potential_has_a_limit_starts_by_levels(neuron: Any) -> None:
+    if not has_kernel(neuron.Populations):
+        pytest.importorskip("torch")
+    model = SNN(hidden=(12,), neuron=neuron, arithmetic="float32", regions=3, start="levels")
+    outcome = model.fit(placed(n=24), replace(SHORT, epochs=1, average_epochs=1), rngs())
+    assert 0.01 < outcome.health["initial_rates"][0] < 0.5
+    assert outcome.health["dead_neurons"] < 6
 
 
 def test_levels_need_neurons_whose_potential_has_a_limit() -> None:

@@ -156,12 +156,14 @@ def test_on_the_grid_of_the_threshold_itself_such_weights_are_lost() -> None:
     assert [int(x.parameters["threshold"]) for x in layers] == [80 * 256, 80 * 4]
 
 
-def test_given_exponents_are_those_of_the_network() -> None:
+@pytest.mark.parametrize("given", [3, -1])
+def test_given_exponents_are_those_of_the_network(given: int) -> None:
     data = touched(n=30)
     training = replace(TRAINING, epochs=2)
-    model = SNN(**LEVELS, rounding="dithered", threshold_exponents=(3, 2))
+    model = SNN(**LEVELS, rounding="dithered", threshold_exponents=(given, 2))
     layers = model.fit(data, training, rngs()).network.layers  # type: ignore[union-attr]
-    assert [int(x.parameters["threshold"]) for x in layers] == [80 * 8, 80 * 4]
+    thresholds = [int(x.parameters["threshold"]) for x in layers]
+    assert thresholds[1] == 80 * 4 and (thresholds[0] == 80 * 8) == (given == 3)
 
 
 def test_a_start_moves_by_the_same_share_on_every_grid() -> None:
@@ -186,8 +188,10 @@ def test_a_start_moves_by_the_same_share_on_every_grid() -> None:
         ({"rounding": "dithered", "regions": 3, "arithmetic": "float32"}, "rounding must be nearest without"),
         (
             {"rounding": "dithered", "regions": 3, "recurrent": True},
-            "threshold_exponents must be given where",
+            "must be 0 or more where a recurrent layer",
         ),
+        ({"threshold_exponents": (-1, 1)}, "0 or more for layers that are not dithered"),
+        ({"rounding": "dithered", "regions": 3, "threshold_exponents": (-1, -1)}, "0 or more for layers"),
         ({"threshold_exponents": (1,)}, "one exponent for each of the 2 layers"),
         ({"threshold_exponents": (1, 8), "neuron": cuba_lif.CubaLif(threshold=20.0)}, "must be at most 6"),
         (

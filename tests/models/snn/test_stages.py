@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dse.cli import main
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.parameters import lengths
 from dse.measure import heads
@@ -23,6 +25,7 @@ from dse.testing.small import spikes_of
 from tests.joint_data import joint
 from tests.models.snn.test_train import SHARED, alone, assert_same, own, settled, together
 from tests.models.snn.toy import accuracy, fit, rngs, toy
+from tests.spaces import write_space
 
 LOSS = CountCrossEntropy(0.2)
 
@@ -267,3 +270,28 @@ def test_weight_norm_trains_norms_and_directions() -> None:
 def test_settings_that_contradict_are_refused(make: Callable[[], Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_contradictions_are_refused_in_a_line_each_before_any_work(tmp_path: Path, capsys: Any) -> None:
+    changes = (
+        ("hidden: {choice: [4, 8, 12]}", "hidden: [8], whitened: all, pruned: 0.5"),
+        ("epochs: 1,", "epochs: 4, linear_epochs: 4, lr_schedule: slow,"),
+    )
+    path = write_space(tmp_path, *changes)
+    assert main(["check", str(path)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2 and all(line.startswith(str(path)) for line in lines)
+    assert "lr_schedule" in lines[1] and "whitened" in lines[0]
+
+
+def test_dropout_on_counts_that_move_together_is_recorded() -> None:
+    """One channel drives all hidden neurons, and four classes are to be told by its rate."""
+    rng = np.random.default_rng(0)
+    data, target = toy(n_channels=1, n=120), np.arange(120) % 4
+    spikes = spikes_of(rng.random((120, 40, 1)) < (0.1 + 0.2 * target)[:, None, None], 5.0)
+    data = replace(data, spikes=spikes, target=target, classes=("a", "b", "c", "d"))
+    for dropout in (0.0, 0.2):
+        training = base(epochs=1, linear_epochs=0, dropout=dropout)
+        health = fit(data, SNN(hidden=(15,)), training, rngs()).health
+        assert 1 <= health["effective_rank"] < 2
+        assert health["collinear_dropout"] == (dropout > 0)

@@ -228,14 +228,19 @@ def test_a_class_with_a_single_sample_trains() -> None:
 
 
 @pytest.mark.parametrize(
-    ("n_channels", "hidden", "n_steps", "batch_size"), [(1500, (300,), 60, 16), (6084, (425,), 1000, 8)]
+    ("n_channels", "hidden", "n_steps", "batch_size", "keys"),
+    [
+        (1500, (300,), 60, 16, {}),
+        (6084, (425,), 1000, 8, {}),
+        (1500, (300, 300), 60, 16, {"whitened": "all", "weight_norm": True}),
+    ],
 )
 def test_what_a_cohort_is_said_to_hold_is_not_less_than_what_it_holds(
-    n_channels: int, hidden: tuple[int, ...], n_steps: int, batch_size: int
+    n_channels: int, hidden: tuple[int, ...], n_steps: int, batch_size: int, keys: dict[str, Any]
 ) -> None:
     data = toy(n_channels=n_channels, n_steps=n_steps, n=9, rate=0.02)
-    model, training = SNN(hidden=hidden), base(epochs=1, batch_size=batch_size)
-    alone(toy(), (SNN(hidden=hidden), training), 0)  # compile first
+    model, training = SNN(hidden=hidden, **keys), base(epochs=1, batch_size=batch_size)
+    alone(toy(), (model, training), 0)  # compile first
     tracemalloc.start()
     together(data, [(model, training)] * 3)
     _, peak = tracemalloc.get_traced_memory()

@@ -7,6 +7,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from dse.models.snn.whiten import basis, covariance, effective_rank, eigen
+from tests.study.test_processors import KERNELS, PRODUCT, on
 
 
 def counts(n_samples: int = 300, n: int = 40, seed: int = 0) -> np.ndarray:
@@ -104,6 +105,16 @@ def test_neither_threads_nor_the_order_of_samples_change_a_bit() -> None:
     for matrix, length in results[1:]:
         assert length == results[0][1]
         np.testing.assert_array_equal(matrix, results[0][0])
+
+
+def test_a_basis_has_the_same_bits_with_the_kernels_of_another_processor() -> None:
+    if len({on(kernel, "-c", PRODUCT) for kernel in KERNELS}) == 1:
+        pytest.skip("numpy's linear algebra has no kernels that differ here")
+    program = (
+        "from tests.models.snn.test_whiten import counts; from dse.models.snn.whiten import basis; "
+        "matrix, length = basis(counts(200, 61)); print(matrix.tobytes().hex(), length.hex())"
+    )
+    assert len({on(kernel, "-c", program) for kernel in KERNELS}) == 1
 
 
 def test_the_effective_rank_counts_directions() -> None:

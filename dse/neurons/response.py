@@ -1,0 +1,54 @@
+"""How the potential of neurons answers to inputs so small that none fires."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dse.neurons import Population
+from dse.neurons.calculus import NumpyCalculus
+from dse.records import Floats
+
+_IMPULSE = 2.0**-30  # a power of two scales float64 exactly, and so small a drive makes nothing fire
+_LONGEST = 2**16
+"""Steps after which a potential that still grows is taken to have no limit."""
+
+
+def response_norm(population: Population[Any], n_neurons: int, n_steps: int) -> Floats:
+    """Return the root of the summed squared potential after one unit input spike, (neuron,).
+
+    The response is that to an impulse so small that no neuron fires, against the potential without any.
+    """
+    calculus = NumpyCalculus("ideal")
+    state = population.initial_state((2, n_neurons), calculus)
+    drive, total = np.zeros((2, n_neurons)), np.zeros(n_neurons)
+    drive[1] = _IMPULSE
+    for _ in range(n_steps):
+        state, potential, _ = population.step(state, drive, calculus)
+        total += ((potential[1] - potential[0]) / _IMPULSE) ** 2
+        drive = np.zeros_like(drive)
+    return np.asarray(np.sqrt(total))
+
+
+def dc_gain(population: Population[Any], n_neurons: int) -> Floats:
+    """Return the potential that a constant input of 1 per step ends at, no neuron firing, (neuron,).
+
+    Raises:
+        ValueError: it has no limit, or none above rest.
+    """
+    calculus = NumpyCalculus("ideal")
+    state, drive = population.initial_state((2, n_neurons), calculus), np.zeros((2, n_neurons))
+    drive[1] = _IMPULSE
+    before, steps = np.zeros(n_neurons), 64
+    while steps <= _LONGEST:
+        for _ in range(steps):
+            state, potential, _ = population.step(state, drive, calculus)
+        gain = np.asarray((potential[1] - potential[0]) / _IMPULSE, np.float64)
+        if (gain > 0).all() and np.allclose(gain, before, rtol=1e-6, atol=0):
+            return gain
+        before, steps = gain, 2 * steps
+    raise ValueError(
+        "start must be uniform for neurons whose potential has no limit above rest under a constant "
+        "input, got levels"
+    )
