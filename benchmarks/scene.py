@@ -1,6 +1,7 @@
 """Simulated touch: speed against error of the fast method, beside its slow definition and a peer's pixels.
 
-    python -m benchmarks.scene [error] [speed] [classifier] [peer] [--rounds 3] [--full] [--v2e FOLDER]
+    python -m benchmarks.scene [error] [speed] [classifier] [peer] [--scene neurotac_dvxplorer] [--rounds 3]
+                               [--full] [--v2e FOLDER]
 
 error       four scenes, records of 0.4 s without background: each step of the method against the reference
             (full frame every 0.1 ms); all pins reading the texture in place of those in contact; background
@@ -44,7 +45,6 @@ from dse.scene.camera import start_phases
 from dse.scene.load import load_scene
 from dse.scene.scene import Method, Scene
 
-SCENE = "neurotac_dvxplorer"
 CASES = {
     "denim, constant 28": ("denim", "{kind: constant, speed_mm_s: 28}"),
     "acrylic, accelerating to 42": ("acrylic", "{kind: accelerating, peak_mm_s: 42}"),
@@ -142,10 +142,10 @@ def least(call: Callable[[], Any], rounds: int) -> tuple[float, Any]:
     return best, result
 
 
-def case(texture: str, motion: str, noise_hz: float = 0.0, duration_ms: float = 400.0) -> Scene:
-    """Return the scene of one cell of the 12 x 12."""
+def case(name: str, texture: str, motion: str, noise_hz: float = 0.0, duration_ms: float = 400.0) -> Scene:
+    """Return the scene of one cell of the 12 x 12 of a scene."""
     return load_scene(
-        SCENE,
+        name,
         {
             "textures": f"[{texture}]", "motions": f"[{motion}]", "trials": "1",
             "duration_ms": str(duration_ms), "camera": f"{{noise_hz: {noise_hz}}}",
@@ -188,10 +188,10 @@ def all_read(scene: Scene) -> Block:
         return simulate.events(scene, 0)
 
 
-def error(rounds: int) -> Iterator[Table]:
+def error(of: str, rounds: int) -> Iterator[Table]:
     """Yield a table per scene: time and error of the method's steps."""
     for name, cell in CASES.items():
-        scene = case(*cell)
+        scene = case(of, *cell)
         seconds = scene.duration_ms / 1000
         slow_s, slow = least(partial(seen, scene), 1)
         rows: list[tuple[str, float | None, Likeness | None]] = []
@@ -221,9 +221,9 @@ def error(rounds: int) -> Iterator[Table]:
         yield table
 
 
-def speed(rounds: int) -> Iterator[Table]:
+def speed(of: str, rounds: int) -> Iterator[Table]:
     """Yield how long trials take: the mean of the 12 x 12 scene, standing still, a larger frame."""
-    scene = load_scene(SCENE, {"trials": "1"})
+    scene = load_scene(of, {"trials": "1"})
     seconds = scene.duration_ms / 1000
     pool_grid, n_bins = pools(scene), round(scene.duration_ms)
 
@@ -239,7 +239,7 @@ def speed(rounds: int) -> Iterator[Table]:
         cpu["event list"][k], block = least(partial(simulate.events, scene, k), rounds)
         cpu["raster"][k], (counts, _) = least(partial(raster, scene, k), rounds)
         n_events[k], n_spikes[k] = len(block.t_us), counts.sum()
-    table = Table("whole trials of 1 s", "CPU ms", "x real time", "slowest texture", "fastest", title=SCENE)
+    table = Table("whole trials of 1 s", "CPU ms", "x real time", "slowest texture", "fastest", title=of)
     textures = np.array([scene.cell(k)[0] for k in range(scene.n_trials)])
     for name, cpu_s in cpu.items():
         by = np.array([seconds / cpu_s[textures == i].mean() for i in range(len(scene.textures))])
@@ -259,11 +259,11 @@ def speed(rounds: int) -> Iterator[Table]:
         ("no speed, force constant", {"motions": zero, "variation": "{force_drift: 0}"}),
         ("no speed, force drifts", {"motions": zero}),
     ):
-        of = load_scene(SCENE, {"trials": "1", "textures": "[denim]", **changes})
-        raster(of, 0)
-        cpu_s, _ = least(partial(raster, of, 0), 10 * rounds)
+        quiet = load_scene(of, {"trials": "1", "textures": "[denim]", **changes})
+        raster(quiet, 0)
+        cpu_s, _ = least(partial(raster, quiet, 0), 10 * rounds)
         share = cpu_s / cpu["raster"].mean()
-        n = len(simulate.events(of, 0).t_us)
+        n = len(simulate.events(quiet, 0).t_us)
         still.add_row(name, f"{1e3 * cpu_s:.3f}", f"{100 * share:.2f} %", str(n))
     yield still
 
@@ -272,10 +272,10 @@ def speed(rounds: int) -> Iterator[Table]:
     )
     first = None
     for side in (312, 441, 624):
-        of = case(*CASES["denim, constant 28"], noise_hz=0.1, duration_ms=1000.0)
-        of = replace(of, sensor=replace(of.sensor, frame_px=(side, side)))
-        simulate.raster(of, 0, pools(of), n_bins)
-        cpu_s, _ = least(partial(simulate.raster, of, 0, pools(of), n_bins), 3 * rounds)
+        wide = case(of, *CASES["denim, constant 28"], noise_hz=0.1, duration_ms=1000.0)
+        wide = replace(wide, sensor=replace(wide.sensor, frame_px=(side, side)))
+        simulate.raster(wide, 0, pools(wide), n_bins)
+        cpu_s, _ = least(partial(simulate.raster, wide, 0, pools(wide), n_bins), 3 * rounds)
         first = first or cpu_s
         larger.add_row(
             f"{side} x {side}", f"{side * side}", f"{1e3 * cpu_s:.2f}", f"{100 * cpu_s / first - 100:+.1f} %"
@@ -311,9 +311,9 @@ def accuracy(x: np.ndarray, target: np.ndarray, seed: int) -> float:
     return float(model.score(split[1], split[3]))
 
 
-def classifier(full: bool) -> Iterator[Table]:
+def classifier(of: str, full: bool) -> Iterator[Table]:
     """Yield the accuracy of texture and profile by method."""
-    scene = load_scene(SCENE, {"trials": "10"} | ({} if full else {"textures": SOME_TEXTURES}))
+    scene = load_scene(of, {"trials": "10"} | ({} if full else {"textures": SOME_TEXTURES}))
     shape = f"{len(scene.textures)} x {len(scene.motions)} x {scene.trials} trials"
     cells = np.array([scene.cell(k) for k in range(scene.n_trials)])
     table = Table("method", "CPU s", "texture", "profile", title=f"{shape}, 30 % held out, 2 splits")
@@ -384,12 +384,12 @@ def v2e(model: Any, scene: Scene, step_ms: float) -> tuple[float, Block]:
     return cpu_s, Block(t_us, x.astype(np.int32), y.astype(np.int32), (sign > 0).astype(np.uint8))
 
 
-def peer(rounds: int, folder: Path | None) -> Iterator[Table]:
+def peer(of: str, rounds: int, folder: Path | None) -> Iterator[Table]:
     """Yield our cameras and v2e's pixels on one trial."""
     import logging
 
     name = "denim, constant 28"
-    scene = case(*CASES[name])
+    scene = case(of, *CASES[name])
     scene = replace(scene, camera=replace(scene.camera, refractory_us=0.0))
     seconds = scene.duration_ms / 1000
     table = Table("", "s per s", "events", *Likeness.heads, title=f"{name}, {seconds:g} s")
@@ -422,6 +422,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(parts)}; default: all")
+    parser.add_argument("--scene", default="neurotac_dvxplorer")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--full", action="store_true")
     parser.add_argument("--v2e", type=Path, metavar="FOLDER")
@@ -429,10 +430,10 @@ def main() -> None:
     if unknown := set(arguments.parts) - set(parts):
         parser.error(f"PART must be one of {', '.join(parts)}, got {', '.join(sorted(unknown))}")
     tables = {
-        "error": lambda: error(arguments.rounds),
-        "speed": lambda: speed(arguments.rounds),
-        "classifier": lambda: classifier(arguments.full),
-        "peer": lambda: peer(arguments.rounds, arguments.v2e),
+        "error": lambda: error(arguments.scene, arguments.rounds),
+        "speed": lambda: speed(arguments.scene, arguments.rounds),
+        "classifier": lambda: classifier(arguments.scene, arguments.full),
+        "peer": lambda: peer(arguments.scene, arguments.rounds, arguments.v2e),
     }
     console = Console(width=130)
     for part in arguments.parts or parts:

@@ -7,9 +7,9 @@ State: deflection s of the skin (mm), whether it slips, threshold mu*; X = int (
            until s is within 15 % of the drop; then stick with
            mu* = mu_k + (mu_s - mu_k) e^(-v / v_s) e^(j n) + 0.004,   n ~ N(0, 1) of this slip
 
-With incipient slip the rim of the contact slips before its middle does (Cattaneo, Mindlin). Of the contact the
-share (c / a)^2 = (1 - phi)^(2/3) still sticks, phi being how far s has come from where the stick began, s_0, to
-where it ends, and only that share is carried along, while the rest slides over the texture:
+With incipient slip the rim of the contact slips before its middle does (Cattaneo, Mindlin). The share
+(c / a)^2 = (1 - phi)^(2/3) of the contact still sticks, phi being how far s has come from where the stick
+began, s_0, to where it ends. Only that share carries the skin along; the rest slides over the texture:
 
     stick  ds/dt = v (1 - phi)^(2/3),   phi = (s - s_0) / (mu* F rho(X) / k_t - s_0)
            so (1 - phi)^(1/3) falls linearly with the way, and the stick ends after three times the deflection

@@ -98,11 +98,11 @@ def test_a_sensor_gives_every_number_with_its_evidence(name: str) -> None:
         )
 
 
-@pytest.mark.parametrize("name", ["davis240_49", "dvxplorer_331"])
-def test_a_soft_tip_has_the_other_numbers_of_the_stiff_one(name: str) -> None:
+@pytest.mark.parametrize(("name", "stiffness"), [("davis240_49", 0.15), ("dvxplorer_331", 0.25)])
+def test_a_soft_tip_has_the_other_numbers_of_the_stiff_one(name: str, stiffness: float) -> None:
     stiff, soft = presets.sensors()[name], presets.sensors()[f"{name}_soft"]
     assert (stiff.values()["incipient_slip"], soft.values()["incipient_slip"]) == (False, True)
-    assert soft.values()["stiffness_n_mm"] == 0.15
+    assert soft.values()["stiffness_n_mm"] == stiffness
     same = ("layout", "n_across", "pin_pitch_mm", "frame_px", "modulus_mpa", "dome_radius_mm", "corner_hz")
     assert [soft.numbers[key] for key in same] == [stiff.numbers[key] for key in same]
     changed = {key for key, number in soft.camera.items() if number != stiff.camera[key]}

@@ -18,11 +18,16 @@ from dse.scene.trial import trial
 LATER = slice(150, None)
 """Bins of 10 ms from 1.5 s on."""
 
+AT_12_MM_S = {
+    "motions": "[{kind: constant, speed_mm_s: 12, acceleration_mm_s2: 3000}]",
+    "duration_ms": "2500",
+}
+
 
 @functools.cache
 def psth(name: str) -> np.ndarray:
-    """Return the events (texture, bin of 10 ms) of one trial of 5 s of each texture."""
-    scene = load_scene(name, {"trials": "1"})
+    """Return the events (texture, bin of 10 ms) of one trial of each texture at 12 mm/s."""
+    scene = load_scene(name, {"trials": "1"} | (AT_12_MM_S if "dvxplorer" in name else {}))
     return np.stack([counts(scene, k, 10.0) for k in range(scene.n_trials)])
 
 
@@ -39,10 +44,11 @@ def falls_ms(rates: np.ndarray) -> float:
     return 10.0 * (5 + int(np.argmax(smooth[5:] < later + 0.1 * (onset - later))))
 
 
-def test_the_initial_movement_sends_many_spikes_for_some_500_ms_at_12_mm_s() -> None:
-    soft, hard = psth("natural_textures_soft").mean(axis=0), psth("natural_textures").mean(axis=0)
+@pytest.mark.parametrize("name", ["natural_textures", "neurotac_dvxplorer"])
+def test_the_initial_movement_sends_many_spikes_for_some_500_ms_at_12_mm_s(name: str) -> None:
+    soft, hard = psth(f"{name}_soft").mean(axis=0), psth(name).mean(axis=0)
     assert 350 < falls_ms(soft) < 650
-    assert falls_ms(hard) < 200
+    assert falls_ms(hard) < 250
     assert soft[:50].mean() > 1.5 * soft[LATER].mean()
 
 
@@ -89,24 +95,31 @@ def test_constant_speeds_differ_from_the_start() -> None:
         assert bool(np.all(peaks[:-1].max(axis=1) < peaks[1:].min(axis=1))) == apart, peaks
 
 
-def test_profiles_are_confused_within_their_kind_and_not_across() -> None:
-    """By the nearest mean of log rates of 100 ms, leaving one trial out: the nearest two for each trial."""
-    scene, found = profiles("neurotac_dvxplorer_soft", "wool", 4, 100.0, 1000.0)
+def kinds_of_the_nearest(name: str) -> tuple[float, float]:
+    """Return how often the nearest profile, and the second nearest, are of a trial's own kind.
+
+    By the means of log rates of 100 ms over four trials on wool, one left out.
+    """
+    scene, found = profiles(name, "wool", 4, 100.0, 1000.0)
     kinds = np.array([motion.label.split("_")[0] for motion in scene.motions])
-    rates = np.log1p(found)
-    kind_of_two = []
+    rates, own = np.log1p(found), []
     for left_out in range(4):
         means = np.delete(rates, left_out, axis=1).mean(axis=1)
         distance = np.linalg.norm(rates[:, left_out, None] - means, axis=-1)
-        kind_of_two.append(kinds[np.argsort(distance, axis=1)[:, :2]] == kinds[:, None])
-    first, second = np.mean(kind_of_two, axis=(0, 1))
-    assert first > 0.95
-    assert second > 0.7
+        own.append(kinds[np.argsort(distance, axis=1)[:, :2]] == kinds[:, None])
+    first, second = np.mean(own, axis=(0, 1))
+    return float(first), float(second)
+
+
+def test_profiles_are_confused_within_their_kind_and_not_across() -> None:
+    soft, hard = kinds_of_the_nearest("neurotac_dvxplorer_soft"), kinds_of_the_nearest("neurotac_dvxplorer")
+    assert soft[0] > 0.95 > hard[0]
+    assert soft[1] > 0.85 > hard[1]
 
 
 @pytest.mark.parametrize(
     ("name", "most_mm"),
-    [("neurotac_dvxplorer_soft", 0.5), ("natural_textures_soft", 0.5), ("pin_arrays_soft", 0.1)],
+    [("neurotac_dvxplorer_soft", 0.1), ("natural_textures_soft", 0.5), ("pin_arrays_soft", 0.1)],
 )
 def test_trials_start_where_arm_and_cloth_leave_them(name: str, most_mm: float) -> None:
     scene = load_scene(name)
