@@ -108,9 +108,9 @@ def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
     rows = [{**run.columns, **(run.hardware[profile] if profile else {})} for run in runs]
     columns: dict[str, Any] = {}
     for name in dict.fromkeys(name for row in rows for name in row):
-        values: list[Any] = [row.get(name) for row in rows]
+        values = [row.get(name) for row in rows]
         if name in _WORST and None not in values:
-            columns[name] = max(values)
+            columns[name] = max(x for x in values if x is not None)
         else:
             columns[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
     if len(rows) > 1:
