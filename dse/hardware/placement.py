@@ -81,7 +81,7 @@ class Architecture:
     stored: tuple[int, ...] | None = None
     cores: tuple[int, ...] | None = None
     peak_state: int = 0
-    delayed: tuple[bool, ...] | None = None
+    delayed: tuple[bool, ...] = ()
 
     @functools.cached_property
     def axons(self) -> tuple[int, ...]:
@@ -138,7 +138,7 @@ def _format(bits: int, rules: Rules) -> int:
 
 def _width(net: Architecture, rules: Rules, layer: int) -> int:
     """Return the bits per stored synapse of a layer, counted from 0 after the input."""
-    is_delayed = net.delayed is None or net.delayed[layer]
+    is_delayed = not net.delayed or net.delayed[layer]
     width = _format(net.weight_bits, rules) + net.delay_bits * is_delayed
     return width + rules.synapse_index_bits if _is_pruned(net, layer) else width
 

@@ -560,7 +560,7 @@ def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path:
 def test_real_networks_do_not_depend_on_cohorts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     space = load_space(spaces.write_space(tmp_path, ("search: {sampler: grid, batch: 2}", "")))
     with monkeypatch.context() as patch:
-        patch.setattr(runs, "_LONGEST_S", {"cpu": 0.0})
+        patch.setattr(runs, "_LONGEST_S", 0.0)
         alone = explore.run(space, tmp_path / "alone", progress=False)
     counts: list[int] = []
     plain = runs.Runs._planned
