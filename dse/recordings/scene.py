@@ -190,6 +190,8 @@ class SceneTrials:
         numbers = dataclasses.asdict(dataclasses.replace(scene, name=""))
         if scene.randomised_force_n is None:
             del numbers["randomised_force_n"]
+        if not scene.sensor.incipient_slip:  # as randomised_force_n, added later: data sets keep their names
+            del numbers["sensor"]["incipient_slip"]
         kinds = [type(motion).__name__ for motion in scene.motions]
         text = json.dumps([simulate.VERSION, kinds, numbers], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
