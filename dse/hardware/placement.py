@@ -108,7 +108,7 @@ def architecture(load: Workload, rules: Rules) -> Architecture:
     stored = load.stored if rules.skips_zero_weights else None
     beyond = load.peak_state if load.peak_state > rules.state_limit else 0
     bits = load.weight_bits, load.delay_bits
-    return Architecture(load.sizes, load.recurrent, *bits, stored, load.cores, beyond, load.delayed)
+    return Architecture(load.sizes, load.recurrent, *bits, stored, load.cores, beyond, load.delayed or ())
 
 
 @functools.lru_cache(maxsize=1 << 14)
