@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from dse import registry, store
+from dse.config.yaml_lines import dump
 from dse.figures import draw
 from dse.figures.image import static_image
 from dse.recordings.scene import SceneTrials
@@ -29,11 +30,11 @@ from dse.report.designs import best, sections_of
 from dse.report.ours import Side
 from dse.report.papers import Redrawn, publication
 from dse.report.rows import number
-from dse.study.results import Study
+from dse.study.results import Study, plain_space
 from dse.text import markdown
 
 _COMPARED, _README = "compared.csv", "README.md"
-_KEPT = ("search_space.yaml", "environment.json", "trials.parquet", "points.parquet")
+_KEPT = ("environment.json", "trials.parquet", "points.parquet")
 _JOURNAL, _SMALL_BYTES = "journal.log", 64_000
 _PNG_SCALE = 1.0
 _SHOWN = (
@@ -83,11 +84,15 @@ def _is_empty(folder: Path) -> bool:
 
 
 def _keep(study: Path, kept: Path) -> None:
-    """Copy the tables of a study, not its runs."""
+    """Copy the tables of a study, not its runs; plugins are named without their folders of this machine."""
     kept.mkdir(parents=True)
     for name in _KEPT:
         if (study / name).is_file():
             shutil.copyfile(study / name, kept / name)
+    space = plain_space(study / store.SPACE)
+    if plugins := space.get("plugins"):
+        space["plugins"] = [Path(str(name)).name for name in plugins]
+    store.write_sealed_text(kept / store.SPACE, dump(space))
     journal = study / _JOURNAL
     if journal.is_file() and journal.stat().st_size <= _SMALL_BYTES:
         shutil.copyfile(journal, kept / _JOURNAL)

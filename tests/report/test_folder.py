@@ -10,6 +10,7 @@ import plotly.graph_objects
 import pytest
 
 from dse.cli import main
+from dse.study.results import plain_space
 from tests.report.made import write
 
 SECTIONS = {
@@ -65,6 +66,18 @@ def test_what_it_keeps_of_a_study_can_be_read(study: Path, capsys: pytest.Captur
         *("points.parquet", "search_space.yaml", "trials.parquet")
     ]
     assert pd.read_parquet(kept / "points.parquet").equals(pd.read_parquet(study / "points.parquet"))
+
+
+def test_it_names_no_folder_of_this_machine(study: Path) -> None:
+    space = study / "search_space.yaml"
+    plugin = study.parent / "finger.py"
+    space.write_text(f"plugins: [{plugin}]\n{space.read_text()}")
+    assert made() == 0
+    kept = plain_space(Path("paper/ridges/search_space.yaml"))
+    assert kept.pop("plugins") == ["finger.py"]
+    written = plain_space(space)
+    assert written.pop("plugins") == [str(plugin)]
+    assert kept == written
 
 
 def test_made_anew_it_is_the_same(study: Path) -> None:
