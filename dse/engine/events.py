@@ -36,8 +36,9 @@ class Rows:
     def per_input(self) -> Ints:
         """Return the number of spikes per sample and input, (sample, input)."""
         sample = np.repeat(np.arange(self.n_samples), np.diff(self.offsets[:: self.n_steps]))
-        counts = np.bincount(sample * self.n_inputs + self.index, minlength=self.n_samples * self.n_inputs)
-        return counts.reshape(self.n_samples, self.n_inputs)
+        place, times = sample * self.n_inputs + self.index, self.times if self.times.size else None
+        counts = np.bincount(place, times, self.n_samples * self.n_inputs)
+        return counts.reshape(self.n_samples, self.n_inputs).astype(np.int64)
 
     def listed(self, first: int = 0) -> Ints:
         """Return sample, step and input of every spike, (n_spikes, 3) int32; samples count from `first`."""

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.ours import rows_of
 from dse.engine import cpu
+from dse.engine.events import pooled
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
@@ -75,3 +76,11 @@ def test_threads_change_no_bit() -> None:
             engine.step(rows, labels, {0: turn})
     for a, b in zip(*(x.masters(0).feed_forward for x in engines), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_pooled_rows_count_every_spike() -> None:
+    rows = rows_of((np.random.default_rng(0).random((3, 20, 6)) < 0.4).astype(np.uint8))
+    pool = np.array([0, 1, 0, 2, 1, 0])
+    by_input = rows.per_input()
+    expected = np.stack([by_input[:, pool == k].sum(axis=1) for k in range(3)], axis=1)
+    np.testing.assert_array_equal(pooled(rows, pool).per_input(), expected)
