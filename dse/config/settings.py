@@ -401,19 +401,19 @@ class Training:
         0.67, low=0, low_open=True, high=1, doc="factor on the learning rate at each step of the schedule"
     )
     lr_every: int = param(20, low=1, unit="epochs", doc="epochs between steps of the schedule")
-    linear_epochs: int = param(
+    output_epochs: int = param(
         0,
         low=0,
         unit="epochs",
-        doc="first epochs, in which a linear softmax readout of the last hidden layer's spike counts is "
-        "trained in place of the spiking outputs, which then begin with its weights; moments and schedule of "
-        "the learning rate begin anew (spiking networks)",
+        doc="first epochs, in which the outputs learn alone: the spikes of hidden layers are computed once, "
+        "in the windows that are evaluated. Outputs begin as a softmax readout of their counts; moments and "
+        "schedule of the learning rate begin anew afterwards (spiking networks)",
     )
-    linear_learning_rate: float | None = param(
+    output_learning_rate: float | None = param(
         None,
         low=0,
         low_open=True,
-        doc="step size of Adam in these epochs; of the readout in log-odds (default: learning_rate)",
+        doc="step size of Adam in these epochs (default: learning_rate)",
     )
     average_epochs: int = param(
         1, low=1, unit="epochs", doc="the final weights are the mean over this many last epochs"
@@ -508,8 +508,10 @@ class Training:
                 "dilation changes speeds and durations: it needs dilation_keeps_label: true, your statement "
                 f"that the label does not depend on them, got [{low:g}, {high:g}]"
             )
-        if self.linear_epochs >= self.epochs:
-            raise ValueError(f"linear_epochs must be below epochs ({self.epochs}), got {self.linear_epochs}")
+        if self.output_epochs > self.epochs:
+            raise ValueError(
+                f"output_epochs must be at most epochs ({self.epochs}), got {self.output_epochs}"
+            )
 
     @property
     def augmentation(self) -> tuple[Hashable, ...]:
@@ -518,12 +520,12 @@ class Training:
         return () if ways == (0, (1, 1), 0, 0) else ways
 
     def rate(self, epoch: float) -> float:
-        """Return the learning rate at a time in epochs; its schedule begins anew after the linear ones."""
-        rate, length = self.learning_rate, self.epochs - self.linear_epochs
-        if epoch < self.linear_epochs:
-            rate, length = self.linear_learning_rate or rate, self.linear_epochs
+        """Return the learning rate at a time in epochs; its schedule begins anew after the outputs' own."""
+        rate, length = self.learning_rate, self.epochs - self.output_epochs
+        if epoch < self.output_epochs:
+            rate, length = self.output_learning_rate or rate, self.output_epochs
         else:
-            epoch -= self.linear_epochs
+            epoch -= self.output_epochs
         rising = min(1.0, (epoch + 1e-3) / self.warmup_epochs) if self.warmup_epochs else 1.0
         if self.lr_schedule == "cosine":
             return rate * rising * (1 + math.cos(math.pi * epoch / length)) / 2

@@ -23,19 +23,16 @@ from torch import Tensor
 from dse.engine.adam import adam
 from dse.engine.batch import DIFFERENTIATED_ROWS
 from dse.engine.events import Rows, pooled
-from dse.engine.goal import LINEAR, SPIKE_RATE, Goal, n_correct
+from dse.engine.goal import SPIKE_RATE, Goal, n_correct
 from dse.engine.layers import Weights, check_inputs
 from dse.engine.losses import Loss
 from dse.engine.member import (
     Masters,
     Member,
     Report,
-    Stage,
     State,
     Turn,
     as_part,
-    begun_arrays,
-    begun_of,
     of_part,
 )
 from dse.engine.parameters import lengths, normed, whitened
@@ -194,7 +191,6 @@ def run(
     goal: Goal,
     shift: bool = True,
     soft: Floats | None = None,
-    is_linear: bool = False,
 ) -> Pass:
     """Run some samples through a stack.
 
@@ -209,10 +205,9 @@ def run(
         goal: what training minimises.
         shift: whether layers hand their spikes on one step later.
         soft: of the batch, (sample, class) probabilities in place of the labels; None: the labels.
-        is_linear: the last matrix reads the counts of the layer below out, in place of a layer.
     """
-    y, fired, of_layers, n_layers = None, [], [], len(matrices) - is_linear
-    parts = list(zip(matrices, populations, calculi, gains, strict=True))[:n_layers]
+    y, fired, of_layers = None, [], []
+    parts = zip(matrices, populations, calculi, gains, strict=True)
     for (weight, ring), population, calculus, gain in parts:
         if y is None:
             drive = first_drive(rows, samples, weight)
@@ -227,12 +222,7 @@ def run(
         of_layers.append(spikes)
         y = later(spikes) if shift else spikes
     assert y is not None
-    if is_linear:
-        gain = gains[-1]
-        read = y.sum(0) if gain is None else y.sum(0) * torch.as_tensor(gain[samples], device=y.device)
-        goal, y = dataclasses.replace(goal, loss=LINEAR), (read @ matrices[-1][0])[None]
-    counts = y.detach().sum(0).cpu().numpy()
-    counts = counts if is_linear else np.rint(counts).astype(np.int64)
+    counts = np.rint(y.detach().sum(0).cpu().numpy()).astype(np.int64)
     loss = loss_of(y, labels[samples], goal, None if soft is None else soft[samples])
     if goal.hidden_spike_penalty:
         hidden = of_layers[: len(matrices) - 1]
@@ -322,7 +312,7 @@ class _Matrix:
         norm_unit: Floats | None = None,
         basis: Floats | None = None,
     ) -> _Matrix:
-        """Return a matrix at its start; arguments as in TrainedLayer and Stage."""
+        """Return a matrix at its start; arguments as in TrainedLayer."""
 
         def tensor(x: Array | float) -> Tensor:
             return torch.tensor(x, dtype=torch.float32, device=device)
@@ -355,10 +345,6 @@ class _Matrix:
         if not self.are_weights and arithmetic == "integer":
             weights = weights.clamp(LOWEST_WEIGHT, HIGHEST_WEIGHT)
         return weights.cpu().numpy().copy()
-
-    def forget(self) -> None:
-        """Begin Adam's moments anew."""
-        self.first, self.second = ([torch.zeros_like(x) for x in self.parameters] for _ in range(2))
 
     def prune(self, kept: Array) -> None:
         mask = torch.as_tensor(kept, device=self.parameters[0].device)
@@ -411,7 +397,7 @@ class _Network:
         self._real = [depth for depth, x in enumerate(member.layers) if not x.is_rounded]
         self._device = device
         self._matrices = [
-            _Matrix.of(device, x.feed_forward, x.unit, x.shared, x.norm_unit) for x in member.layers
+            _Matrix.of(device, x.feed_forward, x.unit, x.shared, x.norm_unit, x.basis) for x in member.layers
         ]
         self._rings = [
             None
@@ -420,23 +406,6 @@ class _Network:
             for x in member.layers
         ]
         self._steps = 0
-        self._is_linear = False
-        self._begun: Mapping[int, Mapping[str, Array]] = {}
-
-    def begin(self, stage: Stage) -> None:
-        """Begin a part of the training; see dse.engine.member.Engine."""
-        self._steps = 0
-        for matrix in (*self._matrices, *self._rings):
-            if matrix is not None:
-                matrix.forget()
-        begun = stage.begun(self.masters().feed_forward, [m.units[0].cpu().numpy() for m in self._matrices])
-        self._lay_out(begun, stage.is_linear)
-
-    def _lay_out(self, begun: Mapping[int, Mapping[str, Array]], is_linear: bool) -> None:
-        """Make the matrices that a stage begins with from arguments of `_Matrix.of`."""
-        self._begun, self._is_linear = begun, is_linear
-        for depth, arrays in begun.items():
-            self._matrices[depth] = _Matrix.of(self._device, **arrays)
 
     def _as_run(self, matrix: _Matrix) -> Tensor:
         is_rounded = self._weights_in(matrix) == "integer"
@@ -446,8 +415,7 @@ class _Network:
     def _weights_in(self, matrix: _Matrix) -> Arithmetic:
         """Return the arithmetic of a matrix, which need not be rounded where states are integers."""
         real = {id(self._matrices[d]) for d in self._real}
-        is_readout = self._is_linear and matrix is self._matrices[-1]
-        is_real = self._arithmetic == "integer" and (is_readout or id(matrix) in real)
+        is_real = self._arithmetic == "integer" and id(matrix) in real
         return "float32" if is_real else self._arithmetic
 
     def step(self, rows: Rows, labels: Ints, turn: Turn) -> Report:
@@ -458,7 +426,7 @@ class _Network:
             matrix.parameters = [x.detach().requires_grad_() for x in matrix.parameters]
         moved = [x for matrix in trained for x in matrix.parameters]
         totals = [torch.zeros_like(x) for x in moved]
-        loss, counts, fired = 0.0, [], np.zeros(len(self._sizes) - self._is_linear)
+        loss, counts, fired = 0.0, [], np.zeros(len(self._sizes))
         size = max(1, DIFFERENTIATED_ROWS // max(1, rows.n_steps))
         for first in range(0, rows.n_samples, size):
             samples = slice(first, min(first + size, rows.n_samples))
@@ -476,7 +444,6 @@ class _Network:
                 turn.gains,
                 self._goal,
                 soft=turn.soft,
-                is_linear=self._is_linear,
             )
             loss += float(done.loss.detach())
             counts.append(done.counts)
@@ -523,7 +490,7 @@ class _Network:
 
     def state(self) -> dict[str, Array]:
         """Return what training goes on from; see dse.engine.member.Engine."""
-        arrays = {"steps": np.array(self._steps)} | begun_arrays(self._begun, self._is_linear)
+        arrays = {"steps": np.array(self._steps)}
         for depth, (matrix, ring) in enumerate(zip(self._matrices, self._rings, strict=True)):
             arrays |= as_part(f"{depth}/feed_forward", matrix.state())
             arrays |= {} if ring is None else as_part(f"{depth}/recurrent", ring.state())
@@ -532,7 +499,6 @@ class _Network:
     def restore(self, state: State) -> None:
         """Go on from a state; see dse.engine.member.Engine."""
         self._steps = int(state["steps"])
-        self._lay_out(*begun_of(state, len(self._matrices)))
         for depth, (matrix, ring) in enumerate(zip(self._matrices, self._rings, strict=True)):
             matrix.restore(of_part(state, f"{depth}/feed_forward"))
             if ring is not None:
@@ -556,10 +522,6 @@ class AutogradEngine:
                 check_inputs(of_pools, self._n_inputs[number])
                 reports[number] = self._networks[number].step(of_pools, labels, turn)
             return reports
-
-    def begin(self, member: int, stage: Stage) -> None:
-        """Begin a part of a member's training with the weights as they stand."""
-        self._networks[member].begin(stage)
 
     def prune(self, member: int, kept: Masters) -> None:
         """Set the weights of a member that are not kept to 0, for good."""

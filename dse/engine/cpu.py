@@ -14,7 +14,6 @@ from dse.engine.batch import Batch, batch_of, chunk_samples
 from dse.engine.decays import Decays
 from dse.engine.delays import Delays
 from dse.engine.events import Rows, pooled
-from dse.engine.goal import LINEAR
 from dse.engine.layers import GRID, NO_DELAY, KernelLayer, layer_of, padded_ring, precision
 from dse.engine.layout import aligned, packed, padded, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
@@ -22,13 +21,10 @@ from dse.engine.member import (
     Masters,
     Member,
     Report,
-    Stage,
     State,
     TrainedLayer,
     Turn,
     as_part,
-    begun_arrays,
-    begun_of,
     of_part,
 )
 from dse.engine.parameters import (
@@ -116,11 +112,6 @@ class _Matrix:
         after = [x.restored(of_part(state, str(k))) for k, x in enumerate(others, 1)]
         return replace(self, parameters=(first.restored(state), *after)).run_anew()
 
-    def forget(self) -> None:
-        """Begin Adam's moments anew."""
-        for part in self.parameters:
-            part.first[:] = part.second[:] = 0
-
     def pull(self) -> None:
         """Go from the gradient by the weights to that by the parameters."""
         if self.form is not None:
@@ -153,7 +144,7 @@ def _matrix(
     norm_unit: Array | None = None,
     basis: Array | None = None,
 ) -> _Matrix:
-    """Return a matrix at its start, (input, neuron); arguments as in TrainedLayer and Stage."""
+    """Return a matrix at its start, (input, neuron); arguments as in TrainedLayer."""
     (n_rows, n), kind = weights.shape, precision(arithmetic)
     rounding = (float(GRID), _LOWEST, _HIGHEST) if arithmetic == "integer" else ()
     gradient, size = aligned(n_rows * padded(n), kind), n_rows * padded(n)
@@ -193,7 +184,7 @@ class _Network:
         kind = member.arithmetic
         self.is_rounded = [x.is_rounded for x in member.layers]
         self.matrices = [
-            _matrix(x.feed_forward, x.unit, self._weights_in(d), x.shared, x.norm_unit)
+            _matrix(x.feed_forward, x.unit, self._weights_in(d), x.shared, x.norm_unit, x.basis)
             for d, x in enumerate(member.layers)
         ]
         self.rings = [_ring(x, kind) for x in member.layers]
@@ -207,30 +198,11 @@ class _Network:
         self.layers = [_layer(x, m, r, late, kind) for x, m, r, late in parts]
         self._run_decays()
         self.steps = self.delay_steps = self.decay_steps = 0
-        self.is_linear = False
-        self.begun: Mapping[int, Mapping[str, Array]] = {}
 
-    def _weights_in(self, depth: int, is_readout: bool = False) -> Arithmetic:
+    def _weights_in(self, depth: int) -> Arithmetic:
         """Return the arithmetic of a layer's weights, which need not be rounded where states are integers."""
-        is_real = self.arithmetic == "integer" and (is_readout or not self.is_rounded[depth])
+        is_real = self.arithmetic == "integer" and not self.is_rounded[depth]
         return "float32" if is_real else self.arithmetic
-
-    def begin(self, stage: Stage) -> None:
-        """Begin a part of the training; see dse.engine.member.Engine."""
-        self.steps = 0
-        for matrix in (*self.matrices, *self.rings):
-            if matrix is not None:
-                matrix.forget()
-        begun = stage.begun(self.masters().feed_forward, [m.unit for m in self.matrices])
-        self._lay_out(begun, stage.is_linear)
-
-    def _lay_out(self, begun: Mapping[int, Mapping[str, Array]], is_linear: bool) -> None:
-        """Make the matrices that a stage begins with from arguments of `_matrix`."""
-        self.begun, self.is_linear = begun, is_linear
-        for depth, arrays in begun.items():
-            is_readout = is_linear and depth == len(self.matrices) - 1
-            self.matrices[depth] = _matrix(arithmetic=self._weights_in(depth, is_readout), **arrays)
-            self.layers[depth] = self.layers[depth]._replace(table=self.matrices[depth].table)
 
     def step(
         self,
@@ -243,33 +215,27 @@ class _Network:
         """Train on a batch."""
         self.steps += 1
         factors = [common_factor(gain) for gain in turn.gains]
-        running = slice(0, len(self.layers) - self.is_linear)
-        delays = self.delays[running]
+        delays = self.delays
         by_decays = [
             np.zeros((2, 0 if d is None or not turn.decay_learning_rate else x.n_columns))
-            for d, x in zip(self.decays[running], self.layers[running], strict=True)
+            for d, x in zip(self.decays, self.layers, strict=True)
         ]
         done = learn(
-            self.layers[running],
+            self.layers,
             self.sizes,
             batch,
             labels,
-            replace(self.goal, loss=LINEAR) if self.is_linear else self.goal,
+            self.goal,
             turn.gains,
             1,
             spaces,
-            [m.gradient for m in self.matrices[running]],
-            [_NOTHING if r is None else r.gradient for r in self.rings[running]],
+            [m.gradient for m in self.matrices],
+            [_NOTHING if r is None else r.gradient for r in self.rings],
             [_NOTHING if d is None or not turn.delay_learning_rate else d.gradient for d in delays],
             threads,
             turn.soft,
-            self.matrices[-1].masters() if self.is_linear else None,
             by_decays,
         )
-        if done.by_readout is not None:
-            readout = self.matrices[-1]
-            readout.gradient[:] = packed(done.by_readout, readout.gradient.dtype)
-            factors[-1] = 1.0  # which its inputs have already
         parts = [
             *zip(self.matrices, factors, strict=True),
             *((ring, 1.0) for ring in self.rings if ring is not None),
@@ -288,12 +254,12 @@ class _Network:
                     late.update(turn.delay_learning_rate, self.delay_steps)
         if turn.decay_learning_rate:
             self.decay_steps += 1
-            for decays, by_keep in zip(self.decays[running], by_decays, strict=True):
+            for decays, by_keep in zip(self.decays, by_decays, strict=True):
                 if decays is not None:
                     decays.update(by_keep, turn.decay_learning_rate, self.decay_steps)
             self._run_decays()
         cells = batch.rows.n_samples * batch.rows.n_steps
-        fired = zip(done.n_fired, self.sizes[running], strict=True)
+        fired = zip(done.n_fired, self.sizes, strict=True)
         return Report(
             done.loss,
             done.correct,
@@ -336,7 +302,6 @@ class _Network:
     def state(self) -> dict[str, Array]:
         """Return what training goes on from; see dse.engine.member.Engine."""
         arrays = {"steps": np.array([self.steps, self.delay_steps, self.decay_steps])}
-        arrays |= begun_arrays(self.begun, self.is_linear)
         parts = zip(self.matrices, self.rings, self.delays, self.decays, strict=True)
         for depth, (matrix, ring, late, decays) in enumerate(parts):
             arrays |= as_part(f"{depth}/feed_forward", matrix.state())
@@ -348,7 +313,6 @@ class _Network:
     def restore(self, state: State) -> None:
         """Go on from a state; see dse.engine.member.Engine."""
         self.steps, self.delay_steps, self.decay_steps = state["steps"].tolist()
-        self._lay_out(*begun_of(state, len(self.matrices)))
         for depth, (late, decays) in enumerate(zip(self.delays, self.decays, strict=True)):
             of_layer = of_part(state, str(depth))
             ring = self.rings[depth]
@@ -428,10 +392,6 @@ class CpuEngine:
             network, space = self._networks[number], self._spaces[number]
             reports[number] = network.step(batches[key], labels, turn, space, self._threads)
         return reports
-
-    def begin(self, member: int, stage: Stage) -> None:
-        """Begin a part of a member's training with the weights as they stand."""
-        self._networks[member].begin(stage)
 
     def prune(self, member: int, kept: Masters) -> None:
         """Set the weights of a member that are not kept to 0, for good."""

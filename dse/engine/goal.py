@@ -8,14 +8,11 @@ from typing import Any
 import numpy as np
 
 from dse.engine.losses import Loss, Outputs
-from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.losses.spike_rate import SpikeRate
 from dse.records import Array
 
 SPIKE_RATE: Loss = SpikeRate()
 """The loss where none is named."""
-LINEAR: Loss = CountCrossEntropy(count_scale=1.0)
-"""That of a linear softmax readout, over log-odds in place of counts."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from dse.engine.events import ONCE
 from dse.engine.goal import Goal, by_spike, n_correct
 from dse.engine.layers import KernelLayer, run
 from dse.engine.layout import LANES, aligned, padded, width_at
-from dse.engine.parameters import product
 from dse.native.compiled import compiled
 from dse.records import Array
 
@@ -226,15 +225,11 @@ class Workspace:
 
 @dataclass(frozen=True)
 class Pass:
-    """Loss of a batch (or of a part of it), correct answers, and each layer's number of spikes.
-
-    by_readout: gradient by the weights of a linear readout, float64; None: there is none.
-    """
+    """Loss of a batch (or of a part of it), correct answers, and each layer's number of spikes."""
 
     loss: float
     correct: int
     n_fired: Array
-    by_readout: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -245,7 +240,6 @@ class _Lesson:
     back: per layer, the weights by which the layer below hears of it; the first has none.
     ring_back: the same of recurrent weights.
     learns_delays, learns_decays: per layer, whether the gradient by its delays or decays is needed.
-    readout: (neuron, class) float64 weights from the last layer's counts to log-odds; None: it is the output.
     """
 
     running: Sequence[KernelLayer]
@@ -261,12 +255,6 @@ class _Lesson:
     ring_back: Sequence[Array]
     learns_delays: Sequence[bool]
     learns_decays: Sequence[bool]
-    readout: Array | None
-
-    @property
-    def n_hidden(self) -> int:
-        """How many of the layers that run are hidden."""
-        return len(self.running) - (self.readout is None)
 
 
 def learn(
@@ -283,7 +271,6 @@ def learn(
     delay_gradients: Sequence[Array] = (),
     threads: Executor | None = None,
     soft: Array | None = None,
-    readout: Array | None = None,
     decay_gradients: Sequence[Array] = (),
 ) -> Pass:
     """Add the gradients of a batch's loss by every weight, before the gains' common factors.
@@ -296,8 +283,7 @@ def learn(
         batch: input spikes.
         labels: output neurons of the labels, (sample,), or (sample, head).
         goal: what training minimises.
-        gains: per layer, (sample, input) factors of its input spikes, 0 or one common value; or None. Those
-            of a readout follow.
+        gains: per layer, (sample, input) factors of its input spikes, 0 or one common value; or None.
         shift: steps by which a layer hands its spikes on later.
         spaces: buffers, one per chunk that may run at a time; all but the first hold first-layer gradients.
         gradients: per layer, in blocks; added to.
@@ -305,12 +291,10 @@ def learn(
         delay_gradients: the same of delays, times the gains' common factors; empty where none are learnt.
         threads: runs chunks side by side where there are several spaces.
         soft: (sample, class) probabilities in place of the labels; None: the labels.
-        readout: (neuron, class) weights; the goal's loss is of the last layer's spike counts times these, in
-            place of its counts.
         decay_gradients: per layer, (2, column) dL/d(1 - decay), added to; (2, 0) where none is learnt.
     """
     kind = spaces[0].slope[0].dtype
-    factors = [common_factor(gain) for gain in gains[: len(layers)]]
+    factors = [common_factor(gain) for gain in gains]
     nothing = np.zeros(0, kind)
     lesson = _Lesson(
         [x._replace(table_unit=x.table_unit * f) for x, f in zip(layers, factors, strict=True)],
@@ -326,10 +310,8 @@ def learn(
         [_turned(x.ring, x.ring_unit, x.n_columns, x.n_columns, kind) for x in layers],
         [gradient.size > 0 for gradient in delay_gradients] or [False] * len(layers),
         [gradient.size > 0 for gradient in decay_gradients] or [False] * len(layers),
-        None if readout is None else readout.astype(np.float64),
     )
     loss, correct, n_fired = 0.0, 0, np.zeros(len(layers), np.int64)
-    by_readout = None if readout is None else np.zeros(readout.shape)
     n_chunks = len(batch.starts) - 1
     for first in range(0, n_chunks, len(spaces)):
         wave = range(first, min(first + len(spaces), n_chunks))
@@ -340,8 +322,6 @@ def learn(
             loss += part.loss
             correct += part.correct
             n_fired += part.n_fired
-            if by_readout is not None and part.by_readout is not None:
-                by_readout += part.by_readout
             space = spaces[number]
             _add(gradients[0 if number else 1 :], space.gradients[0 if number else 1 :])
             _add(ring_gradients, space.ring_gradients)
@@ -349,7 +329,7 @@ def learn(
             for total, summed in zip(decay_gradients, space.decay_gradients, strict=False):
                 total += summed[:, : total.shape[1]]
                 summed[:] = 0
-    return Pass(loss, correct, n_fired, by_readout)
+    return Pass(loss, correct, n_fired)
 
 
 def _add(totals: Sequence[Array], parts: Sequence[Array]) -> None:
@@ -367,29 +347,19 @@ def _learn_chunk(lesson: _Lesson, chunk: int, space: Workspace, first_gradient: 
 
     last, n_steps, n = len(lesson.running) - 1, lesson.batch.rows.n_steps, end - first
     labels, goal, n_neurons = lesson.labels[first:end], lesson.goal, lesson.n_neurons[last]
-    readout, gain = lesson.readout, gains[-1]
     soft = None if lesson.soft is None else lesson.soft[first:end]
-    outputs = goal.outputs(labels, n_steps, n_neurons if readout is None else readout.shape[1], soft)
+    outputs = goal.outputs(labels, n_steps, n_neurons, soft)
     ends = np.array(outputs.lengths) - lesson.shift
     n_columns = lesson.running[last].n_columns
     counts = np.zeros((n, len(ends), n_columns), np.int64)
     kernels.spike_counts(space.fired[last], n, n_steps, n_columns // LANES, ends, counts)
     counts = counts.cumsum(axis=1)[..., :n_neurons]
-    by_readout = None
-    if readout is None:
-        loss, by_count = goal.loss.gradient(counts, outputs)
-    else:
-        inputs = counts[:, -1] * np.ones(1) if gain is None else counts[:, -1] * gain.astype(np.float64)
-        counts = product(inputs, readout)[:, None]
-        loss, by_odds = goal.loss.gradient(counts, outputs)
-        by_readout = product(inputs.T, by_odds[:, 0])
-        by_count = product(by_odds[:, 0], readout.T)[:, None] * (1.0 if gain is None else gain[:, None])
-
+    loss, by_count = goal.loss.gradient(counts, outputs)
     _backward(lesson, chunk, n, gains, by_spike(by_count), ends, space, first_gradient)
     total = float(loss)
     if goal.hidden_spike_penalty:
-        total += goal.hidden_spike_penalty * int(n_fired[: lesson.n_hidden].sum())
-    return Pass(total, n_correct(counts[:, -1], labels, goal.heads), n_fired, by_readout)
+        total += goal.hidden_spike_penalty * int(n_fired[:-1].sum())
+    return Pass(total, n_correct(counts[:, -1], labels, goal.heads), n_fired)
 
 
 def _forward(lesson: _Lesson, first: int, end: int, gains: Sequence[Array | None], space: Workspace) -> Array:
@@ -460,7 +430,7 @@ def _backward(
         by_column[:, : lesson.n_neurons[d]] = factors
         # Delays of the layer above have put all that a spike does to the loss into the surrogates.
         follows = d < last and lesson.running[d + 1].delay.size > 0
-        penalised = bool(lesson.goal.hidden_spike_penalty) and d < lesson.n_hidden and not follows
+        penalised = bool(lesson.goal.hidden_spike_penalty) and d < last and not follows
         penalty = aligned(layer.n_columns if penalised else 0, kind)
         penalty[: lesson.n_neurons[d]] = lesson.goal.hidden_spike_penalty
         ring_back, shift = lesson.ring_back[d], 0 if follows else lesson.shift

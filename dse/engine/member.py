@@ -7,11 +7,9 @@ returns an `Engine`, ready for batches of at most `n_samples` samples of `n_step
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
-
-import numpy as np
 
 from dse.engine.events import Rows
 from dse.engine.goal import SPIKE_RATE, Goal
@@ -40,6 +38,8 @@ class TrainedLayer:
     learnt_decays: no, or a pair of decays that CUBA-LIF neurons learn per layer or per neuron.
     norm_unit: (neuron,) what a learning rate of 1 moves the norm of each neuron's weights by, where these are
         g v / |v| (dse.engine.parameters); None: they are no such product.
+    basis: (input, rank) float32 M of weights that are W0 + M A, with W0 these (dse.engine.parameters), in
+        place of the norm; None: they are themselves.
     """
 
     feed_forward: Floats
@@ -55,39 +55,7 @@ class TrainedLayer:
     axonal: bool = False
     learnt_decays: str = "no"
     norm_unit: Floats | None = None
-
-
-@dataclass(frozen=True)
-class Stage:
-    """What a part of the training begins with: Adam's moments are 0 again, and its steps count from 1.
-
-    bases: by layer, the M of a matrix that is W0 + M A (dse.engine.parameters), (input, rank) float32; W0 is
-        the matrix as it stands.
-    is_linear: the last layer does not run: its weights times the spike counts of the layer below are the
-        log-odds of a softmax, whose cross-entropy is the loss. They are not rounded.
-    output: the last layer with weights and units of its own; None: as it stands.
-    """
-
-    bases: Mapping[int, Floats]
-    is_linear: bool = False
-    output: TrainedLayer | None = None
-
-    def begun(self, weights: Sequence[Floats], units: Sequence[Floats]) -> dict[int, dict[str, Array]]:
-        """Return what matrices are made anew of, by layer: weights, unit, and what else its layer has.
-
-        Args:
-            weights: of each layer as they stand.
-            units: of each layer.
-        """
-        made = {d: {"weights": weights[d], "unit": units[d], "basis": x} for d, x in self.bases.items()}
-        if self.output is not None:
-            last, layer = len(weights) - 1, self.output
-            own = {name: getattr(layer, name) for name in ("unit", "shared", "norm_unit")}
-            own["weights"] = layer.feed_forward
-            made[last] = made.get(last, {}) | {
-                name: array for name, array in own.items() if array is not None
-            }
-        return made
+    basis: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -135,20 +103,6 @@ def as_part(part: str, state: State) -> dict[str, Array]:
     return {f"{part}/{name}": x for name, x in state.items()}
 
 
-def begun_arrays(begun: Mapping[int, State], is_linear: bool) -> dict[str, Array]:
-    """Return what the matrices of a stage were made of (`Stage.begun`) as a state; nothing of no stage."""
-    arrays = {"is_linear": np.array(is_linear)} if begun else {}
-    for depth, made in begun.items():
-        arrays |= as_part(f"{depth}/begun", made)
-    return arrays
-
-
-def begun_of(state: State, n_layers: int) -> tuple[dict[int, Mapping[str, Array]], bool]:
-    """Return what the matrices of a stage were made of, by layer, and whether its readout is linear."""
-    made = {depth: of_part(state, f"{depth}/begun") for depth in range(n_layers)}
-    return {depth: x for depth, x in made.items() if x}, bool(state.get("is_linear", False))
-
-
 @dataclass(frozen=True)
 class Turn:
     """What one member does with a batch.
@@ -175,7 +129,7 @@ class Report:
 
     loss: with what hidden spikes add to it, summed over the batch.
     correct: samples whose most active output (lowest number on ties) is the label, in every head.
-    fired: per layer that runs, mean spikes per neuron and step.
+    fired: per layer, mean spikes per neuron and step.
     gradient_norm: Euclidean norm over all parameters, before clipping; NaN or infinite where a gradient is.
     """
 
@@ -222,10 +176,6 @@ class Engine(Protocol):
 
         Labels are output neurons: (sample,), or (sample, head) of members with several heads.
         """
-        ...
-
-    def begin(self, member: int, stage: Stage) -> None:
-        """Begin a part of a member's training with the weights as they stand."""
         ...
 
     def prune(self, member: int, kept: Masters) -> None:

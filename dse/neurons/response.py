@@ -50,5 +50,5 @@ def dc_gain(population: Population[Any], n_neurons: int) -> Floats:
         before, steps = gain, 2 * steps
     raise ValueError(
         "start must be uniform for neurons whose potential has no limit above rest under a constant "
-        "input, got levels"
+        "input, got contrasts"
     )

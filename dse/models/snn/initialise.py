@@ -14,17 +14,19 @@ from dse.engine.delays import running
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
 from dse.engine.shared import copies_of, expanded
+from dse.models.snn.contrasts import CANDIDATES, candidates
 from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
-from dse.neurons import LayerSpec, Population, tiled
+from dse.neurons import LayerSpec, Population, name_of_population, parameters_of, population_of, tiled
 from dse.neurons.fixed_point import quantise, within_range
-from dse.neurons.response import dc_gain, response_norm
+from dse.neurons.response import response_norm
 from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
-_NO_DRIVE = 1e-35  # whose square is 0 in float32
-_LEVELS = 0.25, 0.99
-"""Quantiles of the active channels of a region between which levels lie."""
+
+Chooser = Callable[[Floats, Population[Any], int], Ints]
+"""Return which of some candidates for a first layer stay, given their weights (input, neuron), their neurons
+and how many are to stay."""
 
 
 def populations_of(
@@ -50,37 +52,6 @@ def populations_of(
         population = tiled(model.neuron.population(spec, rng), copies)
         populations.append(finer(population, model.exponent(depth)))
     return populations
-
-
-def levels(rows: Rows, population: Population[Any], n_neurons: int) -> Floats:
-    """Return the start `levels` of a layer, (input, neuron): one weight per neuron, for inputs in turn.
-
-    The weight onto a neuron of level N is that with which N active channels of the input's pool per step just
-    reach the threshold. Levels of an input's neurons are spread evenly on a logarithmic scale over what
-    the probe shows, means over as many steps as the neurons remember. Other weights are next to 0, not 0,
-    which would be no weight.
-    """
-    gain = dc_gain(population, n_neurons)
-    memory = float(np.median((gain / response_norm(population, n_neurons, rows.n_steps)) ** 2))
-    seen = _mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
-    weights = np.full((rows.n_inputs, n_neurons), _NO_DRIVE)
-    for k in range(min(rows.n_inputs, n_neurons)):
-        active, neurons = seen[:, k][seen[:, k] > 0], np.arange(k, n_neurons, rows.n_inputs)
-        low, high = np.quantile(active, _LEVELS) if active.size else (1.0, 1.0)
-        level = low * (high / low) ** ((np.arange(neurons.size) + 0.5) / neurons.size)
-        weights[k, neurons] = (population.to_threshold / gain)[neurons] / level
-    return weights
-
-
-def _mean_counts(rows: Rows, n_steps: int) -> Floats:
-    """Return the mean spikes per step of every input over whole stretches of steps, (stretch, input)."""
-    n_stretches = rows.n_steps // n_steps
-    sample, step = np.divmod(np.repeat(np.arange(rows.offsets.size - 1), np.diff(rows.offsets)), rows.n_steps)
-    stretch = np.minimum(step // n_steps, n_stretches)  # the last holds what is left over
-    cell = (sample * (n_stretches + 1) + stretch) * rows.n_inputs + rows.index
-    shape = rows.n_samples, n_stretches + 1, rows.n_inputs
-    counts = np.bincount(cell, rows.times if rows.times.size else None, math.prod(shape)).reshape(shape)
-    return np.asarray(counts[:, :-1].reshape(-1, rows.n_inputs) / n_steps)
 
 
 def deployed(
@@ -134,17 +105,39 @@ def _arriving(rows: Rows, shared: Ints | None) -> float:
     return float(reached[rows.index].sum())
 
 
+def _contrasts(
+    rows: Rows,
+    model: Stack,
+    population: Population[Any],
+    n: int,
+    rng: np.random.Generator,
+    choose: Chooser | None,
+) -> tuple[Floats, Population[Any], Ints]:
+    """Return the weights of a first layer of contrasts, its neurons, and which candidates they were."""
+    copies = -(-max(CANDIDATES, 4 * n) // n)
+    many = tiled(population, copies)
+    weights = candidates(rows, many, copies * n, model.most_peak, rng)
+    picked = np.arange(n) if choose is None else choose(weights, many, n)
+    parameters = {k: x if x.ndim == 0 else x[picked] for k, x in parameters_of(many).items()}
+    left = population_of(name_of_population(many, model.neuron), parameters)
+    return weights[:, picked], left, picked
+
+
 @dataclass(frozen=True)
 class Start:
     """Master weights, (input, neuron), and per layer the target spike rate and the one reached.
 
     delays: master delays, (input, neuron) float32; None where synapses have none.
+    populations: the layers' neurons.
+    chosen: which candidates of a start by contrasts the first layer is; None: another start.
     """
 
     feed_forward: list[Floats]
     recurrent: list[Floats | None]
     rates: list[tuple[float, float]]
     delays: list[Floats | None]
+    populations: list[Population[Any]]
+    chosen: Ints | None = None
 
 
 def initialise(
@@ -155,6 +148,7 @@ def initialise(
     rng: np.random.Generator,
     n_heads: int = 1,
     of_delays: np.random.Generator | None = None,
+    choose: Chooser | None = None,
 ) -> Start:
     """Draw weights and scale each layer, as deployed, until it fires at a given rate on a probe batch.
 
@@ -163,8 +157,8 @@ def initialise(
     8-bit rounding that would silence a layer of many inputs. An output neuron starts with weights that
     cancel over the mean input, plus a common share that is searched for the mean of its targets: outputs
     that start elsewhere are pushed as one into a silence that the loss does not leave. The first layer of
-    a start by levels is as `levels` returns it, and all layers of one by fan_in are as drawn, whatever their
-    rates.
+    a start by contrasts is chosen from candidates (dse.models.snn.contrasts), and all layers of one by fan_in
+    are as drawn, whatever their rates.
 
     Args:
         rows: probe batch of input spikes.
@@ -175,14 +169,21 @@ def initialise(
         n_heads: of the output, each with one neuron that is to fire.
         of_delays: draws delays, of synapses uniform in [0, model.max_delay], of axons in [0, 1); None: there
             are none.
+        choose: candidates of a start by contrasts; None: the first ones stay.
     """
+    populations, picked = list(populations), None
     feed_forward: list[Floats] = []
     recurrent: list[Floats | None] = []
     delays: list[Floats | None] = []
     rates = []
     sharing = model.sharing(n_outputs)
     within = within_range if model.arithmetic == "integer" else np.asarray
-    for depth, (n, population) in enumerate(zip((*model.hidden, n_outputs), populations, strict=True)):
+    for depth, n in enumerate((*model.hidden, n_outputs)):
+        is_contrasts = depth == 0 and model.start == "contrasts"
+        if is_contrasts:
+            contrasts, population, picked = _contrasts(rows, model, populations[0], n, rng, choose)
+            populations[0] = population
+        population = populations[depth]
         cells = max(1, rows.n_samples * rows.n_steps)
         unit = population.to_threshold / response_norm(population, n, rows.n_steps)
         shared = sharing[depth]
@@ -196,10 +197,9 @@ def initialise(
         fixed: Floats | float = 0.0
         ring = None
         target = model.initial_rate
-        is_levels = depth == 0 and model.start == "levels"
-        as_drawn = is_levels or is_fan_in
-        if is_levels:
-            drawn = levels(rows, population, n)
+        as_drawn = is_contrasts or is_fan_in
+        if is_contrasts:
+            drawn = contrasts
         if depth == len(model.hidden) and not is_fan_in:
             share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
             fixed = spread * (drawn - sum_of_products(drawn.T, share))
@@ -245,4 +245,4 @@ def initialise(
         delays.append(late)
         rates.append((reached if as_drawn else target, reached))
         rows = delayed(forward(gain).fired)
-    return Start(feed_forward, recurrent, rates, delays)
+    return Start(feed_forward, recurrent, rates, delays, populations, picked)

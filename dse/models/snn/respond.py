@@ -9,6 +9,7 @@ import numpy as np
 from dse.engine.events import Rows, gather
 from dse.engine.forward import Prepared, prepare
 from dse.engine.network import Answer, answer, layer_spikes
+from dse.measure.heads import head_answers, head_targets
 from dse.models.snn.initialise import deployed
 from dse.neurons import population_of
 from dse.neurons.fixed_point import STATE_SCALE
@@ -46,6 +47,13 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
         None if network.is_full else synapses(network, counts),
     )
     return response, counts
+
+
+def accuracy(network: Network, dataset: Dataset) -> float:
+    """Return the share of the validation samples that are answered rightly, of several heads in all."""
+    counts = respond(network, dataset, dataset.validation).output.sum(axis=1, dtype=np.int64)
+    right = head_answers(dataset, counts) == head_targets(dataset, dataset.validation)
+    return float(right.all(axis=1).mean())
 
 
 def spikes_of_layers(network: Network, dataset: Dataset, samples: Array) -> list[Ints]:

@@ -24,6 +24,7 @@ from dse.registry import name_of, param
 
 FINEST = 8
 """Largest exponent of a layer's thresholds and weights."""
+_USUAL = 3  # that of dithered layers for which it is chosen after the training
 
 
 @dataclass(frozen=True)
@@ -112,14 +113,14 @@ class Stack:
         "lie on a line), whose channels share one weight to each neuron of the first layer; planes "
         "(polarities, thresholds) and delayed copies have weights of their own; 0: every channel has",
     )
-    start: Literal["uniform", "levels", "fan_in"] = param(
+    start: Literal["uniform", "contrasts", "fan_in"] = param(
         "uniform",
-        choices=("uniform", "levels", "fan_in"),
+        choices=("uniform", "contrasts", "fan_in"),
         doc="initial weights. uniform: drawn, scaled to `initial_rate`; fan_in: drawn up to `weight_scale` "
-        "over the root of a layer's inputs, whatever rate that gives, as torch and lava-dl do; levels, of "
-        "the first layer (needs `regions`): a region per neuron, in turn, with the weight that fires the "
-        "neuron from so many active channels of the region per step on; these levels are spread over what "
-        "the training data show",
+        "over the root of a layer's inputs, whatever rate that gives, as torch and lava-dl do; contrasts, of "
+        "the first layer: one channel (or region) excites a neuron and another inhibits it, and of at least "
+        "four times as many such neurons those stay that a linear readout of their spike counts misses most, "
+        "less hidden_spike_penalty times their spikes",
     )
     weight_scale: float = param(
         1.0,
@@ -229,10 +230,8 @@ class Stack:
             raise ValueError("weight_norm must be false where channels share weights (regions), got true")
         if self.start == "fan_in" and self.regions:
             raise ValueError(
-                "start must be uniform or levels where channels share weights (regions), got fan_in"
+                "start must be uniform or contrasts where channels share weights (regions), got fan_in"
             )
-        if self.start == "levels" and not self.regions:
-            raise ValueError("regions must be > 0 for start levels, got 0")
         if self.rounding == "dithered" and not (self.regions and self.arithmetic == "integer"):
             raise ValueError(
                 "rounding must be nearest without regions or integer arithmetic, got dithered with "
@@ -294,6 +293,15 @@ class Stack:
         return self.is_dithered(depth) and (self.threshold_exponents or (-1,))[0] == -1
 
     @property
+    def most_peak(self) -> float:
+        """Thresholds that potentials of a start by contrasts are to stay within: half of what states hold."""
+        if self.arithmetic != "integer":
+            return math.inf
+        exponent = _USUAL if self.is_free(0) else self.exponent(0)
+        threshold: float = getattr(self.neuron, "threshold", 1.0)
+        return max(1.0, STATE_LIMIT / STATE_SCALE / threshold / 2.0 ** (exponent + 1))
+
+    @property
     def has_kernel(self) -> bool:
         """Whether kernels train it; if not, automatic differentiation of its neurons' definition does."""
         return has_kernel(self.neuron.Populations)
@@ -305,8 +313,8 @@ class Stack:
         return range({"none": last + 1, "output": last, "all": 1}[self.whitened], last + 1)
 
     def check_step(self, step_ms: float) -> None:
-        """Check that levels can be set for neurons in input steps of this length."""
-        if self.start == "levels":
+        """Check that contrasts can be set for neurons in input steps of this length."""
+        if self.start == "contrasts":
             one = LayerSpec(1, False, self.steps_per_sample, step_ms / self.steps_per_sample)
             dc_gain(self.neuron.population(one, np.random.default_rng(0)), 1)
 
@@ -367,5 +375,5 @@ class Stack:
         """Return what designs must have in common to train on the same batches."""
         return (
             *(self.has_kernel, self.input_delays, self.steps_per_sample),
-            *(training.batch_size, training.input_dropout, training.augmentation),
+            *(training.batch_size, training.output_epochs, training.input_dropout, training.augmentation),
         )

@@ -8,29 +8,32 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dse.engine import engines
-from dse.engine.events import Rows, gather, without
+from dse.engine.events import Rows, gather, pooled, without
+from dse.engine.forward import prepare
+from dse.engine.goal import is_label
+from dse.engine.layers import weights as layer_weights
 from dse.engine.member import Masters, as_part, of_part
 from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
-from dse.models.snn import prune, whiten
+from dse.models.snn import contrasts, prune, whiten
 from dse.models.snn.augment import Augmentation
+from dse.models.snn.outputs import train_outputs
 from dse.models.snn.quantise import dithered, finer, finest
-from dse.models.snn.respond import batches_of, layers_of, respond, respond_and_count
+from dse.models.snn.respond import accuracy, batches_of, counts_of_layers, layers_of, respond_and_count
 from dse.models.snn.settings import FINEST, Stack
-from dse.models.snn.stages import spiking_outputs, stage_of
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.neurons import Population, cuba_lif, name_of_population, parameters_of
 from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
-from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response, Spikes
+from dse.records import Array, Dataset, Floats, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
 
 PROBE_SAMPLES = 64
@@ -76,7 +79,7 @@ def train(
     if len({design.model.shares(design.training) for design in designs}) != 1:
         raise ValueError(
             "the designs of a cohort must agree in input_delays, steps_per_sample, batch_size, "
-            "input_dropout and augmentation, and in whether their neurons have a kernel"
+            "output_epochs, input_dropout and augmentation, and in whether their neurons have a kernel"
         )
     designs = [design._replace(model=design.model.placed(dataset.positions)) for design in designs]
     model, training = designs[0].model, designs[0].training
@@ -94,12 +97,34 @@ def train(
     chosen = shared("probe").permutation(dataset.train)[:PROBE_SAMPLES]
     probe = rows_of(dataset.spikes, chosen, dataset.start[chosen])
     clock = _Clock()
-    trainees = []
-    for number, design in enumerate(designs):
+    counted = shared("whitening").permutation(dataset.train)[: whiten.SAMPLES]
+    heads = head_sizes(dataset)
+    targets = is_label(output_labels(dataset, counted), sum(heads))
+    trainees, begun = [], [of_part(read(), "start") for read in span.states] or [{} for _ in designs]
+    for number, (design, found) in enumerate(zip(designs, begun, strict=True)):
         pool = design.model.pool(dataset.positions)
-        trainees.append(
-            Trainee.start(number, design, probe, dataset.spikes.step_ms, head_sizes(dataset), pool)
-        )
+
+        def choose(
+            weights: Floats,
+            population: Population[Any],
+            n: int,
+            model: Stack = design.model,
+            found: Mapping[str, Array] = found,
+            pool: Ints | None = pool,
+        ) -> Ints:
+            if "chosen" in found:
+                return found["chosen"]
+            is_whole = model.arithmetic == "integer" and not model.is_dithered(0)
+            matrix = quantise(weights) if is_whole else weights.astype(np.float32)
+            layer = prepare(layer_weights(matrix, None, population), model.arithmetic)
+            parts = np.split(counted, range(PROBE_SAMPLES, counted.size, PROBE_SAMPLES))
+            windows = (rows_of(dataset.spikes, part, dataset.start[part]) for part in parts)
+            fired = [layer.forward(pooled(rows, pool)).fired.per_input() for rows in windows]
+            return contrasts.chosen(np.concatenate(fired), targets, n, model.hidden_spike_penalty)
+
+        trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, heads, pool, choose))
+        trainees[-1].begun |= found
+        trainees[-1].lay()
         trainees[-1].seconds += clock.lap()
     teachers, live = Teachers(dataset, shared, device, threads), []
     for trainee in trainees:
@@ -116,23 +141,24 @@ def train(
         live.append(trainee)
     if not live:
         return
-    size = min(training.batch_size, dataset.train.size)
-    engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
-    counted = shared("whitening").permutation(dataset.train)[: whiten.SAMPLES]
 
     def deployed(trainee: Trainee, masters: Masters) -> Network:
         exponent = _exponent(trainee, masters, dataset, delays)
         return _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
 
-    def deployable(trainee: Trainee, masters: Masters) -> Masters:
-        """Return a design's masters with weights of spiking outputs."""
-        if not trainee.is_linear:
-            return masters
-        network, rate = deployed(trainee, masters), trainee.rates[-1][0]
-        outputs, reached = spiking_outputs(network, dataset, chosen, head_sizes(dataset), rate)
-        trainee.rates[-1] = rate, reached
-        return replace(masters, feed_forward=(*masters.feed_forward[:-1], outputs))
-
+    clock.lap()
+    for trainee in [] if span.states else live:
+        if training.output_epochs:
+            network, draws = deployed(trainee, trainee.at_start), designs[trainee.number].rngs("outputs")
+            train_outputs(trainee, network, dataset, chosen, draws, device, threads)
+        missing = [d for d in trainee.model.whitened_layers if f"basis/{d}" not in trainee.begun]
+        if missing and not (trainee.diverged or trainee.finished):
+            of_layers = counts_of_layers(deployed(trainee, trainee.at_start), dataset, counted)
+            trainee.begun |= {f"basis/{d}": whiten.basis(of_layers[d - 1])[0] for d in missing}
+            trainee.lay()
+        trainee.seconds += clock.lap()
+    size = min(training.batch_size, dataset.train.size)
+    engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
     for trainee, read in zip(trainees, span.states, strict=bool(span.states)):
         state = read()
         trainee.restore(state)
@@ -141,28 +167,33 @@ def train(
             move_to(rng, state[f"shared/{name}"])
         del state  # before the next one takes memory
     n_batches = -(-dataset.train.size // training.batch_size)
-    done = {len(trainee.history["loss"]) for trainee in live}
-    if len(done) != 1:
-        raise ValueError(f"the designs of a cohort must go on from the same epoch, got {sorted(done)}")
-    (epoch,) = done
 
     def state_of(trainee: Trainee) -> dict[str, Array]:
         draws = {f"shared/{name}": position(rng) for name, rng in shared_draws.items()}
         return trainee.state() | draws | as_part("engine", engine.state(trainee.number))
 
+    def ended() -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
+        for trainee in live:
+            if trainee.diverged:
+                yield trainee.number, TrainingDiverged(trainee.diverged)
+            elif trainee.finished:
+                yield trainee.number, _outcome(trainee, trainee.result, dataset, delays)
+
     clock.lap()
+    yield from ended()
+    live = [x for x in live if not (x.diverged or x.finished)]
+    done = {len(trainee.history["loss"]) for trainee in live} or {training.epochs}
+    if len(done) != 1:
+        raise ValueError(f"the designs of a cohort must go on from the same epoch, got {sorted(done)}")
+    (epoch,) = done
     while live:
         if span.until is not None and epoch >= span.until:
             for trainee in live:
-                masters = trainee.best or deployable(trainee, engine.masters(trainee.number))
+                masters = trainee.best or engine.masters(trainee.number)
                 outcome = _outcome(trainee, masters, dataset, delays)
                 yield trainee.number, Rung(epoch, state_of(trainee), outcome)
             return
         for trainee in live:
-            if trainee.has_stages and epoch in (0, trainee.training.linear_epochs):
-                network = deployed(trainee, deployable(trainee, engine.masters(trainee.number)))
-                engine.begin(trainee.number, stage_of(trainee, epoch, network, dataset, counted))
-                trainee.seconds += clock.lap()
             if trainee.model.pruned and epoch == trainee.pruned_at:
                 trainee.kept = prune.masks(engine.masters(trainee.number), trainee.model.pruned)
                 engine.prune(trainee.number, trainee.kept)
@@ -195,16 +226,10 @@ def train(
             masters = engine.masters(trainee.number)
             trainee.end_epoch(masters, epoch, order.size)
             if trainee.training.keep == "best" and not trainee.diverged:
-                masters = deployable(trainee, masters)
-                trainee.consider(masters, _accuracy(deployed(trainee, masters), dataset))
+                trainee.consider(masters, accuracy(deployed(trainee, masters), dataset))
             trainee.seconds += clock.lap()
         epoch += 1
-        for trainee in live:
-            if trainee.diverged:
-                yield trainee.number, TrainingDiverged(trainee.diverged)
-            elif trainee.finished:
-                masters = deployable(trainee, trainee.result)
-                yield trainee.number, _outcome(trainee, masters, dataset, delays)
+        yield from ended()
         live = [x for x in live if not (x.diverged or x.finished)]
         if live and epoch != span.until and span.is_due():
             for trainee in live:
@@ -244,13 +269,6 @@ def _learnt(population: Population[Any], decays: Array | None) -> Population[Any
         return population
     assert isinstance(population, cuba_lif.Population)  # no other learns them
     return replace(population, decay_current=decays[0], decay_voltage=decays[1])
-
-
-def _accuracy(network: Network, dataset: Dataset) -> float:
-    """Return the share of the validation samples that are answered rightly, of several heads in all."""
-    counts = respond(network, dataset, dataset.validation).output.sum(axis=1, dtype=np.int64)
-    right = head_answers(dataset, counts) == head_targets(dataset, dataset.validation)
-    return float(right.all(axis=1).mean())
 
 
 def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> Outcome:

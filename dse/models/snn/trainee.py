@@ -8,11 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dse.engine.delays import running
 from dse.engine.events import Rows, pooled
 from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
 from dse.engine.parameters import lengths
 from dse.engine.shared import copies_of, distinct
-from dse.models.snn.initialise import initialise, populations_of
+from dse.models.snn.initialise import Chooser, initialise, populations_of
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Training
 from dse.neurons.fixed_point import WEIGHT_SCALE
@@ -41,6 +42,8 @@ class Trainee:
     last: masters of the last epoch, whose delays and decays belong to `mean`.
     best: masters of the epoch that is kept, where it is the best on validation; None: none yet, or the last.
     soft: (sample, output) targets of the training samples, from a teacher; None: the labels.
+    begun: what its layers began with that takes long to find: `chosen`, the neurons of a start by contrasts;
+        `outputs`, their weights after the epochs in which they learn alone; `basis/<layer>`.
     """
 
     number: int
@@ -65,6 +68,7 @@ class Trainee:
     last: Masters | None = None
     best: Masters | None = None
     soft: Floats | None = None
+    begun: dict[str, Array] = field(default_factory=dict)
 
     @classmethod
     def start(
@@ -75,6 +79,7 @@ class Trainee:
         step_ms: float,
         heads: tuple[int, ...],
         pool: Ints | None,
+        choose: Chooser,
     ) -> Trainee:
         """Draw a design's neurons and weights.
 
@@ -85,41 +90,47 @@ class Trainee:
             step_ms: duration of an input step.
             heads: classes of each head.
             pool: of each input (`Stack.pool`).
+            choose: candidates of a start by contrasts.
         """
         model, training, rngs = design
         populations = populations_of(model, sum(heads), step_ms, rngs("time constants"))
         of_delays = rngs("delays") if model.longest_delay else None
         began = initialise(
-            pooled(probe, pool), model, populations, sum(heads), rngs("initialisation"), len(heads), of_delays
+            pooled(probe, pool),
+            model,
+            populations,
+            sum(heads),
+            rngs("initialisation"),
+            len(heads),
+            of_delays,
+            choose,
         )
 
         def slower(depth: int) -> np.float32:
             return np.float32(training.hidden_lr_factor if depth < len(model.hidden) else 1)
 
-        def step(depth: int) -> tuple[str, float]:
-            return training.step_unit, 2.0 ** model.exponent(depth)
-
+        steps = [_step(model, training, depth) for depth in range(len(model.hidden) + 1)]
         layers = [
             TrainedLayer(
                 feed_forward=weights,
                 recurrent=ring,
                 population=population,
                 surrogate=model.surrogate(population.to_threshold, is_output=depth == len(model.hidden)),
-                unit=slower(depth) * units(weights, *step(depth), shared, 1 if depth else model.copies),
-                recurrent_unit=None if ring is None else slower(depth) * units(ring, *step(depth)),
+                unit=slower(depth) * units(weights, *steps[depth], shared, 1 if depth else model.copies),
+                recurrent_unit=None if ring is None else slower(depth) * units(ring, *steps[depth]),
                 shared=shared,
                 delay=late,
                 longest_delay=model.longest_delay,
                 axonal=model.max_axonal_delay > 0,
                 learnt_decays=model.learnt_decays,
                 is_rounded=not model.is_dithered(depth),
-                norm_unit=slower(depth) * norm_units(weights, *step(depth))
+                norm_unit=slower(depth) * norm_units(weights, *steps[depth])
                 if model.weight_norm and depth not in model.whitened_layers
                 else None,
             )
             for depth, (population, weights, ring, shared, late) in enumerate(
                 zip(
-                    populations,
+                    began.populations,
                     began.feed_forward,
                     began.recurrent,
                     model.sharing(sum(heads)),
@@ -143,22 +154,36 @@ class Trainee:
         curves: dict[str, list[float]] = {
             name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm", *of_best)
         }
-        return cls(number, model, training, member, began.rates, rngs("dropout"), curves)
+        chosen = {} if began.chosen is None else {"chosen": began.chosen}
+        return cls(number, model, training, member, began.rates, rngs("dropout"), curves, begun=chosen)
+
+    def lay(self) -> None:
+        """Put what was found for its start into its layers."""
+        *before, last = self.member.layers
+        if "outputs" in self.begun:
+            weights = self.begun["outputs"]
+            step = _step(self.model, self.training, len(before))
+            norms = None if last.norm_unit is None else norm_units(weights, *step)
+            unit = units(weights, *step, last.shared)
+            last = replace(last, feed_forward=weights, unit=unit, norm_unit=norms)
+        bases = (self.begun.get(f"basis/{depth}") for depth in range(len(before) + 1))
+        layers = (replace(x, basis=basis) for x, basis in zip([*before, last], bases, strict=True))
+        self.member = replace(self.member, layers=tuple(layers))
 
     @property
-    def has_stages(self) -> bool:
-        """Whether its training begins with other matrices than those drawn."""
-        return bool(self.model.whitened_layers or self.training.linear_epochs)
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether its last epoch trained a linear readout."""
-        return 0 < len(self.history["loss"]) <= self.training.linear_epochs
+    def at_start(self) -> Masters:
+        """The masters with which the training of all layers begins."""
+        layers = self.member.layers
+        return Masters(
+            tuple(x.feed_forward for x in layers),
+            tuple(x.recurrent for x in layers),
+            tuple(None if x.delay is None else running(x.delay, x.axonal) for x in layers),
+        )
 
     @property
     def first_averaged(self) -> int:
         """The first epoch whose weights count in the mean."""
-        return max(self.training.epochs - self.training.average_epochs, self.training.linear_epochs)
+        return max(self.training.epochs - self.training.average_epochs, self.training.output_epochs)
 
     @property
     def finished(self) -> bool:
@@ -171,7 +196,8 @@ class Trainee:
         arrays |= {f"history/{name}": np.array(curve) for name, curve in self.history.items()}
         arrays |= {f"mean/{k}": mean for k, mean in enumerate(self.mean) if mean is not None}
         arrays |= {} if self.soft is None else {"soft": self.soft}
-        arrays |= {"rates": np.array(self.rates)} if self.training.linear_epochs else {}
+        arrays |= as_part("start", self.begun)
+        arrays |= {"rates": np.array(self.rates)} if self.training.output_epochs else {}
         if self.kept is not None:
             matrices = (*self.kept.feed_forward, *self.kept.recurrent)
             arrays |= {f"kept/{k}": kept for k, kept in enumerate(matrices) if kept is not None}
@@ -264,12 +290,12 @@ class Trainee:
     @property
     def pruned_at(self) -> int:
         """The epoch before which weights are pruned."""
-        return max(self.training.linear_epochs, int(self.model.prune_epoch * self.training.epochs))
+        return max(self.training.output_epochs, int(self.model.prune_epoch * self.training.epochs))
 
     @property
     def _first_to_keep(self) -> int:
-        """Epochs that are not kept, whatever their accuracy: with a linear readout, or before pruning."""
-        return self.pruned_at if self.model.pruned else self.training.linear_epochs
+        """Epochs that are not kept, whatever their accuracy: before pruning."""
+        return self.pruned_at if self.model.pruned else 0
 
     def consider(self, masters: Masters, accuracy: float) -> None:
         """Keep an epoch's masters where none was better on validation."""
@@ -292,6 +318,8 @@ class Trainee:
         assert self.last is not None  # an epoch is over
         if self.best is not None:
             return self.best
+        if not self.mean:
+            return self.last
         n = len(self.member.layers)
         forward = tuple(w for w in self.mean[:n] if w is not None)
         return replace(self.last, feed_forward=forward, recurrent=tuple(self.mean[n:]))
@@ -312,6 +340,11 @@ class Trainee:
             if self.model.arithmetic != "integer" and growth > _LOST_GROWTH:
                 return f"the weights of layer {layer} have grown {growth:.0e} times after epoch {epoch + 1}"
         return ""
+
+
+def _step(model: Stack, training: Training, depth: int) -> tuple[str, float]:
+    """Return in what units the weights of a layer are learnt, and the scale of its weights."""
+    return training.step_unit, 2.0 ** model.exponent(depth)
 
 
 def units(weights: Floats, unit: str, scale: float, shared: Ints | None = None, copies: int = 1) -> Floats:
@@ -335,7 +368,7 @@ def units(weights: Floats, unit: str, scale: float, shared: Ints | None = None, 
     powers = weights**2
     counted = np.count_nonzero(powers, axis=0)
     mean = powers.mean(axis=0)
-    if (counted < len(weights)).any():  # levels: most begin at next to 0, and move like the one that does not
+    if (counted < len(weights)).any():  # contrasts: most begin at next to 0, and move like the others
         mean = powers.sum(axis=0) / np.maximum(counted, 1)
     return np.asarray(np.sqrt(mean), np.float32)
 

@@ -26,8 +26,10 @@ from dse.records import Array, Floats, Ints
 
 SAMPLES = 2048
 """Training samples that the counts are of, at most."""
-_LEAST_SPREAD = 5.0  # spikes: what a neuron's count is scaled by at least
-_LEAST_POWER = 0.1  # added to the eigenvalues
+LEAST_SPREAD = 5.0
+"""Spikes by which a neuron's count is scaled at least."""
+LEAST_POWER = 0.1
+"""Added to the eigenvalues."""
 _RIGHT = 1e-13  # cosine of two rows that counts as a right angle
 _MOST_SWEEPS = 60
 
@@ -40,23 +42,24 @@ def covariance(counts: Ints) -> tuple[Floats, Floats]:
     """
     whole, n = counts.astype(np.float64), len(counts)
     products, totals = whole.T @ whole, whole.sum(axis=0)  # exact in any order
-    scales = 1 / (np.sqrt(n * np.diag(products) - totals**2) / n + _LEAST_SPREAD)
+    scales = 1 / (np.sqrt(n * np.diag(products) - totals**2) / n + LEAST_SPREAD)
     return scales, products / n * scales[:, None] * scales
 
 
-def basis(counts: Ints) -> tuple[Floats, float]:
+def basis(counts: Ints, least_power: float = LEAST_POWER) -> tuple[Floats, float]:
     """Return M, (neuron, rank) float32, and s.
 
     Args:
         counts: (sample, neuron) spikes, at least one sample.
+        least_power: what is added to the eigenvalues.
     """
     scales, means = covariance(counts)
     fires = counts.any(axis=0)
     powers, vectors = eigen(means[np.ix_(fires, fires)])
     n_silent = int((~fires).sum())
     out = np.zeros((len(scales), powers.size + n_silent))
-    of_firing = scales[fires, None] * vectors / np.sqrt(powers + _LEAST_POWER)
-    of_silent = scales[~fires, None] * np.eye(n_silent) / np.sqrt(_LEAST_POWER)
+    of_firing = scales[fires, None] * vectors / np.sqrt(powers + least_power)
+    of_silent = scales[~fires, None] * np.eye(n_silent) / np.sqrt(least_power)
     out[fires, : powers.size], out[~fires, powers.size :] = of_firing, of_silent
     rows = of_firing if fires.any() else of_silent
     length = float(np.sqrt((rows**2).sum() / len(rows)))

@@ -1,0 +1,223 @@
+"""Training of spiking outputs alone, which come before all other epochs (`training.output_epochs`).
+
+Hidden layers rest meanwhile, so that their spikes are computed once, as they would be deployed, and every
+epoch reads them: its work grows with hidden spikes, whatever the inputs are.
+
+Outputs begin as a softmax readout: weights with which the spike counts of the hidden neurons, times these
+weights, are the log-odds of the classes. One factor then makes the most active output of each head fire at
+the mean of the target rates.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dse.engine import engines
+from dse.engine.adam import adam
+from dse.engine.events import Rows, delayed, gather
+from dse.engine.forward import prepare
+from dse.engine.goal import is_label
+from dse.engine.network import layer_spikes
+from dse.engine.parameters import product
+from dse.measure.heads import head_sizes, output_labels
+from dse.models.snn.initialise import deployed, reach_rate
+from dse.models.snn.respond import accuracy, batches_of, layers_of
+from dse.models.snn.trainee import Trainee
+from dse.models.snn.whiten import basis
+from dse.neurons import population_of
+from dse.neurons.fixed_point import within_range
+from dse.neurons.response import response_norm
+from dse.records import Arithmetic, Array, Dataset, Floats, Ints, Layer, Network, Spikes
+
+_BATCH = 1024  # samples whose hidden spikes are read at once
+_READOUT_EPOCHS = 30
+_READOUT_BATCH = 32
+_READOUT_STEP = 0.02  # of Adam, in log-odds per count that is white
+_READOUT_POWER = 1.0  # a readout follows directions of less power, in scaled counts, the less
+
+
+def hidden_spikes(network: Network, dataset: Dataset) -> Dataset:
+    """Return training and validation samples as outputs see them.
+
+    These are the spikes of the last hidden layer, a step later.
+
+    Args:
+        network: its last layer does not run.
+        dataset: whose windows do not move.
+    """
+    samples, layers = np.concatenate([dataset.train, dataset.validation]), layers_of(network)[:-1]
+    counts, index = [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
+    for rows in batches_of(network, dataset, samples):
+        fired = delayed(layer_spikes(rows, layers)[-1])
+        counts.append(np.diff(fired.offsets))
+        index.append(fired.index)
+    n_steps, zeros = dataset.n_steps * network.steps_per_sample, np.zeros(samples.size, np.int32)
+    spikes = Spikes(
+        np.concatenate([[0], np.cumsum(np.concatenate(counts))]),
+        np.concatenate(index),
+        n_steps,
+        network.sizes[-2],
+        dataset.spikes.step_ms / network.steps_per_sample,
+    )
+    return replace(
+        dataset,
+        spikes=spikes,
+        target=dataset.target[samples],
+        start=zeros,
+        start_low=zeros,
+        start_high=zeros,
+        n_steps=n_steps,
+        train=np.arange(dataset.train.size),
+        validation=np.arange(dataset.train.size, samples.size),
+        test=np.zeros(0, np.int64),
+        positions=np.zeros((network.sizes[-2], 3), np.int32),
+        room_low=None,
+        room_high=None,
+    )
+
+
+def counts_of(hidden: Dataset, samples: Ints) -> Ints:
+    """Return how often each hidden neuron fires in some samples, (sample, neuron)."""
+    return np.concatenate([rows.per_input() for rows in _batches(hidden, samples)])
+
+
+def _batches(hidden: Dataset, samples: Ints) -> Iterator[Rows]:
+    for first in range(0, max(1, samples.size), _BATCH):
+        part = samples[first : first + _BATCH]
+        yield gather(hidden.spikes, part, np.zeros(part.size, np.int32), hidden.n_steps)
+
+
+def readout(counts: Ints, targets: Floats, heads: Sequence[int], rng: np.random.Generator) -> Floats:
+    """Return the weights of a softmax readout without bias, (neuron, output) float64.
+
+    Args:
+        counts: (sample, neuron) spikes.
+        targets: (sample, output) probabilities of the classes.
+        heads: classes of each head.
+        rng: of the order of samples.
+    """
+    matrix, length = basis(counts, _READOUT_POWER)
+    matrix = matrix.astype(np.float64) * length
+    white = product(counts.astype(np.float64), matrix)
+    weights = first = second = np.zeros((matrix.shape[1], targets.shape[1]))
+    n, ends = len(counts), np.cumsum(heads)[:-1]
+    n_batches, step = -(-n // _READOUT_BATCH), 0
+    for epoch in range(_READOUT_EPOCHS):
+        order = rng.permutation(n)
+        rate = _READOUT_STEP * (1 + math.cos(math.pi * epoch / _READOUT_EPOCHS)) / 2
+        for batch in range(n_batches):
+            part, step = order[batch * _READOUT_BATCH : (batch + 1) * _READOUT_BATCH], step + 1
+            odds = product(white[part], weights)
+            powers = [np.exp(x - x.max(axis=1, keepdims=True)) for x in np.split(odds, ends, axis=1)]
+            shares = np.concatenate([x / x.sum(axis=1, keepdims=True) for x in powers], axis=1)
+            gradient = product(white[part].T, shares - targets[part])
+            weights, first, second = adam(weights, gradient, first, second, step, rate)
+    return product(matrix, weights)
+
+
+def spiking(
+    weights: Floats, last: Layer, arithmetic: Arithmetic, rows: Rows, heads: Sequence[int], rate: float
+) -> tuple[Floats, float]:
+    """Return the weights of spiking outputs, (input, neuron): those of a readout times one factor.
+
+    Args:
+        weights: of the readout, (neuron, class).
+        last: the output neurons.
+        arithmetic: of the network.
+        rows: spikes of the layer below, as the outputs see them.
+        heads: classes of each head.
+        rate: spikes per step of the most active output of each head, in the mean.
+
+    Returns:
+        The weights, and the rate that they reach.
+    """
+    population = population_of(last.neuron, last.parameters)
+    delay = None if last.delay is None else last.delay.T
+    within = within_range if arithmetic == "integer" else np.asarray
+
+    def most(of_outputs: Array) -> float:
+        parts = np.split(of_outputs, np.cumsum(heads)[:-1], axis=1)
+        return float(np.mean([x.max(axis=1).mean() for x in parts])) / rows.n_steps
+
+    def reached(gain: float) -> float:
+        matrix = (gain * weights).astype(np.float32)
+        (one,) = deployed([matrix], [None], [population], arithmetic, [delay])
+        return most(prepare(one, arithmetic).forward(rows).fired.per_input())
+
+    drive = most(product(rows.per_input().astype(np.float64), weights))
+    unit = population.to_threshold / response_norm(population, weights.shape[1], rows.n_steps)
+    gain, found = reach_rate(reached, rate, float(np.mean(unit)) / drive if drive > 0 else 1.0)
+    return within((gain * weights).astype(np.float32)), found
+
+
+def train_outputs(
+    trainee: Trainee,
+    network: Network,
+    dataset: Dataset,
+    probe: Ints,
+    order: np.random.Generator,
+    device: str = "cpu",
+    threads: int = 1,
+) -> None:
+    """Train the outputs of a design for `training.output_epochs`; its other epochs begin with them.
+
+    Training windows are those that are evaluated; delays and decays rest.
+
+    Args:
+        trainee: at its start.
+        network: of its weights.
+        dataset: of its training.
+        probe: training samples, at most a batch, on which the rate of the outputs is reached.
+        order: of the samples.
+        device: 'cpu' or 'cuda'.
+        threads: of the CPU.
+    """
+    model, training, heads = trainee.model, trainee.training, head_sizes(dataset)
+    hidden, n = hidden_spikes(network, dataset), dataset.train.size
+    labels, counts = output_labels(dataset, dataset.train), counts_of(hidden, hidden.train)
+    targets = is_label(labels, sum(heads)) if trainee.soft is None else trainee.soft[dataset.train]
+    last, (target, _) = replace(network.layers[-1], shared=None), trainee.rates[-1]
+    shown = next(_batches(hidden, np.flatnonzero(np.isin(dataset.train, probe))))
+    begun = readout(counts, targets, heads, order)
+    weights, reached = spiking(begun, last, network.arithmetic, shown, heads, target)
+    trainee.rates[-1] = target, reached
+    if len(model.hidden) in model.whitened_layers:
+        trainee.begun[f"basis/{len(model.hidden)}"] = basis(counts)[0]
+    trainee.begun["outputs"] = weights
+    trainee.lay()
+    (layer,) = trainee.member.layers[-1:]
+    alone = replace(
+        trainee.member, layers=(replace(layer, learnt_decays="no"),), pool=None, hidden_spike_penalty=0.0
+    )
+    engine = engines.start([alone], min(training.batch_size, n), hidden.n_steps, device, threads)
+    n_batches = -(-n // training.batch_size)
+    resting = (counts.mean() / hidden.n_steps,) * len(model.hidden)
+    for epoch in range(training.output_epochs):
+        samples = order.permutation(n)
+        for batch in range(n_batches):
+            part = samples[batch * training.batch_size : (batch + 1) * training.batch_size]
+            turn = trainee.turn(epoch + batch / n_batches, dataset.train[part])
+            turn = replace(turn, gains=turn.gains[-1:], delay_learning_rate=0.0, decay_learning_rate=0.0)
+            report = engine.step(next(_batches(hidden, part)), labels[part], {0: turn})[0]
+            trainee.absorb(replace(report, fired=(*resting, *report.fired)), part.size, epoch)
+            if trainee.diverged:
+                return
+        trainee.begun["outputs"] = weights = engine.masters(0).feed_forward[0]
+        at_start = trainee.at_start
+        masters = replace(at_start, feed_forward=(*at_start.feed_forward[:-1], weights))
+        trainee.end_epoch(masters, epoch, n)
+        if training.keep == "best" and not trainee.diverged:
+            trainee.consider(masters, accuracy(_outputs_of(network, last, weights), hidden))
+        if trainee.diverged or trainee.finished:
+            break
+    trainee.lay()
+
+
+def _outputs_of(network: Network, last: Layer, weights: Floats) -> Network:
+    """Return the outputs of a network alone, with other weights, (input, neuron)."""
+    layer = replace(last, weight=np.ascontiguousarray(weights.T))
+    return replace(network, layers=(layer,), n_channels=weights.shape[0], delays=(0,), steps_per_sample=1)
