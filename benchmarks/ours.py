@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from benchmarks.cases import (
 from dse.engine import cpu
 from dse.engine.events import Rows, delayed
 from dse.engine.layers import Weights, prepare, weights
-from dse.engine.member import Member, Stage, TrainedLayer, Turn
+from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.neurons import Population, cuba_lif, resonator
 from dse.neurons.surrogate import exponential
@@ -93,13 +94,12 @@ class Ours:
             )
             for matrix, layer in zip(alone, self._layers, strict=True)
         )
-        member = Member(layers, TRUE_RATE, FALSE_RATE, arithmetic, pool=pool)
-        self._cohort = cpu.start([member] * copies, case.batch, case.n_steps)
         if variant.form == "whitened":
             n = layers[-1].feed_forward.shape[0]
             basis = np.random.default_rng(4).normal(0, n**-0.5, (n, n)).astype(np.float32)
-            for k in range(copies):
-                self._cohort.begin(k, Stage({len(layers) - 1: basis}))
+            layers = (*layers[:-1], replace(layers[-1], basis=basis))
+        member = Member(layers, TRUE_RATE, FALSE_RATE, arithmetic, pool=pool)
+        self._cohort = cpu.start([member] * copies, case.batch, case.n_steps)
         self._turns = {k: Turn(LEARNING_RATE, (None,) * len(layers), LEARNING_RATE) for k in range(copies)}
 
     def step(self) -> Any:

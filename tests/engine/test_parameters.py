@@ -11,10 +11,10 @@ import pytest
 from benchmarks.ours import rows_of
 from dse.engine import cpu
 from dse.engine.adam import adam
-from dse.engine.layers import prepare, weights
+from dse.engine.layers import weights
 from dse.engine.layout import blocks, packed, unpacked
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
-from dse.engine.member import Member, Stage, TrainedLayer, Turn
+from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.engine.parameters import Form, Tied, WeightNorm, Whitened, lengths, normed, whitened
 from dse.engine.shared import copies_of, distinct, expanded
@@ -41,31 +41,20 @@ def drawn(rng: np.random.Generator, n_in: int, n_out: int, form: str = "") -> Tr
         unit,
         shared=shared,
         norm_unit=3 * unit if form == "normed" else None,
+        basis=basis(n_in, 50) if form == "whitened" else None,
     )
 
 
 def member(arithmetic: Arithmetic = "integer", form: str = "", seed: int = 0, **keys: Any) -> Member:
     rng = np.random.default_rng(seed)
-    layers = drawn(rng, N_IN, N_HIDDEN, form), drawn(rng, N_HIDDEN, N_OUT, "" if form == "tied" else form)
+    last = {"tied": "", "whitened all": "whitened"}.get(form, form)
+    first = {"whitened": "", "whitened all": "whitened"}.get(form, form)
+    layers = drawn(rng, N_IN, N_HIDDEN, first), drawn(rng, N_HIDDEN, N_OUT, last)
     return Member(layers, 0.6, 0.05, arithmetic, **keys)
 
 
 def basis(n_inputs: int, rank: int, seed: int = 7) -> np.ndarray:
     return np.random.default_rng(seed).normal(0, 0.3, (n_inputs, rank)).astype(np.float32)
-
-
-def stage(form: str, is_linear: bool = False) -> Stage | None:
-    """Return what a training with matrices of some form begins with."""
-    bases = {1: basis(N_HIDDEN, 50)} if form.startswith("whitened") else {}
-    if form == "whitened all":
-        bases[0] = basis(N_IN, N_IN)
-    if not is_linear:
-        return Stage(bases) if bases else None
-    rng = np.random.default_rng(5)
-    output = replace(
-        drawn(rng, N_HIDDEN, N_OUT), feed_forward=rng.normal(0, 0.05, (N_HIDDEN, N_OUT)).astype(np.float32)
-    )
-    return Stage(bases, True, output)
 
 
 def batch(n: int = 9, n_steps: int = 60) -> tuple[Any, np.ndarray]:
@@ -80,15 +69,11 @@ def turn(rng: np.random.Generator, n: int = 9) -> Turn:
 FORMS = ("", "tied", "normed", "whitened", "whitened all")
 
 
-def trained(
-    of: Member, form: str, n_batches: int = 3, is_linear: bool = False, threads: int = 1, module: Any = cpu
-) -> Any:
+def trained(of: Member, n_batches: int = 3, threads: int = 1, module: Any = cpu) -> Any:
     """Return an engine after some batches, and its reports."""
     rows, labels = batch()
     arguments = (9, 60, threads) if module is cpu else ()
     engine = module.start([of], *arguments)
-    if (begin := stage(form, is_linear)) is not None:
-        engine.begin(0, begin)
     rng = np.random.default_rng(2)
     return engine, [engine.step(rows, labels, {0: turn(rng)})[0] for _ in range(n_batches)]
 
@@ -153,14 +138,11 @@ def test_steps_are_gradients_by_parameters_then_adam_then_the_matrix(form: str, 
     of = replace(member(arithmetic, form, clip_norm=0.3), loss=CountCrossEntropy(0.3, 2))
     rows, labels = batch()
     engine = cpu.start([of], 9, 60)
-    begin = stage(form)
-    if begin is not None:
-        engine.begin(0, begin)
     parameters, functions, units = [], [], []
     for k, layer in enumerate(of.layers):
         w = layer.feed_forward.astype(np.float64)
-        if begin is not None and k in begin.bases:
-            m = torch.tensor(begin.bases[k].astype(np.float64))
+        if layer.basis is not None:
+            m = torch.tensor(layer.basis.astype(np.float64))
             parameters.append([np.zeros((m.shape[1], w.shape[1]))])
             functions.append(lambda a, w=w, m=m: torch.tensor(w) + m @ a)
             units.append([layer.unit])
@@ -213,7 +195,7 @@ def test_steps_are_gradients_by_parameters_then_adam_then_the_matrix(form: str, 
                 parameters[k][p], *moments[k][p] = adam(
                     parameters[k][p], scale * g, *moments[k][p], step, RATE * units[k][p]
                 )
-            are_weights = len(group) == 1 and not (begin is not None and k in begin.bases)
+            are_weights = len(group) == 1 and of.layers[k].basis is None
             if arithmetic == "integer" and are_weights:
                 parameters[k][0] = fixed_point.within_range(parameters[k][0])
             expected = functions[k](*(torch.tensor(x) for x in parameters[k])).numpy()
@@ -230,66 +212,24 @@ def test_steps_are_gradients_by_parameters_then_adam_then_the_matrix(form: str, 
                 ).astype(np.float64)
 
 
-@pytest.mark.parametrize("is_linear", [False, True])
 @pytest.mark.parametrize("form", FORMS)
-def test_both_engines_take_the_same_steps(form: str, is_linear: bool) -> None:
+def test_both_engines_take_the_same_steps(form: str) -> None:
     pytest.importorskip("torch")
     from dse.engine import autograd
 
     of = member("ideal", form, hidden_spike_penalty=1e-3, clip_norm=0.5)
-    one, reports = trained(of, form, 4, is_linear)
-    other, others = trained(of, form, 4, is_linear, module=autograd)
+    one, reports = trained(of, 4)
+    other, others = trained(of, 4, module=autograd)
     for a, b in zip(reports, others, strict=True):
-        assert (a.correct, len(a.fired)) == (b.correct, len(b.fired)) == (b.correct, 2 - is_linear)
+        assert (a.correct, len(a.fired)) == (b.correct, len(b.fired))
         assert (a.loss, a.gradient_norm) == pytest.approx((b.loss, b.gradient_norm), rel=1e-5)
     for a, b in zip(one.masters(0).feed_forward, other.masters(0).feed_forward, strict=True):
         np.testing.assert_allclose(a, b, atol=2e-5)
 
 
-@pytest.mark.parametrize("arithmetic", ARITHMETICS)
-@pytest.mark.parametrize("heads", [(), (3, 1)], ids=["one_head", "two_heads"])
-def test_a_linear_readout_is_a_softmax_over_weighted_counts(arithmetic: Any, heads: Any) -> None:
-    """Counts come from the hidden layer alone; the log-odds are summed here."""
-    of = member(arithmetic, heads=heads, hidden_spike_penalty=0.01)
-    rows, labels = batch()
-    labels = np.stack([labels % 3, np.full(9, 3)], axis=1) if heads else labels
-    engine = cpu.start([of], 9, 60)
-    begin = stage("", True)
-    assert begin is not None and begin.output is not None
-    engine.begin(0, begin)
-    gain = turn(np.random.default_rng(2))
-    report = engine.step(rows, labels, {0: gain})[0]
-
-    first = of.layers[0]
-    as_run = fixed_point.quantise(first.feed_forward) if arithmetic == "integer" else first.feed_forward
-    fired = prepare(weights(as_run, None, first.population), arithmetic).forward(rows).fired
-    dense = np.zeros((9, 60, N_HIDDEN))
-    row = np.repeat(np.arange(9 * 60), np.diff(fired.offsets))
-    np.add.at(dense.reshape(-1, N_HIDDEN), (row, fired.index), 1)
-    counts = dense[:, :-1].sum(axis=1) * gain.gains[1]  # what fires in the last step arrives after it
-    odds = counts @ begin.output.feed_forward.astype(np.float64)
-    loss, by_odds, right = 0.01 * dense.sum(), np.zeros_like(odds), np.ones(9, bool)
-    for k, part in enumerate((slice(0, 3), slice(3, 4)) if heads else (slice(0, 4),)):
-        e = np.exp(odds[:, part] - odds[:, part].max(axis=1, keepdims=True))
-        p = e / e.sum(axis=1, keepdims=True)
-        label = (labels[:, k] if heads else labels) - part.start
-        loss -= np.log(p[np.arange(9), label]).sum()
-        right &= p.argmax(axis=1) == label
-        by_odds[:, part] = p - np.eye(p.shape[1])[label]
-    assert report.loss == pytest.approx(loss, rel=1e-6)
-    assert report.correct == right.sum()
-    assert report.fired == (pytest.approx(dense.mean()),)
-    # Adam's first step is the rate against the sign of the gradient.
-    moved = engine.masters(0).feed_forward[1] - begin.output.feed_forward
-    expected = -RATE * np.sign(counts.T @ by_odds) * begin.output.unit
-    sure = np.abs(counts.T @ by_odds) > 1e-3
-    np.testing.assert_allclose(moved[sure], expected[sure], rtol=1e-3)
-
-
-@pytest.mark.parametrize("is_linear", [False, True])
 @pytest.mark.parametrize("form", FORMS)
 def test_a_state_goes_on_with_the_same_bits_whatever_the_threads_and_the_cohort(
-    form: str, is_linear: bool
+    form: str,
 ) -> None:
     rows, labels = batch(9, 1000)
     results = []
@@ -297,8 +237,6 @@ def test_a_state_goes_on_with_the_same_bits_whatever_the_threads_and_the_cohort(
         beside = [member("float32", "normed", 3 + k) for k in range(others)]
         members = [*beside, member("integer", form)]
         engine, rng, reports = cpu.start(members, 9, 1000, threads), np.random.default_rng(2), []
-        if (begin := stage(form, is_linear)) is not None:
-            engine.begin(others, begin)
         for _ in range(4):
             reports.append(engine.step(rows, labels, dict.fromkeys(range(others + 1), turn(rng)))[others])
             if pauses:
@@ -314,7 +252,7 @@ def test_a_state_goes_on_with_the_same_bits_whatever_the_threads_and_the_cohort(
 
 @pytest.mark.parametrize("arithmetic", ARITHMETICS)
 def test_weight_norm_keeps_what_pruning_leaves_and_moves_no_other(arithmetic: Any) -> None:
-    engine, _ = trained(member(arithmetic, "normed"), "normed")
+    engine, _ = trained(member(arithmetic, "normed"))
     before = engine.masters(0)
     kept = replace(before, feed_forward=tuple(np.abs(w) > 0.3 for w in before.feed_forward))
     engine.prune(0, kept)
@@ -346,7 +284,7 @@ def test_weight_norm_starts_at_the_drawn_weights_and_a_neuron_without_weights_st
 def test_the_norm_of_a_neuron_moves_only_with_its_norm_parameter() -> None:
     of = member("ideal", "normed")
     layers = tuple(replace(x, norm_unit=np.zeros_like(x.unit)) for x in of.layers)
-    engine, _ = trained(replace(of, layers=layers), "normed", 5)
+    engine, _ = trained(replace(of, layers=layers), 5)
     for layer, w in zip(of.layers, engine.masters(0).feed_forward, strict=True):
         np.testing.assert_allclose(lengths(w), lengths(layer.feed_forward), rtol=1e-5)
         assert np.abs(w - layer.feed_forward).max() > 0.01

@@ -191,7 +191,7 @@ def train(
             for trainee in live:
                 masters = trainee.best or engine.masters(trainee.number)
                 outcome = _outcome(trainee, masters, dataset, delays)
-                yield trainee.number, Rung(epoch, state_of(trainee), outcome)
+                yield trainee.number, Rung(span.until, state_of(trainee), outcome)
             return
         for trainee in live:
             if trainee.model.pruned and epoch == trainee.pruned_at:

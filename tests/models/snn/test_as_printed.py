@@ -172,6 +172,6 @@ def test_what_is_not_possible_is_said_in_a_line() -> None:
         SNN(learnt_decays="layer", neuron=Lif(), arithmetic="ideal")
     with pytest.raises(ValueError, match="learnt_decays must be no for neuron resonator"):
         SNN(learnt_decays="neuron", neuron=Resonator())
-    with pytest.raises(ValueError, match="start must be uniform or levels where channels share weights"):
+    with pytest.raises(ValueError, match="start must be uniform or contrasts where channels share weights"):
         SNN(start="fan_in", regions=12)
     assert SNN(learnt_decays="neuron", neuron=CubaLif(current_decay=(0.1, 0.9)))

@@ -17,13 +17,11 @@ from dse.engine.layers import CompiledLayer, has_kernel, laid_out, weights
 from dse.engine.network import gradients
 from dse.engine.stepping import RunningStack
 from dse.models.snn.family import SNN
-from dse.models.snn.initialise import levels
 from dse.models.snn.regions import regions_of
 from dse.models.training import FitRequest
 from dse.neurons import cuba_lif
 from dse.neurons.lif import Lif
 from dse.neurons.resonator import Resonator
-from dse.neurons.response import dc_gain
 from dse.neurons.surrogate import exponential
 from dse.neurons.xylo_lif import XyloLif
 from dse.records import Dataset, Network, Outcome
@@ -150,7 +148,9 @@ def test_a_network_of_regions_is_stored_as_a_full_matrix_with_equal_weights() ->
     assert network.n_weights == network.n_weights_dense == model.n_weights(12, 3) == 24 * 20 + 400 + 60
 
 
-@pytest.mark.parametrize("keys", [{"regions": 3}, {"regions": 3, "start": "levels", "arithmetic": "float32"}])
+@pytest.mark.parametrize(
+    "keys", [{"regions": 3}, {"regions": 3, "start": "contrasts", "arithmetic": "float32"}]
+)
 def test_a_design_of_regions_trains_alone_as_in_a_cohort_of_other_regions(keys: Any) -> None:
     data = placed()
     training = replace(SHORT, input_dropout=0.3)
@@ -183,57 +183,20 @@ def test_neurons_without_a_kernel_train_on_regions_too() -> None:
     assert len(np.unique(outcome.network.layers[0].weight, axis=1).T) == 3
 
 
-def test_a_level_fires_a_neuron_from_so_many_active_channels_on() -> None:
-    """The threshold's weight follows from the decays: 1.25 * 0.25 * 0.03 of the printed neurons."""
-    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
-    decays = neurons.decay_current * neurons.decay_voltage / 4096**2
-    assert dc_gain(neurons, 5) == pytest.approx([1 / decays] * 5, rel=1e-4)
-    rng = np.random.default_rng(2)
-    rows = pooled(rows_of((rng.random((6, 500, 40)) < 0.3).astype(np.uint8)), np.arange(40) % 2)
-    start = levels(rows, neurons, 10)
-    assert (start > 0).all()
-    np.testing.assert_array_equal(start > 1e-30, np.arange(2)[:, None] == np.arange(10) % 2)
-    level = 1.25 * decays / start.max(axis=0)
-    assert ((level > 3) & (level < 9)).all()  # 20 channels of a region fire with 0.3
-    assert (np.diff(level.reshape(5, 2), axis=0) > 0).all()
-    np.testing.assert_array_equal(start, levels(rows, neurons, 10))
-
-
 @pytest.mark.parametrize("neuron", [Lif(), Resonator(), XyloLif()], ids=["lif", "resonator", "xylo_lif"])
-def test_any_neuron_whose_potential_has_a_limit_starts_by_levels(neuron: Any) -> None:
+def test_any_neuron_whose_potential_has_a_limit_starts_by_contrasts(neuron: Any) -> None:
     if not has_kernel(neuron.Populations):
         pytest.importorskip("torch")
-    model = SNN(hidden=(12,), neuron=neuron, arithmetic="float32", regions=3, start="levels")
+    model = SNN(hidden=(12,), neuron=neuron, arithmetic="float32", regions=3, start="contrasts")
     outcome = model.fit(placed(n=24), replace(SHORT, epochs=1, average_epochs=1), rngs())
     assert 0.01 < outcome.health["initial_rates"][0] < 0.5
     assert outcome.health["dead_neurons"] < 6
-
-
-def test_levels_need_neurons_whose_potential_has_a_limit() -> None:
-    rows = pooled(rows_of(np.ones((1, 20, 3), np.uint8)), np.arange(3))
-    with pytest.raises(ValueError, match="start must be uniform for neurons whose potential has no limit"):
-        levels(rows, cuba_lif.rounded(0.25, 0.0, 1.25), 3)
-
-
-def test_a_start_by_levels_notes_its_rate_and_moves_weights_in_units_of_the_one_that_is_there() -> None:
-    data = placed()
-    training = replace(SHORT, step_unit="initial", learning_rate=1e-7, epochs=1, average_epochs=1)
-    model = SNN(hidden=(24,), regions=6, start="levels", arithmetic="float32")
-    outcome = model.fit(data, training, rngs())
-    assert outcome.health["missed_initial_rates"] == 0 and outcome.health["initial_rate_hidden"] > 0
-    weight = outcome.network.layers[0].weight  # type: ignore[union-attr]
-    largest = weight.max(axis=1, keepdims=True)
-    is_start, pool = weight > 0.99 * largest, model.pool(data.positions)
-    np.testing.assert_array_equal(is_start, pool == np.arange(24)[:, None] % 6)
-    others = np.where(is_start, 0, np.abs(weight) / largest)
-    assert 0 < others.max() < 1e-5
 
 
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
         ({"regions": 4}, "regions must be a multiple of 3"),
-        ({"start": "levels"}, "regions must be > 0 for start levels"),
         ({"regions": 3, "max_delay": 5}, "max_delay must be 0"),
     ],
 )

@@ -37,18 +37,21 @@ PLAIN: Designs = {
     4: (SNN(hidden=(8,), arithmetic="ideal", loss=CountCrossEntropy()), base(teacher="mlp", epochs=24)),
     5: (SNN(hidden=(6,), arithmetic="float32", hidden_spike_penalty=1e-4), base(epochs=10)),
     6: (SNN(hidden=(7,), max_axonal_delay=9, learnt_decays="neuron", pruned=0.4), base(keep="best")),
-    7: (SNN(hidden=(9,), regions=3, start="levels", rounding="dithered"), base(average_epochs=12)),
+    7: (SNN(hidden=(9,), regions=3, start="contrasts", rounding="dithered"), base(average_epochs=12)),
     8: (SNN(hidden=(9,), regions=3, threshold_exponents=(2, 1), recurrent=True), base(clip_norm=0.5)),
 }
 STAGED: Designs = {
-    0: (SNN(hidden=(12,), whitened="output"), base(linear_epochs=10, average_epochs=25)),
-    1: (SNN(hidden=(9, 7), whitened="all", arithmetic="float32"), base(linear_epochs=13, dropout=0.3)),
-    2: (SNN(hidden=(10,), weight_norm=True, pruned=0.3, prune_epoch=0.2), base(linear_epochs=8, clip_norm=1)),
-    3: (SNN(hidden=(8,), weight_norm=True, recurrent=True), base(lr_schedule="cosine", warmup_epochs=3)),
-    4: (SNN(hidden=(10,), max_delay=9, delayed_layers="all"), base(linear_epochs=20, epochs=24)),
+    0: (SNN(hidden=(12,), whitened="output"), base(output_epochs=9, average_epochs=25)),
+    1: (SNN(hidden=(9, 7), whitened="all", arithmetic="float32"), base(output_epochs=9, dropout=0.3)),
+    2: (SNN(hidden=(10,), weight_norm=True, pruned=0.3, prune_epoch=0.2), base(output_epochs=9, clip_norm=1)),
+    3: (
+        SNN(hidden=(8,), weight_norm=True, recurrent=True),
+        base(output_epochs=9, lr_schedule="cosine", warmup_epochs=3),
+    ),
+    4: (SNN(hidden=(10,), max_delay=9, delayed_layers="all"), base(output_epochs=9, epochs=24)),
     5: (
-        SNN(hidden=(9,), regions=3, start="levels", whitened="output", rounding="dithered"),
-        base(linear_epochs=9),
+        SNN(hidden=(9,), regions=3, start="contrasts", whitened="output", rounding="dithered"),
+        base(output_epochs=9),
     ),
 }
 CHANGED = {

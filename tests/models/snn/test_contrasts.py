@@ -1,0 +1,119 @@
+"""The start by contrasts: what candidates compare, and which of them stay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.ours import rows_of
+from dse.engine.events import pooled
+from dse.engine.forward import prepare
+from dse.engine.layers import weights
+from dse.models.snn import contrasts
+from dse.models.snn.family import SNN
+from dse.neurons import cuba_lif
+from dse.neurons.response import dc_gain
+from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
+
+NEURONS = cuba_lif.rounded(0.25, 0.03, 1.25)
+
+
+def drawn(n: int, n_inputs: int = 4, most_peak: float = np.inf, rate: float = 0.3) -> tuple:
+    rng = np.random.default_rng(2)
+    common = rate * np.exp(rng.normal(0, 0.5, (6, 500, 1)).cumsum(axis=1) * 0.05)
+    rows = pooled(rows_of((rng.random((6, 500, 40)) < common).astype(np.uint8)), np.arange(40) % n_inputs)
+    return rows, contrasts.candidates(rows, NEURONS, n, most_peak, np.random.default_rng(3))
+
+
+def test_a_candidate_is_excited_by_one_input_and_inhibited_by_less_of_another() -> None:
+    rows, found = drawn(200)
+    means = contrasts.mean_counts(rows, 500).mean(axis=0)
+    assert ((found > 1e-30).sum(axis=0) == 1).all() and ((found < -1e-30).sum(axis=0) == 1).all()
+    np.testing.assert_array_equal(found.argmax(axis=0), np.arange(200) % 4)
+    lowest, highest = (found * means[:, None]).min(axis=0), (found * means[:, None]).max(axis=0)
+    share = -lowest / highest
+    assert 0 <= share.min() < 0.1 and 0.9 < share.max() < 1.02
+    np.testing.assert_array_equal(found, drawn(200)[1])
+
+
+def test_shares_of_the_time_above_the_threshold_spread_evenly_on_a_logarithmic_scale() -> None:
+    rows, found = drawn(400)
+    seen = contrasts.mean_counts(rows, 33)
+    potential = seen @ found * dc_gain(NEURONS, 400)
+    above = (potential > NEURONS.to_threshold).sum(axis=0) / (potential > 0).sum(axis=0)
+    share = np.exp(np.log(0.02) + (np.arange(400) // 4 + 0.5) / 100 * np.log(0.95 / 0.02))
+    assert np.abs(above - share).mean() < 0.06
+    assert np.corrcoef(above, share)[0, 1] > 0.97
+    fired = prepare(weights(found, None, NEURONS), "float32").forward(rows).fired.per_input().sum(axis=0)
+    assert fired[-40:].mean() > 4 * fired[:40].mean() > 0
+
+
+@pytest.mark.parametrize("most", [3.0, 20.0])
+def test_mean_potentials_stay_within_their_most(most: float) -> None:
+    rows, found = drawn(200, most_peak=most)
+    seen = contrasts.mean_counts(rows, 33)
+    thresholds = np.abs(seen @ found * dc_gain(NEURONS, 200)).max() / NEURONS.to_threshold
+    assert thresholds < 1.4 * most  # these means are over half of what the neurons remember
+
+
+def test_inputs_that_never_fire_are_compared_with_nothing() -> None:
+    rows = pooled(rows_of(np.ones((1, 60, 3), np.uint8)), np.array([0, 0, 2]))
+    found = contrasts.candidates(rows, NEURONS, 8, np.inf, np.random.default_rng(0))
+    assert (np.abs(found[1]) < 1e-30).all() and (np.abs(found[[0, 2]]) > 1e-6).all()
+    silent = pooled(rows_of(np.zeros((1, 60, 3), np.uint8)), None)
+    assert (np.abs(contrasts.candidates(silent, NEURONS, 8, np.inf, np.random.default_rng(0))) < 1e-30).all()
+
+
+def test_neurons_whose_potential_has_no_limit_have_no_contrasts() -> None:
+    rows = pooled(rows_of(np.ones((1, 20, 3), np.uint8)), np.arange(3))
+    with pytest.raises(ValueError, match="start must be uniform for neurons whose potential has no limit"):
+        contrasts.candidates(rows, cuba_lif.rounded(0.25, 0.0, 1.25), 3, np.inf, np.random.default_rng(0))
+
+
+def error(counts: np.ndarray, targets: np.ndarray, of: np.ndarray) -> float:
+    """Return the least squared error of a ridge readout, as `chosen` minimises it."""
+    scaled = counts / (counts.std(axis=0) + 5)
+    x, y = scaled[:, of], targets - targets.mean(axis=0)
+    gram = x.T @ x / len(x) + 0.003 * np.eye(x.shape[1])
+    readout = np.linalg.solve(gram, x.T @ y / len(x))
+    fit = (readout * (gram @ readout - 2 * (x.T @ y) / len(x))).sum()
+    return float((y**2).sum() / len(x) + fit)
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 2**30), n=st.integers(2, 12), n_outputs=st.integers(1, 4))
+def test_each_loss_is_that_which_raises_the_error_least(seed: int, n: int, n_outputs: int) -> None:
+    """Against every neuron left out in turn, with a price on spikes and without."""
+    rng = np.random.default_rng(seed)
+    counts = rng.poisson(rng.uniform(1, 40, n), (60, n))
+    targets = np.eye(n_outputs)[rng.integers(0, n_outputs, 60)]
+    for price in (0.0, 1e-3):
+        left = np.arange(n)
+        while left.size > 1:
+            rest = [np.delete(left, k) for k in range(left.size)]
+            costs = [error(counts, targets, r) + price * counts[:, r].mean(axis=0).sum() for r in rest]
+            left = contrasts.chosen(counts, targets, left.size - 1, price)
+            found = error(counts, targets, left) + price * counts[:, left].mean(axis=0).sum()
+            assert found <= min(costs) + 1e-9
+
+
+def test_what_a_readout_needs_stays_and_the_price_of_spikes_is_paid() -> None:
+    rng = np.random.default_rng(0)
+    label = np.arange(400) % 2
+    counts = rng.poisson(30, (400, 50))
+    counts[:, [7, 31]] += 25 * np.stack([label, 1 - label], axis=1)
+    counts[:, 40] = 40 * counts[:, 7]  # says the same as 7, in more spikes
+    assert 31 in contrasts.chosen(counts, np.eye(2)[label], 2, 0.0)
+    assert 40 not in contrasts.chosen(counts, np.eye(2)[label], 2, 1e-4)
+
+
+def test_a_network_that_starts_by_contrasts_learns_in_fewer_epochs() -> None:
+    data = toy(n=90)
+    training = SHORT.__class__(epochs=2, output_epochs=2, batch_size=9, dropout=0.0)
+    for arithmetic in ("integer", "float32"):
+        model = SNN(hidden=(12,), start="contrasts", arithmetic=arithmetic)
+        outcome = fit(data, model, training, rngs())
+        assert accuracy(outcome, data) > 0.9
+        assert outcome.health["missed_initial_rates"] == 0 and outcome.health["initial_rate_hidden"] > 0
