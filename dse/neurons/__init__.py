@@ -28,7 +28,7 @@ import numpy as np
 
 from dse import registry
 from dse.neurons.calculus import Calculus
-from dse.records import Arithmetic, Array, Floats
+from dse.records import Arithmetic, Array, Floats, Ints
 
 S = TypeVar("S", bound=tuple[Array, ...])
 P = TypeVar("P", bound="Population[Any]")
@@ -173,6 +173,16 @@ def tiled(population: P, copies: int) -> P:
         return population
     arrays = {
         f.name: np.tile(value, copies)
+        for f in dataclasses.fields(population)  # type: ignore[arg-type]
+        if np.ndim(value := getattr(population, f.name))
+    }
+    return dataclasses.replace(population, **arrays)  # type: ignore[type-var]
+
+
+def taken(population: P, neurons: Ints) -> P:
+    """Return some neurons of a population, by number."""
+    arrays = {
+        f.name: value[neurons]
         for f in dataclasses.fields(population)  # type: ignore[arg-type]
         if np.ndim(value := getattr(population, f.name))
     }

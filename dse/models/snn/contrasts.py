@@ -19,11 +19,13 @@ Source: Hassibi and Stork 1993, optimal brain surgeon, of a linear readout (REFE
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from dse.engine.events import Rows
+from dse.engine.parameters import product
 from dse.models.snn.whiten import LEAST_SPREAD
 from dse.native.compiled import compiled
 from dse.neurons import Population
@@ -40,7 +42,7 @@ _RIDGE = 0.003  # added to the covariance of scaled counts
 
 
 def candidates(
-    rows: Rows, population: Population[Any], n_neurons: int, most_peak: float, rng: np.random.Generator
+    rows: Rows, population: Population[Any], n_neurons: int, most_below: float, rng: np.random.Generator
 ) -> Floats:
     """Return the weights of candidates, (input, neuron), of inputs that fire in the rows.
 
@@ -48,13 +50,12 @@ def candidates(
         rows: input spikes of a probe batch.
         population: the candidates.
         n_neurons: how many.
-        most_peak: thresholds that the magnitude of their mean potentials is not to exceed; the weights of
-            those that would are scaled down to it.
+        most_below: thresholds by which their mean potentials may lie below rest, where no reset ends it; the
+            weights of those that would lie lower are scaled down.
         rng: draws pairs and shares.
     """
     gain = dc_gain(population, n_neurons)
-    memory = float(np.median((gain / response_norm(population, n_neurons, rows.n_steps)) ** 2))
-    seen = mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
+    seen = mean_counts(rows, _memory(population, gain, rows.n_steps))
     weights = np.full((rows.n_inputs, n_neurons), NO_DRIVE)
     active = np.flatnonzero(seen.any(axis=0))
     n_rounds = -(-n_neurons // max(1, active.size))
@@ -68,11 +69,32 @@ def candidates(
         low, high = np.log(_SHARES)
         of_time = math.exp(low + (turn + 0.5) / n_rounds * (high - low)) * np.count_nonzero(above > 0)
         least = above[min(int(of_time), above.size - 1)]
-        unit = max(least if least > 0 else above[0], np.abs(drive).max() / most_peak)
+        unit = max(least if least > 0 else above[0], -drive.min() / most_below)
         weights[a, j] = 1 / (means[a] * unit)
         if b != a:
             weights[b, j] = -share / (means[b] * unit)
     return np.asarray(weights * (population.to_threshold / gain))
+
+
+def _memory(population: Population[Any], gain: Floats, n_steps: int) -> int:
+    """Return for how many steps the neurons remember their inputs, in the median."""
+    steps = float(np.median((gain / response_norm(population, gain.size, n_steps)) ** 2))
+    return min(max(1, round(steps)), n_steps)
+
+
+def depths(parts: Iterable[Rows], weights: Floats, population: Population[Any]) -> Floats:
+    """Return how far the mean potential of every neuron lies below rest at most, (neuron,) in thresholds.
+
+    Args:
+        parts: input spikes.
+        weights: (input, neuron).
+        population: the neurons.
+    """
+    gain, highest = dc_gain(population, weights.shape[1]), np.zeros(weights.shape[1])
+    for rows in parts:
+        seen = mean_counts(rows, _memory(population, gain, rows.n_steps))
+        highest = np.maximum(highest, -product(seen, weights).min(axis=0, initial=0))
+    return np.asarray(highest * gain / population.to_threshold)
 
 
 def mean_counts(rows: Rows, n_steps: int) -> Floats:
@@ -86,11 +108,12 @@ def mean_counts(rows: Rows, n_steps: int) -> Floats:
     return np.asarray(counts[:, :-1].reshape(-1, rows.n_inputs) / n_steps)
 
 
-def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float) -> Ints:
+def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float, out: Array) -> Ints:
     """Return which neurons stay, (n_neurons,) increasing.
 
     Args:
         counts: (sample, candidate) spikes.
+        out: (candidate,) those that go first, whatever they tell.
         targets: (sample, output) 1 where an output stands for a label of the sample, else 0.
         n_neurons: how many stay.
         price: of a spike, in squared errors of a sample.
@@ -104,8 +127,40 @@ def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float) -> Ints:
     share = targets.mean(axis=0)
     with_targets = (whole.T @ targets - totals[:, None] * share) / n * scales[:, None]
     left = np.ones(len(scales), np.bool_)
-    _remove(covariance, with_targets, left, len(scales) - n_neurons, price * totals / n)
+    prices = np.where(out, np.inf, price * totals / n)
+    _remove(covariance, with_targets, left, len(scales) - n_neurons, prices)
     return np.flatnonzero(left)
+
+
+def chosen_within(
+    counts: Ints,
+    targets: Floats,
+    n_neurons: int,
+    price: float,
+    means: Floats,
+    most: float,
+    peak: Callable[[Ints], float],
+) -> Ints:
+    """Return which neurons stay, (n_neurons,) increasing, such that no potential leaves its range.
+
+    Where one does, those whose mean potentials are as low go first, and the others are chosen anew.
+
+    Args:
+        counts: as in `chosen`.
+        targets: likewise.
+        n_neurons: likewise.
+        price: likewise.
+        means: (candidate,) `depths`.
+        most: thresholds that potentials are to stay within.
+        peak: largest potential that some candidates reach, in thresholds.
+    """
+    least = np.sort(means)[n_neurons - 1]  # so many must stay
+    limit = most
+    while True:
+        picked = chosen(counts, targets, n_neurons, price, means > max(limit, least))
+        if math.isinf(most) or limit <= least or (reached := peak(picked)) <= most:
+            return picked
+        limit = min(limit, means[picked].max()) * min(0.9, most / reached)
 
 
 @compiled()
@@ -126,7 +181,7 @@ def _remove(covariance: Array, with_targets: Array, left: Array, n_removed: int,
                 for c in range(n_outputs):
                     squared += readout[j, c] ** 2
                 missed = squared / inverse[j, j] - prices[j]
-                if missed < least:
+                if worst < 0 or missed < least:
                     least, worst = missed, j
         left[worst] = False
         row = inverse[worst].copy()

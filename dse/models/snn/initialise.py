@@ -17,12 +17,13 @@ from dse.engine.shared import copies_of, expanded
 from dse.models.snn.contrasts import CANDIDATES, candidates
 from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
-from dse.neurons import LayerSpec, Population, name_of_population, parameters_of, population_of, tiled
+from dse.neurons import LayerSpec, Population, taken, tiled
 from dse.neurons.fixed_point import quantise, within_range
 from dse.neurons.response import response_norm
 from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
+_BURSTS = 3.0  # of how much mean potentials are exceeded by bursts
 
 Chooser = Callable[[Floats, Population[Any], int], Ints]
 """Return which of some candidates for a first layer stay, given their weights (input, neuron), their neurons
@@ -116,11 +117,9 @@ def _contrasts(
     """Return the weights of a first layer of contrasts, its neurons, and which candidates they were."""
     copies = -(-max(CANDIDATES, 4 * n) // n)
     many = tiled(population, copies)
-    weights = candidates(rows, many, copies * n, model.most_peak, rng)
+    weights = candidates(rows, many, copies * n, model.most_peak / _BURSTS, rng)
     picked = np.arange(n) if choose is None else choose(weights, many, n)
-    parameters = {k: x if x.ndim == 0 else x[picked] for k, x in parameters_of(many).items()}
-    left = population_of(name_of_population(many, model.neuron), parameters)
-    return weights[:, picked], left, picked
+    return weights[:, picked], taken(many, picked), picked
 
 
 @dataclass(frozen=True)

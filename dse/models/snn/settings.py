@@ -294,12 +294,12 @@ class Stack:
 
     @property
     def most_peak(self) -> float:
-        """Thresholds that mean potentials of a start by contrasts stay within: a third of a state's range."""
+        """Thresholds that potentials of a start by contrasts are to stay within: most of a state's range."""
         if self.arithmetic != "integer":
             return math.inf
         exponent = _USUAL if self.is_free(0) else self.exponent(0)
         threshold: float = getattr(self.neuron, "threshold", 1.0)
-        return max(1.0, STATE_LIMIT / STATE_SCALE / threshold / 2.0**exponent / 3)
+        return max(1.0, STATE_LIMIT / STATE_SCALE / threshold / 2.0**exponent * 0.8)
 
     @property
     def has_kernel(self) -> bool:

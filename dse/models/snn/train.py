@@ -16,7 +16,7 @@ import numpy as np
 
 from dse.engine import engines
 from dse.engine.events import Rows, gather, pooled, without
-from dse.engine.forward import prepare
+from dse.engine.forward import Forward, prepare
 from dse.engine.goal import is_label
 from dse.engine.layers import weights as layer_weights
 from dse.engine.member import Masters, as_part, of_part
@@ -31,7 +31,7 @@ from dse.models.snn.settings import FINEST, Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
-from dse.neurons import Population, cuba_lif, name_of_population, parameters_of
+from dse.neurons import Population, cuba_lif, name_of_population, parameters_of, taken
 from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
 from dse.records import Array, Dataset, Floats, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
@@ -116,11 +116,25 @@ def train(
                 return found["chosen"]
             is_whole = model.arithmetic == "integer" and not model.is_dithered(0)
             matrix = quantise(weights) if is_whole else weights.astype(np.float32)
-            layer = prepare(layer_weights(matrix, None, population), model.arithmetic)
             parts = np.split(counted, range(PROBE_SAMPLES, counted.size, PROBE_SAMPLES))
-            windows = (rows_of(dataset.spikes, part, dataset.start[part]) for part in parts)
-            fired = [layer.forward(pooled(rows, pool)).fired.per_input() for rows in windows]
-            return contrasts.chosen(np.concatenate(fired), targets, n, model.hidden_spike_penalty)
+            windows = [pooled(rows_of(dataset.spikes, x, dataset.start[x]), pool) for x in parts]
+
+            def answers(of: Ints) -> list[Forward]:
+                some = layer_weights(matrix[:, of], None, taken(population, of))
+                layer = prepare(some, model.arithmetic)
+                return [layer.forward(rows, count=True) for rows in windows]
+
+            fired = [x.fired.per_input() for x in answers(np.arange(matrix.shape[1]))]
+            means = contrasts.depths(windows, weights, population)
+            return contrasts.chosen_within(
+                np.concatenate(fired),
+                targets,
+                n,
+                model.hidden_spike_penalty,
+                means,
+                model.most_peak,
+                lambda of: max(x.peak for x in answers(of)) / float(np.min(population.to_threshold)),
+            )
 
         trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, heads, pool, choose))
         trainees[-1].begun |= found

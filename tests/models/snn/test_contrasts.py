@@ -20,11 +20,11 @@ from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 NEURONS = cuba_lif.rounded(0.25, 0.03, 1.25)
 
 
-def drawn(n: int, n_inputs: int = 4, most_peak: float = np.inf, rate: float = 0.3) -> tuple:
+def drawn(n: int, n_inputs: int = 4, most_below: float = np.inf, rate: float = 0.3) -> tuple:
     rng = np.random.default_rng(2)
     common = rate * np.exp(rng.normal(0, 0.5, (6, 500, 1)).cumsum(axis=1) * 0.05)
     rows = pooled(rows_of((rng.random((6, 500, 40)) < common).astype(np.uint8)), np.arange(40) % n_inputs)
-    return rows, contrasts.candidates(rows, NEURONS, n, most_peak, np.random.default_rng(3))
+    return rows, contrasts.candidates(rows, NEURONS, n, most_below, np.random.default_rng(3))
 
 
 def test_a_candidate_is_excited_by_one_input_and_inhibited_by_less_of_another() -> None:
@@ -51,10 +51,10 @@ def test_shares_of_the_time_above_the_threshold_spread_evenly_on_a_logarithmic_s
 
 
 @pytest.mark.parametrize("most", [3.0, 20.0])
-def test_mean_potentials_stay_within_their_most(most: float) -> None:
-    rows, found = drawn(200, most_peak=most)
+def test_mean_potentials_lie_no_deeper_than_allowed(most: float) -> None:
+    rows, found = drawn(200, most_below=most)
     seen = contrasts.mean_counts(rows, 33)
-    thresholds = np.abs(seen @ found * dc_gain(NEURONS, 200)).max() / NEURONS.to_threshold
+    thresholds = -(seen @ found * dc_gain(NEURONS, 200)).min() / NEURONS.to_threshold
     assert thresholds < 1.4 * most  # these means are over half of what the neurons remember
 
 
@@ -94,7 +94,7 @@ def test_each_loss_is_that_which_raises_the_error_least(seed: int, n: int, n_out
         while left.size > 1:
             rest = [np.delete(left, k) for k in range(left.size)]
             costs = [error(counts, targets, r) + price * counts[:, r].mean(axis=0).sum() for r in rest]
-            left = contrasts.chosen(counts, targets, left.size - 1, price)
+            left = contrasts.chosen(counts, targets, left.size - 1, price, np.zeros(n, bool))
             found = error(counts, targets, left) + price * counts[:, left].mean(axis=0).sum()
             assert found <= min(costs) + 1e-9
 
@@ -105,8 +105,11 @@ def test_what_a_readout_needs_stays_and_the_price_of_spikes_is_paid() -> None:
     counts = rng.poisson(30, (400, 50))
     counts[:, [7, 31]] += 25 * np.stack([label, 1 - label], axis=1)
     counts[:, 40] = 40 * counts[:, 7]  # says the same as 7, in more spikes
-    assert 31 in contrasts.chosen(counts, np.eye(2)[label], 2, 0.0)
-    assert 40 not in contrasts.chosen(counts, np.eye(2)[label], 2, 1e-4)
+    out = np.zeros(50, bool)
+    assert 31 in contrasts.chosen(counts, np.eye(2)[label], 2, 0.0, out)
+    assert 40 not in contrasts.chosen(counts, np.eye(2)[label], 2, 1e-4, out)
+    out[31] = True
+    assert 31 not in contrasts.chosen(counts, np.eye(2)[label], 2, 0.0, out)
 
 
 def test_a_network_that_starts_by_contrasts_learns_in_fewer_epochs() -> None:
@@ -117,3 +120,16 @@ def test_a_network_that_starts_by_contrasts_learns_in_fewer_epochs() -> None:
         outcome = fit(data, model, training, rngs())
         assert accuracy(outcome, data) > 0.9
         assert outcome.health["missed_initial_rates"] == 0 and outcome.health["initial_rate_hidden"] > 0
+
+
+def test_neurons_that_would_leave_their_range_go_first_until_none_does() -> None:
+    rng = np.random.default_rng(1)
+    label = np.arange(200) % 2
+    counts = rng.poisson(30, (200, 30)) + (10 * label[:, None] * (np.arange(30) < 6))
+    targets, means = np.eye(2)[label], np.linspace(100, 1, 30)  # those that tell most have the highest means
+    within = contrasts.chosen_within(counts, targets, 6, 0.0, means, 200.0, lambda of: 3 * means[of].max())
+    assert 3 * means[within].max() <= 200 and within.size == 6
+    free = contrasts.chosen_within(counts, targets, 6, 0.0, means, np.inf, lambda of: np.inf)
+    np.testing.assert_array_equal(free, contrasts.chosen(counts, targets, 6, 0.0, np.zeros(30, bool)))
+    hopeless = contrasts.chosen_within(counts, targets, 6, 0.0, means, 1.0, lambda of: 3 * means[of].max())
+    np.testing.assert_array_equal(hopeless, np.arange(24, 30))
