@@ -19,13 +19,11 @@ Source: Hassibi and Stork 1993, optimal brain surgeon, of a linear readout (REFE
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from dse.engine.events import Rows
-from dse.engine.parameters import product
 from dse.models.snn.whiten import LEAST_SPREAD
 from dse.native.compiled import compiled
 from dse.neurons import Population
@@ -55,7 +53,8 @@ def candidates(
         rng: draws pairs and shares.
     """
     gain = dc_gain(population, n_neurons)
-    seen = mean_counts(rows, _memory(population, gain, rows.n_steps))
+    memory = float(np.median((gain / response_norm(population, n_neurons, rows.n_steps)) ** 2))
+    seen = mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
     weights = np.full((rows.n_inputs, n_neurons), NO_DRIVE)
     active = np.flatnonzero(seen.any(axis=0))
     n_rounds = -(-n_neurons // max(1, active.size))
@@ -74,27 +73,6 @@ def candidates(
         if b != a:
             weights[b, j] = -share / (means[b] * unit)
     return np.asarray(weights * (population.to_threshold / gain))
-
-
-def _memory(population: Population[Any], gain: Floats, n_steps: int) -> int:
-    """Return for how many steps the neurons remember their inputs, in the median."""
-    steps = float(np.median((gain / response_norm(population, gain.size, n_steps)) ** 2))
-    return min(max(1, round(steps)), n_steps)
-
-
-def depths(parts: Iterable[Rows], weights: Floats, population: Population[Any]) -> Floats:
-    """Return how far the mean potential of every neuron lies below rest at most, (neuron,) in thresholds.
-
-    Args:
-        parts: input spikes.
-        weights: (input, neuron).
-        population: the neurons.
-    """
-    gain, highest = dc_gain(population, weights.shape[1]), np.zeros(weights.shape[1])
-    for rows in parts:
-        seen = mean_counts(rows, _memory(population, gain, rows.n_steps))
-        highest = np.maximum(highest, -product(seen, weights).min(axis=0, initial=0))
-    return np.asarray(highest * gain / population.to_threshold)
 
 
 def mean_counts(rows: Rows, n_steps: int) -> Floats:
@@ -130,37 +108,6 @@ def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float, out: Arr
     prices = np.where(out, np.inf, price * totals / n)
     _remove(covariance, with_targets, left, len(scales) - n_neurons, prices)
     return np.flatnonzero(left)
-
-
-def chosen_within(
-    counts: Ints,
-    targets: Floats,
-    n_neurons: int,
-    price: float,
-    means: Floats,
-    most: float,
-    peak: Callable[[Ints], float],
-) -> Ints:
-    """Return which neurons stay, (n_neurons,) increasing, such that no potential leaves its range.
-
-    Where one does, those whose mean potentials are as low go first, and the others are chosen anew.
-
-    Args:
-        counts: as in `chosen`.
-        targets: likewise.
-        n_neurons: likewise.
-        price: likewise.
-        means: (candidate,) `depths`.
-        most: thresholds that potentials are to stay within.
-        peak: largest potential that some candidates reach, in thresholds.
-    """
-    least = np.sort(means)[n_neurons - 1]  # so many must stay
-    limit = most
-    while True:
-        picked = chosen(counts, targets, n_neurons, price, means > max(limit, least))
-        if math.isinf(most) or limit <= least or (reached := peak(picked)) <= most:
-            return picked
-        limit = min(limit, means[picked].max()) * min(0.9, most / reached)
 
 
 @compiled()

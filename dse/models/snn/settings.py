@@ -299,7 +299,7 @@ class Stack:
             return math.inf
         exponent = _USUAL if self.is_free(0) else self.exponent(0)
         threshold: float = getattr(self.neuron, "threshold", 1.0)
-        return max(1.0, STATE_LIMIT / STATE_SCALE / threshold / 2.0**exponent * 0.8)
+        return max(1.0, STATE_LIMIT / STATE_SCALE / threshold / 2.0**exponent * 0.7)
 
     @property
     def has_kernel(self) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from dse.engine import engines
 from dse.engine.events import Rows, gather, pooled, without
-from dse.engine.forward import Forward, prepare
+from dse.engine.forward import prepare
 from dse.engine.goal import is_label
 from dse.engine.layers import weights as layer_weights
 from dse.engine.member import Masters, as_part, of_part
@@ -31,7 +31,7 @@ from dse.models.snn.settings import FINEST, Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
-from dse.neurons import Population, cuba_lif, name_of_population, parameters_of, taken
+from dse.neurons import Population, cuba_lif, name_of_population, parameters_of
 from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
 from dse.records import Array, Dataset, Floats, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
@@ -116,25 +116,20 @@ def train(
                 return found["chosen"]
             is_whole = model.arithmetic == "integer" and not model.is_dithered(0)
             matrix = quantise(weights) if is_whole else weights.astype(np.float32)
-            parts = np.split(counted, range(PROBE_SAMPLES, counted.size, PROBE_SAMPLES))
-            windows = [pooled(rows_of(dataset.spikes, x, dataset.start[x]), pool) for x in parts]
+            layer = prepare(layer_weights(matrix, None, population), model.arithmetic)
 
-            def answers(of: Ints) -> list[Forward]:
-                some = layer_weights(matrix[:, of], None, taken(population, of))
-                layer = prepare(some, model.arithmetic)
-                return [layer.forward(rows, count=True) for rows in windows]
+            def windows(samples: Ints, size: int) -> Iterator[Rows]:
+                for part in np.split(samples, range(size, samples.size, size)):
+                    yield pooled(rows_of(dataset.spikes, part, dataset.start[part]), pool)
 
-            fired = [x.fired.per_input() for x in answers(np.arange(matrix.shape[1]))]
-            means = contrasts.depths(windows, weights, population)
-            return contrasts.chosen_within(
-                np.concatenate(fired),
-                targets,
-                n,
-                model.hidden_spike_penalty,
-                means,
-                model.most_peak,
-                lambda of: max(x.peak for x in answers(of)) / float(np.min(population.to_threshold)),
-            )
+            fired = [layer.forward(rows).fired.per_input() for rows in windows(counted, PROBE_SAMPLES)]
+            peaks = np.zeros(matrix.shape[1])
+            if math.isfinite(model.most_peak):
+                for rows in windows(counted[: 4 * PROBE_SAMPLES], 8):
+                    reached = np.abs(layer.forward(rows, keep_voltage=True).voltage).max(axis=(0, 1))
+                    peaks = np.maximum(peaks, reached / population.to_threshold)
+            price, out = model.hidden_spike_penalty, peaks > model.most_peak
+            return contrasts.chosen(np.concatenate(fired), targets, n, price, out)
 
         trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, heads, pool, choose))
         trainees[-1].begun |= found

@@ -14,6 +14,7 @@ from dse.engine.layers import weights
 from dse.models.snn import contrasts
 from dse.models.snn.family import SNN
 from dse.neurons import cuba_lif
+from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.response import dc_gain
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
@@ -55,7 +56,7 @@ def test_mean_potentials_lie_no_deeper_than_allowed(most: float) -> None:
     rows, found = drawn(200, most_below=most)
     seen = contrasts.mean_counts(rows, 33)
     thresholds = -(seen @ found * dc_gain(NEURONS, 200)).min() / NEURONS.to_threshold
-    assert thresholds < 1.4 * most  # these means are over half of what the neurons remember
+    assert thresholds < 1.7 * most  # these means are over half of what the neurons remember
 
 
 def test_inputs_that_never_fire_are_compared_with_nothing() -> None:
@@ -122,14 +123,13 @@ def test_a_network_that_starts_by_contrasts_learns_in_fewer_epochs() -> None:
         assert outcome.health["missed_initial_rates"] == 0 and outcome.health["initial_rate_hidden"] > 0
 
 
-def test_neurons_that_would_leave_their_range_go_first_until_none_does() -> None:
-    rng = np.random.default_rng(1)
-    label = np.arange(200) % 2
-    counts = rng.poisson(30, (200, 30)) + (10 * label[:, None] * (np.arange(30) < 6))
-    targets, means = np.eye(2)[label], np.linspace(100, 1, 30)  # those that tell most have the highest means
-    within = contrasts.chosen_within(counts, targets, 6, 0.0, means, 200.0, lambda of: 3 * means[of].max())
-    assert 3 * means[within].max() <= 200 and within.size == 6
-    free = contrasts.chosen_within(counts, targets, 6, 0.0, means, np.inf, lambda of: np.inf)
-    np.testing.assert_array_equal(free, contrasts.chosen(counts, targets, 6, 0.0, np.zeros(30, bool)))
-    hopeless = contrasts.chosen_within(counts, targets, 6, 0.0, means, 1.0, lambda of: 3 * means[of].max())
-    np.testing.assert_array_equal(hopeless, np.arange(24, 30))
+def test_neurons_that_would_leave_the_range_of_a_state_are_not_chosen() -> None:
+    data = toy(n=90)
+    training = SHORT.__class__(epochs=1, output_epochs=1, batch_size=9, dropout=0.0)
+    peaks = []
+    for threshold in (1.25, 320.0):
+        neuron = CubaLif(threshold=threshold, current_decay=(0.25,), voltage_decay=(0.002,))
+        outcome = fit(data, SNN(hidden=(12,), neuron=neuron, start="contrasts"), training, rngs())
+        peaks.append(outcome.health["peak_thresholds"])
+        assert not outcome.health["overflows_24_bit"]
+    assert peaks[0] > 1
