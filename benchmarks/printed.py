@@ -1,7 +1,7 @@
 """What each part of the training of the printed networks is worth: one change at a time, several seeds.
 
-`python -m benchmarks.printed` trains 125 hidden neurons as search_spaces/texture_profile_contrasts.yaml does, on
-12 trials of each texture and profile, and prints a table of Markdown: test accuracy, spikes, peak, CPU seconds.
+`python -m benchmarks.printed` trains 125 hidden neurons as search_spaces/texture_profile_contrasts.yaml does,
+on 12 trials of each texture and profile, and prints a table: test accuracy, spikes, peak, CPU seconds.
 All are means over seeds, with the standard deviation of accuracy behind ±. The data are simulated once.
 """
 
@@ -21,7 +21,6 @@ from dse import dataset, seeds
 from dse.config.load import load_space
 from dse.dataset.cache import opened_root
 from dse.engine.losses.spike_rate import SpikeRate
-from dse.models.snn.family import SNN
 from dse.models.training import FitRequest
 from dse.records import Dataset, Outcome, Response
 
@@ -85,8 +84,8 @@ def loaded(task: str, hidden: int, n_trials: int) -> tuple[Dataset, Any]:
     data = dataset.load(dataset.prepare(sections, SPACE.parent, root, 2))
     repetition = np.asarray(dataset.recordings(sections, SPACE.parent).columns["repetition"])
     train = data.train[repetition[data.train] < n_trials]
-    assert isinstance(sections.model, SNN)
-    model = replace(sections.model, hidden=(hidden,))
+    model: Any = sections.model
+    model = replace(model, hidden=(hidden,))
     return replace(data, train=train), replace(sections, model=model)
 
 
