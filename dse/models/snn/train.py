@@ -155,6 +155,12 @@ def train(
         exponent = _exponent(trainee, masters, dataset, delays)
         return _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
 
+    def ended(trainee: Trainee) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
+        if trainee.diverged:
+            yield trainee.number, TrainingDiverged(trainee.diverged)
+        elif trainee.finished:
+            yield trainee.number, _outcome(trainee, trainee.result, dataset, delays)
+
     clock.lap()
     for trainee in [] if span.states else live:
         if training.output_epochs:
@@ -166,6 +172,11 @@ def train(
             trainee.begun |= {f"basis/{d}": whiten.basis(of_layers[d - 1])[0] for d in missing}
             trainee.lay()
         trainee.seconds += clock.lap()
+        yield from ended(trainee)
+        clock.lap()
+    live = [x for x in live if not (x.diverged or x.finished)]
+    if not live:
+        return
     size = min(training.batch_size, dataset.train.size)
     engine = engines.start([trainee.member for trainee in trainees], size, n_steps, device, threads)
     for trainee, read in zip(trainees, span.states, strict=bool(span.states)):
@@ -181,17 +192,8 @@ def train(
         draws = {f"shared/{name}": position(rng) for name, rng in shared_draws.items()}
         return trainee.state() | draws | as_part("engine", engine.state(trainee.number))
 
-    def ended() -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
-        for trainee in live:
-            if trainee.diverged:
-                yield trainee.number, TrainingDiverged(trainee.diverged)
-            elif trainee.finished:
-                yield trainee.number, _outcome(trainee, trainee.result, dataset, delays)
-
     clock.lap()
-    yield from ended()
-    live = [x for x in live if not (x.diverged or x.finished)]
-    done = {len(trainee.history["loss"]) for trainee in live} or {training.epochs}
+    done = {len(trainee.history["loss"]) for trainee in live}
     if len(done) != 1:
         raise ValueError(f"the designs of a cohort must go on from the same epoch, got {sorted(done)}")
     (epoch,) = done
@@ -238,7 +240,8 @@ def train(
                 trainee.consider(masters, accuracy(deployed(trainee, masters), dataset))
             trainee.seconds += clock.lap()
         epoch += 1
-        yield from ended()
+        for trainee in live:
+            yield from ended(trainee)
         live = [x for x in live if not (x.diverged or x.finished)]
         if live and epoch != span.until and span.is_due():
             for trainee in live:
