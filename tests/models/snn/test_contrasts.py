@@ -15,7 +15,7 @@ from dse.models.snn import contrasts
 from dse.models.snn.family import SNN
 from dse.neurons import cuba_lif
 from dse.neurons.cuba_lif import CubaLif
-from dse.neurons.response import dc_gain
+from dse.neurons.response import dc_gain, response_norm
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
 NEURONS = cuba_lif.rounded(0.25, 0.03, 1.25)
@@ -54,9 +54,10 @@ def test_shares_of_the_time_above_the_threshold_spread_evenly_on_a_logarithmic_s
 @pytest.mark.parametrize("most", [3.0, 20.0])
 def test_mean_potentials_lie_no_deeper_than_allowed(most: float) -> None:
     rows, found = drawn(200, most_below=most)
-    seen = contrasts.mean_counts(rows, 33)
-    thresholds = -(seen @ found * dc_gain(NEURONS, 200)).min() / NEURONS.to_threshold
-    assert thresholds < 1.7 * most  # these means are over half of what the neurons remember
+    gain = dc_gain(NEURONS, 200)
+    memory = round(float(np.median((gain / response_norm(NEURONS, 200, rows.n_steps)) ** 2)))
+    depth = -(contrasts.mean_counts(rows, memory) @ found * gain).min() / NEURONS.to_threshold
+    assert 0.5 * min(most, 10) < depth < 1.001 * most
 
 
 def test_inputs_that_never_fire_are_compared_with_nothing() -> None:
