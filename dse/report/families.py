@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dse.report.designs import StudyTask, best_of
-from dse.report.leaks import Chosen
+from dse.report.designs import Chosen, StudyTask, best_of
 from dse.report.rows import FAMILIES, Row, measured
 
 if TYPE_CHECKING:

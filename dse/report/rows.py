@@ -1,4 +1,4 @@
-"""Rows of the report: each holds one number of one published system beside ours."""
+"""Rows of the report: each holds one number of ours, and the published one beside it where there is one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TESTS = {"accuracy": "accuracy_test", "t_p_ms": "t_p_test_ms", "t_h_ms": "t_h_t
 class Row:
     """One figure.
 
-    system: letter A to G, FAMILIES or HARDWARE. figure: name of the number, with its unit.
+    system: letter of a published system, FAMILIES or HARDWARE. figure: name of the number, with its unit.
     published, ours: the numbers; None where one of them does not exist.
     se: standard error of ours; test: the same design on the test set; runs: number of runs behind ours.
     shifted, unseen: accuracy of the same design on moved windows, and on groups without training recordings;

@@ -20,7 +20,7 @@ import pytest
 from dse import registry, store
 from dse.cli import main
 from dse.dashboard.study import write_page
-from dse.report import gather_marks
+from dse.report.gather import gather_marks
 from dse.study import results
 from tests import tiny_study
 from tests.page_data import held
