@@ -414,6 +414,7 @@ def test_what_is_no_file_is_named_as_such(tmp_path: Path, monkeypatch: pytest.Mo
     assert load_space("quickstart").study == "quickstart"
 
 
+@needs_papers
 def test_every_shipped_search_space_is_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names = shipped_spaces()

@@ -11,8 +11,7 @@ import pytest
 from dse.recordings.scene import SceneTrials
 from dse.report import ReportError
 from dse.study.results import Study
-from dse_papers.report.compare import PaperReport, PaperRow, paper_report
-from dse_papers.report.digits import agrees, gap_of, rounds_to
+from dse_papers.report.compare import PaperReport, PaperRow, agrees, gap_of, paper_report, rounds_to
 from dse_papers.report.papers import key_of, publication, publications
 from dse_papers.report.tables import TABLES
 from tests.report.made import write

@@ -6,7 +6,7 @@ A fact is a number, a text, or the two ends of a range; a fact that a study does
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
@@ -16,12 +16,11 @@ from dse.config.faults import ConfigError
 from dse.config.values import plain
 from dse.measure.decision import HUMAN_ACCURACY
 from dse.neurons import izhikevich
-from dse.preprocessing import Pooling
 from dse.recordings import RecordingError
 from dse.recordings.pooling import pooling
 from dse.recordings.scene import SceneTrials, Trials
 from dse.report.designs import StudyTask, record, sections_of
-from dse.scene.scene import Scene, Sensor
+from dse.scene.scene import Scene
 from dse.scene.surface import PRINTED_HEIGHT_MM
 
 if TYPE_CHECKING:
@@ -46,22 +45,24 @@ def facts_of(part: StudyTask, row: pandas.Series[Any]) -> Facts:
     trial = int(row["trial"])
     sections = sections_of(part.study.folder, trial)
     scene = scene_of(part, sections)
-    pools = None if scene is None else _pools(scene, sections)
+    pools = None
+    if scene is not None and sections.preprocessing is not None:
+        pools = pooling(sections.preprocessing, *scene.sensor.frame_px, Trials(scene).pins())
+    n_classes = len(part.classes(trial))
     facts: Facts = {
         **_settings(sections),
-        **_counts(part, trial, sections),
-        **_classes(part, trial),
+        **_counts(record(part.study.folder, trial).get("samples", {}), n_classes, sections),
+        "profiles" if part.of_movement else "textures": n_classes,
+        "chance": None if part.of_movement else 1 / n_classes,
         **_times(part, row, sections),
         **_layers(part, trial),
         **_model(sections, _channels(part, sections) if pools is None else pools.n_channels),
         **_searched(part, str(row["family"])),
         "human": HUMAN_ACCURACY,
         "t_c_within": _WITHIN_PERCENT,
+        **({} if scene is None else _scene(scene)),
+        "pools": None if pools is None else f"{pools.width} x {pools.height}",
     }
-    if scene is not None:
-        facts |= _scene(scene)
-    if pools is not None:
-        facts["pools"] = f"{pools.width} x {pools.height}"
     return {name: value for name, value in facts.items() if value is not None}
 
 
@@ -103,19 +104,17 @@ def _settings(sections: Sections) -> Facts:
     return facts
 
 
-def _counts(part: StudyTask, trial: int, sections: Sections) -> Facts:
+def _counts(counts: Mapping[str, int], n_classes: int, sections: Sections) -> Facts:
     """Return sizes of the parts of the recordings, and of cross-validation.
 
     With cross-validation the folds together are the training set, as papers count.
     """
-    counts = record(part.study.folder, trial).get("samples", {})
     train, validation, test = (int(counts.get(name, 0)) for name in ("train", "validation", "test"))
-    k_fold = sections.split.k_fold
-    n_classes, n = len(part.classes(trial)), train + validation + test
+    k_fold, n = sections.split.k_fold, train + validation + test
     if k_fold is not None:
         train, validation = train + validation, 0
     held_out = test if k_fold is not None else validation
-    facts: Facts = {
+    return {
         "n_samples": n,
         "n_train": train,
         "n_validation": validation,
@@ -123,22 +122,17 @@ def _counts(part: StudyTask, trial: int, sections: Sections) -> Facts:
         "n_test_per_class": test / n_classes,
         "folds": 1 if k_fold is None else k_fold.k,
         "samples_per_class": n / n_classes,
+        "recordings_per_class": n / n_classes if sections.window.cut_steps is None else None,
+        "test_fraction": _share(test, n),
+        "train_part": _share(train, n),
+        "validation_part": _share(validation, n),
+        "train_fraction": _share(train, train + held_out),
+        "held_out_fraction": _share(held_out, train + held_out),
     }
-    if sections.window.cut_steps is None:
-        facts["recordings_per_class"] = n / n_classes
-    if n:
-        facts |= {"test_fraction": test / n, "train_part": train / n, "validation_part": validation / n}
-    if train + held_out:
-        facts |= {
-            "train_fraction": train / (train + held_out),
-            "held_out_fraction": held_out / (train + held_out),
-        }
-    return facts
 
 
-def _classes(part: StudyTask, trial: int) -> Facts:
-    n = len(part.classes(trial))
-    return {"profiles" if part.of_movement else "textures": n, "chance": None if part.of_movement else 1 / n}
+def _share(n: int, of: int) -> Fact:
+    return n / of if of else None
 
 
 def _times(part: StudyTask, row: pandas.Series[Any], sections: Sections) -> Facts:
@@ -187,25 +181,18 @@ def _model(sections: Sections, channels: int | None) -> Facts:
     if _is_number(hidden):
         facts["hidden"] = hidden
     if _is_number(gain):
+        constants = izhikevich.A, izhikevich.B, izhikevich.C, izhikevich.D
         facts |= {
             "receptors": 3 if getattr(encoder, "sa", True) else 2,
             "gain_sa": gain * getattr(encoder, "gain_sa", math.nan),
-            **_izhikevich(),
             # printed per change in 1 ms, ours per change in 1 s
             "gain_fa": 1000 * gain * getattr(encoder, "gain_fa", math.nan),
+            "izhikevich": _several(constants),
+            "izhikevich_peak_mv": izhikevich.PEAK_MV,
         }
-    return facts
-
-
-def _izhikevich() -> Facts:
-    """Return the constants of the receptors' neurons; c in 100 mV, as it is printed."""
-    facts: Facts = {
-        "izhikevich": ", ".join(f"{x:g}" for x in (izhikevich.A, izhikevich.B, izhikevich.C, izhikevich.D)),
-        "izhikevich_peak_mv": izhikevich.PEAK_MV,
-    }
-    for name, params in (("SA", izhikevich.SA), ("FA", izhikevich.FA)):
-        values = {"a": params.a, "b": params.b, "c": params.c / 100, "d": params.d}
-        facts |= {f"izhikevich_{key}.{name}": float(np.asarray(value)) for key, value in values.items()}
+        for name, params in (("SA", izhikevich.SA), ("FA", izhikevich.FA)):  # c is printed in 100 mV
+            values = {"a": params.a, "b": params.b, "c": params.c / 100, "d": params.d}
+            facts |= {f"izhikevich_{key}.{name}": float(np.asarray(value)) for key, value in values.items()}
     return facts
 
 
@@ -251,15 +238,13 @@ def _step(axis: object, values: list[Any]) -> Fact:
 
 
 def _scene(scene: Scene) -> Facts:
-    peaks = [motion.peak_mm_s for motion in scene.motions]
+    peaks, n = [motion.peak_mm_s for motion in scene.motions], scene.sensor.n_across
     radii = sorted(x.pin_radius_mm for x in scene.textures if x.pin_radius_mm is not None)
     steps = {round(float(x), 9) for x in np.diff(radii)}
     facts: Facts = {
         "textures": len(scene.textures),
         "profiles": len(scene.motions),
-        "forces_n": ", ".join(f"{x:g}" for x in scene.forces_n)
-        if len(scene.forces_n) > 1
-        else scene.forces_n[0],
+        "forces_n": _several(scene.forces_n),
         "speed_mm_s": _span(peaks),
         "top_speed_mm_s": max(peaks),
         "speed_cm_s": _span([x / 10 for x in peaks]),
@@ -268,7 +253,7 @@ def _scene(scene: Scene) -> Facts:
         "recording_s": scene.duration_ms / 1000,
         "raw_ms": _span([1000 * motion.duration_s for motion in scene.motions]),
         "trials": scene.trials,
-        "n_pins": _n_pins(scene.sensor),
+        "n_pins": 1 + 3 * n * (n + 1) if scene.sensor.layout == "rings" else n * n,
         "pin_pitch_mm": scene.sensor.pin_pitch_mm,
         "force_bound_n": scene.variation.force_bound_n,
     }
@@ -281,17 +266,6 @@ def _scene(scene: Scene) -> Facts:
     return facts
 
 
-def _pools(scene: Scene, sections: Sections) -> Pooling | None:
-    if sections.preprocessing is None:
-        return None
-    return pooling(sections.preprocessing, *scene.sensor.frame_px, Trials(scene).pins())
-
-
-def _n_pins(sensor: Sensor) -> int:
-    n = sensor.n_across
-    return 1 + 3 * n * (n + 1) if sensor.layout == "rings" else n * n
-
-
 def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
@@ -302,7 +276,7 @@ def _same(pair: int | tuple[int, int]) -> Fact:
     return several[0] if len(set(several)) == 1 else " x ".join(map(str, several))
 
 
-def _several(numbers: list[Any] | tuple[Any, ...]) -> Fact:
+def _several(numbers: Sequence[float]) -> Fact:
     return float(numbers[0]) if len(numbers) == 1 else ", ".join(f"{x:g}" for x in numbers)
 
 

@@ -28,8 +28,7 @@ from dse.report.designs import best, sections_of
 from dse.report.rows import number
 from dse.study.results import Study, plain_space
 from dse.text import markdown
-from dse_papers.report.causes import fits
-from dse_papers.report.compare import PaperReport, paper_report, sides_of
+from dse_papers.report.compare import PaperReport, fits, paper_report, sides_of
 from dse_papers.report.ours import Side
 from dse_papers.report.papers import Redrawn, publication
 

@@ -13,7 +13,8 @@ from dse.measure.objectives.accuracy import seeds_se, wilson_se
 from dse.records import Array
 from dse.report.designs import StudyTask, best, record
 from dse.report.rows import number
-from dse_papers.report.facts import Facts, facts_of
+from dse_papers.report.facts import Fact, Facts, facts_of
+from dse_papers.report.papers import Number
 
 if TYPE_CHECKING:
     import pandas
@@ -90,6 +91,11 @@ class Side:
         if trial not in self._facts:
             self._facts[trial] = facts_of(self.part, design)
         return self._facts[trial]
+
+    def fact(self, number: Number, row: pandas.Series[Any] | None = None) -> Fact:
+        """Return what a design has beside a number of the set-up, under its conditions if facts have them."""
+        facts, reads = self.facts(row), number.entry.reads
+        return facts.get(".".join([reads, *number.condition.values()]), facts.get(reads))
 
     @property
     def n_test(self) -> int:

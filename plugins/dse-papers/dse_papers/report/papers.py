@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, reduce
 from importlib import resources
 from typing import Any, Literal, TypeVar
 
 from dse.config.faults import ConfigError, Fault
 from dse.config.values import read_object
-from dse.config.yaml_lines import Document, Path, parse
+from dse.config.yaml_lines import Document, parse
 from dse.registry import param
 from dse.report import System
 
@@ -98,12 +98,9 @@ class Publication:
 
     def numbers(self) -> Iterator[Number]:
         """Yield every printed number: results, then the set-up, then what the paper quotes."""
-        sections: tuple[tuple[Kind, Mapping[str, Entry]], ...] = (
-            ("result", self.results),
-            ("setup", self.setup),
-            ("cited", self.cited),
-        )
-        for kind, entries in sections:
+        sections: dict[Kind, Mapping[str, Entry]]
+        sections = {"result": self.results, "setup": self.setup, "cited": self.cited}
+        for kind, entries in sections.items():
             for key, entry in entries.items():
                 for condition, value in _flat(entry.value, tuple(entry.by), {}):
                     yield Number(kind, key, entry, condition, value)
@@ -194,14 +191,8 @@ def _document() -> Document:
 def _read(cls: type[T], path: tuple[str, ...]) -> T:
     document = _document()
     faults: list[Fault] = list(document.faults)
-
-    def report(at: Path, message: str) -> None:
-        faults.append(document.fault(at, message))
-
-    written: Any = document.data
-    for key in path:
-        written = written[key]
-    record = read_object(cls, written, path, report)
+    written: Any = reduce(lambda level, key: level[key], path, document.data)
+    record = read_object(cls, written, path, lambda at, text: faults.append(document.fault(at, text)))
     if faults or record is None:
         raise ConfigError(faults)
     return record
