@@ -111,9 +111,7 @@ def _of_hardware(
     """Return the winner on each chip, task by task; nothing for fewer than two chips."""
     points = study.points()
     names = hardware or (list(dict.fromkeys(points["hardware"])) if "hardware" in points else [])
-    if len(names) < 2:
-        return [], []
-    if points.empty:
+    if len(names) < 2 or points.empty:
         return [], []
     if hardware:
         points = pricing.points(study.folder, hardware)

@@ -24,6 +24,10 @@ HARDWARE = "hardware"
 _TESTS = {"accuracy": "accuracy_test", "t_p_ms": "t_p_test_ms", "t_h_ms": "t_h_test_ms"}
 
 
+# Fields of a row that hold columns of accuracy.
+_HONEST: Any = ("shifted", "shifted_se", "unseen", "unseen_se")
+
+
 @dataclass(frozen=True)
 class Row:
     """One figure.
@@ -87,6 +91,7 @@ def measured(
         part.task,
         printed,
         number(row.get(column)),
+        test=number(row.get(_TESTS.get(column, ""))),
         runs=int(row["repeats"]),
         family=str(row["family"]),
         trial=int(row["trial"]),
@@ -94,24 +99,19 @@ def measured(
         split=part.split,
         study=part.name,
     )
-    of_design = replace(of_design, test=number(row.get(_TESTS.get(column, ""))))
     if not column.startswith("accuracy"):
         return of_design
-    error = standard_error(part, row) if column == "accuracy" else number(row.get(f"{column}_se"))
-    value, low, high = (number(row.get(x)) for x in column_names(f"{column}_corrected"))
+    corrected, low, high = (number(row.get(x)) for x in column_names(f"{column}_corrected"))
     known = known_of(part, row)
     return replace(
         of_design,
-        corrected=value,
+        se=standard_error(part, row) if column == "accuracy" else number(row.get(f"{column}_se")),
+        corrected=corrected,
         corrected_low=low,
         corrected_high=high,
-        se=error,
         reader=None if known is None else known.accuracy,
         reader_se=None if known is None else known.se,
-        shifted=number(row.get("accuracy_shifted")),
-        shifted_se=number(row.get("accuracy_shifted_se")),
-        unseen=number(row.get("accuracy_unseen")),
-        unseen_se=number(row.get("accuracy_unseen_se")),
+        **{name: number(row.get(f"accuracy_{name}")) for name in _HONEST},
     )
 
 

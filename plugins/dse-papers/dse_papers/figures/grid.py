@@ -86,10 +86,7 @@ class GridFigure:
                 customdata=hover,
                 colorscale="Cividis",
                 colorbar={
-                    "title": {
-                        "text": f"mean {axis_title(_clipped(record.value, _TITLE_CHARACTERS))}",
-                        "side": "right",
-                    },
+                    "title": {"text": f"mean {_title(record.value)}", "side": "right"},
                     "thickness": 12,
                 },
                 xgap=1,
@@ -104,18 +101,14 @@ class GridFigure:
         )
         for axis, column, words in (("xaxis", record.x, x_words), ("yaxis", record.y, y_words)):
             places = list(range(0, len(words), -(-len(words) // _MAX_TICKS) or 1))
-            figure.update_layout(
-                {
-                    axis: {
-                        "title": {"text": axis_title(_clipped(column, _TITLE_CHARACTERS)), "standoff": 4},
-                        "automargin": True,
-                        "tickvals": places,
-                        "ticktext": [words[place] for place in places],
-                        "showgrid": False,
-                        "zeroline": False,
-                    }
-                }
-            )
+            figure.layout[axis] = {
+                "title": {"text": _title(column), "standoff": 4},
+                "automargin": True,
+                "tickvals": places,
+                "ticktext": [words[place] for place in places],
+                "showgrid": False,
+                "zeroline": False,
+            }
         figure.update_layout(margin={"l": 56, "r": 8, "t": 8, "b": 40})
         return figure
 
@@ -188,6 +181,10 @@ def _clipped(text: str, n: int) -> str:
     return text if len(text) <= n else f"{text[: n - 1]}…"
 
 
+def _title(column: str) -> str:
+    return axis_title(_clipped(column, _TITLE_CHARACTERS))
+
+
 def _template(column: str) -> str:
     """Return a column's words, to be read as they are within a plotly template."""
-    return axis_title(_clipped(column, _TITLE_CHARACTERS)).replace("%{", "% {")
+    return _title(column).replace("%{", "% {")

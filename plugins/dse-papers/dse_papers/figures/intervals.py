@@ -79,7 +79,12 @@ class IntervalsFigure:
         dataset = results.dataset(trial)
         groups = self.groups(dataset.positions[:, 2], results.sections(trial).get("encoder") or {})
         chosen = chosen_classes(dataset.classes, self.classes)
-        return _of_classes(gather_isi(dataset, dataset.train, groups, self.bins), chosen)
+        number = np.full(len(dataset.classes), -1)
+        number[chosen] = np.arange(len(chosen))
+        named = tuple(dataset.classes[c] for c in chosen)
+        dataset = replace(dataset, classes=named, target=number[dataset.target])
+        samples = dataset.train[dataset.target[dataset.train] >= 0]
+        return gather_isi(dataset, samples, groups, self.bins)
 
     @staticmethod
     def groups(planes: Ints, encoder: Mapping[str, Any]) -> dict[str, Ints]:
@@ -187,22 +192,6 @@ class DistancesFigure:
             legend={"orientation": "h", "y": 1.08},  # the right side is the second axis's
         )
         return figure
-
-
-def _of_classes(intervals: Intervals, chosen: Sequence[int]) -> Intervals:
-    """Return the intervals of some classes, which are numbered anew."""
-    number = np.full(len(intervals.classes), -1)
-    number[list(chosen)] = np.arange(len(chosen))
-    target = number[intervals.target]
-    return replace(
-        intervals,
-        classes=tuple(intervals.classes[c] for c in chosen),
-        counts=intervals.counts[:, chosen],
-        beyond=intervals.beyond[:, chosen],
-        mean_ms=intervals.mean_ms[:, target >= 0],
-        sd_ms=intervals.sd_ms[:, target >= 0],
-        target=target[target >= 0],
-    )
 
 
 def gather_isi(dataset: Dataset, samples: Array, groups: Mapping[str, Array], n_bins: int = 40) -> Intervals:

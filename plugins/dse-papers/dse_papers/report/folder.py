@@ -37,18 +37,8 @@ _KEPT = ("environment.json", "trials.parquet", "points.parquet")
 _JOURNAL, _SMALL_BYTES = "journal.log", 64_000
 _PNG_SCALE = 1.0
 _SHOWN = (
-    "where",
-    "quantity",
-    "condition",
-    "printed",
-    "ours",
-    "se",
-    "runs",
-    "why",
-    "causes",
-    "setup",
-    "study",
-    "task",
+    *("where", "quantity", "condition", "printed", "ours", "se", "runs", "why"),
+    *("causes", "setup", "study", "task"),
 )
 _COST = ("study", "task", "designs", "trainings", "hours")
 
@@ -62,39 +52,38 @@ def write_paper(studies: Sequence[Study], key: str, folder: Path) -> PaperReport
         folder: a new one, or one that this function wrote, which is replaced.
 
     Raises:
-        SetupError: no study is of the paper's set-up.
+        ReportError: no study is of the paper's set-up.
         StoreError: a study's folder is damaged, or `folder` holds something else.
         MissingExtra: what draws images is not installed.
     """
-    if not (folder / _COMPARED).is_file() and folder.exists() and not _is_empty(folder):
+    import pandas
+
+    is_empty = folder.is_dir() and not any(folder.iterdir())
+    if folder.exists() and not (is_empty or (folder / _COMPARED).is_file()):
         raise store.StoreError(f"{folder}: exists and is not the folder of a paper; name another one")
     compared, (sides, _) = paper_report(studies, key), sides_of(studies, key)
     with store.published(folder, replaces=True) as new:
         for study in dict.fromkeys(side.part.study.folder for side in sides):
             _keep(study, new / study.name)
         drawn = [line for figure in publication(key).figures for line in _redraw(figure, sides, new)]
-        _write_csv(compared, new / _COMPARED)
+        table = pandas.DataFrame([row.columns for row in compared.rows])
+        table.to_csv(new / _COMPARED, index=False)
         (new / _README).write_text(_readme(key, compared, sides, drawn), encoding="utf-8")
     return compared
-
-
-def _is_empty(folder: Path) -> bool:
-    return folder.is_dir() and not any(folder.iterdir())
 
 
 def _keep(study: Path, kept: Path) -> None:
     """Copy the tables of a study, not its runs; plugins are named without their folders of this machine."""
     kept.mkdir(parents=True)
-    for name in _KEPT:
+    journal = study / _JOURNAL
+    is_small = journal.is_file() and journal.stat().st_size <= _SMALL_BYTES
+    for name in (*_KEPT, *([_JOURNAL] if is_small else [])):
         if (study / name).is_file():
             shutil.copyfile(study / name, kept / name)
     space = plain_space(study / store.SPACE)
     if plugins := space.get("plugins"):
         space["plugins"] = [Path(str(name)).name for name in plugins]
     store.write_sealed_text(kept / store.SPACE, dump(space))
-    journal = study / _JOURNAL
-    if journal.is_file() and journal.stat().st_size <= _SMALL_BYTES:
-        shutil.copyfile(journal, kept / _JOURNAL)
 
 
 def _redraw(figure: Redrawn, sides: Sequence[Side], folder: Path) -> Iterator[str]:
@@ -155,12 +144,6 @@ def _samples(figure: Redrawn, side: Side) -> tuple[int, ...]:
         is_felt = trials.columns["texture"] == textures[texture].name
         places.append(int(np.argmax(is_felt & (trials.columns["profile"] == motions[motion].label))))
     return tuple(places)
-
-
-def _write_csv(compared: PaperReport, path: Path) -> None:
-    import pandas
-
-    pandas.DataFrame([row.columns for row in compared.rows]).to_csv(path, index=False)
 
 
 def _readme(key: str, compared: PaperReport, sides: Sequence[Side], drawn: Iterable[str]) -> str:

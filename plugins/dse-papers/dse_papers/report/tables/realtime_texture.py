@@ -23,6 +23,7 @@ _NEAR = 0.02
 _LOIHI = "Loihi 2"
 # Platform of the paper -> how names of hardware profiles begin: of the same kind, then of the next.
 _PLATFORMS = {"CPU": ("cpu",), "GPU": ("gpu",), _LOIHI: ("loihi2", "loihi1")}
+_NO_LENGTH = missing("no network of this length")
 _NOT_REACHED = "no setting reaches the human baseline"
 _NO_DECISION = "at the end of the sample, without the decision maker"
 
@@ -36,18 +37,14 @@ def _row(side: Side, condition: Mapping[str, str]) -> pandas.Series[Any] | None:
 
 def _column(columns: Mapping[str, str], side: Side, condition: Mapping[str, str]) -> Ours:
     row = _row(side, condition)
-    return _no_length(condition) if row is None else of_column(side, row, columns)
-
-
-def _no_length(condition: Mapping[str, str]) -> Ours:
-    return missing("no network of this length")
+    return _NO_LENGTH if row is None else of_column(side, row, columns)
 
 
 def _setting(name: str, side: Side, condition: Mapping[str, str]) -> Ours:
     """Return a setting of the decision maker: each fold has its own, and their median is one of them."""
     row = _row(side, condition)
     if row is None:
-        return _no_length(condition)
+        return _NO_LENGTH
     runs = side.part.arrays(int(row["trial"]), "read_out")
     each = sorted(x for run in runs if name in run and (x := number(run[name][-1])) is not None)
     if not each:
@@ -63,7 +60,7 @@ def _setting(name: str, side: Side, condition: Mapping[str, str]) -> Ours:
 def _class_accuracy(side: Side, condition: Mapping[str, str]) -> Ours:
     row = _row(side, condition)
     if row is None:
-        return _no_length(condition)
+        return _NO_LENGTH
     matrices, on_test = side.confusions(row)
     recalls = np.array([np.diag(matrix) / np.maximum(matrix.sum(axis=1), 1) for matrix in matrices])
     means = recalls.mean(axis=0)
@@ -77,14 +74,11 @@ def _theta_limit(side: Side, condition: Mapping[str, str]) -> Ours:
     row = side.chosen
     if row is None or number(row.get("t_p_ms")) is None:
         return missing("the study has no decision grid")
-    limits = [_largest_theta(run) for run in side.part.arrays(int(row["trial"]), "surface")]
-    return replace(over_runs([x for x in limits if x is not None], row), same=False, why=VALIDATION)
-
-
-def _largest_theta(surface: Mapping[str, np.ndarray]) -> float | None:
-    """Return the largest theta at which some phi reaches the human baseline."""
-    reached = surface["accuracy"].max(axis=0) >= HUMAN_ACCURACY
-    return float(surface["theta"][reached].max()) if reached.any() else None
+    limits = []
+    for run in side.part.arrays(int(row["trial"]), "surface"):
+        reached = run["accuracy"].max(axis=0) >= HUMAN_ACCURACY  # by some phi
+        limits += [float(run["theta"][reached].max())] if reached.any() else []
+    return replace(over_runs(limits, row), same=False, why=VALIDATION)
 
 
 def _t_h(side: Side, condition: Mapping[str, str]) -> Ours:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -20,14 +21,9 @@ def labels(part: StudyTask) -> dict[str, str]:
     return {"textures": "artificial" if is_artificial(scene) else "natural"}
 
 
-def _accuracy(side: Side, condition: Mapping[str, str]) -> Ours:
+def _column(columns: Mapping[str, str], side: Side, condition: Mapping[str, str]) -> Ours:
     row = best(side.designs(condition["family"]))
-    return _no(condition["family"]) if row is None else of_column(side, row, ACCURACY)
-
-
-def _t_c(side: Side, condition: Mapping[str, str]) -> Ours:
-    row = best(side.designs(condition["family"]))
-    return _no(condition["family"]) if row is None else of_column(side, row, {"t_c_ms": ""})
+    return _no(condition["family"]) if row is None else of_column(side, row, columns)
 
 
 def _hots(side: Side, condition: Mapping[str, str]) -> Ours:
@@ -54,8 +50,8 @@ def _no(what: str) -> Ours:
 
 
 OURS: Mapping[str, Measure] = {
-    "accuracy": _accuracy,
-    "t_c_ms": _t_c,
+    "accuracy": partial(_column, ACCURACY),
+    "t_c_ms": partial(_column, {"t_c_ms": ""}),
     "hots_accuracy": _hots,
     "window_ms": _window,
     "onset_ms": _onset,

@@ -114,9 +114,8 @@ def _gain_of_size(side: Side, condition: Mapping[str, str]) -> Ours:
 
 def _groups(side: Side, condition: Mapping[str, str]) -> Ours:
     """Return the accuracy on the profiles of one kind, whose classes are named after it."""
-    return _share(
-        side, lambda names: [(k, [k]) for k, x in enumerate(names) if x.startswith(condition["kind"])]
-    )
+    kind = condition["kind"]
+    return _share(side, lambda names: [(k, [k]) for k, x in enumerate(names) if x.startswith(kind)])
 
 
 def _confused(side: Side, condition: Mapping[str, str]) -> Ours:
