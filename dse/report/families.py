@@ -100,8 +100,8 @@ def _against(parts: Sequence[StudyTask]) -> tuple[list[Row], str] | None:
     profiles = {str(name) for part in parts if "hardware" in part.table for name in part.table["hardware"]}
     for column in _COSTS if len(profiles) < 2 else _COSTS[:-1]:  # energies of two chips do not compare
         costs = []
-        for side, (_, top) in zip(sides, tops, strict=True):
-            design = side.least(column, float(top["accuracy"]) - WITHIN)
+        for side, (_, most_accurate) in zip(sides, tops, strict=True):
+            design = side.least(column, float(most_accurate["accuracy"]) - WITHIN)
             if design is not None and (side.is_spiking or column != _SPIKES):
                 figure = f"least {_SHORT[column]}, {side.name}, within {WITHIN:g}"
                 rows.append(measured(design[0], FAMILIES, figure, None, design[1], column))

@@ -24,10 +24,6 @@ HARDWARE = "hardware"
 _TESTS = {"accuracy": "accuracy_test", "t_p_ms": "t_p_test_ms", "t_h_ms": "t_h_test_ms"}
 
 
-# Fields of a row that hold columns of accuracy.
-_HONEST: Any = ("shifted", "shifted_se", "unseen", "unseen_se")
-
-
 @dataclass(frozen=True)
 class Row:
     """One figure.
@@ -111,7 +107,10 @@ def measured(
         corrected_high=high,
         reader=None if known is None else known.accuracy,
         reader_se=None if known is None else known.se,
-        **{name: number(row.get(f"accuracy_{name}")) for name in _HONEST},
+        shifted=number(row.get("accuracy_shifted")),
+        shifted_se=number(row.get("accuracy_shifted_se")),
+        unseen=number(row.get("accuracy_unseen")),
+        unseen_se=number(row.get("accuracy_unseen_se")),
     )
 
 

@@ -276,7 +276,7 @@ def _same(pair: int | tuple[int, int]) -> Fact:
     return several[0] if len(set(several)) == 1 else " x ".join(map(str, several))
 
 
-def _several(numbers: Sequence[float]) -> Fact:
+def _several(numbers: Sequence[Any]) -> Fact:
     return float(numbers[0]) if len(numbers) == 1 else ", ".join(f"{x:g}" for x in numbers)
 
 

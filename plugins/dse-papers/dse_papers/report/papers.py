@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache, reduce
+from functools import cache
 from importlib import resources
 from typing import Any, Literal, TypeVar
 
@@ -191,7 +191,9 @@ def _document() -> Document:
 def _read(cls: type[T], path: tuple[str, ...]) -> T:
     document = _document()
     faults: list[Fault] = list(document.faults)
-    written: Any = reduce(lambda level, key: level[key], path, document.data)
+    written: Any = document.data
+    for key in path:
+        written = written[key]
     record = read_object(cls, written, path, lambda at, text: faults.append(document.fault(at, text)))
     if faults or record is None:
         raise ConfigError(faults)
