@@ -90,9 +90,9 @@ $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "needs Python 3.11 or newer, with its module ensurepip" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(STUDY): pyproject.toml constraints.txt | $(BIN)/python
+$(STUDY): pyproject.toml plugins/dse-papers/pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) hatchling editables
-	$(INSTALL) --no-build-isolation -e .
+	$(INSTALL) --no-build-isolation -e . -e plugins/dse-papers
 	@touch $@
 
 $(TESTS): $(STUDY)

@@ -27,11 +27,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dse.models.surfaces.prototypes import clustered, drawn_surfaces
-from dse.models.surfaces.time_surfaces import Field, Memory, Stream, nearest, prepared, surface
 from dse.recordings.event_files import EventFiles
 from dse.recordings.events import EventFile
 from dse.records import Array, Block
+from dse_papers.models.prototypes import clustered, drawn_surfaces
+from dse_papers.models.time_surfaces import Field, Memory, Stream, nearest, prepared, surface
 
 TAU_US = 20_000.0
 PROTOTYPES = 8

@@ -63,13 +63,13 @@ from dse.models.counts.elm import reduced, ridge_solutions, single_threaded
 from dse.models.counts.rate_windows import window_counts, window_edges
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import initialise, populations_of
-from dse.models.surfaces.time_surfaces import NEVER, Field, Memory, Stream
 from dse.models.training import Training
 from dse.native.compiled import compiled
 from dse.neurons import cuba_lif, fixed_point, izhikevich, resonator
 from dse.preprocessing import pool
 from dse.recordings.pooling import pooling
 from dse.records import Arithmetic, Array, Block, Dataset, Signals, Spikes
+from dse_papers.models.time_surfaces import NEVER, Field, Memory, Stream
 
 MATCH_WITHIN = 5.0
 DIGITS = 120

@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 from dse.cli import main as dse
-from dse.report.papers import publication
+from dse_papers.report.papers import publication
 
 RESULTS = Path(__file__).resolve().parent.parent / "results"
 SPACES = {

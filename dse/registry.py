@@ -5,7 +5,8 @@ gives each key its unit, bounds and meaning, and `dse describe` prints them.
 
 A component may live outside `dse`: in a plugin, which is a module or a .py file that a search space names
 (`load_plugin`), or in a module that an installed distribution names in the entry-point group
-`dse.components`. What a file names runs with the user's consent alone (`dse.trust`).
+`dse.components`; an entry point with the name of a section is loaded when that section is asked for. What a
+file names runs with the user's consent alone (`dse.trust`).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import re
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, TypeVar
@@ -30,6 +31,7 @@ from dse.text import one_line
 T = TypeVar("T")
 
 SECTIONS = {
+    "datasets": "dse.recordings",
     "encoders": "dse.encoders",
     "figures": "dse.figures",
     "hardware.kinds": "dse.hardware.kinds",
@@ -39,6 +41,7 @@ SECTIONS = {
     "objectives": "dse.measure.objectives",
     "recordings": "dse.recordings",
     "recordings.formats": "dse.recordings.formats",
+    "reports": "dse.report",
     "scene.motions": "dse.scene.motions",
     "search.samplers": "dse.search.samplers",
     "targets": "dse.deploy",
@@ -50,7 +53,17 @@ SECTIONS = {
 ENTRY_POINTS = "dse.components"
 """Entry-point group in which an installed distribution names its modules of components."""
 
+ELSEWHERE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "dse-papers": {
+        "figures": ("distances", "grid", "intervals", "intervals_by_sample", "lengths", "psth", "surface"),
+        "models": ("cascade", "hots", "threshold_lif"),
+        "reports": ("paper",),
+    },
+}
+"""Distribution of this repository -> section -> components that it holds (`elsewhere`)."""
+
 _MEMBERS: Mapping[str, tuple[str, ...]] = {
+    "datasets": ("file", "origin", "licence", "files", "digest", "convert"),
     "encoders": ("n_channels", "positions", "encode_all"),
     "losses": ("lengths", "value", "gradient"),
     "models": ("fit", "respond"),
@@ -59,6 +72,7 @@ _MEMBERS: Mapping[str, tuple[str, ...]] = {
         *("Populations.to_threshold", "Populations.initial_state", "Populations.step"),
     ),
     "objectives": ("needs", "columns", "measure"),
+    "reports": ("about", "systems", "rows", "marks", "table"),
 }
 """Section -> what a component of it must have, beside what its contract defines for it."""
 
@@ -210,8 +224,20 @@ def known(section: str) -> dict[str, type]:
     if section not in SECTIONS:
         raise ValueError(f"unknown section '{section}'; known: {', '.join(SECTIONS)}")
     _import_section(section)
-    _load_entry_points()
+    _load_entry_points("")
+    _load_entry_points(section)
     return dict(sorted(_components.get(section, {}).items()))
+
+
+def elsewhere(section: str, name: str) -> str:
+    """Return the end of a sentence about an unknown component: the plugin of this repository that holds it.
+
+    '' where none does, or where that plugin is installed.
+    """
+    for distribution, sections in ELSEWHERE.items():
+        if name in sections.get(section, ()) and name not in known(section):
+            return f" of plugin {distribution}: pip install ./plugins/{distribution} in the clone"
+    return ""
 
 
 def _has(cls: type, member: str) -> bool:
@@ -293,8 +319,9 @@ def load_plugin(
     if not name.endswith(".py"):
         if not all(part.isidentifier() for part in name.split(".")):
             raise PluginError(f"plugin '{name}' must be the name of a module or a path that ends in .py")
-        _load_entry_points()
-        if named_by is not None and name not in _plugins and name not in sys.modules:
+        _load_entry_points("")
+        is_here = name in _plugins or name in sys.modules
+        if named_by is not None and not is_here and all(x.module != name for x in _entry_points()):
             place, code = _module(name)
             digest = hashlib.sha256(f"{name}\0{place}\0".encode() + code).hexdigest()
             _ask(name, f"module {name} of {place}", digest, named_by, asks)
@@ -335,6 +362,15 @@ def plugin_of(cls: type) -> Plugin | None:
 def loaded_plugins() -> dict[str, str]:
     """Return module -> source of the loaded plugins, in the order of loading, for `load_the_same`."""
     return {module: plugin.source for module, plugin in _plugins.items()}
+
+
+def named_plugins() -> list[str]:
+    """Return the modules of the loaded plugins without those that installed distributions name for a section.
+
+    The latter are loaded or not as sections were asked for, and say nothing of a study.
+    """
+    lazy = {entry.module for entry in _entry_points() if entry.name in SECTIONS}
+    return sorted(_plugins.keys() - lazy)
 
 
 def interactive() -> list[tuple[str, str, type]]:
@@ -469,12 +505,22 @@ def _import_section(section: str) -> None:
     _imported.add(section)
 
 
-def _load_entry_points() -> None:
-    """Load the modules that installed distributions name; what fails is left out, with a warning."""
-    if ENTRY_POINTS in _imported:
+@functools.cache
+def _entry_points() -> Sequence[importlib.metadata.EntryPoint]:
+    return tuple(importlib.metadata.entry_points(group=ENTRY_POINTS))
+
+
+def _load_entry_points(section: str) -> None:
+    """Load the modules that installed distributions name for a section; '': for no section in particular.
+
+    What fails is left out, with a warning.
+    """
+    if (done := f"{ENTRY_POINTS} {section}") in _imported:
         return
-    _imported.add(ENTRY_POINTS)
-    for entry in importlib.metadata.entry_points(group=ENTRY_POINTS):
+    _imported.add(done)
+    for entry in _entry_points():
+        if section != (entry.name if entry.name in SECTIONS else ""):
+            continue
         try:
             load_plugin(entry.module)
         except PluginError as error:

@@ -17,6 +17,7 @@ from dse import registry, trust
 from dse.study import workers as study_workers
 from dse.study.executors.loky import Loky
 from tests.in_process import Forked, InProcess
+from tests.installed import PAPERS
 from tests.waiting import PATIENCE_MS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -30,6 +31,9 @@ BROWSER_FLAGS = (
     "--disable-sync",
     "--no-first-run",
 )
+
+_OF_PAPERS = ("plugins/dse_papers/*", *(f"benchmarks/test_{x}.py" for x in ("hots", "numerics", "papers")))
+collect_ignore_glob = [] if PAPERS else list(_OF_PAPERS)
 
 SLOW_FIRST = ("study", "dashboard", "cli")
 """Folders of tests/ whose files take longest: begun last, one would be waited for alone."""
@@ -78,6 +82,14 @@ def trusting() -> Iterator[None]:
     """Let plugins that files name run; the command line has `--trust` for that."""
     with trust.answering(True):
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def installed() -> None:
+    """Load what installed distributions register: tests put the registry back as it was before them."""
+    for entry in registry._entry_points():
+        if entry.name in registry.SECTIONS:
+            registry.known(entry.name)
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -77,13 +77,13 @@ def _users_mistakes() -> tuple[type[Exception], ...]:
     from dse.deploy.bundle import BundleError
     from dse.native.extras import MissingExtra
     from dse.recordings import RecordingError
-    from dse.report.compare import SetupError
+    from dse.report import ReportError
     from dse.skyline.constraints import ExpressionError
     from dse.skyline.table import TableError
     from dse.store import StoreError
 
     return (
-        *(ExpressionError, BundleError, RecordingError, SetupError, TableError, StoreError, ViewError),
+        *(ExpressionError, BundleError, RecordingError, ReportError, TableError, StoreError, ViewError),
         MissingExtra,
     )
 

@@ -222,7 +222,8 @@ class Family(Protocol):
     A family with a class variable `takes_events` that is true also takes spikes with times of their own
     (`Spikes.t_us`). One with a class variable `draws_crops` that is true trains on crops between `start_low`
     and `start_high`; any other trains on the evaluated windows, and may be given crops as further samples. A
-    family with a class variable `cpu_only` that is true cannot train on another device. One whose kernels
+    family with a class variable `cpu_only` that is true cannot train on another device. A class variable
+    `no_c` is the sentence that says why no C is written for the family. One whose kernels
     read the arrays of `Parameters` has a method `check_fitted(fitted, n_outputs)` that raises a ValueError
     where their shapes or numbers are wrong: a bundle that is read may hold anything.
 

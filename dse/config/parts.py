@@ -12,7 +12,7 @@ from typing import Any
 
 from dse.config.axes import Axis, is_axis, parse_axis
 from dse.config.faults import known_names
-from dse.config.sections import WITH_AXES, components, settings_class
+from dse.config.sections import COMPONENTS, WITH_AXES, components, settings_class
 from dse.config.values import (
     INVALID,
     Hint,
@@ -31,7 +31,7 @@ from dse.config.values import (
     read_written,
 )
 from dse.config.yaml_lines import Path, Raw
-from dse.registry import Rule, rule_of
+from dse.registry import Rule, elsewhere, rule_of
 
 # Cross-field rules are tried on at most this many combinations of a section's own axes.
 _MOST_COMBINATIONS = 1000
@@ -114,7 +114,9 @@ def component_class(path: Path, raw: Raw, report: Report) -> type | None:
         report(path, f"{section}.kind is required; {known_names('', known)}")
     elif not isinstance(raw["kind"], str) or raw["kind"] not in known:
         kind = raw["kind"]
-        report((*path, "kind"), f"unknown {section}.kind {echo(kind)}; {known_names(str(kind), known)}")
+        where = elsewhere(COMPONENTS[section], str(kind))
+        text = f"unknown {section}.kind {echo(kind)}{where}; {known_names(str(kind), known)}"
+        report((*path, "kind"), text)
     else:
         return known[raw["kind"]]
     return None

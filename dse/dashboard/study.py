@@ -449,7 +449,7 @@ def _progress(folder: Path) -> dict[str, Any]:
 def _marks(study: Study) -> tuple[list[dict[str, Any]], list[str]]:
     """Return the published designs to draw beside a study, or a sentence if they cannot be read."""
     from dse import store
-    from dse.report import gather_marks
+    from dse.report.gather import gather_marks
 
     try:
         return gather_marks(study), []

@@ -54,7 +54,7 @@ def write_page(
         results: what the commands that the page offers call the study: its folder.
         hardware: profiles for these commands, if they are not the profiles of the study.
         definition: which parts the page has and what it opens with; None: `dashboards/study.yaml`.
-        marks: published designs to draw beside, as `dse.report.gather_marks` returns them.
+        marks: published designs to draw beside, as `dse.report.gather.gather_marks` returns them.
 
     Returns:
         The path written.

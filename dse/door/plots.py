@@ -29,7 +29,8 @@ class Plots:
         """
         figures = registry.known("figures")
         if name not in figures:
-            raise AttributeError(f"unknown figure '{name}'; {known_names(name, figures)}")
+            where = registry.elsewhere("figures", name)
+            raise AttributeError(f"unknown figure '{name}'{where}; {known_names(name, figures)}")
 
         def drawn(design: Any = None, **keys: Any) -> plotly.graph_objects.Figure:
             """Draw the figure.

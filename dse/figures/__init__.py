@@ -100,7 +100,8 @@ def draw(results: Results, name: str, **keys: Any) -> plotly.graph_objects.Figur
     """
     figures = registry.known("figures")
     if name not in figures:
-        raise ValueError(f"unknown figure '{name}'; known: {', '.join(figures)}")
+        where = registry.elsewhere("figures", name)
+        raise ValueError(f"unknown figure '{name}'{where}; known: {', '.join(figures)}")
     figure: Figure[Any] = figures[name](**keys)
     return figure.draw(figure.gather(results))
 

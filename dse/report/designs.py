@@ -131,6 +131,14 @@ def tasks_of(study: Study) -> list[StudyTask]:
     return parts
 
 
+def alike(parts: Sequence[StudyTask]) -> list[list[StudyTask]]:
+    """Group the designs by task and recordings; groups are in the order of their first member."""
+    groups: dict[tuple[str, str], list[StudyTask]] = {}
+    for part in parts:
+        groups.setdefault((part.data, part.task), []).append(part)
+    return list(groups.values())
+
+
 def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
     """Return the points that answer at the end of the window, at the precision of the training.
 
@@ -192,9 +200,11 @@ def best(rows: pandas.DataFrame) -> pandas.Series[Any] | None:
     return first
 
 
-def best_of(
-    several: Sequence[tuple[StudyTask, pandas.DataFrame]],
-) -> tuple[StudyTask, pandas.Series[Any]] | None:
+Chosen = tuple[StudyTask, "pandas.Series[Any]"]
+"""A design, with its study."""
+
+
+def best_of(several: Sequence[tuple[StudyTask, pandas.DataFrame]]) -> Chosen | None:
     """Return the best design of several studies, with its study."""
     import pandas
 

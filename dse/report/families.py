@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from dse.report.designs import StudyTask, best_of
-from dse.report.leaks import Chosen
+from dse.report.designs import Chosen, StudyTask, best_of
 from dse.report.rows import FAMILIES, Row, measured
 
 if TYPE_CHECKING:
@@ -89,44 +88,46 @@ def _against(parts: Sequence[StudyTask]) -> tuple[list[Row], str] | None:
     """Return the rows of a comparison and the winner; None if a side has no design."""
     sides = [_side(parts, is_spiking=True), _side(parts, is_spiking=False)]
     tops = [top for side in sides if (top := side.best()) is not None]
-    if len(tops) < 2:
+    rows, verdicts = _best(sides, tops, "accuracy")
+    if not verdicts:
         return None
-    rows = [_row(*top, f"best accuracy, {side.name}") for side, top in zip(sides, tops, strict=True)]
     for column, limit in _BUDGETS:
         for side in sides:
             design = side.best(column, limit) if side.is_spiking or column == "n_weights" else None
             if design is not None:
-                rows.append(_row(*design, f"best accuracy, {side.name}, {_SHORT[column]} <= {limit}"))
-    accuracies = [float(row["accuracy"]) for _, row in tops]
-    names = [f"{row['family']} " for _, row in tops]
-    error = math.hypot(*(row.se or 0.0 for row in rows[:2]))
-    verdicts = [_verdict("accuracy", accuracies, names, error, lower=False)]
+                figure = f"best accuracy, {side.name}, {_SHORT[column]} <= {limit}"
+                rows.append(measured(design[0], FAMILIES, figure, None, design[1]))
     profiles = {str(name) for part in parts if "hardware" in part.table for name in part.table["hardware"]}
     for column in _COSTS if len(profiles) < 2 else _COSTS[:-1]:  # energies of two chips do not compare
         costs = []
-        for side, accuracy in zip(sides, accuracies, strict=True):
-            design = side.least(column, accuracy - WITHIN)
+        for side, (_, most_accurate) in zip(sides, tops, strict=True):
+            design = side.least(column, float(most_accurate["accuracy"]) - WITHIN)
             if design is not None and (side.is_spiking or column != _SPIKES):
                 figure = f"least {_SHORT[column]}, {side.name}, within {WITHIN:g}"
-                rows.append(_row(*design, figure, column))
+                rows.append(measured(design[0], FAMILIES, figure, None, design[1], column))
                 costs.append(float(design[1][column]))
         if len(costs) == len(sides):
             on = f" on {', '.join(profiles)}" if column == "energy_uj" else ""
             verdicts.append(_verdict(f"least {_SHORT[column]}{on}", costs, lower=True))
     rows += _of_each_family(parts)
     for column in _HONEST:
-        honest = [top for side in sides if (top := side.most(column)) is not None]
-        if len(honest) == len(sides):
-            of_sides = [
-                _row(*top, f"best {column}, {side.name}", column)
-                for side, top in zip(sides, honest, strict=True)
-            ]
-            rows += of_sides
-            values = [float(row[column]) for _, row in honest]
-            names = [f"{row['family']} " for _, row in honest]
-            error = math.hypot(*(row.se or 0.0 for row in of_sides))
-            verdicts.append(_verdict(column, values, names, error, lower=False))
+        more, winner = _best(sides, [top for side in sides if (top := side.most(column)) is not None], column)
+        rows += more
+        verdicts += winner
     return rows, "; ".join(verdicts)
+
+
+def _best(sides: Sequence[_Side], tops: Sequence[Chosen], column: str) -> tuple[list[Row], list[str]]:
+    """Return the rows of the best designs of both sides, and the winner; nothing if a side has none."""
+    if len(tops) < len(sides):
+        return [], []
+    rows = [
+        measured(part, FAMILIES, f"best {column}, {side.name}", None, row, column)
+        for side, (part, row) in zip(sides, tops, strict=True)
+    ]
+    values, names = [float(row[column]) for _, row in tops], [f"{row['family']} " for _, row in tops]
+    error = math.hypot(*(row.se or 0.0 for row in rows))
+    return rows, [_verdict(column, values, names, error, lower=False)]
 
 
 def _of_each_family(parts: Sequence[StudyTask]) -> list[Row]:
@@ -136,7 +137,7 @@ def _of_each_family(parts: Sequence[StudyTask]) -> list[Row]:
     for family in dict.fromkeys(name for _, table in known for name in table["family"]):
         best = best_of([(part, table[table["family"] == family]) for part, table in known])
         if best is not None:
-            row = _row(*best, f"best accuracy, {family}")
+            row = measured(best[0], FAMILIES, f"best accuracy, {family}", None, best[1])
             rows += [row] if row.shifted is not None or row.unseen is not None else []
     return rows
 
@@ -152,10 +153,6 @@ def _side(parts: Sequence[StudyTask], *, is_spiking: bool) -> _Side:
         if not rows.empty:
             designs.append((part, rows))
     return _Side("spiking" if is_spiking else "not spiking", is_spiking, designs)
-
-
-def _row(part: StudyTask, row: pandas.Series[Any], figure: str, column: str = "accuracy") -> Row:
-    return measured(part, FAMILIES, figure, None, row, column)
 
 
 def _verdict(

@@ -1,21 +1,17 @@
-"""Studies -> the report: rows of every system, of our families and of chips, and notes."""
+"""Studies -> the report: rows of what others publish, of our families and of chips, and notes."""
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from types import ModuleType
 
+from dse import registry
 from dse.audit import Audit
-from dse.report import known
-from dse.report.designs import StudyTask, record, tasks_of
+from dse.report import Published, known
+from dse.report.designs import StudyTask, alike, record, tasks_of
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
-from dse.report.marks import Mark
-from dse.report.papers import systems
 from dse.report.rows import FAMILIES, Row
 from dse.study import health, held, pricing
 from dse.study.results import Study
@@ -27,7 +23,6 @@ _HOW = (
     "by `ours`, which was measured",
     "`ours` is the mean over the runs; `se` the standard error over the runs, or Wilson's over the "
     "recordings where there is one run or all agree",
-    "`published` is what a paper prints of its own recordings: shown for comparison, not reproduced",
 )
 _READER = (
     "`reader` is what a plain reader of the same data answers (`dse audit`; validation chooses it), on the "
@@ -37,7 +32,7 @@ _READER = (
 
 @dataclass(frozen=True)
 class Report:
-    """Rows in the order of the systems, sentences about them, and the audit of each study that has one."""
+    """Rows, sentences about them, and the audit of each study that has one."""
 
     rows: list[Row]
     notes: list[str] = field(default_factory=list)
@@ -45,7 +40,7 @@ class Report:
 
 
 def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
-    """Return the results of studies beside the published ones, system by system.
+    """Return how families and chips compare, after what others publish beside designs of these studies.
 
     Args:
         studies: with finished trials or without.
@@ -57,19 +52,12 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     """
     parts = [part for study in studies for part in tasks_of(study)]
     rows: list[Row] = []
-    for module in _systems():
-        for group in alike(parts):
-            rows += module.rows(group)
-    order = {system: place for place, system in enumerate(systems())}
-    shown = {row.system for row in rows}
-    for module in _systems():
-        rows += [row for row in getattr(module, "printed", list)() if row.system in shown]
-    rows.sort(key=lambda row: order[row.system])  # stable: studies and tasks stay together
-    notes = list(_HOW) if rows else []
-    if any(part.of_movement for part in parts):
-        notes.append(
-            "published figures are for textures, those of E for velocity profiles, independent of our task"
-        )
+    of_published: list[str] = []
+    for source in published().values():
+        beside, sentences = source.rows(parts)
+        rows += beside
+        of_published += sentences
+    notes: list[str] = []
     for group in alike(parts):
         against, verdicts = compared(group)
         rows += against
@@ -97,11 +85,13 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     for name, audit in audits.items():
         if audit.shortcuts:
             notes.append(f"{name}: shortcuts that could pass for skill: {', '.join(audit.shortcuts)}")
-    silent = [name for name in systems() if name not in shown]
-    if silent:
-        missing = (f"{name} ({' or '.join(systems()[name].families)})" for name in silent)
-        notes.append(f"no designs for these systems: {', '.join(missing)}")
-    return Report(rows, list(dict.fromkeys(notes)), audits)
+    how = _HOW if rows else ()
+    return Report(rows, list(dict.fromkeys([*how, *notes, *of_published])), audits)
+
+
+def published() -> dict[str, Published]:
+    """Return what others publish, by name (section `reports`)."""
+    return {name: component() for name, component in registry.known("reports").items()}
 
 
 def gather_marks(study: Study) -> list[dict[str, object]]:
@@ -110,21 +100,9 @@ def gather_marks(study: Study) -> list[dict[str, object]]:
     Raises:
         StoreError: the study's folder is damaged.
     """
-    marks: dict[tuple[str, str], Mark] = {}
-    for group in alike(tasks_of(study)):
-        for module in _systems():
-            for mark in module.marks(group):
-                marks.setdefault((mark.task, mark.name), mark)
-    ordered = sorted(marks.values(), key=lambda mark: mark.name[0])
-    return [{**vars(mark), "values": dict(mark.values)} for mark in ordered]
-
-
-def alike(parts: Sequence[StudyTask]) -> list[list[StudyTask]]:
-    """Group the designs by task and recordings; groups are in the order of their first member."""
-    groups: dict[tuple[str, str], list[StudyTask]] = {}
-    for part in parts:
-        groups.setdefault((part.data, part.task), []).append(part)
-    return list(groups.values())
+    parts = tasks_of(study)
+    marks = [mark for source in published().values() for mark in source.marks(parts)]
+    return [{**vars(mark), "values": dict(mark.values)} for mark in marks]
 
 
 def _of_hardware(
@@ -133,9 +111,7 @@ def _of_hardware(
     """Return the winner on each chip, task by task; nothing for fewer than two chips."""
     points = study.points()
     names = hardware or (list(dict.fromkeys(points["hardware"])) if "hardware" in points else [])
-    if len(names) < 2:
-        return [], []
-    if points.empty:
+    if len(names) < 2 or points.empty:
         return [], []
     if hardware:
         points = pricing.points(study.folder, hardware)
@@ -176,10 +152,3 @@ def _failures(study: Study) -> list[str]:
         f"{study.folder.name}: {len(failed)} of {len(trials)} designs failed; "
         f"the first: {failed['reason'].iloc[0]}"
     ]
-
-
-def _systems() -> Iterator[ModuleType]:
-    """Yield the module of each published system, with its functions `rows` and `marks`."""
-    package = importlib.import_module("dse.report.systems")
-    for module in pkgutil.iter_modules(package.__path__):
-        yield importlib.import_module(f"dse.report.systems.{module.name}")

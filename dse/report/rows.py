@@ -1,4 +1,4 @@
-"""Rows of the report: each holds one number of one published system beside ours."""
+"""Rows of the report: each holds one number of ours, and the published one beside it where there is one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TESTS = {"accuracy": "accuracy_test", "t_p_ms": "t_p_test_ms", "t_h_ms": "t_h_t
 class Row:
     """One figure.
 
-    system: letter A to G, FAMILIES or HARDWARE. figure: name of the number, with its unit.
+    system: letter of a published system, FAMILIES or HARDWARE. figure: name of the number, with its unit.
     published, ours: the numbers; None where one of them does not exist.
     se: standard error of ours; test: the same design on the test set; runs: number of runs behind ours.
     shifted, unseen: accuracy of the same design on moved windows, and on groups without training recordings;
@@ -87,6 +87,7 @@ def measured(
         part.task,
         printed,
         number(row.get(column)),
+        test=number(row.get(_TESTS.get(column, ""))),
         runs=int(row["repeats"]),
         family=str(row["family"]),
         trial=int(row["trial"]),
@@ -94,18 +95,16 @@ def measured(
         split=part.split,
         study=part.name,
     )
-    of_design = replace(of_design, test=number(row.get(_TESTS.get(column, ""))))
     if not column.startswith("accuracy"):
         return of_design
-    error = standard_error(part, row) if column == "accuracy" else number(row.get(f"{column}_se"))
-    value, low, high = (number(row.get(x)) for x in column_names(f"{column}_corrected"))
+    corrected, low, high = (number(row.get(x)) for x in column_names(f"{column}_corrected"))
     known = known_of(part, row)
     return replace(
         of_design,
-        corrected=value,
+        se=standard_error(part, row) if column == "accuracy" else number(row.get(f"{column}_se")),
+        corrected=corrected,
         corrected_low=low,
         corrected_high=high,
-        se=error,
         reader=None if known is None else known.accuracy,
         reader_se=None if known is None else known.se,
         shifted=number(row.get("accuracy_shifted")),

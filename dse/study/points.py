@@ -116,7 +116,7 @@ def write_points(
 def _digest(space: SearchSpace, profiles: Sequence[Profile]) -> str:
     """Return a digest of all that the rows of any trial follow from: search space, chips and code."""
     settings = {k: x for k, x in space.to_plain().items() if k not in ("search", "execution")}
-    plain = [settings, sorted(registry.loaded_plugins()), [chip.text for chip in profiles]]
+    plain = [settings, registry.named_plugins(), [chip.text for chip in profiles]]
     return hashlib.sha256(_code() + json.dumps(plain, default=store.plain).encode()).hexdigest()
 
 

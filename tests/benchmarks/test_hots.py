@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks import hots
-from dse.models.surfaces.time_surfaces import Field, Memory, prepared
-from tests.models.surfaces.streams import drawn, stream
+from dse_papers.models.time_surfaces import Field, Memory, prepared
+from tests.plugins.dse_papers.streams import drawn, stream
 
 
 def test_frames_per_event_are_exact_surfaces_in_every_layer() -> None:

@@ -10,8 +10,8 @@ import pytest
 from benchmarks import hots, numerics
 from benchmarks.numerics import Match, Row, match
 from dse.engine.layers import prepare, weights
-from dse.models.surfaces.time_surfaces import Memory, Stream, nearest
 from dse.neurons import cuba_lif, lif
+from dse_papers.models.time_surfaces import Memory, Stream, nearest
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ import pandas as pd
 import dse
 from benchmarks.papers import RESULTS, SPACES, table
 from dse.config.locate import shipped_spaces
-from dse.report.papers import publications
+from dse_papers.report.papers import publications
 
 MOST_BYTES = 8_000_000
 FOLDERS = sorted(RESULTS.glob("0*"))

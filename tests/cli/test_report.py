@@ -15,6 +15,7 @@ from dse.cli import main
 from dse.config import load_space
 from dse.study import explore, pricing
 from dse.study.results import open as open_study
+from tests.installed import needs_papers
 from tests.report.made import write
 from tests.spaces import write_space
 
@@ -34,6 +35,7 @@ def results(tmp_path: Path) -> Path:
     return tmp_path / "all"
 
 
+@needs_papers
 def test_json_is_keyed_by_the_columns(results: Path, capsys: Captured) -> None:
     assert main(["report", str(results), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -49,6 +51,7 @@ def test_json_is_keyed_by_the_columns(results: Path, capsys: Captured) -> None:
     )
 
 
+@needs_papers
 def test_the_table_fits_a_terminal_and_shows_every_row(results: Path, capsys: Captured) -> None:
     assert main(["report", str(results), "--format", "table"]) == 0
     text = capsys.readouterr().out
@@ -60,6 +63,7 @@ def test_the_table_fits_a_terminal_and_shows_every_row(results: Path, capsys: Ca
     assert len(lines) - 1 == len(json.loads(capsys.readouterr().out)["rows"]) > 24
 
 
+@needs_papers
 def test_systems_are_chosen_by_letter(results: Path, capsys: Captured) -> None:
     assert main(["report", str(results), "--system", "b,D", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -73,6 +77,7 @@ def test_systems_are_chosen_by_letter(results: Path, capsys: Captured) -> None:
     assert main(["report", str(results), "--system", "C", "--json"]) == 1, "nothing to show"
 
 
+@needs_papers
 def test_a_paper_by_number_or_name(results: Path, tmp_path: Path, capsys: Captured) -> None:
     write(results / "elm", [{"accuracy": 0.8, "family": "elm", "macs": 4.0}])
     assert main(["report", str(results), "--paper", "elm_receptors", "--json"]) == 0
@@ -130,6 +135,7 @@ def test_a_study_that_failed_says_why_and_exits_with_1(tmp_path: Path, capsys: C
     assert "bad: 2 of 2 designs failed; the first: ValueError: hidden must be kind" in capsys.readouterr().out
 
 
+@needs_papers
 def test_a_study_as_it_is_run(tmp_path: Path, capsys: Captured) -> None:
     choice = "{choice: [{kind: snn, hidden: [4]}, {kind: knn, window_ms: 40}]}"
     space = write_space(
@@ -149,6 +155,7 @@ def test_a_study_as_it_is_run(tmp_path: Path, capsys: Captured) -> None:
     assert rows["accuracy, 160 ms (printed: 250 ms)"]["published"] == 0.93
 
 
+@needs_papers
 def test_chips_are_set_against_each_other(
     tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,6 +196,7 @@ def test_chips_are_named_twice_or_more_and_exist(results: Path, capsys: Captured
     assert told.out == "" and "lohi" in told.err and told.err.count("\n") == 1
 
 
+@needs_papers
 def test_parquet_holds_every_column(
     results: Path, capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path
 ) -> None:

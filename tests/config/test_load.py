@@ -19,6 +19,7 @@ from dse.recordings import EventSource
 from dse.recordings.scene import Trials
 from dse.records import Events, Rasters, Signals
 from dse.registry import param, register
+from tests.installed import needs_papers
 from tests.spaces import SPACE, faults_of, write_space
 
 
@@ -413,6 +414,7 @@ def test_what_is_no_file_is_named_as_such(tmp_path: Path, monkeypatch: pytest.Mo
     assert load_space("quickstart").study == "quickstart"
 
 
+@needs_papers
 def test_every_shipped_search_space_is_right(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names = shipped_spaces()
@@ -476,9 +478,12 @@ def test_no_single_character_crashes_the_reader(tmp_path: Path) -> None:
     ("every_event", "model", "encoder", "refused"),
     [
         ("true", "{kind: snn}", "", ["snn"]),
-        ("true", "{choice: [snn, hots, threshold_lif]}", "", ["snn", "threshold_lif"]),
+        pytest.param(
+            *("true", "{choice: [snn, hots, threshold_lif]}", "", ["snn", "threshold_lif"]),
+            marks=needs_papers,
+        ),
         ("{choice: [false, true]}", "{kind: snn}", "", ["snn"]),
-        ("true", "{choice: [hots, knn, naive_bayes, mlp, elm]}", "", []),
+        ("true", "{choice: [knn, naive_bayes, mlp, elm]}", "", []),
         ("true", "{kind: snn}", "encoder: {kind: receptors}", []),
         ("false", "{kind: snn}", "", []),
     ],

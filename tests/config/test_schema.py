@@ -10,6 +10,7 @@ from dse.config.locate import shipped_folder, shipped_spaces
 from dse.config.schema import json_schema
 from dse.config.sections import COMPONENTS, FAMILIES, SECTIONS, WITH_AXES, components, settings_class
 from dse.registry import Rule, rule_of
+from tests.installed import needs_papers
 
 
 def test_it_is_json_and_has_every_section() -> None:
@@ -18,6 +19,7 @@ def test_it_is_json_and_has_every_section() -> None:
     assert schema["additionalProperties"] is False
 
 
+@needs_papers
 def test_the_shipped_schema_is_that_of_the_code() -> None:
     """Where it is not: dse describe --schema > search_spaces/schema.json."""
     assert json.loads((shipped_folder("search_spaces") / "schema.json").read_text()) == json_schema()

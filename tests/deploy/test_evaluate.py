@@ -30,6 +30,7 @@ from dse.scene.load import load_scene
 from dse.study import explore, results
 from dse.study.results import Study
 from tests import tiny_study
+from tests.installed import needs_papers
 from tests.spaces import FINGERTIP, write_space
 
 
@@ -285,6 +286,7 @@ def first_and_last(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.iloc[sorted({0, len(rows) - 1})] if len(rows) else rows
 
 
+@needs_papers
 @pytest.mark.parametrize("text", [FAMILIES, JOINT], ids=["one task", "joint"])
 def test_every_family_and_every_kind_of_point_answers_as_it_was_measured(tmp_path: Path, text: str) -> None:
     found = explored(tmp_path, text)
@@ -350,6 +352,7 @@ execution: {jobs: 1}
 """
 
 
+@needs_papers
 def test_an_encoder_that_reads_labels_is_not_deployed(tmp_path: Path) -> None:
     write_space(tmp_path)
     (tmp_path / "leaky.yaml").write_text(LEAKY)

@@ -25,6 +25,7 @@ from dse.records import Array
 from dse.study import explore
 from dse.testing.targets import small_bundle, small_recordings
 from tests import tiny_study
+from tests.installed import needs_papers
 from tests.plugins import with_targets
 
 Damage = Callable[[Path], None]
@@ -376,6 +377,7 @@ execution: {jobs: 1}
 """
 
 
+@needs_papers
 def test_arrays_of_other_families_are_not_believed_either(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

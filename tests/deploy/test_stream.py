@@ -15,15 +15,14 @@ from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.decide import decided
 from dse.deploy.reference import answered, prepared
 from dse.deploy.stream import Decision, Stream, Windows
-from dse.models.counts.elm import ELM
 from dse.models.counts.knn import KNN
-from dse.models.surfaces.hots import HOTS
 from dse.models.training import Training
 from dse.recordings import RecordingError
 from dse.records import Block, Network, Rasters, Signals
 from dse.testing import small
 from tests.deploy import bundles
 from tests.deploy.c import nets
+from tests.installed import needs_papers
 from tests.spaces import sections
 
 FABRIC: dict[str, Any] = {
@@ -244,20 +243,25 @@ RATES = {"kind": "receptors", "full_scale": 1.0, "low": [0.0] * 40, "high": [1.0
 
 
 @pytest.mark.parametrize(
-    ("family", "changes"),
+    ("model", "changes"),
     [
-        (HOTS(prototypes=4, radius=1), {"preprocessing": {**OF_EVENTS, "every_event": True}}),
+        pytest.param(
+            {"kind": "hots", "prototypes": 4, "radius": 1},
+            {"preprocessing": {**OF_EVENTS, "every_event": True}},
+            marks=needs_papers,
+        ),
         (
-            ELM(),
+            {"kind": "elm"},
             {"preprocessing": OF_EVENTS, "encoder": RATES, "window": {"n_steps": 50, "jitter_steps": 3}},
         ),
     ],
 )
 def test_families_get_events_and_encoded_events_as_a_whole(
-    family: Any, changes: dict[str, Any], shared_data: Path
+    model: dict[str, Any], changes: dict[str, Any], shared_data: Path
 ) -> None:
     recordings = Input("events", 0, 80, 1, 50, 20.0)
-    design = replace(sections({**NEUTOUCH, **changes}), model=family)
+    design = sections({**NEUTOUCH, **changes, "model": model})
+    family = design.model
     n_channels = 40 if design.encoder is None else design.encoder.n_channels(40)
     rule = {"phi": None, "theta": None, "read_out_ms": 600.0, "input": recordings}
     made = bundles.bundle(bundles.network(np.random.default_rng(0), (n_channels, 4)), **rule)

@@ -19,6 +19,7 @@ import yaml
 from dse import registry
 from dse.cli.handbook import markdown
 from tests.docs import pages
+from tests.installed import needs_papers
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 DOCS = ROOT / "docs"
@@ -52,6 +53,7 @@ def test_every_block_runs_and_prints_what_is_shown(
     write_or_compare(path, pages.performed(path.read_text(encoding="utf-8"), pages.syntax))
 
 
+@needs_papers
 def test_the_reference_is_what_the_code_declares() -> None:
     write_or_compare(DOCS / "reference.md", markdown())
 

@@ -117,7 +117,7 @@ def test_what_is_picked_is_exported_evaluated_and_shown(tmp_path: Path) -> None:
     assert dse.export(study, choice, tmp_path / "three").record == bundle.record
     with pytest.raises(ValueError, match="columns"):
         study.export({"accuracy": 1.0}, tmp_path / "four")
-    assert study.plot.surface(choice).data
+    assert study.plot.confusion(choice).data
     assert repr(choice).startswith(f"<Choice trial {choice['trial']} of example on mcu_m4: accuracy ")
     assert "\n" not in repr(choice) and "<table" in choice._repr_html_() and choice
     none = study.pick("n_weights <= 1")

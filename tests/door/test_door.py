@@ -107,7 +107,7 @@ def test_what_is_picked_is_evaluated_as_its_folder_is(ran: Ran, tmp_path: Path) 
 def test_figures_and_optuna(ran: Ran) -> None:
     study, _ = ran
     assert "front" in dir(study.plot) and study.plot.front().data
-    assert study.plot.surface(study.best()).data and study.plot.learning(0).data
+    assert study.plot.confusion(study.best()).data and study.plot.learning(0).data
     copy = study.to_optuna()
     assert [trial.params["model.hidden"] for trial in copy.trials] == [4, 8]
     assert copy.metric_names == ["accuracy", "n_weights", "energy_uj"]
@@ -133,8 +133,8 @@ def test_figures_and_optuna(ran: Ran) -> None:
         ),
         (lambda study: study.plot.fornt(), AttributeError, "Did you mean 'front'"),
         (lambda study: study.plot.front(z=1), ValueError, "figure front has no key 'z'; known: "),
-        (lambda study: study.plot.grid(x="n_weights"), TypeError, "figure grid needs y: column of the"),
-        (lambda study: study.plot.surface("a"), TypeError, "design must be a trial's number or a row"),
+        (lambda study: study.plot.sweep(family="snn"), TypeError, "figure sweep needs x: "),
+        (lambda study: study.plot.confusion("a"), TypeError, "design must be a trial's number or a row"),
         (lambda study: dse.open(3), TypeError, "folder must be the path of a study's folder, got 3"),
         (lambda study: dse.run(3), TypeError, "a search space must be a YAML file, .* got int"),
         (lambda study: dse.run({}, 3), TypeError, "results must be the path of a folder, got 3"),

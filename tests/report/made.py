@@ -11,6 +11,8 @@ import pandas as pd
 import yaml
 
 from dse import store
+from dse.report.gather import Report
+from dse.report.rows import Row
 from dse.study import results
 from dse.study.results import Study
 
@@ -127,3 +129,15 @@ def _arrays(accuracy: float, design: Mapping[str, Any], n_classes: int) -> dict[
 
 def _writer(arrays: Mapping[str, Any]) -> Any:
     return lambda path: store.save_arrays(path, arrays)
+
+
+def rows_of(found: Report, system: str) -> dict[str, Row]:
+    """Return the rows of a system by figure; a figure twice is a fault."""
+    rows = [row for row in found.rows if row.system == system]
+    named = {row.figure: row for row in rows}
+    assert len(named) == len(rows), [row.figure for row in rows]
+    return named
+
+
+def noted(found: Report, text: str) -> bool:
+    return any(text in note for note in found.notes)

@@ -10,8 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.report import HARDWARE, Report, Row, report
+from dse.report.gather import Report, report
 from dse.report.hardware import HOW
+from dse.report.rows import HARDWARE, Row
 from dse.study import pricing
 from dse.study.results import Study
 from tests.report.made import write

@@ -20,6 +20,7 @@ from dse.study.executors.work import Failure
 from dse.study.results import Study
 from dse.study.runs import Runs
 from dse.study.workers import Workers
+from tests.installed import needs_papers
 
 LABEL = np.tile(np.repeat([0, 1, 2], 3), 2)
 FORCE = np.tile([1, 2, 3], 6)
@@ -311,6 +312,7 @@ def test_what_only_recordings_show_is_refused_before_any_training(
     assert fault.path == str(path)
 
 
+@needs_papers
 def test_every_family_is_evaluated(tmp_path: Path) -> None:
     kinds = [
         {"kind": "snn", "hidden": [4]},
@@ -336,6 +338,7 @@ def test_every_family_is_evaluated(tmp_path: Path) -> None:
     assert study.trials["accuracy_unseen"].between(0, 1).all()
 
 
+@needs_papers
 def test_a_joint_target_has_columns_for_each_head(tmp_path: Path) -> None:
     models = {
         "choice": [

@@ -128,7 +128,8 @@ def _figure(name: str, settings: Mapping[str, str]) -> Figure[Any]:
 
     figures: Mapping[str, type[Figure[Any]]] = registry.known("figures")
     if name not in figures:
-        raise _fault(f"unknown figure '{name}'; {known_names(name, figures)}")
+        where = registry.elsewhere("figures", name)
+        raise _fault(f"unknown figure '{name}'{where}; {known_names(name, figures)}")
     document = override(Document({}, {}), settings)
     faults = list(document.faults)
 

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def answer(arguments: argparse.Namespace) -> Answer:
     """Convert the set, or list the sets with their origins."""
     from dse.recordings import RecordingError
-    from dse.recordings.prepare import SETS, prepare
+    from dse.recordings.prepare import prepare, sets
 
     if arguments.set is None:
         rows = [
@@ -41,7 +41,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
                 "licence": one.licence or "none stated",
                 "converted from": ", ".join(one.files),
             }
-            for name, one in SETS.items()
+            for name, one in sets().items()
         ]
         return Answer(rows, all_rows=True)
     if arguments.source is None:

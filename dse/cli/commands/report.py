@@ -1,19 +1,22 @@
-"""`dse report`: the published systems, their figures beside ours."""
+"""`dse report`: families, chips and published systems beside each other."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dse import registry
 from dse.cli.answer import FORMATS, Answer, add_format, with_interval
 from dse.cli.audits import audit_answer
 
 if TYPE_CHECKING:
+    from dse.report import Published
     from dse.study.results import Study
 
 GROUP = "choose"
-HELP = "compare studies with published systems, spiking with other families, and chips with each other"
+HELP = "compare spiking with other families, chips with each other, and studies with published systems"
 _HONEST = ("shifted", "shifted_se", "unseen", "unseen_se")  # where a study evaluates them
 _SHOWN = (
     *("system", "figure", "task", "published", "corrected", "ours", "se", "low", "high", "test"),
@@ -22,28 +25,11 @@ _SHOWN = (
 )
 _ESSENTIAL = ("system", "figure", "published", "corrected", "ours")
 _TELLING = ("task",)
-_PAPER = (
-    *(
-        "kind",
-        "where",
-        "quantity",
-        "condition",
-        "printed",
-        "ours",
-        "se",
-        "low",
-        "high",
-        "runs",
-        "same",
-        "why",
-    ),
-    *("causes", "setup", "study"),
-)
 _NOTHING = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
+    """Declare the arguments; every component of section `reports` has an option of its name."""
     parser.add_argument(
         "results", nargs="+", metavar="RESULTS", help="folders of studies, or a folder that contains some"
     )
@@ -52,17 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LETTERS",
         help="print only the rows of these published systems, by their letters in the report, e.g. A or DE",
     )
-    parser.add_argument(
-        "--paper",
-        metavar="PAPER",
-        help="print every number of one paper beside ours: 000 to 004, or a name such as texture_velocity; "
-        "the studies must be of the paper's set-up",
-    )
+    for name, about in _reports().items():
+        parser.add_argument(f"--{name}", metavar=name.upper(), help=about)
     parser.add_argument(
         "--out",
         type=Path,
         metavar="FOLDER",
-        help="with --paper, also write a folder: the comparison, the printed figures redrawn (needs "
+        help=f"with {_either()}, also write a folder: the comparison, figures (needs "
         "`pip install 'dse[figures]'` and Chromium) and the tables of the studies",
     )
     parser.add_argument(
@@ -78,16 +60,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def answer(arguments: argparse.Namespace) -> Answer:
     """Return the rows of every named study, and of every study in a named folder."""
     from dse.measure.on_chips import DRAWN
-    from dse.report import report
-    from dse.report.papers import systems
+    from dse.report.gather import published, report
     from dse.skyline.constraints import ExpressionError
 
     studies = {study.folder.resolve(): study for text in arguments.results for study in _studies(Path(text))}
-    if arguments.paper is not None:
-        return _of_paper(list(studies.values()), arguments)
+    if asked := [name for name in _reports() if getattr(arguments, name) is not None]:
+        return _of_published(asked, list(studies.values()), arguments)
     if arguments.out is not None:
-        raise ExpressionError("--out must be with --paper, got it alone")
-    known = systems()
+        raise ExpressionError(f"--out must be with {_either()}, got it alone")
+    known = {letter: x for source in published().values() for letter, x in source.systems().items()}
     letters = _systems(arguments.system, list(known))
     chips = _chips(arguments.hardware)
     gathered = report(list(studies.values()), chips)
@@ -100,11 +81,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
     columns = [row.columns for row in rows]
     empty = {name for name in (*_HONEST, "reader", "reader_se") if all(row[name] is None for row in columns)}
     columns = [{name: x for name, x in row.items() if name not in empty} for row in columns]
-    values = {name: {row.get(name) for row in columns} - {None, ""} for name in _SHOWN}
-    # A terminal shows no empty columns, and no column for the name of the only study.
-    shown = [name for name in _SHOWN if len(values[name]) > (name == "study")]
     audits = {f"audit of {name}": audit_answer(audit) for name, audit in gathered.audits.items()}
     notes = [*titles, *splits_of_rows, *gathered.notes]
+    shown = _with_values(columns, _SHOWN)
     essential = [name for name in _ESSENTIAL if name in shown]
     table = [
         with_interval(row, "ours", row["low"], row["high"]) if str(row["figure"]).endswith(DRAWN) else row
@@ -119,31 +98,48 @@ def answer(arguments: argparse.Namespace) -> Answer:
     )
 
 
-def _of_paper(studies: list[Study], arguments: argparse.Namespace) -> Answer:
-    """Return every number of a paper beside ours.
+def _reports() -> dict[str, str]:
+    """Return the options of section `reports`, with help; those of plugins that are not installed too."""
+    missing = {
+        name: f"needs plugin {plugin}"
+        for plugin, sections in registry.ELSEWHERE.items()
+        for name in sections.get("reports", ())
+    }
+    installed: Mapping[str, type[Published]] = registry.known("reports")
+    return missing | {name: component.about for name, component in installed.items()}
+
+
+def _either() -> str:
+    return " or ".join(f"--{name}" for name in _reports())
+
+
+def _of_published(names: list[str], studies: list[Study], arguments: argparse.Namespace) -> Answer:
+    """Return a report of section `reports`.
 
     Raises:
-        ExpressionError: there is no such paper, or a system or profiles are named too.
-        SetupError: no study is of its set-up.
+        ExpressionError: more than one is asked for, systems or profiles are named too, or its plugin is not
+            installed.
+        ReportError: no study fits, or there is no such report.
     """
-    from dse.report import key_of, paper_report, write_paper
-    from dse.report.papers import publications
+    from dse.report.gather import published
     from dse.skyline.constraints import ExpressionError
 
-    name = arguments.paper
-    if arguments.system is not None or arguments.hardware is not None:
-        raise ExpressionError("--paper must be without --system and --hardware, got more than one of them")
-    key = key_of(name)
-    if key is None:
-        papers = ", ".join(f"{number} ({paper.name})" for number, paper in publications().items())
-        raise ExpressionError(f"--paper must be one of {papers}, got '{name}'")
+    name, *others = names
+    if others or arguments.system is not None or arguments.hardware is not None:
+        text = f"{_either()} must be without --system and --hardware, got more than one of them"
+        raise ExpressionError(text)
+    if missing := registry.elsewhere("reports", name):
+        raise ExpressionError(f"--{name} is an option{missing}")
     out = arguments.out
-    compared = paper_report(studies, key) if out is None else write_paper(studies, key, out)
-    columns = [row.columns for row in compared.rows]
-    used = {name: {row[name] for row in columns} - {None, ""} for name in _PAPER}
-    shown = [name for name in _PAPER if len(used[name]) > (name == "study")]
+    table = published()[name].table(studies, getattr(arguments, name), out)
     written = [] if out is None else [f"folder: {out}"]
-    return Answer(columns, [*compared.notes, *written], shown, all_rows=True)
+    return Answer(table.rows, [*table.notes, *written], _with_values(table.rows, table.shown), all_rows=True)
+
+
+def _with_values(rows: Sequence[Mapping[str, object]], columns: Sequence[str]) -> list[str]:
+    """Return the columns that are not empty, without that for the name of the only study."""
+    values = {name: {row.get(name) for row in rows} - {None, ""} for name in columns}
+    return [name for name in columns if len(values[name]) > (name == "study")]
 
 
 def _systems(text: str | None, known: list[str]) -> set[str] | None:
@@ -158,6 +154,8 @@ def _systems(text: str | None, known: list[str]) -> set[str] | None:
         return None
     letters = dict.fromkeys(text.upper().replace(",", "").replace(" ", ""))
     unknown = [name for name in letters if name not in known]
+    if not known:
+        raise ExpressionError("--system: no plugin of published systems is installed, such as dse-papers")
     if unknown or not letters:
         raise ExpressionError(f"--system must be letters among {', '.join(known)}, e.g. DE, got '{text}'")
     return set(letters)

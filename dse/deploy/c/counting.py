@@ -101,15 +101,6 @@ class CountingPlan(Frame):
         return (max(self.rows) + 1) * self.per_window
 
 
-_REASONS = {
-    "hots": "family hots takes an exponential of every neighbour of every event, and the nearest of its "
-    "prototypes by such numbers: the last bits of exponentials differ between C libraries, and C is written "
-    "without one",
-    "cascade": "family cascade runs one network on the estimates of another, and C holds one network",
-}
-"""Why a family has no C."""
-
-
 def planned(bundle: Bundle) -> Plan | CountingPlan:
     """Return the plan of a bundle of any family.
 
@@ -129,7 +120,7 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
     fitted = bundle.fitted
     kind = bundle.sections.kinds["model"]
     if not isinstance(fitted, Parameters) or not isinstance(model, KNN | NaiveBayes | MLP | ELM):
-        raise Unsupported(_REASONS.get(kind, f"family {kind} is not written in C"))
+        raise Unsupported(getattr(model, "no_c", f"family {kind} is not written in C"))
     if bundle.sections.preprocessing is not None and bundle.sections.preprocessing.every_event:
         raise Unsupported("preprocessing.every_event counts events, and C counts spikes of steps")
     if isinstance(model, KNN) and model.weights == "distance":

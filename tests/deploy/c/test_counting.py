@@ -28,6 +28,7 @@ from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.records import Operations
 from dse.testing.small import dataset, generators
+from tests.installed import needs_papers
 from tests.spaces import RASTER, sections
 
 pytestmark = pytest.mark.skipif(not host.has_compiler(), reason="no C compiler is installed")
@@ -185,6 +186,7 @@ def test_what_needs_a_library_is_refused(model: Any, reason: str) -> None:
     assert reason in C99().refusal(fitted(model)[0])
 
 
+@needs_papers
 @pytest.mark.parametrize(
     ("kind", "reason"), [("hots", "an exponential of every neighbour"), ("cascade", "C holds one network")]
 )

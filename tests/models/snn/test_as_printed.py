@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dse import store
-from dse.models.snn.cascade import Cascade
 from dse.models.snn.family import SNN
 from dse.models.snn.respond import respond
 from dse.models.training import FitRequest, Rung, Span, Training
@@ -166,8 +165,6 @@ def test_what_is_not_possible_is_said_in_a_line() -> None:
         SNN(max_axonal_delay=9, neuron=Lif(), arithmetic="ideal")
     with pytest.raises(ValueError, match="max_axonal_delay must be 0 where hidden layers are recurrent"):
         SNN(max_axonal_delay=9, recurrent=True)
-    with pytest.raises(ValueError, match="max_axonal_delay must be 0 in a cascade"):
-        Cascade(max_axonal_delay=9)
     with pytest.raises(ValueError, match="learnt_decays must be no for neuron lif"):
         SNN(learnt_decays="layer", neuron=Lif(), arithmetic="ideal")
     with pytest.raises(ValueError, match="learnt_decays must be no for neuron resonator"):

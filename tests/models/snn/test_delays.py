@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from dse import store
-from dse.models.snn.cascade import Cascade
 from dse.models.snn.family import SNN
 from dse.models.snn.respond import respond
 from dse.models.training import FitRequest, Training, TrainingDiverged
@@ -97,5 +96,3 @@ def test_keys_that_do_not_go_together() -> None:
         SNN(max_delay=9, neuron=Lif(), arithmetic="ideal")
     with pytest.raises(ValueError, match="delayed_layers must be first where hidden layers are recurrent"):
         SNN(max_delay=9, recurrent=True, delayed_layers="all")
-    with pytest.raises(ValueError, match="max_delay must be 0 in a cascade"):
-        Cascade(max_delay=9)

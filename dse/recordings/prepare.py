@@ -1,0 +1,173 @@
+"""Public recordings as the shipped search spaces read them: a component of section `datasets` per set.
+
+A set is converted from the files that its authors publish, number by number: nothing is filtered, resampled
+or rescaled. Beside each file of the result stands a record of its origin, licence and checksums, and whether
+the recordings are those of the published results. Parts that no search space reads, such as held-out
+repetitions, become files of their own.
+
+The scripts of `datasets/` hold the shipped sets; a plugin registers more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from dse import registry
+from dse.config.locate import shipped_folder
+from dse.recordings import RecordingError
+from dse.records import Array
+from dse.store import atomic, checksum
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A converted set. sources: the authors' files. parts: name of a file of the result -> its arrays."""
+
+    sources: Sequence[Path]
+    parts: Mapping[str, Mapping[str, Array]]
+
+
+class PublicSet(Protocol):
+    """A component of section `datasets`: a public set of recordings.
+
+    file: that the search spaces read, relative to the folder of recordings; other parts stand beside it.
+    origin: where its authors publish it. licence: that its authors state; '' if none.
+    files: names of the authors' files that are converted.
+    digest: of `file`, as the published results of `dse` were computed on it.
+    """
+
+    file: ClassVar[str]
+    origin: ClassVar[str]
+    licence: ClassVar[str]
+    files: ClassVar[tuple[str, ...]]
+    digest: ClassVar[str]
+
+    def convert(self, source: Path) -> Converted:
+        """Return the files of the result from the folder of the authors' files.
+
+        Raises:
+            RecordingError: a file is missing or holds something else.
+        """
+
+
+RECORD = ".origin.json"
+"""Ends the name of the record of a file."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file of a converted set.
+
+    published: whether it is that of the published results; None: no search space reads it.
+    """
+
+    path: Path
+    published: bool | None
+
+
+def sets() -> dict[str, PublicSet]:
+    """Return the public sets by name: those of `datasets/`, and of plugins."""
+    for script in sorted(shipped_folder("datasets").glob("*.py")):
+        registry.load_plugin(str(script))
+    return {name: one() for name, one in registry.known("datasets").items()}
+
+
+def prepare(name: str, source: Path, out: Path) -> list[Written]:
+    """Convert a public set and write its files, the one that search spaces read first, each with its record.
+
+    Args:
+        name: of `sets`.
+        source: folder with the authors' files.
+        out: folder of recordings.
+
+    Raises:
+        RecordingError: no such set, a file is missing or holds something else, or a file of the result is
+            already there and another; then nothing is written.
+        OSError: the result cannot be written.
+    """
+    known = sets()
+    if name not in known:
+        raise RecordingError(f"unknown set '{name}'; known: {', '.join(known)}")
+    public = known[name]
+    needs = f"{name} needs {', '.join(public.files)} of {public.origin}"
+    if not source.is_dir():
+        raise RecordingError(f"{source}: is no folder; {needs}")
+    try:
+        converted = public.convert(source)
+    except RecordingError as error:
+        raise RecordingError(f"{error}; {needs}") from None
+    main = out / public.file
+    targets = {main.parent / part: arrays for part, arrays in converted.parts.items()}
+    if main not in targets:
+        raise RecordingError(f"{source}: has none of the recordings that search spaces read ({main.name})")
+    for target, arrays in targets.items():
+        if target.exists() and not _holds(target, arrays):
+            raise RecordingError(f"{target}: is another file than is made from {source}; move it away first")
+    sources = {os.path.relpath(path, source): checksum(path) for path in converted.sources}
+    written = []
+    for target, arrays in sorted(targets.items(), key=lambda item: item[0] != main):
+        published = digest(arrays) == public.digest if target == main else None
+        _write(target, arrays)
+        record = {
+            "set": name,
+            "origin": public.origin,
+            "licence": public.licence or "none stated: ask its authors before you pass it on",
+            "as_in_published_results": published,
+            "source_sha256": sources,
+            "result_sha256": {target.name: checksum(target)},
+        }
+        with atomic(target.with_name(f"{target.name}{RECORD}")) as temporary:
+            temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        written.append(Written(target, published))
+    return written
+
+
+def _write(target: Path, arrays: Mapping[str, Array]) -> None:
+    if target.exists():
+        return
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **dict(arrays))  # type: ignore[arg-type]
+    with atomic(target) as temporary:
+        temporary.write_bytes(buffer.getvalue())
+
+
+def _holds(path: Path, arrays: Mapping[str, Array]) -> bool:
+    """Return whether an archive holds exactly these arrays."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return digest({name: archive[name] for name in archive.files}) == digest(arrays)
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+        return False
+
+
+def digest(arrays: Mapping[str, Array]) -> str:
+    """Return the SHA-256 of named arrays: of their names, types, shapes and numbers, in this order."""
+    result = hashlib.sha256()
+    for name, array in arrays.items():
+        result.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        result.update(array.tobytes())
+    return result.hexdigest()
+
+
+def folder(source: Path, inside: str, pattern: str) -> list[Path]:
+    """Return the sorted files of a pattern in `source/inside`, or else in a shorter end of that path.
+
+    Raises:
+        RecordingError: there is none.
+    """
+    ends = Path(inside).parts
+    for start in range(len(ends) + 1):
+        if files := sorted(source.joinpath(*ends[start:]).glob(pattern)):
+            return files
+    raise RecordingError(f"{source}: has no {inside}/{pattern}")
