@@ -21,8 +21,8 @@ from dse.deploy.c.counting import planned
 from dse.deploy.c.plan import Unsupported
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.reference import Reference, of_recordings
-from dse.deploy.sources import Passed, by_step, items_of_recording
-from dse.deploy.stream import Decision, Stream, Windows
+from dse.deploy.sources import by_step, items_of_recording
+from dse.deploy.stream import Decision, Passed, Stream, Windows
 from dse.deploy.targets.c99 import C99
 from dse.hardware.counter import measured_power
 from dse.recordings import trials_of
@@ -94,7 +94,10 @@ def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Record
     inputs = None if reference is None else reference.inputs
     if reference is None or inputs is None:
         for spikes in _windows_of_spikes(bundle, reference):
-            yield lambda: Stream(bundle, Windows("once")), [partial(_push_spikes, channels=x) for x in spikes]
+            yield (
+                lambda: Stream(bundle, Windows("once")),
+                [partial(Stream.spikes, channels=x) for x in spikes],
+            )
         return
     input_ms = Stream(bundle).step_ms
     simulated = not isinstance(inputs, Signals | Rasters) and trials_of(inputs) is not None
@@ -103,15 +106,7 @@ def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Record
         for item in items_of_recording(inputs, i):
             items += by_step(item, input_ms) if isinstance(item, Block) else [item]
         make = partial(Stream, bundle, Windows("once", first=first), 0 if simulated else None)
-        yield make, [partial(_push, item=item) for item in items]
-
-
-def _push_spikes(stream: Stream, channels: Ints) -> list[Decision]:
-    return stream.spikes(channels)
-
-
-def _push(stream: Stream, item: Block | Array | Passed) -> list[Decision]:
-    return stream.time(item.t_us) if isinstance(item, Passed) else stream.push(item)
+        yield make, [partial(Stream.push, item=item) for item in items]
 
 
 def _windows_of_spikes(bundle: Bundle, reference: Reference | None) -> list[list[Ints]]:
