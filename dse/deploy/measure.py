@@ -18,7 +18,7 @@ import numpy as np
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.counting import planned
-from dse.deploy.c.plan import Unsupported
+from dse.deploy.form import Unsupported
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.sources import by_step, items_of_recording
@@ -167,14 +167,13 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
     none = np.zeros(0)
     try:
         plan = planned(bundle)
-        commands = None if reference is None else replay.of_recordings(reference, plan)
+        commands, options = (None, []) if reference is None else replay.of_recordings(reference, plan)
         if commands is None:
             windows = _windows_of_spikes(bundle, reference)
             counts = [np.array([len(x) for x in window]) for window in windows]
-            commands = [host.of_spikes(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
-        is_real = reference is not None and replay.reals(reference, plan)
+            commands = [replay.of_window(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
         with tempfile.TemporaryDirectory() as temporary:
-            program = _program(bundle, Path(temporary), ["-DDSE_REAL_SAMPLES"] if is_real else [])
+            program = _program(bundle, Path(temporary), options)
             text = np.concatenate(commands).astype(np.int32).tobytes()
             first = _played(program, text, 1)
             seconds = max(1e-4, sum(float(x.sum()) for x, _ in first) * 1e-9)

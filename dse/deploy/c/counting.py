@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from dse.deploy.bundle import Bundle
-from dse.deploy.c.plan import Frame, Plan, Unsupported, frame_of, plan_of
+from dse.deploy.c.plan import Plan, plan_of
+from dse.deploy.classifier import Classifier as Bundle
+from dse.deploy.form import Frame, Unsupported, frame_of
 from dse.models.counts.elm import ELM, borders
 from dse.models.counts.knn import KNN
 from dse.models.counts.mlp import MLP

@@ -4,29 +4,42 @@ from __future__ import annotations
 
 import numpy as np
 
+from dse.deploy.c.arrays import Member, Table, declared, struct_bytes
 from dse.deploy.c.counting import Bayes, Classifier, CountingPlan, Extreme, Nearest, Perceptron, Units
 from dse.deploy.c.files import Code
-from dse.deploy.c.front_end import floats, front_end, level_type, needs_double
-from dse.deploy.c.memory import Member, Table, front_end_members, struct_bytes
+from dse.deploy.c.front_end import begin, binned, floats, front_end, front_end_members, level_type
 from dse.deploy.c.text import NAMES, TITLE, filled
 
 
 def code(plan: CountingPlan) -> Code:
     """Return a classifier of counts as C."""
     variables, constants = members(plan), tables(plan)
-    ram, constant = struct_bytes(variables), sum(table.n_bytes for table in constants)
-    return Code(
-        frame=plan,
-        source=_source(plan, ram, constant),
-        n_outputs=0,
-        steps_per_sample=1,
-        ram_bytes=ram,
-        of_reals_bytes=struct_bytes(variables, of_reals=True),
-        table_bytes=constant,
-        needs_double=needs_double(plan, [table.kind for table in constants]),
-        what=f"A classifier of family {plan.family} on {plan.n_features} spike counts. "
-        f"{_arithmetic(plan.classifier)}",
+    row = "(uint32_t)rows[net.window]"
+    each = plan.per_window > 1 or plan.n_channels == 1
+    source = filled(
+        "counting.c",
+        title=TITLE,
+        ram_bytes=struct_bytes(variables),
+        table_bytes=sum(table.n_bytes for table in constants),
+        family=plan.family,
+        n_steps=plan.n_steps,
+        floats=floats(plan, [table.kind for table in constants]),
+        tables="\n".join(table.text for table in constants) + level_type(plan),
+        members=declared(variables),
+        bound="" if plan.n_channels == 2**16 else f"channel >= {plan.n_channels}u || ",
+        n_windows=len(plan.ends),
+        place=f"{row} * {plan.per_window}u + channel" if each else row,
+        classify=_classify(plan, plan.classifier),
+        channel_words=plan.channel_words,
+        front_end=front_end(plan),
+        n_features=plan.n_features,
+        init=begin(plan),
+        **binned(plan),
+        names=NAMES,
+        n_classes=len(plan.classes),
     )
+    what = f"A classifier of family {plan.family} on {plan.n_features} spike counts. "
+    return Code(plan, source, 0, 1, variables, constants, what + _arithmetic(plan.classifier))
 
 
 def _arithmetic(classifier: Classifier) -> str:
@@ -45,7 +58,7 @@ def real_type(units: Units) -> str:
 
 
 def members(plan: CountingPlan) -> list[Member]:
-    """Return all variables, the widest types first."""
+    """Return all variables."""
     classifier = plan.classifier
     out = [
         Member(_counter(plan), "counts", (plan.n_features,), "spikes by window and channel"),
@@ -64,7 +77,7 @@ def members(plan: CountingPlan) -> list[Member]:
         ]
     if isinstance(classifier, Units) and classifier.layers:
         out.append(Member(real_type(classifier), "units", (sum(classifier.sizes[1:]),), "of all layers"))
-    return sorted([*out, *front_end_members(plan)], key=lambda m: -m.width)
+    return [*out, *front_end_members(plan)]
 
 
 def tables(plan: CountingPlan) -> list[Table]:
@@ -98,42 +111,6 @@ def tables(plan: CountingPlan) -> list[Table]:
         Table(real_type(classifier), "weight", np.concatenate([x.ravel() for x in weights])),
         Table(real_type(classifier), "bias", np.concatenate(biases)),
     ]
-
-
-def _source(plan: CountingPlan, ram_bytes: int, table_bytes: int) -> str:
-    row = "(uint32_t)rows[net.window]"
-    each = plan.per_window > 1 or plan.n_channels == 1
-    clear, advance, init = "", "", ""
-    if plan.pooling is not None:
-        advance = f"    if (net.started) {{\n        net.end_us += {plan.pooling.bin_us};\n    }}\n"
-        init = "    net.started = 0;\n"
-        if plan.pooling.counts_needed:
-            clear = f"    for (i = 0; i < {plan.n_channels}u; i++) {{\n        net.events[i] = 0;\n    }}\n"
-    if plan.encoder is not None:
-        init = "    net.begun = 0;\n"
-    return filled(
-        "counting.c",
-        title=TITLE,
-        ram_bytes=ram_bytes,
-        table_bytes=table_bytes,
-        family=plan.family,
-        n_steps=plan.n_steps,
-        floats=floats(plan, [table.kind for table in tables(plan)]),
-        tables="\n".join(table.text for table in tables(plan)) + level_type(plan),
-        members="".join(member.text for member in members(plan)),
-        bound="" if plan.n_channels == 2**16 else f"channel >= {plan.n_channels}u || ",
-        n_windows=len(plan.ends),
-        place=f"{row} * {plan.per_window}u + channel" if each else row,
-        classify=_classify(plan, plan.classifier),
-        advance=advance,
-        channel_words=plan.channel_words,
-        clear=clear,
-        front_end=front_end(plan),
-        n_features=plan.n_features,
-        init=init,
-        names=NAMES,
-        n_classes=len(plan.classes),
-    )
 
 
 def _classify(plan: CountingPlan, classifier: Classifier) -> str:
@@ -174,11 +151,15 @@ def _classify(plan: CountingPlan, classifier: Classifier) -> str:
     )
 
 
-def _counter(plan: CountingPlan) -> str:
-    """Return the type of a count: it holds all spikes of a counting window."""
+def _most(plan: CountingPlan) -> int:
+    """Return the most spikes that a count of a window can hold."""
     steps = max(np.diff([0, *plan.ends]).tolist())
-    most = steps * (1 if plan.per_window > 1 else plan.n_channels)
-    return "uint16_t" if most < 2**16 else "uint32_t"
+    return int(steps * (1 if plan.per_window > 1 else plan.n_channels))
+
+
+def _counter(plan: CountingPlan) -> str:
+    """Return the type of a count."""
+    return "uint16_t" if _most(plan) < 2**16 else "uint32_t"
 
 
 def _stored(classifier: Nearest) -> str:
@@ -188,7 +169,5 @@ def _stored(classifier: Nearest) -> str:
 
 def _distance(plan: CountingPlan, classifier: Nearest) -> str:
     """Return the type of a squared distance: it holds the largest."""
-    steps = max(np.diff([0, *plan.ends]).tolist())
-    most = steps * (1 if plan.per_window > 1 else plan.n_channels)
-    largest = max(most, int(classifier.counts.max(initial=0)))
+    largest = max(_most(plan), int(classifier.counts.max(initial=0)))
     return "uint32_t" if largest**2 * plan.n_features < 2**32 else "uint64_t"

@@ -14,9 +14,9 @@ import pytest
 
 from dse.deploy import loihi_run
 from dse.deploy.bundle import Bundle
+from dse.deploy.run import interpreter
 from dse.deploy.targets import TargetError, Verdict, loihi
 from dse.deploy.targets.loihi import Loihi
-from dse.deploy.targets.peers import interpreter
 from dse.records import Parameters
 from tests.deploy import bundles
 from tests.golden import FILE
