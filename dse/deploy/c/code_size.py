@@ -15,8 +15,7 @@ import numpy as np
 
 from dse.deploy.c import counting_source, source
 from dse.deploy.c.arrays import struct_bytes
-from dse.deploy.c.counting import CountingPlan, Nearest, Perceptron, Units
-from dse.deploy.c.counting_source import real_type
+from dse.deploy.c.counting import CountingPlan
 from dse.deploy.c.neurons import adder_name, is_short
 from dse.deploy.c.plan import Plan
 from dse.deploy.form import Frame, ReceptorsForm
@@ -92,20 +91,11 @@ def parts(plan: Plan | CountingPlan) -> Counter[str]:
 
 
 def _classifier_parts(plan: CountingPlan) -> Counter[str]:
-    classifier, n = plan.classifier, Counter(counting=1)
+    n = Counter(counting=1, **plan.classifier.parts)
     n["many_places"], n["two_places"] = len(plan.labels) > 4, len(plan.labels) <= 2  # unrolled loops
     n["several_words"] = plan.channel_words > 1
-    has_doubles = False
-    if isinstance(classifier, Nearest):
-        n["nearest"], n["neighbours"] = 1, classifier.k > 1
-    elif isinstance(classifier, Units):
-        has_doubles = real_type(classifier) == "double"
-        kind = "perceptron" if isinstance(classifier, Perceptron) else "extreme"
-        n[f"{kind}_double" if has_doubles else kind] = bool(classifier.layers)
-    elif not classifier.says_nothing:
-        has_doubles = True
-        n["bayes"], n["bayes_halves"] = 1, plan.n_features > 128
-    n["doubles_again"] = has_doubles and isinstance(plan.encoder, ReceptorsForm)  # the same routines
+    # Encoder and classifier call the same routines.
+    n["doubles_again"] = plan.classifier.has_doubles and isinstance(plan.encoder, ReceptorsForm)
     return n
 
 
