@@ -201,6 +201,16 @@ def _f1(first: Ints, second: Ints) -> float:
     return 2 * matched / len(both)
 
 
+def require(package: str, extra: str) -> None:
+    """Check that a package is installed.
+
+    Raises:
+        TargetError: it is not; the extra of dse that has it.
+    """
+    if find_spec(package) is None:
+        raise TargetError(f"{package} is not installed: pip install 'dse[{extra}]'")
+
+
 def interpreter(package: str, *others: str) -> Path | None:
     """Return the Python that has some packages: this one, or that of `make peers` for the first; or None."""
     if all(find_spec(name) is not None for name in (package, *others)):

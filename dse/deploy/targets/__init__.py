@@ -1,7 +1,9 @@
 """Targets: forms in which a classifier leaves the framework, a file each, verified by running them.
 
 Contract: `Target`. To add one, here or in a module of your own, write a file with a frozen dataclass that
-`@register("targets", "my_target")` names: what it refuses, what it writes, and how that is run.
+`@register("targets", "my_target")` names: what it refuses, what it writes, and how that is run. A `BackEnd`
+walks the form of a classifier (dse.deploy.form), and has refusal, writing and verdict from there. One that
+runs the C extends `dse.deploy.targets.c99.InC`, and says how it is compiled and executed.
 `dse.testing.check_target` says what it lacks.
 """
 

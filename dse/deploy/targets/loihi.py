@@ -40,8 +40,8 @@ import numpy as np
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import Net, Unsupported, in_steps, net_of, network_in
 from dse.deploy.reference import Reference
-from dse.deploy.run import interpreter, of_script
-from dse.deploy.targets import BackEnd, Engine, Run, TargetError
+from dse.deploy.run import interpreter, of_script, require
+from dse.deploy.targets import BackEnd, Engine, Run
 from dse.deploy.targets.chips import decision_of, inputs_of, misfit
 from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import DECAY_SCALE
@@ -90,8 +90,7 @@ class Loihi(BackEnd[Net]):
 
     def emit(self, form: Net, bundle: Bundle, folder: Path) -> None:
         """Write net.hdf5 and run.py."""
-        if find_spec("h5py") is None:
-            raise TargetError("h5py is not installed: pip install 'dse[h5]'")
+        require("h5py", "h5")
         _write_net(folder / _NET, bundle, form)
         shutil.copyfile(_RUN, folder / _SCRIPT)
 

@@ -39,7 +39,6 @@ import dataclasses
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -48,8 +47,8 @@ import numpy as np
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import Net, Unsupported, net_of, network_in
 from dse.deploy.reference import Reference
-from dse.deploy.run import interpreter, of_script
-from dse.deploy.targets import BackEnd, Engine, Run, TargetError
+from dse.deploy.run import interpreter, of_script, require
+from dse.deploy.targets import BackEnd, Engine, Run
 from dse.deploy.targets.chips import heads_of, rule_of
 from dse.engine.events import gather
 from dse.models.snn.respond import spikes_of_layers
@@ -96,7 +95,7 @@ class Nir(BackEnd[Network]):
 
     def emit(self, form: Network, bundle: Bundle, folder: Path) -> None:
         """Write graph.nir and golden.h5."""
-        _require_h5py()
+        require("h5py", "h5")
         _write_graph(folder / _GRAPH, net_of(form), _metadata(bundle, form))
         _write_golden(folder / _GOLDEN, form)
 
@@ -107,7 +106,7 @@ class Nir(BackEnd[Network]):
             if python is None:
                 yield Engine((f"{framework} is not installed",))
                 continue
-            _require_h5py()
+            require("h5py", "h5")
             fired, written = of_script(python, _PEER, [framework, folder / _GRAPH], form, reference)
             fired = [_moved(spikes, k, reference.n_steps) for k, spikes in enumerate(fired)]
             note = f", {written['note']}" if str(written["note"]) else ""
@@ -261,8 +260,3 @@ def _moved(spikes: Ints, by: int, n_steps: int) -> Ints:
     """Return spikes so many steps later, those outside of the window left out."""
     moved: Ints = np.asarray(spikes, np.int64) + np.array([0, by, 0])
     return moved[(moved[:, 1] >= 0) & (moved[:, 1] < n_steps)]
-
-
-def _require_h5py() -> None:
-    if find_spec("h5py") is None:
-        raise TargetError("h5py is not installed: pip install 'dse[h5]'")

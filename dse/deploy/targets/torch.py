@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import ClassVar
 
@@ -19,7 +18,8 @@ import numpy as np
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import network_in
 from dse.deploy.reference import Reference
-from dse.deploy.targets import BackEnd, Engine, Run, TargetError
+from dse.deploy.run import require
+from dse.deploy.targets import BackEnd, Engine, Run
 from dse.records import Floats, Ints, Network
 from dse.registry import register
 
@@ -43,14 +43,14 @@ class Torch(BackEnd[Network]):
 
     def emit(self, form: Network, bundle: Bundle, folder: Path) -> None:
         """Write module.pt."""
-        _require_torch()
+        require("torch", "torch")
         from dse.deploy.module import save
 
         save(bundle.as_module(), folder / _FILE)
 
     def engines(self, form: Network, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
         """Run the module in the file."""
-        _require_torch()
+        require("torch", "torch")
         import torch
 
         from dse.deploy.module import listed, load
@@ -75,8 +75,3 @@ def _batches(reference: Reference) -> Iterator[tuple[int, Floats]]:
         here = (recording >= first) & (recording < first + size)
         spikes[recording[here] - first, step[here], channel[here]] = 1
         yield first, spikes
-
-
-def _require_torch() -> None:
-    if find_spec("torch") is None:
-        raise TargetError("torch is not installed: pip install 'dse[torch]'")

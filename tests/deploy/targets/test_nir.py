@@ -29,12 +29,7 @@ def framework(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
 
 
 def verdict(folder: Path, made: Any, rng: np.random.Generator, n_steps: int = 40) -> Any:
-    spikes = bundles.spikes(rng, made.fitted.n_channels, n_steps=n_steps)
-    reference = bundles.reference(made, spikes, folder)
-    (folder / "nir").mkdir()
-    Nir().write(made, folder / "nir")
-    assert len(reference.fired[-1])
-    return Nir().verify(made, folder / "nir", reference)
+    return bundles.verified(Nir(), made, folder, rng, n_steps)[0]
 
 
 def test_without_rounding_every_spike_is_equal(framework: str, tmp_path: Path) -> None:
