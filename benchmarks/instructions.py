@@ -30,7 +30,7 @@ from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.reference import Reference, answered, decided
 from dse.deploy.targets.c99 import C99
-from dse.deploy.targets.cortex_m import CortexM, executed
+from dse.deploy.targets.cortex_m import CortexM
 from dse.deploy.targets.emulator import CORES
 from dse.hardware.kinds.processor import counts_of, network_work
 from dse.measure.run import load_of
@@ -89,7 +89,7 @@ def counted(
     """Return the work of an inference of a classifier by kind, its instructions and cycles."""
     with tempfile.TemporaryDirectory() as folder:
         C99().write(made, Path(folder) / "c")
-        machine, answers = executed(target, Path(folder) / "c", reference)
+        machine, answers = target.inferred(Path(folder) / "c", reference)
     assert np.array_equal(answers.label, reference.label)
     counts, n = machine.counts(), reference.n_recordings
     return work_of(made, reference, bits), counts.instructions / n, counts.cycles(target.core) / n

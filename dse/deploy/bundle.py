@@ -14,22 +14,22 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-import math
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import numpy as np
 
 from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.deploy import checks
+from dse.deploy.c.text import filled
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
 from dse.deploy.prefix import DEFAULT, checked, prefixed
 from dse.deploy.stream import Decision, Stream, Windows
-from dse.deploy.verdict import KINDS, Verdict, in_words
+from dse.deploy.verdict import Share, Verdict, in_words
 from dse.engine.checks import check_network
 from dse.native.extras import require_torch
 from dse.neurons import neuron_of
@@ -302,6 +302,16 @@ def _check_files(folder: Path, document: checks.Document) -> None:
             raise BundleError(f"{folder / name}: is of no target of {_DOCUMENT}")
 
 
+@dataclass(frozen=True)
+class _Decision:
+    """The decision rule, as bundle.json holds it."""
+
+    phi: Annotated[float, 0] | None
+    theta: Share | None
+    read_out_ms: Annotated[float, 0] | None
+    head: str
+
+
 def _bundle(
     document: checks.Document, arrays: Mapping[str, Array], where: str, plugins: tuple[str, ...]
 ) -> Bundle:
@@ -316,9 +326,8 @@ def _bundle(
     classes = document.texts("classes")
     if not classes:
         raise ValueError("key 'classes' must name at least one class")
-    decision = document.part("decision")
-    phi, theta = decision.optional_number("phi"), decision.optional_number("theta", high=1)
-    if (phi is None) != (theta is None):
+    decision = document.record("decision", _Decision)
+    if (decision.phi is None) != (decision.theta is None):
         raise ValueError("keys 'decision.phi' and 'decision.theta' must both be numbers or null")
     heads = tuple(
         Head(
@@ -328,51 +337,20 @@ def _bundle(
         )
         for head in document.parts("heads")
     )
-    checks.check_heads(heads, len(classes), decision.text("head"))
-    verdicts = document.part("targets")
+    checks.check_heads(heads, len(classes), decision.head)
+    verdicts, later = document.part("targets"), ("compiler", "output_f1", "run_by")
     return Bundle(
         fitted=store.fitted_of({k: x for k, x in arrays.items() if not k.endswith(_8_BIT)}),
         sections=sections,
         classes=classes,
-        phi=phi,
-        theta=theta,
+        **vars(decision),
         record=document.mapping("record"),
         evidence=document.mapping("evidence"),
-        read_out_ms=decision.optional_number("read_out_ms"),
         heads=heads,
-        head=decision.text("head"),
         plugins=plugins,
-        input=_input(document),
+        input=None if document.is_null("input") else document.record("input", Input),
         prefix=checked(document.text("prefix")) if "prefix" in document.keys() else DEFAULT,
-        targets={name: _verdict(verdicts.part(name)) for name in verdicts.keys()},
-    )
-
-
-def _input(document: checks.Document) -> Input | None:
-    if document.is_null("input"):
-        return None
-    part = document.part("input")
-    n_channels, width, height, n_steps = (
-        int(part.number(name, high=2**31)) for name in ("n_channels", "width", "height", "n_steps")
-    )
-    kind = part.one_of("kind", get_args(InputKind))
-    return Input(kind, n_channels, width, height, n_steps, part.number("step_ms"))
-
-
-def _verdict(document: checks.Document) -> Verdict:
-    figures = document.part("figures")
-    return Verdict(
-        kind=document.one_of("kind", KINDS),
-        reason=document.text("reason"),
-        n_recordings=int(document.number("n_recordings")),
-        decisions_differ=document.number("decisions_differ", high=1),
-        spikes_differ=document.number("spikes_differ", high=1),
-        largest_difference=int(document.number("largest_difference")),
-        figures={name: figures.number(name, -math.inf) for name in figures.keys()},
-        recordings=document.text("recordings"),
-        compiler=document.text("compiler") if "compiler" in document.keys() else "",
-        output_f1=document.optional_number("output_f1", high=1) if "output_f1" in document.keys() else None,
-        run_by=document.texts("run_by") if "run_by" in document.keys() else (),
+        targets={name: verdicts.record(name, Verdict, *later) for name in verdicts.keys()},
     )
 
 
@@ -482,51 +460,23 @@ def _is_empty(folder: Path) -> bool:
 
 
 def _readme(bundle: Bundle) -> str:
-    record = "\n".join(f"| {markdown(str(x))} | {markdown(str(y))} |" for x, y in bundle.record.items())
     what, weights_are = _described(bundle)
-    title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(_answers(bundle))}"
-    return f"""# {markdown(title)}
-
-{what}
-
-    dse evaluate THIS_FOLDER --data RECORDINGS
-
-**Decision.** {_rule(bundle)}
-
-**Weights.** {weights_are}
-
-**Input.** How recordings become spikes is in `bundle.json`, `sections`.
-
-| measured (validation unless it says test) | |
-| --- | --- |
-{record}
-{_targets_described(bundle)}"""
-
-
-def _targets_described(bundle: Bundle) -> str:
-    """Return a section of the README about the targets; '' without any."""
-    if not bundle.targets:
-        return ""
-    known: dict[str, Any] = registry.known("targets")
-    uses = {
-        name: "" if verdict.kind == "unsupported" else getattr(known.get(name), "use", "")
-        for name, verdict in bundle.targets.items()
-    }
-    rows = [
-        f"| `{markdown(name)}` | {getattr(known.get(name), 'label', '')} | {_in_words(verdict)} |"
-        f" {prefixed(uses[name], bundle.prefix)} |"
-        for name, verdict in bundle.targets.items()
-    ]
-    return "\n".join(
-        [
-            "\n## Targets\n",
-            "The files of a target lie in `targets/NAME`. A verdict is what a run on recordings has shown:",
-            "`dse verify THIS_FOLDER --data RECORDINGS` repeats it.\n",
-            "| target | | verdict | use |",
-            "| --- | --- | --- | --- |",
-            *rows,
-            "",
-        ]
+    title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(bundle.answers)}"
+    known: dict[str, Any] = registry.known("targets") if bundle.targets else {}
+    targets = []
+    for name, verdict in bundle.targets.items():
+        target = known.get(name)
+        use = "" if verdict.kind == "unsupported" else prefixed(getattr(target, "use", ""), bundle.prefix)
+        row = {"name": markdown(name), "label": getattr(target, "label", ""), "use": use}
+        targets.append({**row, "verdict": _in_words(verdict)})
+    return filled(
+        Path(__file__).parent / "templates" / "README.md",
+        title=markdown(title),
+        what=what,
+        rule=_rule(bundle),
+        weights=weights_are,
+        record=[{"name": markdown(str(x)), "value": markdown(str(y))} for x, y in bundle.record.items()],
+        targets=targets,
     )
 
 
@@ -539,10 +489,6 @@ def _in_words(verdict: Verdict) -> str:
     words += [markdown(f"{name} {value:g}") for name, value in verdict.figures.items()]
     words += [markdown(f"compiled by {verdict.compiler}")] * bool(verdict.compiler)
     return "; ".join(words)
-
-
-def _answers(bundle: Bundle) -> tuple[str, ...]:
-    return next((x.classes for x in bundle.heads if x.name == bundle.head), bundle.classes)
 
 
 def _rule(bundle: Bundle) -> str:

@@ -12,14 +12,14 @@ import stat
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.lib import format as npy
 
 from dse.records import Head, Parameters
 
-T = TypeVar("T", bound=str)
+R = TypeVar("R")
 
 MOST_BYTES = 2**31
 """Most bytes that the arrays of a bundle may take."""
@@ -117,16 +117,6 @@ class Document:
             raise ValueError(f"key '{self._name(key)}' must be a text, got {_article(value)}")
         return value
 
-    def one_of(self, key: str, choices: tuple[T, ...]) -> T:
-        """Return a text that is one of some."""
-        text = self.text(key)
-        for choice in choices:
-            if text == choice:
-                return choice
-        raise ValueError(
-            f"key '{self._name(key)}' must be one of {', '.join(map(str, choices))}, got {text!r}"
-        )
-
     def is_null(self, key: str) -> bool:
         """Return whether there is no value."""
         return self._value(key) is None
@@ -160,9 +150,46 @@ class Document:
             raise ValueError(f"key '{self._name(key)}' must be a number {within}, got {value!r}")
         return float(value)
 
-    def optional_number(self, key: str, low: float = 0.0, high: float = math.inf) -> float | None:
-        """Return a finite number within bounds, or None."""
-        return None if self._value(key) is None else self.number(key, low, high)
+    def record(self, key: str, cls: type[R], *optional: str) -> R:
+        """Return a mapping as a frozen dataclass: its annotations say what each key must be.
+
+        Args:
+            key: of the mapping.
+            cls: fields are texts, numbers, numbers of `Annotated[float, low, high]`, words of a `Literal`,
+                tuples of texts, mappings of numbers, and any of these or None.
+            optional: keys that may be missing.
+        """
+        part, hints = self.part(key), get_type_hints(cls, include_extras=True)
+        return cls(
+            **{
+                name: part._of_type(name, hint)
+                for name, hint in hints.items()
+                if name not in optional or name in part._values
+            }
+        )
+
+    def _of_type(self, key: str, hint: Any) -> Any:
+        options = get_args(hint)
+        if type(None) in options:
+            [hint] = (option for option in options if option is not type(None))
+            return None if self._value(key) is None else self._of_type(key, hint)
+        if hint is str:
+            return self.text(key)
+        if get_origin(hint) is tuple:
+            return self.texts(key)
+        if get_origin(hint) is Literal:
+            if (text := self.text(key)) not in options:
+                choices = ", ".join(options)
+                raise ValueError(f"key '{self._name(key)}' must be one of {choices}, got {text!r}")
+            return text
+        if get_origin(hint) is Annotated:
+            return self.number(key, *options[1:])
+        if hint is int:
+            return int(self.number(key, high=2**31))
+        if hint is float:
+            return self.number(key)
+        numbers = self.part(key)
+        return {name: numbers.number(name, -math.inf) for name in numbers.keys()}
 
     def keys(self) -> tuple[str, ...]:
         """Return its keys, each a word of letters, digits and underscores."""

@@ -75,3 +75,8 @@ class Classifier:
     def n_outputs(self) -> int:
         """Output neurons of a network: classes, of all heads."""
         return sum(len(head.classes) for head in self.heads) or len(self.classes)
+
+    @property
+    def answers(self) -> tuple[str, ...]:
+        """Names of the classes that it answers: those of the head that answers, else all."""
+        return next((head.classes for head in self.heads if head.name == self.head), self.classes)

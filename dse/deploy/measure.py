@@ -18,11 +18,11 @@ import numpy as np
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.counting import planned
-from dse.deploy.c.plan import Unsupported
+from dse.deploy.form import Unsupported
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.reference import Reference, of_recordings
-from dse.deploy.sources import Passed, by_step, items_of_recording
-from dse.deploy.stream import Decision, Stream, Windows
+from dse.deploy.sources import by_step, items_of_recording
+from dse.deploy.stream import Decision, Passed, Stream, Windows
 from dse.deploy.targets.c99 import C99
 from dse.hardware.counter import measured_power
 from dse.recordings import trials_of
@@ -94,7 +94,10 @@ def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Record
     inputs = None if reference is None else reference.inputs
     if reference is None or inputs is None:
         for spikes in _windows_of_spikes(bundle, reference):
-            yield lambda: Stream(bundle, Windows("once")), [partial(_push_spikes, channels=x) for x in spikes]
+            yield (
+                lambda: Stream(bundle, Windows("once")),
+                [partial(Stream.spikes, channels=x) for x in spikes],
+            )
         return
     input_ms = Stream(bundle).step_ms
     simulated = not isinstance(inputs, Signals | Rasters) and trials_of(inputs) is not None
@@ -103,15 +106,7 @@ def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Record
         for item in items_of_recording(inputs, i):
             items += by_step(item, input_ms) if isinstance(item, Block) else [item]
         make = partial(Stream, bundle, Windows("once", first=first), 0 if simulated else None)
-        yield make, [partial(_push, item=item) for item in items]
-
-
-def _push_spikes(stream: Stream, channels: Ints) -> list[Decision]:
-    return stream.spikes(channels)
-
-
-def _push(stream: Stream, item: Block | Array | Passed) -> list[Decision]:
-    return stream.time(item.t_us) if isinstance(item, Passed) else stream.push(item)
+        yield make, [partial(Stream.push, item=item) for item in items]
 
 
 def _windows_of_spikes(bundle: Bundle, reference: Reference | None) -> list[list[Ints]]:
@@ -172,14 +167,13 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
     none = np.zeros(0)
     try:
         plan = planned(bundle)
-        commands = None if reference is None else replay.of_recordings(reference, plan)
+        commands, options = (None, []) if reference is None else replay.of_recordings(reference, plan)
         if commands is None:
             windows = _windows_of_spikes(bundle, reference)
             counts = [np.array([len(x) for x in window]) for window in windows]
-            commands = [host.of_spikes(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
-        is_real = reference is not None and replay.reals(reference, plan)
+            commands = [replay.of_window(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
         with tempfile.TemporaryDirectory() as temporary:
-            program = _program(bundle, Path(temporary), ["-DDSE_REAL_SAMPLES"] if is_real else [])
+            program = _program(bundle, Path(temporary), options)
             text = np.concatenate(commands).astype(np.int32).tobytes()
             first = _played(program, text, 1)
             seconds = max(1e-4, sum(float(x.sum()) for x, _ in first) * 1e-9)

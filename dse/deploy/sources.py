@@ -22,19 +22,13 @@ import numpy as np
 from dse.deploy.bundle import Bundle
 from dse.deploy.classifier import Input
 from dse.deploy.reference import prepared
-from dse.deploy.stream import Decision, Stream, Windows
+from dse.deploy.stream import Decision, Passed, Stream, Windows
 from dse.native.extras import MissingExtra
 from dse.recordings import RecordingError, Recordings, trials_of
 from dse.records import Array, Block, Rasters, Signals
 
 _CHUNK = 2**16
 _LONGEST_LINE = 2**22
-
-
-class Passed(NamedTuple):
-    """No further event comes before a time."""
-
-    t_us: int
 
 
 class End(NamedTuple):
@@ -265,13 +259,14 @@ def played(bundle: Bundle, items: Iterable[Item], windows: Windows | None = None
     stream = Stream(bundle, windows)
     for item in items:
         if isinstance(item, End):
-            yield from stream.end()
-            yield End(stream.n_open)
+            yield from _ended(stream)
             stream = Stream(bundle, windows)
-        elif isinstance(item, Passed):
-            yield from stream.time(item.t_us)
         else:
             yield from stream.push(item)
+    yield from _ended(stream)
+
+
+def _ended(stream: Stream) -> Iterator[Decision | End]:
     yield from stream.end()
     yield End(stream.n_open)
 
@@ -299,6 +294,5 @@ def replayed(
         items = items_of_recording(new.recordings, i)
         for item in paced(items, stream.step_ms) if realtime else items:
             assert not isinstance(item, End)  # a recording has none inside
-            yield from stream.time(item.t_us) if isinstance(item, Passed) else stream.push(item)
-        yield from stream.end()
-        yield End(stream.n_open)
+            yield from stream.push(item)
+        yield from _ended(stream)

@@ -18,7 +18,7 @@ import numpy as np
 
 from dse.config.contracts import RunningEncoder
 from dse.deploy.classifier import BundleError, Classifier, Input
-from dse.deploy.window import Opener, OpenWindow, Verdict, opener_of
+from dse.deploy.window import Collected, Running, Stepwise, Verdict, Whole, opener_of
 from dse.native.compiled import compiled
 from dse.preprocessing.bins import Bin, Bins
 from dse.recordings import RecordingError
@@ -72,6 +72,12 @@ class Decision(NamedTuple):
     confidence: float | None
     margin: float | None
     decided: bool
+
+
+class Passed(NamedTuple):
+    """No further event comes before a time."""
+
+    t_us: int
 
 
 class Stream:
@@ -136,16 +142,18 @@ class Stream:
         """Windows that have no answer yet."""
         return sum(len(track.windows) for track in self._tracks)
 
-    def push(self, item: Block | Array) -> list[Decision]:
+    def push(self, item: Block | Array | Passed) -> list[Decision]:
         """Return the decisions that fall with the next sample, or with some events.
 
         Args:
             item: of signals, a number for each channel; of rasters, 0 or 1 for each channel; of events, a
-                block whose time never falls and goes on from the last one.
+                block whose time never falls and goes on from the last one, or a time that has passed.
 
         Raises:
             RecordingError: it does not fit.
         """
+        if isinstance(item, Passed):
+            return self.time(item.t_us)
         if isinstance(item, Block) != (self._bins is not None):
             got = "events" if isinstance(item, Block) else "a sample"
             raise RecordingError(f"the bundle takes {self._input.kind}, got {got}")
@@ -209,6 +217,7 @@ class Stream:
             windows=self._windows,
             most=1 if self._cut else math.inf,
             classifier=self._classifier,
+            classes=self._bundle.answers,
             numbers=self._numbers,
             step_ms=self._input.step_ms,
             onset_threshold=self._bundle.sections.window.onset_threshold,
@@ -267,7 +276,7 @@ class _Track:
         begin: step of the stream at which the recording begins.
         windows: where they begin.
         most: how many.
-        classifier: opens them.
+        classifier: opens them. classes: names of its answers.
         numbers: of the windows of the stream.
         step_ms: duration of an input step.
         onset_threshold: of section window.
@@ -282,7 +291,8 @@ class _Track:
         begin: int,
         windows: Windows,
         most: float,
-        classifier: Opener,
+        classifier: Stepwise | Whole,
+        classes: Sequence[str],
         numbers: Iterator[int],
         step_ms: float,
         onset_threshold: float,
@@ -291,9 +301,10 @@ class _Track:
         encodes_from: int,
     ) -> None:
         self.begin = begin
-        self.windows: list[tuple[int, float, OpenWindow]] = []
+        self.windows: list[tuple[int, float, Running | Collected]] = []
         self._rule, self._left = windows, 1 if windows.rule == "once" else most
         self._classifier, self._numbers, self._step_ms = classifier, numbers, step_ms
+        self._classes = classes
         self._onset_threshold = onset_threshold
         self._encoder, self._encodes_from = encoder, encodes_from
         self._counts = np.zeros(n_in, np.float32)
@@ -334,7 +345,7 @@ class _Track:
             if verdict is None:
                 still.append((number, begin_ms, window))
             else:
-                decisions.append(_decision(number, begin_ms, verdict, self._classifier.classes))
+                decisions.append(_decision(number, begin_ms, verdict, self._classes))
         self.windows = still
         return decisions
 

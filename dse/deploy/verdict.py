@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
 Kind = Literal["faithful", "equivalent", "approximate", "unsupported", "not verified"]
 """faithful: all decisions and spikes are equal on all recordings; equivalent: all decisions are, some spikes
 are not; approximate: some decisions differ; unsupported: the target cannot hold the classifier; not verified:
 nothing was run. From the best to the worst, but for the last."""
+Share = Annotated[float, 0, 1]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
@@ -33,13 +34,13 @@ class Verdict:
     kind: Kind
     reason: str = ""
     n_recordings: int = 0
-    decisions_differ: float = 0.0
-    spikes_differ: float = 0.0
+    decisions_differ: Share = 0.0
+    spikes_differ: Share = 0.0
     largest_difference: int = 0
     figures: Mapping[str, float] = field(default_factory=dict)
     recordings: str = ""
     compiler: str = ""
-    output_f1: float | None = None
+    output_f1: Share | None = None
     run_by: tuple[str, ...] = ()
 
     def is_worse_than(self, other: Verdict) -> bool:

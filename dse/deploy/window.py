@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,32 +33,8 @@ class Verdict(NamedTuple):
     margin: float | None
 
 
-class OpenWindow(Protocol):
-    """A window without an answer so far."""
-
-    def step(self, channels: Ints, t_us: Ints | None) -> Verdict | None:
-        """Take the spikes of the next input step; return the answer if it falls in it.
-
-        Args:
-            channels: int32 channels, rising; with times, in their order.
-            t_us: int32 times of the spikes since the start of the step; None: a spike has that of the step.
-        """
-
-
-class Opener(Protocol):
-    """A classifier that opens windows.
-
-    classes: names of its labels.
-    """
-
-    classes: tuple[str, ...]
-
-    def open(self) -> OpenWindow:
-        """Return a window at its first step."""
-
-
-def opener_of(bundle: Classifier, recordings: Input) -> Opener:
-    """Return the classifier of a bundle: a network that runs step by step, or one that needs whole windows.
+def opener_of(bundle: Classifier, recordings: Input) -> Stepwise | Whole:
+    """Return what opens windows: a network that runs step by step, or a classifier that needs whole windows.
 
     Args:
         bundle: as read.
@@ -69,12 +45,8 @@ def opener_of(bundle: Classifier, recordings: Input) -> Opener:
     """
     network = bundle.fitted
     if isinstance(network, Network):
-        return _Stepwise(bundle, network, recordings)
-    return _Whole(bundle, recordings)
-
-
-def _classes(bundle: Classifier) -> tuple[str, ...]:
-    return next((head.classes for head in bundle.heads if head.name == bundle.head), bundle.classes)
+        return Stepwise(bundle, network, recordings)
+    return Whole(bundle, recordings)
 
 
 def _data(bundle: Classifier, spikes: Spikes) -> Dataset:
@@ -87,6 +59,11 @@ def _data(bundle: Classifier, spikes: Spikes) -> Dataset:
     )  # fmt: skip
 
 
+def _parts(bundle: Classifier, data: Dataset) -> dict[str, slice]:
+    """Return the outputs of each head of a bundle by its name."""
+    return dict(zip((head.name for head in bundle.heads), head_slices(data), strict=False))
+
+
 def shares(counts: Sequence[int]) -> tuple[float, float]:
     """Return the share of the largest count, and by how much it exceeds that of the second; 0 without any."""
     total = sum(counts)
@@ -96,18 +73,17 @@ def shares(counts: Sequence[int]) -> tuple[float, float]:
     return first / total, (first - second) / total
 
 
-class _Stepwise:
+class Stepwise:
     """A network; all windows share its weights."""
 
     def __init__(self, bundle: Classifier, network: Network, recordings: Input) -> None:
-        self.classes = _classes(bundle)
         self._network, self._layers = network, layers_of(network)
         self.per_sample = network.steps_per_sample
         self.n_outputs = network.sizes[-1]
         self._step_ms = recordings.step_ms / self.per_sample
         spikes = Spikes(np.zeros(2, np.int64), _NONE, 1, network.n_channels, recordings.step_ms)
         self._data = _data(bundle, spikes)
-        parts = dict(zip((head.name for head in bundle.heads), head_slices(self._data), strict=False))
+        parts = _parts(bundle, self._data)
         self._part = parts.get(bundle.head, slice(None))
         self._parts = list(parts.values()) if not bundle.head else []
         self._heads = bundle.heads
@@ -116,10 +92,11 @@ class _Stepwise:
         if self._phi is None and bundle.read_out_ms is not None:
             self._n_steps = min(self._n_steps, max(1, round(bundle.read_out_ms / self._step_ms)))
 
-    def open(self) -> OpenWindow:
+    def open(self) -> Running:
+        """Return a window at its first step."""
         network = self._network
         stack = RunningStack(self._layers, network.n_channels, network.delays, self.per_sample)
-        return _Running(self, stack)
+        return Running(self, stack)
 
     def verdict(self, counts: list[int], n_steps: int, has_changed: bool) -> Verdict | None:
         """Return the answer after so many network steps, if it falls in the last of them.
@@ -151,16 +128,17 @@ class _Stepwise:
         return Verdict(label, n_steps * self._step_ms, decides, confidence, margin)
 
 
-class _Running:
-    """A window of a network: its states, and its output spikes so far."""
+class Running:
+    """A window of a network without an answer so far: its states, and its output spikes."""
 
-    def __init__(self, classifier: _Stepwise, stack: RunningStack) -> None:
+    def __init__(self, classifier: Stepwise, stack: RunningStack) -> None:
         self._classifier, self._stack = classifier, stack
         self._counts = [0] * classifier.n_outputs
         self._n_steps = 0
 
-    def step(self, channels: Ints, t_us: Ints | None) -> Verdict | None:
-        for _ in range(self._classifier.per_sample):
+    def step(self, channels: Ints, _: Ints | None) -> Verdict | None:
+        """Take the next input step: int32 channels that spike, rising; return the answer if there is one."""
+        for _part in range(self._classifier.per_sample):
             self._n_steps += 1
             output = set(self._stack.output.tolist())
             for neuron in output:
@@ -172,11 +150,10 @@ class _Running:
         return None
 
 
-class _Whole:
+class Whole:
     """A classifier that is shown a window when it is over, or when as much of it is there as it reads."""
 
     def __init__(self, bundle: Classifier, recordings: Input) -> None:
-        self.classes = _classes(bundle)
         self._bundle, self._recordings = bundle, recordings
         settings = bundle.sections.preprocessing
         self._has_times = settings is not None and settings.every_event and bundle.sections.encoder is None
@@ -189,8 +166,9 @@ class _Whole:
             time_ms = decided(bundle, self._shown([], []), response)[1][0]
             self.n_needed = min(self.n_needed, math.ceil(time_ms / recordings.step_ms - 1e-9))
 
-    def open(self) -> OpenWindow:
-        return _Collected(self)
+    def open(self) -> Collected:
+        """Return a window at its first step."""
+        return Collected(self)
 
     def verdict(self, channels: list[Ints], t_us: list[Ints | None]) -> Verdict:
         """Return the answer to the spikes of a window's first steps; the others are taken for empty."""
@@ -199,9 +177,7 @@ class _Whole:
         confidence, margin = None, None
         if isinstance(response, Response):
             n = round(float(time_ms[0]) / response.step_ms)
-            parts = dict(
-                zip((x.name for x in self._bundle.heads), head_slices(self._shown([], [])), strict=False)
-            )
+            parts = _parts(self._bundle, self._shown([], []))
             counts = response.output[0, :n, parts.get(self._bundle.head, slice(None))].sum(axis=0)
             confidence, margin = shares(counts.tolist())
         return Verdict(int(label[0]), float(time_ms[0]), bool(reached[0]), confidence, margin)
@@ -229,15 +205,21 @@ class _Whole:
         return _data(self._bundle, spikes)
 
 
-class _Collected:
+class Collected:
     """The steps of a window so far."""
 
-    def __init__(self, classifier: _Whole) -> None:
+    def __init__(self, classifier: Whole) -> None:
         self._classifier = classifier
         self._channels: list[Ints] = []
         self._t_us: list[Ints | None] = []
 
     def step(self, channels: Ints, t_us: Ints | None) -> Verdict | None:
+        """Take the spikes of the next input step; return the answer if it falls in it.
+
+        Args:
+            channels: int32 channels, rising; with times, in their order.
+            t_us: int32 times of the spikes since the start of the step; None: a spike has that of the step.
+        """
         self._channels.append(channels)
         self._t_us.append(t_us)
         if len(self._channels) < self._classifier.n_needed:

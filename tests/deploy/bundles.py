@@ -11,6 +11,7 @@ import numpy as np
 
 from dse.deploy.bundle import Bundle
 from dse.deploy.reference import Reference, of_recordings
+from dse.deploy.targets import Target, Verdict
 from dse.neurons import cuba_lif, parameters_of, resonator
 from dse.records import Arithmetic, Layer, Network
 from tests.spaces import RASTER, sections
@@ -83,6 +84,18 @@ def spikes(rng: np.random.Generator, n_channels: int, n: int = 12, n_steps: int 
     rate = np.linspace(0, 0.6, n)
     rate[-1] = 1
     return rng.random((n, n_steps, n_channels)) < rate[:, None, None]
+
+
+def verified(
+    target: Target, made: Bundle, folder: Path, rng: np.random.Generator, n_steps: int = 40
+) -> tuple[Verdict, Reference]:
+    """Return the verdict on what a target writes into folder/target, and the reference of random spikes."""
+    assert target.refusal(made) == ""
+    engine = reference(made, spikes(rng, made.fitted.n_channels, n_steps=n_steps), folder)
+    assert len(engine.fired[-1])
+    (folder / "target").mkdir()
+    target.write(made, folder / "target")
+    return target.verify(made, folder / "target", engine), engine
 
 
 def reference(made: Bundle, rasters: Any, folder: Path) -> Reference:

@@ -17,7 +17,7 @@ from dse.config import SearchSpace, load_space
 from dse.dataset import assemble, cache, dataset_key
 from dse.dataset.shape import Shape, announced
 from dse.deploy.export import bundle_of
-from dse.deploy.targets.cortex_m import CortexM4
+from dse.deploy.verify import target_named
 from dse.hardware.profile import load_all
 from dse.search.limits import Known
 from dse.search.space import design_at
@@ -75,10 +75,10 @@ def known_rows(space: SearchSpace, design: dict[str, Any]) -> dict[str, Mapping[
 def check_memory(study: Study, space: SearchSpace, place: int) -> None:
     """Of a design whose weights need 8 bits, a Cortex-M4 takes what is known before, and names of classes."""
     sections = space.resolve(design_at(space, place))
-    least = CortexM4().least_footprint(sections, shape_of(sections, space.source.parent))
+    least = target_named("cortex_m4").least_footprint(sections, shape_of(sections, space.source.parent))
     points = study.points()
     bundle = bundle_of(study, points[(points["trial"] == place) & points["phi"].isna()].iloc[0])
-    as_trained = CortexM4().footprint(bundle)
+    as_trained = target_named("cortex_m4").footprint(bundle)
     assert least["ram_bytes"][0] <= as_trained["ram_bytes"] <= least["ram_bytes"][1]
     if sections.model.pruned:  # type: ignore[attr-defined]
         assert "flash_bytes" not in least
@@ -92,7 +92,8 @@ def check_memory(study: Study, space: SearchSpace, place: int) -> None:
         )
         for layer in bundle.fitted.layers  # type: ignore[union-attr]
     ]
-    wide = CortexM4().footprint(replace(bundle, fitted=replace(bundle.fitted, layers=tuple(layers))))
+    finer = replace(bundle, fitted=replace(bundle.fitted, layers=tuple(layers)))
+    wide = target_named("cortex_m4").footprint(finer)
     assert wide["ram_bytes"] == least["ram_bytes"][0]
     assert wide["flash_bytes"] == least["flash_bytes"][0] + sum(map(len, bundle.classes))
 

@@ -13,115 +13,89 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dse.deploy.c.counting import CountingPlan, Nearest, Perceptron, Units
-from dse.deploy.c.counting_source import real_type
-from dse.deploy.c.footprint import footprint
+from dse.deploy.c import counting_source, source
+from dse.deploy.c.arrays import struct_bytes
+from dse.deploy.c.counting import CountingPlan
 from dse.deploy.c.neurons import adder_name, is_short
-from dse.deploy.c.plan import Frame, Plan, ReceptorsPlan
+from dse.deploy.c.plan import Plan
+from dse.deploy.form import Frame, ReceptorsForm
 from dse.neurons import resonator, xylo_lif
 
-CORTEX_M = {
-    "base": 1245.0,
-    "delayed_copies": 397.7,
-    "confidence": 40.3,
-    "cuba_lif": 317.2,
-    "xylo_lif": 360.0,
-    "xylo_output": 94.0,
-    "resonators": 318.1,
-    "mixed": 424.8,
-    "recurrent": 101.3,
-    "short_matrix": -163.3,
-    "short_row": 31.4,
-    "add_bytes": 628.4,
-    "add_words": 376.7,
-    "add_sparse": 264.0,
-    "add_later": 517.2,
-    "held": 254.4,
-    "many_classes": 165.6,
-    "samples": 290.0,
-    "events": 390.0,
-    "receptors": 4400.0,
-    "counting": 650.0,
-    "many_places": 263.0,
-    "two_places": -179.0,
-    "several_words": 186.0,
-    "nearest": 455.0,
-    "neighbours": 327.0,
-    "bayes": 4272.0,
-    "bayes_halves": 1080.0,
-    "perceptron": 1039.0,
-    "extreme": 1123.0,
-    "extreme_double": 4234.0,
-    "doubles_again": -1850.0,
+_PARTS = {
+    "base": (1245.0, 1276.9),
+    "delayed_copies": (397.7, 496.0),
+    "confidence": (40.3, 67.0),
+    "cuba_lif": (317.2, 347.5),
+    "xylo_lif": (360.0, 350.0),
+    "xylo_output": (94.0, 140.0),
+    "resonators": (318.1, 421.0),
+    "mixed": (424.8, 512.6),
+    "recurrent": (101.3, 94.1),
+    "short_matrix": (-163.3, -250.9),
+    "short_row": (31.4, 39.8),
+    "add_bytes": (628.4, 607.6),
+    "add_words": (376.7, 345.8),
+    "add_sparse": (264.0, 264.2),
+    "add_later": (517.2, 424.2),
+    "held": (254.4, 170.5),
+    "many_classes": (165.6, 135.9),
+    "samples": (290.0, 385.0),
+    "events": (390.0, 395.0),
+    "receptors": (4400.0, 4680.0),
+    "counting": (650.0, 600.0),
+    "many_places": (263.0, 243.0),
+    "two_places": (-179.0, -221.0),
+    "several_words": (186.0, 144.0),
+    "nearest": (455.0, 432.0),
+    "neighbours": (327.0, 239.0),
+    "bayes": (4272.0, 4491.0),
+    "bayes_halves": (1080.0, 754.0),
+    "perceptron": (1039.0, 3008.0),
+    "extreme": (1123.0, 2961.0),
+    "extreme_double": (4234.0, 4254.0),
+    "doubles_again": (-1850.0, -1950.0),
 }
-"""Bytes of each part on cores with the Thumb-2 instructions."""
+"""Bytes of each part: on cores with the Thumb-2 instructions, and on a Cortex-M0+."""
+CORTEX_M, CORTEX_M0_PLUS = ({name: sizes[k] for name, sizes in _PARTS.items()} for k in range(2))
 
-CORTEX_M0_PLUS = {
-    "base": 1276.9,
-    "delayed_copies": 496.0,
-    "confidence": 67.0,
-    "cuba_lif": 347.5,
-    "xylo_lif": 350.0,
-    "xylo_output": 140.0,
-    "resonators": 421.0,
-    "mixed": 512.6,
-    "recurrent": 94.1,
-    "short_matrix": -250.9,
-    "short_row": 39.8,
-    "add_bytes": 607.6,
-    "add_words": 345.8,
-    "add_sparse": 264.2,
-    "add_later": 424.2,
-    "held": 170.5,
-    "many_classes": 135.9,
-    "samples": 385.0,
-    "events": 395.0,
-    "receptors": 4680.0,
-    "counting": 600.0,
-    "many_places": 243.0,
-    "two_places": -221.0,
-    "several_words": 144.0,
-    "nearest": 432.0,
-    "neighbours": 239.0,
-    "bayes": 4491.0,
-    "bayes_halves": 754.0,
-    "perceptron": 3008.0,
-    "extreme": 2961.0,
-    "extreme_double": 4254.0,
-    "doubles_again": -1950.0,
-}
-"""The same on a Cortex-M0+."""
+
+def footprint(plan: Plan | CountingPlan) -> dict[str, float]:
+    """Return ram_bytes, all static data as a compiler lays it out, and table_bytes, constants.
+
+    The stack holds a few words more.
+    """
+    if isinstance(plan, Plan):
+        members, tables = source.members(plan), source.tables(plan)
+    else:
+        members, tables = counting_source.members(plan), counting_source.tables(plan)
+    return {"ram_bytes": float(struct_bytes(members)), "table_bytes": float(sum(x.n_bytes for x in tables))}
+
+
+def constant_bytes(plan: Plan | CountingPlan) -> float:
+    """Return the bytes of all constants of a plan."""
+    return footprint(plan)["table_bytes"] + other_constants(plan)
 
 
 def flash_bytes(plan: Plan | CountingPlan, bytes_of_part: Mapping[str, float]) -> float:
     """Return code and constant data, in bytes."""
     code = sum(n * bytes_of_part[part] for part, n in parts(plan).items())
-    return float(round(footprint(plan).table_bytes + other_constants(plan) + code))
+    return float(round(constant_bytes(plan) + code))
 
 
 def parts(plan: Plan | CountingPlan) -> Counter[str]:
     """Return how often each part of the code occurs."""
     n = _classifier_parts(plan) if isinstance(plan, CountingPlan) else _network_parts(plan)
     if plan.front_end != "spikes":
-        n["receptors" if isinstance(plan.encoder, ReceptorsPlan) else plan.front_end] = 1
+        n["receptors" if isinstance(plan.encoder, ReceptorsForm) else plan.front_end] = 1
     return n
 
 
 def _classifier_parts(plan: CountingPlan) -> Counter[str]:
-    classifier, n = plan.classifier, Counter(counting=1)
+    n = Counter(counting=1, **plan.classifier.parts)
     n["many_places"], n["two_places"] = len(plan.labels) > 4, len(plan.labels) <= 2  # unrolled loops
     n["several_words"] = plan.channel_words > 1
-    has_doubles = False
-    if isinstance(classifier, Nearest):
-        n["nearest"], n["neighbours"] = 1, classifier.k > 1
-    elif isinstance(classifier, Units):
-        has_doubles = real_type(classifier) == "double"
-        kind = "perceptron" if isinstance(classifier, Perceptron) else "extreme"
-        n[f"{kind}_double" if has_doubles else kind] = bool(classifier.layers)
-    elif not classifier.says_nothing:
-        has_doubles = True
-        n["bayes"], n["bayes_halves"] = 1, plan.n_features > 128
-    n["doubles_again"] = has_doubles and isinstance(plan.encoder, ReceptorsPlan)  # the same routines
+    # Encoder and classifier call the same routines.
+    n["doubles_again"] = plan.classifier.has_doubles and isinstance(plan.encoder, ReceptorsForm)
     return n
 
 
@@ -136,9 +110,9 @@ def _network_parts(plan: Plan) -> Counter[str]:
         if isinstance(layer.population, xylo_lif.Population):
             kind = "xylo_lif" if layer.most_spikes > 1 else "xylo_output"
         n[kind] += 1
-        n["recurrent"] += layer.recurrent is not None
+        n["recurrent"] += layer.back is not None
         n["held"] += layer.n_later > 0
-        for matrix in (layer.feed_forward, layer.recurrent):
+        for matrix in (layer.forward, layer.back):
             if matrix is None:
                 continue
             if is_short(matrix):
@@ -153,7 +127,7 @@ def _network_parts(plan: Plan) -> Counter[str]:
 def other_constants(plan: Frame) -> int:
     """Return the bytes of constants beside the tables: names of classes, pools of pixels."""
     names = sum(len(name.encode()) + 1 for name in plan.classes)
-    if isinstance(plan.encoder, ReceptorsPlan):
+    if isinstance(plan.encoder, ReceptorsForm):
         return names + 8 * (2 * plan.encoder.n_sensors + plan.encoder.kinds.size)
     if plan.pooling is None:
         return names

@@ -2,78 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c.plan import Frame, Plan, Unsupported, frame_of, plan_of
+from dse.deploy.c.arrays import Member, Table
+from dse.deploy.c.plan import Plan, plan_of
+from dse.deploy.form import Frame, Unsupported, frame_of
 from dse.models.counts.elm import ELM, borders
 from dse.models.counts.knn import KNN
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
-from dse.models.counts.rate_windows import RateClassifier, input_lengths, window_edges
+from dse.models.counts.rate_windows import input_lengths, window_edges
 from dse.records import Array, Floats, Ints, Network, Parameters
 
 
 @dataclass(frozen=True)
-class Nearest:
-    """k nearest neighbours: counts of training samples, (sample, feature), and the place of their class."""
+class Classifier:
+    """How counts become a class: a template of C, and what it uses.
 
-    counts: Ints
-    place: Ints
-    k: int
-
-
-@dataclass(frozen=True)
-class Bayes:
-    """Gaussian naive Bayes: log prior, log constant, mean and variance, (class,) and (class, feature).
-
-    says_nothing: no feature varied in training.
+    template: its file. values: of it.
+    tables: constant data, in the precision of the engine. members: variables.
+    arithmetic: what it computes in, a sentence.
+    parts: of the code (dse.deploy.c.code_size), with how often each occurs.
     """
 
-    prior: Floats
-    constant: Floats
-    mean: Floats
-    variance: Floats
-    says_nothing: bool
-
-
-@dataclass(frozen=True)
-class Units:
-    """Layers of units: weight (input, unit) and bias (unit,) of each, in the precision of the engine.
-
-    features: how many there are.
-    layers: without any, there is one class.
-    """
-
-    features: int
-    layers: tuple[tuple[Floats, Floats], ...]
+    template: str
+    arithmetic: str
+    values: Mapping[str, object]
+    tables: tuple[Table, ...] = ()
+    members: tuple[Member, ...] = ()
+    parts: Mapping[str, int] = field(default_factory=dict)
 
     @property
-    def sizes(self) -> tuple[int, ...]:
-        """Features, and units of each layer."""
-        return (self.features, *(bias.size for _, bias in self.layers))
-
-
-@dataclass(frozen=True)
-class Perceptron(Units):
-    """Units that pass on what is positive; features are scaled: mean and scale, (feature,)."""
-
-    mean: Floats
-    scale: Floats
-
-
-@dataclass(frozen=True)
-class Extreme(Units):
-    """Hidden units that count up to a full scale, and outputs."""
-
-    full: float
-
-
-Classifier = Nearest | Bayes | Perceptron | Extreme
+    def has_doubles(self) -> bool:
+        """Whether it computes in double."""
+        return any(table.kind == "double" for table in self.tables)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +48,7 @@ class CountingPlan(Frame):
     """All that the C of a classifier of counts needs of a bundle.
 
     family: its name.
-    classifier: its numbers.
+    classifier: what looks at the counts.
     ends: (window,) input step that ends each counting window; the last ends with the answer.
     rows: (window,) where the counts of each window lie among the features; -1: not looked at.
     per_window: counts of a window: one per channel, or one of all.
@@ -99,6 +66,11 @@ class CountingPlan(Frame):
     def n_features(self) -> int:
         """Counts that the classifier looks at."""
         return (max(self.rows) + 1) * self.per_window
+
+    @property
+    def counter(self) -> str:
+        """Type of a count."""
+        return "uint16_t" if _most(self.ends, self.per_window, self.n_channels) < 2**16 else "uint32_t"
 
 
 def planned(bundle: Bundle) -> Plan | CountingPlan:
@@ -148,20 +120,24 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
     elif model.channels == "sum":
         per_window = 1
     n_features = (max(rows) + 1) * per_window
+    classes = np.unique(fitted.arrays["target"]) if isinstance(model, KNN) else fitted.arrays["classes"]
+    ends = tuple(edges[1 : n + 1].tolist())
+    most = _most(ends, per_window, frame.n_channels)
     return CountingPlan(
         **vars(frame),
         family=kind,
-        classifier=_classifier(model, fitted.arrays, column, n_features),
-        ends=tuple(edges[1 : n + 1].tolist()),
+        classifier=_classifier(model, fitted.arrays, column, n_features, most),
+        ends=ends,
         rows=rows,
         per_window=per_window,
-        labels=_labels(bundle, _trained_classes(model, fitted.arrays)),
+        labels=_labels(bundle, classes),
     )
 
 
-def _trained_classes(model: RateClassifier | ELM, arrays: Mapping[str, Array]) -> Ints:
-    """Return the classes that the classifier can answer, rising."""
-    return np.unique(arrays["target"]) if isinstance(model, KNN) else np.asarray(arrays["classes"])
+def _most(ends: Sequence[int], per_window: int, n_channels: int) -> int:
+    """Return the most spikes of a counting window that one count can hold."""
+    longest = max(np.diff([0, *ends]).tolist())
+    return int(longest) * (1 if per_window > 1 else n_channels)
 
 
 def _labels(bundle: Bundle, classes: Ints) -> tuple[int, ...]:
@@ -172,30 +148,104 @@ def _labels(bundle: Bundle, classes: Ints) -> tuple[int, ...]:
     return tuple(classes.tolist())
 
 
-def _classifier(model: Any, arrays: Mapping[str, Array], column: int, n_features: int) -> Classifier:
+def _classifier(
+    model: Any, arrays: Mapping[str, Array], column: int, n_features: int, most: int
+) -> Classifier:
+    """Return what looks at counts of up to `most`, by the arrays of a family at a time of its answer."""
     if isinstance(model, KNN):
-        counts, target = arrays["counts"], arrays["target"]
-        features = counts.reshape(len(counts), -1)[:, :n_features]
-        place = np.searchsorted(np.unique(target), target)
-        return Nearest(features, place, min(model.k, len(target)))
+        return _nearest(arrays["counts"], arrays["target"], model.k, n_features, most)
     if isinstance(model, NaiveBayes):
-        variance = arrays["variance"][:, :n_features] + arrays["smoothing"][column]
-        says_nothing = not variance.all()
-        with np.errstate(divide="ignore"):
-            constant = np.array([-0.5 * np.log(2 * np.pi * v).sum() for v in variance])
-        return Bayes(
-            np.asarray(arrays["log_prior"], np.float64),
-            constant,
-            arrays["mean"][:, :n_features],
-            variance,
-            says_nothing,
-        )
+        return _bayes(arrays, column, n_features)
     if isinstance(model, MLP):
         depth = sum(name.startswith(f"{column}/") and name.endswith("/weight") for name in arrays)
         layers = [(arrays[f"{column}/{k}/weight"], arrays[f"{column}/{k}/bias"]) for k in range(depth)]
-        mean, scale = (arrays[name][:n_features] for name in ("mean", "scale"))
-        return Perceptron(n_features, tuple(layers), mean, scale)
+        scaling = [Table("float", name, arrays[name][:n_features]) for name in ("mean", "scale")]
+        given, positive = "((float)net.counts[j] - mean[j]) / scale[j]", "y[i]"
+        return _units("perceptron", n_features, layers, scaling, given, positive)
     hidden = np.ascontiguousarray(arrays["input_weight"][:, :n_features].T), arrays["bias"]
     outputs = arrays["output_weight"]
     last = outputs, np.zeros(outputs.shape[1], outputs.dtype)
-    return Extreme(n_features, (hidden, last), 2.0**model.counter_bits)
+    full = 2.0**model.counter_bits  # hidden units count up to a full scale, a power of 2
+    positive = f"y[i] > 1 ? 1 : (real)(int32_t)(y[i] * (real){full}) * (real){1 / full}"
+    return _units("extreme", n_features, [hidden, last], [], "(real)net.counts[j]", positive)
+
+
+def _nearest(counts: Ints, target: Ints, k: int, n_features: int, most: int) -> Classifier:
+    """Return the vote of the k nearest training samples, by their counts and the places of their classes."""
+    features, classes = counts.reshape(len(counts), -1)[:, :n_features], np.unique(target)
+    highest, k = int(features.max(initial=0)), min(k, len(target))
+    small = "uint8_t" if highest < 256 else "uint16_t"
+    wide = "uint32_t" if max(most, highest) ** 2 * n_features < 2**32 else "uint64_t"  # squared distances
+    return Classifier(
+        "nearest.c",
+        "Integers only",
+        {"k": k, "n_samples": len(features), "small": small, "wide": wide},
+        (
+            Table(small, "stored", features.ravel()),
+            Table("uint16_t", "place", np.searchsorted(classes, target)),
+        ),
+        (
+            Member(wide, "distance", (k,), "squared, of the nearest"),
+            Member("uint16_t", "vote", (k,), "their classes"),
+            Member("uint16_t", "votes", (len(classes),), "of every class"),
+        ),
+        {"nearest": 1, "neighbours": k > 1},
+    )
+
+
+def _bayes(arrays: Mapping[str, Array], column: int, n_features: int) -> Classifier:
+    """Return Gaussian naive Bayes; where no feature varied in training, its prior answers."""
+    arithmetic, prior = "Counts are integers, likelihoods double", np.asarray(arrays["log_prior"], np.float64)
+    variance = arrays["variance"][:, :n_features] + arrays["smoothing"][column]
+    if not variance.all():
+        return Classifier("prior.c", arithmetic, {"best": int(prior.argmax())})
+    constant = np.array([-0.5 * np.log(2 * np.pi * v).sum() for v in variance])
+    mean = arrays["mean"][:, :n_features]
+    named = {"prior": prior, "constant": constant, "mean": mean.ravel(), "variance": variance.ravel()}
+    tables = tuple(Table("double", name, values) for name, values in named.items())
+    parts = {"bayes": 1, "bayes_halves": n_features > 128}
+    return Classifier("bayes.c", arithmetic, {}, tables, parts=parts)
+
+
+def _units(
+    kind: str,
+    n_features: int,
+    layers: Sequence[tuple[Floats, Floats]],
+    scaling: Sequence[Table],
+    given: str,
+    positive: str,
+) -> Classifier:
+    """Return layers of units, weight (input, unit) and bias (unit,) of each, in the precision of the engine.
+
+    Args:
+        kind: perceptron or extreme.
+        n_features: inputs.
+        layers: without any, there is one class.
+        scaling: tables of the inputs' scaling.
+        given: expression of input j; `(real)` stands for the type.
+        positive: of what unit y[i] > 0 passes on.
+    """
+    real = "double" if any(weight.dtype == np.float64 for weight, _ in layers) else "float"
+    arithmetic = f"Counts are integers, weights and sums {real}"
+    if not layers:
+        return Classifier("prior.c", arithmetic, {"best": 0})
+    weights, biases = zip(*layers, strict=True)
+    sizes = (n_features, *(bias.size for bias in biases))
+    values = {
+        "real": real,
+        "n_layers": len(layers),
+        "input": given.replace("(real)", f"({real})"),
+        "positive": positive.replace("(real)", f"({real})"),
+        "n_outputs": sizes[-1],
+        # Of two classes, one output > 0 says the second.
+        "answer": "best" if sizes[-1] > 1 else "(uint32_t)(x[0] > 0)",
+    }
+    tables = (
+        *scaling,
+        Table("uint32_t", "sizes", np.array(sizes)),
+        Table(real, "weight", np.concatenate([x.ravel() for x in weights])),
+        Table(real, "bias", np.concatenate(biases)),
+    )
+    units = Member(real, "units", (sum(sizes[1:]),), "of all layers")
+    part = f"{kind}_double" if real == "double" else kind
+    return Classifier("units.c", arithmetic, values, tables, (units,), {part: 1})

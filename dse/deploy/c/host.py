@@ -10,17 +10,15 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from dse.deploy.c import replay
 from dse.deploy.prefix import prefixed
-from dse.records import Bools, Floats, Ints
+from dse.records import Floats, Ints
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
-INIT, RESET, STEP, SPIKE, SAMPLE, START, EVENT, ANSWER = range(8)
 
 
 class NoCompiler(RuntimeError):
@@ -29,22 +27,6 @@ class NoCompiler(RuntimeError):
 
 class RunFailed(RuntimeError):
     """A compiler or a program failed, in one line."""
-
-
-@dataclass(frozen=True)
-class Played:
-    """What C did on n recordings.
-
-    spikes: (m, 4) recording, layer, network step, neuron; layer 0 is the input.
-    label, steps, confident: (n,) answer, network steps until then, and whether the rule was met.
-    counts: (n, output) output spikes within the window.
-    """
-
-    spikes: Ints
-    label: Ints
-    steps: Ints
-    confident: Bools
-    counts: Ints
 
 
 def compiler() -> list[str]:
@@ -61,15 +43,6 @@ def compiler() -> list[str]:
     if importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "cc"]
     raise NoCompiler("no C compiler is installed: install gcc or clang, or pip install 'dse[targets]'")
-
-
-def has_compiler() -> bool:
-    """Return whether there is a C compiler."""
-    try:
-        compiler()
-    except NoCompiler:
-        return False
-    return True
 
 
 def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
@@ -128,19 +101,10 @@ def _answer(command: Sequence[str], option: str) -> str:
     return done.stdout.strip()
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """Memory of dse.c as a compiler reports it.
+def sizes(folder: Path, *options: str) -> dict[str, float]:
+    """Return the memory of the C in a folder as compiled here for size; nothing without the program `size`.
 
-    ram_bytes: data and bss. flash_bytes: code, constants and data.
-    """
-
-    ram_bytes: int
-    flash_bytes: int
-
-
-def sizes(folder: Path, *options: str) -> Sizes | None:
-    """Return the memory of the C in a folder as compiled here for size; None without the program `size`.
+    ram_bytes are data and bss, flash_bytes code, constants and data.
 
     Args:
         folder: of `files.write`.
@@ -151,7 +115,7 @@ def sizes(folder: Path, *options: str) -> Sizes | None:
         RunFailed: the code does not compile.
     """
     if (size := shutil.which("size")) is None:
-        return None
+        return {}
     source, prefix = classifier_in(folder)
     with tempfile.TemporaryDirectory() as temporary:
         code = Path(temporary) / "dse.o"
@@ -159,9 +123,9 @@ def sizes(folder: Path, *options: str) -> Sizes | None:
         compiled([source], code, *plain, *(prefixed(option, prefix) for option in options))
         done = subprocess.run([size, str(code)], capture_output=True, text=True, check=False)
     if done.returncode:
-        return None
-    text, data, bss = map(int, done.stdout.splitlines()[-1].split()[:3])
-    return Sizes(data + bss, text + data)
+        return {}
+    text, data, bss = map(float, done.stdout.splitlines()[-1].split()[:3])
+    return {"ram_bytes": data + bss, "flash_bytes": text + data}
 
 
 def classifier_in(folder: Path) -> tuple[Path, str]:
@@ -184,7 +148,7 @@ def driven(folder: Path, place: Path, *options: str) -> tuple[list[Path], list[s
     return [driver, source], [f"-I{source.parent}", *(prefixed(option, prefix) for option in options)]
 
 
-def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> Played:
+def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> replay.Played:
     """Run recordings through the C in a folder.
 
     Args:
@@ -209,83 +173,4 @@ def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> Pl
     if done.returncode:
         lines = done.stderr.decode(errors="replace").splitlines() or [f"exit code {done.returncode}"]
         raise RunFailed(f"the program failed: {lines[0]}")
-    return parsed(np.frombuffer(done.stdout, np.int32))
-
-
-def parsed(numbers: Ints) -> Played:
-    """Return what replay.c has written."""
-    spikes: list[Ints] = [np.zeros((0, 4), np.int64)]
-    answers: list[Ints] = []
-    counts: list[Ints] = []
-    at = 0
-    ends = np.flatnonzero(numbers == -1).tolist()
-    for end in ends:
-        if end < at or (end - at) % 3:  # a label or a count of -1 is no end
-            continue
-        rows = numbers[at:end].reshape(-1, 3)
-        spikes.append(np.column_stack([np.full(len(rows), len(answers)), rows]))
-        n = int(numbers[end + 4])
-        answers.append(numbers[end + 1 : end + 4])
-        counts.append(numbers[end + 5 : end + 5 + n])
-        at = end + 5 + n
-    label, steps, confident = np.array(answers, np.int64).reshape(-1, 3).T
-    return Played(np.concatenate(spikes), label, steps, confident.astype(bool), np.array(counts))
-
-
-def of_spikes(counts: Ints, channels: Ints) -> Ints:
-    """Return the commands of a window of spikes.
-
-    Args:
-        counts: (step,) spikes of each step.
-        channels: of the spikes, step by step.
-    """
-    parts: list[Ints] = [np.array([INIT, RESET])]
-    at = 0
-    for n in counts.tolist():
-        block = np.empty(2 * n + 1, np.int64)
-        block[0 : 2 * n : 2], block[1 : 2 * n : 2], block[-1] = SPIKE, channels[at : at + n], STEP
-        parts.append(block)
-        at += n
-    return np.concatenate([*parts, np.array([ANSWER])])
-
-
-def of_samples(values: Ints | Floats, start: int, n_steps: int) -> Ints:
-    """Return the commands of a recording of samples, up to the end of its window.
-
-    Args:
-        values: (step, sensor) int32 or float32.
-        start: first step of the window.
-        n_steps: its length.
-    """
-    bits = np.ascontiguousarray(values[: start + n_steps]).view(np.int32)
-    pushes = np.column_stack([np.full(len(bits), SAMPLE), bits, np.full(len(bits), STEP)])
-    before = pushes[:start, :-1]
-    begin, reset, end = (np.array([command]) for command in (INIT, RESET, ANSWER))
-    return np.concatenate([begin, before.ravel(), reset, pushes[start:].ravel(), end])
-
-
-def of_events(
-    events: tuple[Ints, ...], t0_us: int, begin_us: int, bin_us: int, first: int, n_steps: int
-) -> Ints:
-    """Return the commands of a recording of events, up to the end of its window.
-
-    Args:
-        events: t_us, x, y and polarity.
-        t0_us: time that bins are counted from.
-        begin_us: start of the first bin.
-        bin_us: width of a bin.
-        first: first bin of the window.
-        n_steps: length of the window.
-    """
-    t_us, x, y, polarity = (np.asarray(a, np.int64) for a in events)
-    ends = begin_us + bin_us * np.arange(1, first + n_steps + 1)
-    borders = [0, *np.searchsorted(t_us, ends).tolist()]
-    rows = np.column_stack([np.full(len(t_us), EVENT), t_us & 0xFFFFFFFF, t_us >> 32, x, y, polarity])
-    rows[:, 1] = np.where(rows[:, 1] >= 2**31, rows[:, 1] - 2**32, rows[:, 1])
-    low = t0_us & 0xFFFFFFFF
-    parts = [np.array([INIT, START, low - 2**32 if low >= 2**31 else low, t0_us >> 32])]
-    for k, (a, b) in enumerate(pairwise(borders)):
-        if k == first:
-            parts.append(np.array([RESET]))
-        parts += [rows[a:b].ravel(), np.array([STEP])]
-    return np.concatenate([*parts, np.array([ANSWER])])
+    return replay.parsed(np.frombuffer(done.stdout, np.int32))

@@ -18,11 +18,11 @@ import numpy as np
 from dse.config.resolved import Sections
 from dse.config.settings import Preprocessing, pair
 from dse.dataset.shape import Shape
-from dse.deploy.c.bounds import Bounds
-from dse.deploy.c.code_size import flash_bytes
-from dse.deploy.c.memory import ram_bytes
-from dse.deploy.c.plan import Frame, Plan, Rule, Unsupported, front_end_of, plan_on
+from dse.deploy.bounds import Bounds
+from dse.deploy.c.code_size import flash_bytes, footprint
+from dse.deploy.c.plan import Plan, plan_on
 from dse.deploy.classifier import Input
+from dse.deploy.form import Rule, Unsupported, frame_with
 from dse.encoders.receptors import Receptors
 from dse.encoders.send_on_delta import SendOnDelta
 from dse.models.snn.family import SNN
@@ -62,7 +62,7 @@ def least_memory(
         return {column.name: (math.nan, math.nan) for column in columns}
     if plan is None:
         return {}
-    memory = {RAM.name: (float(ram_bytes(plan)), math.inf)}
+    memory = {RAM.name: (footprint(plan)[RAM.name], math.inf)}
     if bytes_of_part is not None and not sections.model.pruned:  # type: ignore[attr-defined]
         memory[FLASH.name] = (flash_bytes(plan, bytes_of_part),) * 2
     return memory
@@ -81,19 +81,8 @@ def least_plan(sections: Sections, shape: Shape) -> Plan | None:
     n_steps = shape.n_steps or 1
     uncropped = sections.preprocessing and dataclasses.replace(sections.preprocessing, crop=None)
     sections = dataclasses.replace(sections, preprocessing=uncropped)
-    front_end, no_front_end, encoder, pools = front_end_of(sections, _input(sections, shape, n_steps))
-    frame = Frame(
-        n_channels=network.n_channels,
-        n_steps=n_steps,
-        step_ms=shape.step_ms,
-        classes=("",) * shape.n_outputs,
-        window=sections.window.at,
-        onset_threshold=sections.window.onset_threshold,
-        front_end=front_end,
-        no_front_end=no_front_end,
-        encoder=encoder,
-        pooling=pools,
-    )
+    taken = _input(sections, shape, n_steps)
+    frame = frame_with(sections, taken, network.n_channels, ("",) * shape.n_outputs)
     rule = Rule(0, shape.n_outputs, None, Fraction(0), n_steps * network.steps_per_sample - 1)
     plan = plan_on(frame, network, rule)
     layers = tuple(dataclasses.replace(layer, bounds=Bounds(0, 0)) for layer in plan.layers)

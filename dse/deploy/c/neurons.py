@@ -1,4 +1,4 @@
-"""The C of a layer: rows of weights that spikes add, and neurons that step."""
+"""The C of a layer: its variables and constant data, rows of weights that spikes add, neurons that step."""
 
 from __future__ import annotations
 
@@ -7,24 +7,99 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dse.deploy.c.matrix import Matrix
-from dse.deploy.c.memory import common, index, n_leading, states
+from dse.deploy.c.arrays import Matrix, Member, Table, index
 from dse.deploy.c.plan import LayerPlan, Plan
 from dse.deploy.c.text import filled, indented
-from dse.neurons import resonator, xylo_lif
+from dse.neurons import cuba_lif, resonator, xylo_lif
 from dse.neurons.fixed_point import DECAY_SCALE
+from dse.records import Array
 
 _SHORT_ROW = 16
 """Weights of a row up to which the C has no loop."""
+
+
+def states(layer: LayerPlan) -> tuple[str, str]:
+    """Return the names of a layer's states."""
+    return ("x", "y") if isinstance(layer.population, resonator.Population) else ("u", "v")
+
+
+def layer_members(k: int, layer: LayerPlan) -> list[Member]:
+    """Return the variables of layer k, from 1."""
+    kind, (a, b) = f"int{layer.state_bits}_t", states(layer)
+    out = [
+        Member(kind, f"{a}_{k}", (layer.n_places,), f"layer {k}", True),
+        Member(kind, f"{b}_{k}", (layer.n_neurons,), is_cleared=True),
+        Member("uint8_t", f"awake_{k}", (), "whether a state is not 0", True),
+    ]
+    if layer.n_later:
+        held = (layer.n_later * layer.n_neurons,)
+        out += [
+            Member(kind, f"later_{k}", held, "input from this step on", True),
+            Member("uint8_t", f"now_{k}", (), f"this step in later_{k}", True),
+            Member("uint8_t", f"busy_{k}", (), "steps for which there may be input", True),
+        ]
+    return out
+
+
+def layer_tables(k: int, layer: LayerPlan) -> list[Table]:
+    """Return the weights of layer k, and the parameters that differ between its neurons."""
+    out, population = layer.forward.tables(f"weights_{k}"), layer.population
+    if layer.back is not None:
+        out += layer.back.tables(f"recurrent_{k}")
+    if isinstance(population, resonator.Population):
+        turns = np.broadcast_to(population.resonates, layer.n_neurons)
+        for name, turning, decay in (
+            ("first", population.cosine, population.decay_current),
+            ("second", population.sine, population.decay_voltage),
+        ):
+            out.append(Table("int16_t", f"{name}_{k}", np.where(turns, turning, DECAY_SCALE - decay)))
+        if _n_leading(turns) is None:
+            out.append(Table("uint8_t", f"turns_{k}", turns.astype(np.int64)))
+        return out
+    kind, name, parameters = _parameters(population)
+    return out + [
+        Table(kind, f"{name}_{state}_{k}", values)
+        for state, values in zip("uv", parameters, strict=True)
+        if _common(values) is None
+    ]
+
+
+def _parameters(
+    population: cuba_lif.Population | xylo_lif.Population,
+) -> tuple[str, str, tuple[Array, Array]]:
+    """Return what the states leak by: its type and name in C, and the numbers of both states."""
+    if isinstance(population, xylo_lif.Population):
+        return "uint8_t", "shift", (population.current_shift, population.voltage_shift)
+    decays = population.decay_current, population.decay_voltage
+    return "int16_t", "keep", (DECAY_SCALE - decays[0], DECAY_SCALE - decays[1])
+
+
+def _leaks_by(k: int, population: cuba_lif.Population | xylo_lif.Population) -> list[int | str]:
+    """Return the same as numbers where all neurons share them, else as expressions of C."""
+    _, name, parameters = _parameters(population)
+    shared = [(state, _common(values)) for state, values in zip("uv", parameters, strict=True)]
+    return [f"{name}_{state}_{k}[i]" if value is None else value for state, value in shared]
+
+
+def _n_leading(turns: Array) -> int | None:
+    """Return how many neurons resonate if they are the first ones, else None."""
+    n = int(np.count_nonzero(turns))
+    return n if turns[:n].all() else None
+
+
+def _common(parameter: Array) -> int | None:
+    """Return the parameter that all neurons share, None where they differ."""
+    values = np.unique(parameter)
+    return int(values[0]) if values.size == 1 else None
 
 
 def rows(plan: Plan) -> Iterator[str]:
     """Yield the functions that add a row of weights: one per form of rows, then one per matrix."""
     matrices = []
     for k, layer in enumerate(plan.layers, 1):
-        matrices.append((f"reach_{k}", f"weights_{k}", layer.feed_forward, k, layer))
-        if layer.recurrent is not None:
-            matrices.append((f"return_{k}", f"recurrent_{k}", layer.recurrent, k, layer))
+        matrices.append((f"reach_{k}", f"weights_{k}", layer.forward, k, layer))
+        if layer.back is not None:
+            matrices.append((f"return_{k}", f"recurrent_{k}", layer.back, k, layer))
     shared = (_adder(matrix, layer) for _, _, matrix, _, layer in matrices if not is_short(matrix))
     yield from dict.fromkeys(shared)
     for name, table, matrix, k, layer in matrices:
@@ -60,7 +135,8 @@ def _form(matrix: Matrix) -> str:
 
 def adder_name(matrix: Matrix, layer: LayerPlan) -> str:
     """Return the name of the function that adds the rows of a matrix."""
-    kind = {"bytes": "", "words": f"_of_{matrix.bits}", "sparse": f"_{8 * matrix.column_bytes}"}[matrix.form]
+    n_bits = 8 if matrix.weights.shape[1] <= 256 else 16
+    kind = {"bytes": "", "words": f"_of_{matrix.bits}", "sparse": f"_{n_bits}"}[matrix.form]
     wide = "_wide" if layer.state_bits == 64 else ""
     return f"dse_add_{_form(matrix)}{kind}{wide}_{layer.unit << matrix.exponent}"
 
@@ -89,41 +165,14 @@ def _added(table: str, matrix: Matrix, k: int, layer: LayerPlan) -> str:
     return f"{adder_name(matrix, layer)}({state}, {row});\n{busy}"
 
 
-_LEAK = """\
-/* trunc(x * keep / unit) without more than 32 bits: exact, since both terms have the sign of x. */
-#define LEAK(x, keep, unit) ((x) / (unit) * (keep) + (x) % (unit) * (keep) / (unit))
-
-"""
-
-
-_DECAYED = """\
-#define SATURATED(x) ((x) < -32768 ? -32768 : (x) > 32767 ? 32767 : (int32_t)(x))
-
-/* x less x / 2^shift, which rounds down, but at least 1 nearer to 0 where x is positive. */
-static int32_t decayed(int32_t x, uint32_t shift)
-{
-    if (x > 0) {
-        const int32_t lost = x >> shift;
-        return x - (lost > 0 ? lost : 1);
-    }
-    return x + (int32_t)(((uint32_t)-x + ((uint32_t)1 << shift) - 1u) >> shift);
-}
-
-"""
-
-
 def leaks(plan: Plan) -> str:
     """Return what the states of some layer leak by: a macro for 32 bits, a function for bit shifts."""
-    texts = [_update(k, layer) for k, layer in enumerate(plan.layers, 1)]
-    return "".join(
-        text
-        for name, text in (("LEAK(", _LEAK), ("decayed(", _DECAYED))
-        if any(name in update for update in texts)
-    )
+    text = "".join(_update(k, layer) for k, layer in enumerate(plan.layers, 1))
+    return filled("leaks.c", leak="LEAK(" in text, decayed="decayed(" in text)
 
 
 def _leaked(x: str, keep: int | str, layer: LayerPlan) -> str:
-    """Return the expression of a state after a leak.
+    """Return the expression of a state after a leak; '' if it stays.
 
     Every leak of 32-bit states takes the same instructions, whatever the weights: work follows from counts.
 
@@ -135,7 +184,7 @@ def _leaked(x: str, keep: int | str, layer: LayerPlan) -> str:
     number, unit = keep, DECAY_SCALE
     if isinstance(keep, int):
         if keep in (0, DECAY_SCALE):
-            return "0" if keep == 0 else x
+            return "0" if keep == 0 else ""
         divisor = math.gcd(keep, DECAY_SCALE)
         number, unit = keep // divisor, DECAY_SCALE // divisor
     if layer.state_bits == 64:
@@ -145,105 +194,49 @@ def _leaked(x: str, keep: int | str, layer: LayerPlan) -> str:
 
 def _update(k: int, layer: LayerPlan, spikes: str = "") -> str:
     """Return the statements that advance one neuron, given those that a spike runs."""
-    population, kind = layer.population, f"int{layer.state_bits}_t"
-    if isinstance(population, xylo_lif.Population):
-        return _of_xylo(k, layer, population, spikes)
+    population, (a, b) = layer.population, states(layer)
+    values = {"k": k, "a": a, "b": b, "threshold": layer.threshold, "spikes": spikes}
     if not isinstance(population, resonator.Population):
-        keeps: list[int | str] = []
-        for name, decay in (("u", population.decay_current), ("v", population.decay_voltage)):
-            shared = common(decay)
-            keeps.append(f"keep_{name}_{k}[i]" if shared is None else DECAY_SCALE - shared)
-        return (
-            f"v += u;\nif (v > {layer.threshold}) {{\n    v = 0;\n{spikes}}}\n"
-            + _assigned("u", _leaked("u", keeps[0], layer))
-            + _assigned("v", _leaked("v", keeps[1], layer))
-        )
-    turns = np.broadcast_to(population.resonates, layer.n_neurons)
-    n = n_leading(turns)
-    reset = "    y = 0;\n" if population.reset else ""
-    wide = layer.state_bits == 64 or max(layer.bounds.first, layer.bounds.second) >= 2**19
+        leak = dict(zip(("of_a", "of_b"), _leaks_by(k, population), strict=True))
+        if isinstance(population, xylo_lif.Population):
+            most = layer.most_spikes
+            return filled("xylo_lif.c", **values, **leak, most=most, several=most > 1)
+        leaked = {name: _leaked(x, leak[name], layer) for name, x in (("of_a", a), ("of_b", b))}
+        return filled("leaking.c", **values, **leaked)
+    kind, wide = f"int{layer.state_bits}_t", max(layer.bounds.first, layer.bounds.second) >= 2**19
     product = "int64_t" if wide else "int32_t"
     cast = f"({kind})" if product != kind else ""
-    turning = (
-        f"const {product} c = first_{k}[i], s = second_{k}[i], before = x;\n"
-        f"if (y > {layer.threshold}) {{\n{reset}{spikes}}}\n"
-        f"x = {cast}((c * before - s * y) / {DECAY_SCALE});\n"
-        f"y = {cast}((s * before + c * y) / {DECAY_SCALE});\n"
+    turning = filled(
+        "turning.c", **values, product=product, cast=cast, reset=population.reset, scale=DECAY_SCALE
     )
-    leaking = (
-        f"y += x;\nif (y > {layer.threshold}) {{\n    y = 0;\n{spikes}}}\n"
-        + _assigned("x", _leaked("x", f"first_{k}[i]", layer))
-        + _assigned("y", _leaked("y", f"second_{k}[i]", layer))
-    )
+    leaked = {"of_a": _leaked(a, f"first_{k}[i]", layer), "of_b": _leaked(b, f"second_{k}[i]", layer)}
+    leaking = filled("leaking.c", **values, **leaked)
+    n = _n_leading(np.broadcast_to(population.resonates, layer.n_neurons))
     if n in (0, layer.n_neurons):
         return turning if n else leaking
     condition = f"turns_{k}[i]" if n is None else f"i < {n}u"
     return f"if ({condition}) {{\n{indented(turning)}}} else {{\n{indented(leaking)}}}\n"
 
 
-def _of_xylo(k: int, layer: LayerPlan, population: xylo_lif.Population, spikes: str) -> str:
-    """Return the same for neurons that decay by bit shifts and saturate."""
-    shifts = []
-    for name, shift in (("u", population.current_shift), ("v", population.voltage_shift)):
-        shared = common(shift)
-        shifts.append(f"shift_{name}_{k}[i]" if shared is None else str(shared))
-    threshold, most = layer.threshold, layer.most_spikes
-    reset = f"    v -= {threshold};\n"
-    if most > 1:
-        number = f"(uint32_t)(v / {threshold} < {most} ? v / {threshold} : {most})"
-        reset = f"    const uint32_t n = {number};\n    v -= (int32_t)n * {threshold};\n"
-    return (
-        f"const int32_t lost = (int32_t)v - decayed((int32_t)v, {shifts[1]});\n"
-        f"u = decayed(SATURATED(u), {shifts[0]});\n"
-        f"v += SATURATED(u - lost);\n"
-        f"v = SATURATED(v);\n"
-        f"if (v >= {threshold}) {{\n{reset}{spikes}}}\n"
-    )
-
-
-def _assigned(x: str, value: str) -> str:
-    return "" if x == value else f"{x} = {value};\n"
-
-
 def layer_text(plan: Plan, k: int) -> str:
     """Return the function that advances layer k, from 1."""
-    layer, last = plan.layers[k - 1], k == len(plan.layers)
-    a, b = states(layer)
-    spikes = [f"SPIKE({k}, i);"]
-    if last:
-        rule = plan.rule
-        counted = ["net.total++;", "net.changed = 1;"]
-        if (rule.first, rule.n) != (0, layer.n_neurons):
-            inside = f"i < {rule.n}u" if rule.first == 0 else f"i - {rule.first}u < {rule.n}u"
-            counted = [f"if ({inside}) {{", *(f"    {line}" for line in counted), "}"]
-        # Counts stay those that the answer was made from.
-        spikes.append("if (net.answer == 0) {")
-        spikes += [*(f"    {line}" for line in ("net.counts[i]++;", *counted)), "}"]
-    else:
-        spikes += [f"reach_{k + 1}(i);", f"net.awake_{k + 1} = 1;"]
-    declare, after, several = "", "", layer.most_spikes > 1
-    if several:
-        declare = "    uint32_t j;\n"
-        spikes = ["for (j = 0; j < n; j++) {", *(f"    {line}" for line in spikes), "}"]
-    if layer.recurrent is not None:
-        longest = max(x.n_neurons for x in plan.layers if x.recurrent is not None)
-        spikes += ["net.times[n_fired] = (uint8_t)n;"] * several
-        spikes.append(f"net.fired[n_fired++] = ({index(longest)})i;")
-        declare += "    uint32_t n_fired = 0;\n"
-        again = "for (j = 0; j < net.times[i]; j++) {\n            " if several else ""
-        after = (
-            "    for (i = 0; i < n_fired; i++) {\n"
-            f"        {again}return_{k}(net.fired[i]);\n{'        }' + chr(10) if several else ''}"
-            f"        net.awake_{k} = 1;\n    }}\n"
-        )
-    update = _update(k, layer, indented("\n".join(spikes) + "\n"))
-    arriving, busy, arrived, rested = "", "", "", ""
-    if layer.n_later:
-        held = f"net.later_{k}[net.now_{k} * {layer.n_neurons}u + i]"
-        arriving, arrived, busy = f" + {held}", f"{held} = 0;\n", f" && net.busy_{k} == 0"
-        rested = f"net.{a}_{k}[i] = 0; /* what arrived may have cancelled it */\n"
-        now = f"net.now_{k} + 1u < {layer.n_later}u ? net.now_{k} + 1u : 0u"
-        after = f"    net.now_{k} = (uint8_t)({now});\n    net.busy_{k} -= net.busy_{k} != 0;\n{after}"
+    layer, rule, several = plan.layers[k - 1], plan.rule, plan.layers[k - 1].most_spikes > 1
+    (a, b), recurrent = states(layer), layer.back is not None
+    inside = ""
+    if (rule.first, rule.n) != (0, layer.n_neurons):
+        inside = f"i < {rule.n}u" if rule.first == 0 else f"i - {rule.first}u < {rule.n}u"
+    spikes = filled(
+        "spike.c",
+        k=k,
+        next=k + 1,
+        last=k == len(plan.layers),
+        inside=inside,
+        several=several,
+        recurrent=recurrent,
+        fired=index(max((x.n_neurons for x in plan.layers if x.back is not None), default=0)),
+        **{"in": "    " if several else ""},
+    )
+    held = f"net.later_{k}[net.now_{k} * {layer.n_neurons}u + i]" if layer.n_later else ""
     return filled(
         "layer.c",
         k=k,
@@ -255,13 +248,13 @@ def layer_text(plan: Plan, k: int) -> str:
         first=layer.bounds.first,
         second=layer.bounds.second,
         type=f"int{layer.state_bits}_t",
-        declare=declare,
-        arriving=arriving,
-        arrived=indented(indented(arrived)),
-        rested=indented(indented(indented(rested))),
-        busy=busy,
-        update=indented(indented(update)),
-        after=after,
+        several=several,
+        recurrent=recurrent,
+        held=held,
+        n_later=layer.n_later,
+        arriving=f" + {held}" if held else "",
+        busy=f" && net.busy_{k} == 0" if held else "",
+        update=indented(indented(_update(k, layer, indented(spikes)))),
     )
 
 

@@ -2,53 +2,87 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from dse.deploy.c import host
-from dse.deploy.c.host import Played
-from dse.deploy.c.plan import Frame, Plan
+from dse.deploy.c.plan import Plan
+from dse.deploy.form import Frame
 from dse.deploy.reference import Reference
-from dse.deploy.targets import Run, Verdict, compare
+from dse.deploy.run import Run
 from dse.recordings import EventSource, trials_of
-from dse.records import Ints, Rasters, Signals
+from dse.records import Bools, Floats, Ints, Rasters, Signals
+
+INIT, RESET, STEP, SPIKE, SAMPLE, START, EVENT, ANSWER = range(8)
 
 
-def of_spikes(reference: Reference) -> list[Ints]:
-    """Return the commands that push the input spikes of every window."""
-    n, n_steps = reference.n_recordings, reference.dataset.n_steps
-    spikes = reference.spikes_in
-    borders = np.searchsorted(spikes[:, 0], np.arange(n + 1))
-    parts = [spikes[a:b] for a, b in pairwise(borders)]
-    return [host.of_spikes(np.bincount(x[:, 1], minlength=n_steps), x[:, 2]) for x in parts]
+@dataclass(frozen=True)
+class Played:
+    """What C did on n recordings.
+
+    spikes: (m, 4) recording, layer, network step, neuron; layer 0 is the input.
+    label, steps, confident: (n,) answer, network steps until then, and whether the rule was met.
+    counts: (n, output) output spikes within the window.
+    """
+
+    spikes: Ints
+    label: Ints
+    steps: Ints
+    confident: Bools
+    counts: Ints
 
 
-def of_recordings(reference: Reference, plan: Frame) -> list[Ints] | None:
-    """Return the commands that push what was recorded; None where C makes no spikes of it."""
+class Executed(NamedTuple):
+    """What an execution of C did, the numbers that it measured, the compiler of those, and what ran it."""
+
+    played: Played
+    figures: Mapping[str, float]
+    compiler: str
+    run_by: tuple[str, ...]
+
+
+def of_spikes(reference: Reference, steps: Sequence[int] | Ints | None = None) -> list[Ints]:
+    """Return the commands that push the input spikes of every window.
+
+    Args:
+        reference: what is run.
+        steps: (n,) network steps until each answer, where a window ends; None: whole windows.
+    """
+    n, n_steps, spikes = reference.n_recordings, reference.dataset.n_steps, reference.spikes_in
+    needed = np.full(n, n_steps)
+    if steps is not None:
+        per_sample = max(1, reference.n_steps // n_steps)
+        needed = np.minimum(-(-np.asarray(steps) // per_sample), n_steps)
+    commands = []
+    borders = pairwise(np.searchsorted(spikes[:, 0], np.arange(n + 1)))
+    for last, (a, b) in zip(needed.tolist(), borders, strict=True):
+        counts = np.bincount(spikes[a:b, 1], minlength=n_steps)[:last]
+        commands.append(of_window(counts, spikes[a : a + counts.sum(), 2]))
+    return commands
+
+
+def of_recordings(reference: Reference, plan: Frame) -> tuple[list[Ints] | None, list[str]]:
+    """Return the commands that push what was recorded, and what its samples ask of the compiler.
+
+    There are none where C makes no spikes of recordings. Samples are pushed as floating point if they, or
+    the thresholds, are not whole.
+    """
     inputs, n_steps = reference.inputs, reference.dataset.n_steps
     starts = reference.first_step.tolist()
     if plan.encoder is not None and isinstance(inputs, Signals):
-        if reals(reference, plan):
-            values = np.asarray(inputs.values, np.float32)
+        values, options = inputs.values, ["-DDSE_REAL_SAMPLES"]
+        if plan.encoder.takes_whole and (values == np.rint(values)).all() and (np.abs(values) < 2**24).all():
+            values, options = values.astype(np.int32), []
         else:
-            values = inputs.values.astype(np.int32)
+            values = values.astype(np.float32)
         pieces = [values[a:b] for a, b in pairwise(inputs.offsets)]
-        return [host.of_samples(x, first, n_steps) for x, first in zip(pieces, starts, strict=True)]
+        return [of_samples(x, first, n_steps) for x, first in zip(pieces, starts, strict=True)], options
     if plan.pooling is not None and inputs is not None and not isinstance(inputs, Signals | Rasters):
-        return [_of_events(inputs, i, plan, first, n_steps) for i, first in enumerate(starts)]
-    return None
-
-
-def reals(reference: Reference, plan: Frame) -> bool:
-    """Return whether samples must be pushed as floating point: they, or the thresholds, are not whole."""
-    if plan.encoder is None or not isinstance(reference.inputs, Signals):
-        return False
-    values = reference.inputs.values
-    whole = bool((values == np.rint(values)).all() and (np.abs(values) < 2**24).all())
-    return not (plan.encoder.takes_whole and whole)
+        return [_of_events(inputs, i, plan, first, n_steps) for i, first in enumerate(starts)], []
+    return None, []
 
 
 def _of_events(source: EventSource, i: int, plan: Frame, first: int, n_steps: int) -> Ints:
@@ -57,22 +91,86 @@ def _of_events(source: EventSource, i: int, plan: Frame, first: int, n_steps: in
     t0_us = 0 if trials_of(source) is not None else int(events[0][0])
     assert plan.pooling is not None
     begin_us = t0_us + plan.pooling.start_us
-    return host.of_events(events, t0_us, begin_us, plan.pooling.bin_us, first, n_steps)
+    return of_events(events, t0_us, begin_us, plan.pooling.bin_us, first, n_steps)
 
 
-def verdict_of(
-    played: Played,
-    plan: Frame,
-    reference: Reference,
-    figures: Mapping[str, float],
-    compiler: str,
-    run_by: Sequence[str],
-) -> Verdict:
-    """Return the verdict on what C did (`dse.deploy.targets.compare`); its input spikes must be equal too."""
-    verdict = compare(reference, run_of(played, plan, reference), figures, compiler, run_by)
-    if verdict.kind == "faithful" and not same_input(played, reference):
-        return dataclasses.replace(verdict, kind="equivalent", reason="the input spikes differ")
-    return verdict
+def of_window(counts: Ints, channels: Ints) -> Ints:
+    """Return the commands of a window of spikes.
+
+    Args:
+        counts: (step,) spikes of each step.
+        channels: of the spikes, step by step.
+    """
+    parts: list[Ints] = [np.array([INIT, RESET])]
+    at = 0
+    for n in counts.tolist():
+        block = np.empty(2 * n + 1, np.int64)
+        block[0 : 2 * n : 2], block[1 : 2 * n : 2], block[-1] = SPIKE, channels[at : at + n], STEP
+        parts.append(block)
+        at += n
+    return np.concatenate([*parts, np.array([ANSWER])])
+
+
+def of_samples(values: Ints | Floats, start: int, n_steps: int) -> Ints:
+    """Return the commands of a recording of samples, up to the end of its window.
+
+    Args:
+        values: (step, sensor) int32 or float32.
+        start: first step of the window.
+        n_steps: its length.
+    """
+    bits = np.ascontiguousarray(values[: start + n_steps]).view(np.int32)
+    pushes = np.column_stack([np.full(len(bits), SAMPLE), bits, np.full(len(bits), STEP)])
+    before = pushes[:start, :-1]
+    begin, reset, end = (np.array([command]) for command in (INIT, RESET, ANSWER))
+    return np.concatenate([begin, before.ravel(), reset, pushes[start:].ravel(), end])
+
+
+def of_events(
+    events: tuple[Ints, ...], t0_us: int, begin_us: int, bin_us: int, first: int, n_steps: int
+) -> Ints:
+    """Return the commands of a recording of events, up to the end of its window.
+
+    Args:
+        events: t_us, x, y and polarity.
+        t0_us: time that bins are counted from.
+        begin_us: start of the first bin.
+        bin_us: width of a bin.
+        first: first bin of the window.
+        n_steps: length of the window.
+    """
+    t_us, x, y, polarity = (np.asarray(a, np.int64) for a in events)
+    ends = begin_us + bin_us * np.arange(1, first + n_steps + 1)
+    borders = [0, *np.searchsorted(t_us, ends).tolist()]
+    rows = np.column_stack([np.full(len(t_us), EVENT), t_us & 0xFFFFFFFF, t_us >> 32, x, y, polarity])
+    rows[:, 1] = np.where(rows[:, 1] >= 2**31, rows[:, 1] - 2**32, rows[:, 1])
+    low = t0_us & 0xFFFFFFFF
+    parts = [np.array([INIT, START, low - 2**32 if low >= 2**31 else low, t0_us >> 32])]
+    for k, (a, b) in enumerate(pairwise(borders)):
+        if k == first:
+            parts.append(np.array([RESET]))
+        parts += [rows[a:b].ravel(), np.array([STEP])]
+    return np.concatenate([*parts, np.array([ANSWER])])
+
+
+def parsed(numbers: Ints) -> Played:
+    """Return what replay.c has written."""
+    spikes: list[Ints] = [np.zeros((0, 4), np.int64)]
+    answers: list[Ints] = []
+    counts: list[Ints] = []
+    at = 0
+    ends = np.flatnonzero(numbers == -1).tolist()
+    for end in ends:
+        if end < at or (end - at) % 3:  # a label or a count of -1 is no end
+            continue
+        rows = numbers[at:end].reshape(-1, 3)
+        spikes.append(np.column_stack([np.full(len(rows), len(answers)), rows]))
+        n = int(numbers[end + 4])
+        answers.append(numbers[end + 1 : end + 4])
+        counts.append(numbers[end + 5 : end + 5 + n])
+        at = end + 5 + n
+    label, steps, confident = np.array(answers, np.int64).reshape(-1, 3).T
+    return Played(np.concatenate(spikes), label, steps, confident.astype(bool), np.array(counts))
 
 
 def run_of(played: Played, plan: Frame, reference: Reference) -> Run:

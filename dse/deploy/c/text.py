@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from string import Template
+from typing import Any
 
 from dse.text import c_characters
 
@@ -16,10 +17,46 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _LONGEST_STRING = 4096  # what C99 wants every compiler to take, the null at its end included
 
 
-def filled(template: str, **values: object) -> str:
-    """Return the text of a template with its values."""
+def filled(template: str | Path, **values: Any) -> str:
+    """Return the text of a template, here or at a path, with values: `$name` in a line, and blocks of lines.
+
+    @if NAME ... @else ... @end     where a value is true, or else; `@if not NAME` where it is not
+    @each NAME ... @end             once for each mapping of a sequence, whose values come first
+    """
     text = (_TEMPLATES / template).read_text(encoding="utf-8")
-    return Template(text).substitute(values)
+    return "".join(_filled(text.splitlines(keepends=True), values))
+
+
+def _filled(lines: Iterable[str], values: Mapping[str, Any]) -> Iterator[str]:
+    ahead = iter(lines)
+    for line in ahead:
+        word, *name = line.split()[:3] or [""]
+        if word == "@if":
+            block, other = _block(ahead)
+            is_true = not values[name[1]] if name[0] == "not" else values[name[0]]
+            yield from _filled(block if is_true else other, values)
+        elif word == "@each":
+            block, _ = _block(ahead)
+            for each in values[name[0]]:
+                yield from _filled(block, {**values, **each})
+        else:
+            yield Template(line).substitute(values)
+
+
+def _block(ahead: Iterator[str]) -> tuple[list[str], list[str]]:
+    """Take the lines up to the end of a block; return those before and after its @else."""
+    parts: tuple[list[str], list[str]] = [], []
+    depth, at = 1, 0
+    for line in ahead:
+        word = line.split(maxsplit=1)[0] if line.strip() else ""
+        depth += (word in ("@if", "@each")) - (word == "@end")
+        if not depth:
+            return parts
+        if word == "@else" and depth == 1:
+            at = 1
+        else:
+            parts[at].append(line)
+    raise ValueError("a block of a template has no @end")
 
 
 def indented(text: str) -> str:

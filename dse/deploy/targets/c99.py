@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import tempfile
-from collections.abc import Hashable
+from abc import abstractmethod
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -15,32 +16,70 @@ from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, counting_source, files, host, replay, source
 from dse.deploy.c.counting import CountingPlan, planned
-from dse.deploy.c.footprint import footprint
 from dse.deploy.c.least import RAM, least_memory
-from dse.deploy.c.plan import Plan, Unsupported
+from dse.deploy.c.plan import Plan
 from dse.deploy.reference import Reference
-from dse.deploy.targets import TargetError, Verdict
+from dse.deploy.targets import BackEnd, Engine, TargetError
+from dse.records import Ints
 from dse.registry import Column, register
+
+
+class InC(BackEnd[Plan | CountingPlan]):
+    """A target that is C, for one processor or any; a subclass says how it is compiled and executed."""
+
+    has_prefix: ClassVar[bool] = True
+
+    def form(self, bundle: Bundle) -> Plan | CountingPlan:
+        """Return the classifier as C holds it."""
+        return planned(bundle)
+
+    def emit(self, form: Plan | CountingPlan, bundle: Bundle, folder: Path) -> None:
+        """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
+        title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(form.classes)}"
+        files.write(_code(form), folder, title, dse.__version__, bundle.prefix)
+
+    def engines(
+        self, form: Plan | CountingPlan, bundle: Bundle, folder: Path, reference: Reference
+    ) -> Iterator[Engine]:
+        """Compile the files, run them on recordings: all spikes and decisions, those of an encoder too."""
+        recorded, options = replay.of_recordings(reference, form)
+        done = self.executed(form, folder, reference, recorded, options)
+        run = replay.run_of(done.played, form, reference)
+        has_same_input = replay.same_input(done.played, reference)
+        yield Engine(done.run_by, run, done.figures, done.compiler, has_same_input)
+
+    @abstractmethod
+    def executed(
+        self,
+        form: Plan | CountingPlan,
+        folder: Path,
+        reference: Reference,
+        recorded: Sequence[Ints] | None,
+        options: Sequence[str],
+    ) -> replay.Executed:
+        """Compile the C in a folder with replay.c, and execute it.
+
+        Args:
+            form: what was written.
+            folder: of the files.
+            reference: the recordings.
+            recorded: commands that push them; None: their input spikes are pushed.
+            options: of the compiler.
+
+        Raises:
+            TargetError: it does not compile or run here.
+        """
 
 
 @register("targets", "c99")
 @dataclass(frozen=True)
-class C99:
+class C99(InC):
     """One header and one source, static memory only; networks in integers only (dse.deploy.c)."""
 
     label: ClassVar[str] = "C99 for any processor"
     extra: ClassVar[str] = ""
-    has_prefix: ClassVar[bool] = True
     known_before: ClassVar[tuple[Column, ...]] = (RAM,)
     use: ClassVar[str] = "`cc -O2 -Isrc main.c src/dse.c -o touch` there, then `./touch < recording.csv`"
-
-    def refusal(self, bundle: Bundle) -> str:
-        """Return why C cannot hold the classifier, one sentence; '' if it can."""
-        try:
-            planned(bundle)
-        except Unsupported as error:
-            return str(error)
-        return ""
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its memory before it is written.
@@ -50,39 +89,31 @@ class C99:
         bytes. Without a compiler it is left out.
         """
         plan = planned(bundle)
-        sizes = {name: float(x) for name, x in vars(footprint(plan)).items()}
-        instructions = _instructions(_Kind(_kind(plan), plan))
-        return sizes if instructions is None else sizes | {"flash_bytes": instructions + _constants(plan)}
+        front_end = plan.front_end, plan.encoder, plan.pooling is not None
+        instructions = _instructions(_Kind((frozenset(code_size.parts(plan).items()), front_end), plan))
+        if instructions is None:
+            return code_size.footprint(plan)
+        return code_size.footprint(plan) | {"flash_bytes": instructions + code_size.constant_bytes(plan)}
 
     def least_footprint(self, sections: Sections, shape: Shape) -> dict[str, tuple[float, float]]:
         """Return its memory before a design is trained (`dse.deploy.c.least`)."""
         return least_memory(sections, shape)
 
-    def write(self, bundle: Bundle, folder: Path) -> None:
-        """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
+    def executed(
+        self,
+        form: Plan | CountingPlan,
+        folder: Path,
+        reference: Reference,
+        recorded: Sequence[Ints] | None,
+        options: Sequence[str],
+    ) -> replay.Executed:
+        """Compile and run the files on this machine (`InC`); figures are the memory of src/dse.c."""
         try:
-            plan = planned(bundle)
-        except Unsupported as error:
-            raise TargetError(str(error)) from None
-        files.write(_code(plan), folder, _title(bundle), dse.__version__, bundle.prefix)
-
-    def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
-        """Compile the files here, run them on recordings, compare all spikes and decisions.
-
-        Raises:
-            TargetError: there is no compiler, or the files do not compile or run.
-        """
-        plan = planned(bundle)
-        recorded = replay.of_recordings(reference, plan)
-        real = ["-DDSE_REAL_SAMPLES"] if replay.reals(reference, plan) else []
-        try:
-            played = host.played(folder, recorded or replay.of_spikes(reference), *real)
-            sizes, compiler = host.sizes(folder, *real), host.compiler_name()
-            run_by = [host.compiler_version()]
+            played = host.played(folder, recorded or replay.of_spikes(reference), *options)
+            sizes = host.sizes(folder, *options)
+            return replay.Executed(played, sizes, host.compiler_name(), (host.compiler_version(),))
         except (host.NoCompiler, host.RunFailed) as error:
             raise TargetError(str(error)) from None
-        figures = {} if sizes is None else {name: float(x) for name, x in vars(sizes).items()}
-        return replay.verdict_of(played, plan, reference, figures, compiler, run_by)
 
 
 @dataclass(frozen=True)
@@ -93,31 +124,16 @@ class _Kind:
     example: Plan | CountingPlan = field(compare=False)
 
 
-def _kind(plan: Plan | CountingPlan) -> Hashable:
-    front_end = plan.front_end, plan.encoder, plan.pooling is not None
-    return frozenset(code_size.parts(plan).items()), front_end
-
-
 @functools.cache
 def _instructions(kind: _Kind) -> float | None:
     """Return the bytes of the instructions of a kind as compiled here; None without compiler or `size`."""
     with tempfile.TemporaryDirectory() as folder:
         files.write(_code(kind.example), Path(folder) / "c", "", dse.__version__)
         try:
-            sizes = host.sizes(Path(folder) / "c")
+            flash = host.sizes(Path(folder) / "c").get("flash_bytes")
         except (host.NoCompiler, host.RunFailed):
             return None
-    return None if sizes is None else sizes.flash_bytes - _constants(kind.example)
-
-
-def _constants(plan: Plan | CountingPlan) -> float:
-    """Return the bytes of all constants of a plan."""
-    return float(footprint(plan).table_bytes + code_size.other_constants(plan))
-
-
-def _title(bundle: Bundle) -> str:
-    study = bundle.evidence.get("study", "dse")
-    return f"{study}: a classifier of {', '.join(planned(bundle).classes)}"
+    return None if flash is None else flash - code_size.constant_bytes(kind.example)
 
 
 def _code(plan: Plan | CountingPlan) -> files.Code:

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from dse.deploy.targets import TargetError
+from dse.deploy.run import TargetError
 from dse.records import Ints
 
 FLAGS = ("-std=c99", "-O2")
@@ -66,6 +66,8 @@ class Core:
     pipelined: whether a load or store directly after a load hides the load's cycle.
     branch: cycles of a taken branch beyond that of every instruction.
     pace: cycles of this core per cycle of the rule.
+    profile: hardware profile that predicts its cycles; '' for none.
+    has_thumb_2: whether it has more than the instructions of 16 bits. note: about it, for `dse describe`.
     """
 
     name: str
@@ -77,6 +79,9 @@ class Core:
     pipelined: bool = True
     branch: int = 2
     pace: float = 1.0
+    profile: str = ""
+    has_thumb_2: bool = True
+    note: str = ""
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -89,14 +94,23 @@ CORES = {
     core.name: core
     for core in (
         # Arm, Cortex-M0+ technical reference manual, Table 3.1, without wait states.
-        Core("cortex_m0plus", "Cortex-M0+", "CORTEX_M0", store=1, pipelined=False, branch=1),
+        Core(
+            "cortex_m0plus",
+            "Cortex-M0+",
+            "CORTEX_M0",
+            store=1,
+            pipelined=False,
+            branch=1,
+            has_thumb_2=False,
+            note="; the core has no instruction for divisions or long products",
+        ),
         # Arm, Cortex-M3 technical reference manual, Table 18.1; the Cortex-M4 has the same pipeline.
         # Its floating-point instructions: Cortex-M4 technical reference manual, Table 7.1.
-        Core("cortex_m4", "Cortex-M4", "CORTEX_M4", "vfp4d16sp"),
+        Core("cortex_m4", "Cortex-M4", "CORTEX_M4", "vfp4d16sp", profile="mcu_m4"),
         # No tables are published: by the ratio of CoreMark per MHz, 3.40 of a Cortex-M4 to 5.01 and 4.02. The
         # emulator lacks the unit for doubles that many a Cortex-M7 has.
-        Core("cortex_m7", "Cortex-M7", "CORTEX_M7", "fp_armv8d16sp", pace=3.40 / 5.01),
-        Core("cortex_m33", "Cortex-M33", "CORTEX_M33", "fp_armv8d16sp", pace=3.40 / 4.02),
+        Core("cortex_m7", "Cortex-M7", "CORTEX_M7", "fp_armv8d16sp", pace=3.40 / 5.01, profile="mcu_m7"),
+        Core("cortex_m33", "Cortex-M33", "CORTEX_M33", "fp_armv8d16sp", pace=3.40 / 4.02, profile="mcu_m33"),
     )
 }
 

@@ -26,10 +26,10 @@ Source: lava-dl, lava-nc; Davies et al. 2018; Michaelis et al. 2022, brian2-loih
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import shutil
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -38,13 +38,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dse.deploy.bundle import Bundle
+from dse.deploy.form import Net, Unsupported, in_steps, net_of, network_in
 from dse.deploy.reference import Reference
-from dse.deploy.targets import Run, TargetError, Verdict, compare
-from dse.deploy.targets.chips import decision_of, inputs_of, misfit, run_script, whole_weights
-from dse.deploy.targets.peers import interpreter
-from dse.neurons import cuba_lif, population_of
+from dse.deploy.run import interpreter, of_script, require
+from dse.deploy.targets import BackEnd, Engine, Run
+from dse.deploy.targets.chips import decision_of, inputs_of, misfit
+from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import DECAY_SCALE
-from dse.records import Ints, Network
+from dse.records import Ints
 from dse.registry import register
 
 CHIP = "loihi1_silicon"
@@ -56,7 +57,7 @@ _RUN = Path(__file__).resolve().parents[1] / "loihi_run.py"
 
 @register("targets", "loihi")
 @dataclass(frozen=True)
-class Loihi:
+class Loihi(BackEnd[Net]):
     """The network as a netx file, run by Loihi's equations."""
 
     label: ClassVar[str] = "Intel Loihi, netx HDF5 for Lava-DL"
@@ -66,81 +67,74 @@ class Loihi:
         "runs it without Lava"
     )
 
-    def refusal(self, bundle: Bundle) -> str:
-        """Return why Loihi cannot hold the classifier; '' if it can."""
-        network = bundle.fitted
-        if not isinstance(network, Network):
-            return f"Loihi holds networks of neurons, and family {bundle.sections.kinds['model']} is none"
+    def form(self, bundle: Bundle) -> Net:
+        """Return the network, within the limits of the chip."""
+        net = net_of(network_in(bundle, "Loihi holds"))
         if why := misfit(bundle, CHIP):
-            return why
-        for k, layer in enumerate(network.layers, 1):
-            population = population_of(layer.neuron, layer.parameters)
+            raise Unsupported(why)
+        for k, layer in enumerate(net.layers, 1):
+            population, why = layer.population, ""
             if not isinstance(population, cuba_lif.Population):
-                return (
-                    f"layer {k} has neurons '{layer.neuron}', and only CUBA-LIF neurons are written for Loihi"
-                )
-            if np.any(population.decay_current == 0):
-                return f"layer {k} has a current decay of 0, and the least of Loihi is 1/{DECAY_SCALE}"
-            if np.any(population.decay_voltage == DECAY_SCALE):
-                return f"layer {k} has a voltage decay of 1, and the most of Loihi is 4095/{DECAY_SCALE}"
-            if population.threshold > MOST_THRESHOLD:
-                return f"layer {k} has the threshold {population.threshold}, and the most is {MOST_THRESHOLD}"
-        if network.arithmetic != "integer":
-            return f"Loihi holds integers, and the network has {network.arithmetic} arithmetic"
-        return ""
+                why = f"neurons '{layer.neuron}', and only CUBA-LIF neurons are written for Loihi"
+            elif np.any(population.decay_current == 0):
+                why = f"a current decay of 0, and the least of Loihi is 1/{DECAY_SCALE}"
+            elif np.any(population.decay_voltage == DECAY_SCALE):
+                why = f"a voltage decay of 1, and the most of Loihi is 4095/{DECAY_SCALE}"
+            elif population.threshold > MOST_THRESHOLD:
+                why = f"the threshold {population.threshold}, and the most is {MOST_THRESHOLD}"
+            if why:
+                raise Unsupported(f"layer {k} has {why}")
+        if net.arithmetic != "integer":
+            raise Unsupported(f"Loihi holds integers, and the network has {net.arithmetic} arithmetic")
+        return net
 
-    def write(self, bundle: Bundle, folder: Path) -> None:
-        """Write net.hdf5 and run.py (`dse.deploy.targets.Target`)."""
-        if find_spec("h5py") is None:
-            raise TargetError("h5py is not installed: pip install 'dse[h5]'")
-        network = bundle.fitted
-        assert isinstance(network, Network)
-        _write_net(folder / _NET, bundle, network)
+    def emit(self, form: Net, bundle: Bundle, folder: Path) -> None:
+        """Write net.hdf5 and run.py."""
+        require("h5py", "h5")
+        _write_net(folder / _NET, bundle, form)
         shutil.copyfile(_RUN, folder / _SCRIPT)
 
-    def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
-        """Run net.hdf5 by both sets of equations, and compare.
+    def engines(self, form: Net, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
+        """Run net.hdf5 by both sets of equations.
 
         Figure `brian2_loihi_recordings` counts the recordings that brian2-loihi ran: 0 where no environment
         has it or the integers differ already, the first ones only where all would take too much memory.
         """
         if find_spec("h5py") is None:
-            return Verdict("not verified", "h5py is not installed")
-        network = bundle.fitted
-        assert isinstance(network, Network)
-        fired, written = run_script(sys.executable, _RUN, [folder / _NET], network, reference)
-        run_by = [str(written["run_by"])]
-        verdict = compare(reference, Run.of_fired(bundle, reference, fired), run_by=run_by)
-        python, n_run = interpreter("brian2_loihi"), 0
-        if python is not None and verdict.kind == "faithful":
-            emulated, written = run_script(python, _RUN, ["--brian2", folder / _NET], network, reference)
+            yield Engine(("h5py is not installed",))
+            return
+        fired, written = of_script(sys.executable, _RUN, [folder / _NET], form, reference)
+        run, figure = Run.of_fired(bundle, reference, fired), "brian2_loihi_recordings"
+        ours = Engine((str(written["run_by"]),), run, {figure: 0})
+        yield ours
+        python = interpreter("brian2_loihi")
+        if python is not None and ours.verdict(reference).kind == "faithful":
+            emulated, written = of_script(python, _RUN, ["--brian2", folder / _NET], form, reference)
             n_run = int(written["n_run"])
             others = [spikes[spikes[:, 0] >= n_run] for spikes in fired]
             both = [np.concatenate(pair) for pair in zip(emulated, others, strict=True)]
             of_all = f" on {n_run} of {reference.n_recordings} recordings"
-            run_by.append(f"{written['run_by']}{of_all if n_run < reference.n_recordings else ''}")
-            verdict = compare(reference, Run.of_fired(bundle, reference, both), run_by=run_by)
-        return dataclasses.replace(verdict, figures={"brian2_loihi_recordings": n_run})
+            by = f"{written['run_by']}{of_all if n_run < reference.n_recordings else ''}"
+            yield Engine((by,), Run.of_fired(bundle, reference, both), {figure: n_run})
 
 
-def _write_net(path: Path, bundle: Bundle, network: Network) -> None:
+def _write_net(path: Path, bundle: Bundle, net: Net) -> None:
     import h5py
 
     with h5py.File(path, "w") as file:
-        for k, layer in enumerate(network.layers):
-            population = population_of(layer.neuron, layer.parameters)
+        for k, layer in enumerate(net.layers):
+            population = layer.population
             assert isinstance(population, cuba_lif.Population)
             group = file.create_group(f"layer/{k}")
-            n_out, n_in = layer.weight.shape
             kind = b"dense" if layer.recurrent is None else b"dense_rec"
             group.create_dataset("type", (1,), "S10", [kind])
-            group["shape"] = np.array([n_out], np.int64)
-            group["inFeatures"], group["outFeatures"] = n_in, n_out
-            _put(group, "weight", 2 * whole_weights(layer.weight))
+            group["shape"] = np.array([layer.n_neurons], np.int64)
+            group["inFeatures"], group["outFeatures"] = len(layer.weights), layer.n_neurons
+            _put(group, "weight", 2 * in_steps(layer.weights).T)
             if layer.recurrent is not None:
-                _put(group, "weight_rec", 2 * whole_weights(layer.recurrent))
-            if layer.delay is not None:
-                _put(group, "delay", layer.delay)
+                _put(group, "weight_rec", 2 * in_steps(layer.recurrent).T)
+            if layer.delays is not None:
+                _put(group, "delay", layer.delays.T)
             neuron = {
                 "type": "CUBA",
                 "iDecay": _one_or_all(population.decay_current),
@@ -152,9 +146,9 @@ def _write_net(path: Path, bundle: Bundle, network: Network) -> None:
             for name, value in neuron.items():
                 group[f"neuron/{name}"] = value
         if bundle.input is not None:
-            file["simulation/Ts"] = bundle.input.step_ms / network.steps_per_sample
-            file["simulation/tSample"] = bundle.input.n_steps * network.steps_per_sample
-        file.attrs["inputs"] = json.dumps(inputs_of(network))
+            file["simulation/Ts"] = bundle.input.step_ms / net.steps_per_sample
+            file["simulation/tSample"] = bundle.input.n_steps * net.steps_per_sample
+        file.attrs["inputs"] = json.dumps(inputs_of(net))
         file.attrs["decision"] = json.dumps(decision_of(bundle))
 
 

@@ -37,25 +37,22 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import subprocess
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from dse.deploy.bundle import Bundle
+from dse.deploy.form import Net, Unsupported, net_of, network_in
 from dse.deploy.reference import Reference
-from dse.deploy.targets import Run, TargetError, Verdict, compare
-from dse.deploy.targets.peers import interpreter
-from dse.deploy.verdict import KINDS
+from dse.deploy.run import interpreter, of_script, require
+from dse.deploy.targets import BackEnd, Engine, Run
+from dse.deploy.targets.chips import heads_of, rule_of
 from dse.engine.events import gather
-from dse.models.snn.initialise import deployed
 from dse.models.snn.respond import spikes_of_layers
-from dse.neurons import cuba_lif, population_of
+from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import DECAY_SCALE, STATE_SCALE
 from dse.records import Array, Dataset, Floats, Ints, Network, Spikes
 from dse.registry import register
@@ -73,55 +70,48 @@ _GOLDEN_STEPS = 64
 
 @register("targets", "nir")
 @dataclass(frozen=True)
-class Nir:
+class Nir(BackEnd[Network]):
     """The network as a NIR graph, run in Norse and in snnTorch."""
 
     label: ClassVar[str] = "NIR graph for Norse and snnTorch"
     extra: ClassVar[str] = "h5"
     use: ClassVar[str] = "`nir.read('targets/nir/graph.nir')`; golden.h5 beside it says what must come out"
 
-    def refusal(self, bundle: Bundle) -> str:
-        """Return why NIR cannot hold the classifier; '' if it can."""
-        network = bundle.fitted
-        if not isinstance(network, Network):
-            return f"NIR holds networks of neurons, and family {bundle.sections.kinds['model']} is none"
-        for k, layer in enumerate(network.layers, 1):
-            if k > 1 and layer.delay is not None and layer.delay.any():
-                return f"no reader of NIR delays spikes in a network, and layer {k} receives some later"
-            population = population_of(layer.neuron, layer.parameters)
-            if not isinstance(population, cuba_lif.Population):
+    def form(self, bundle: Bundle) -> Network:
+        """Return the network, with copies of the inputs for the delays of its first layer."""
+        network = network_in(bundle, "NIR holds")
+        for k, layer in enumerate(net_of(network).layers, 1):
+            if k > 1 and layer.delays is not None and layer.delays.any():
+                raise Unsupported(
+                    f"no reader of NIR delays spikes in a network, and layer {k} receives some later"
+                )
+            if not isinstance(layer.population, cuba_lif.Population):
                 if layer.neuron == "resonator":
-                    return "NIR has no node whose two states rotate, as those of resonators do"
-                return f"only CUBA-LIF neurons are written as NIR, and layers of '{layer.neuron}' are not"
-        return ""
+                    raise Unsupported("NIR has no node whose two states rotate, as those of resonators do")
+                raise Unsupported(
+                    f"only CUBA-LIF neurons are written as NIR, and layers of '{layer.neuron}' are not"
+                )
+        return with_copies(network)
 
-    def write(self, bundle: Bundle, folder: Path) -> None:
-        """Write graph.nir and golden.h5 (`dse.deploy.targets.Target`)."""
-        _require_h5py()
-        assert isinstance(bundle.fitted, Network)
-        network = with_copies(bundle.fitted)
-        _write_graph(folder / _GRAPH, network, _metadata(bundle, network))
-        _write_golden(folder / _GOLDEN, network)
+    def emit(self, form: Network, bundle: Bundle, folder: Path) -> None:
+        """Write graph.nir and golden.h5."""
+        require("h5py", "h5")
+        _write_graph(folder / _GRAPH, net_of(form), _metadata(bundle, form))
+        _write_golden(folder / _GOLDEN, form)
 
-    def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
-        """Run graph.nir in the frameworks that are installed; the verdict is of the one that strays most."""
-        assert isinstance(bundle.fitted, Network)
-        network = with_copies(bundle.fitted)
-        verdicts, sentences, run_by = [], [], []
+    def engines(self, form: Network, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
+        """Run graph.nir in the frameworks that are installed."""
         for framework in FRAMEWORKS:
             python = interpreter(framework, "nir")
             if python is None:
-                sentences.append(f"{framework} is not installed")
+                yield Engine((f"{framework} is not installed",))
                 continue
-            fired, version, note = _run(framework, python, folder / _GRAPH, network, reference)
-            verdicts.append(compare(reference, Run.of_fired(bundle, reference, fired)))
-            run_by.append(f"{framework} {version}" + (f", {note}" if note else ""))
-            sentences.append(f"{run_by[-1]}: {verdicts[-1].reason or 'all decisions and spikes are equal'}")
-        if not verdicts:
-            return Verdict("not verified", " and ".join(sentences))
-        worst = max(verdicts, key=lambda x: (KINDS.index(x.kind), x.decisions_differ, x.spikes_differ))
-        reason = "" if worst.kind == "faithful" else "; ".join(sentences)
-        return dataclasses.replace(worst, reason=reason, run_by=tuple(run_by))
+            require("h5py", "h5")
+            fired, written = of_script(python, _PEER, [framework, folder / _GRAPH], form, reference)
+            fired = [_moved(spikes, k, reference.n_steps) for k, spikes in enumerate(fired)]
+            note = f", {written['note']}" if str(written["note"]) else ""
+            by = f"{framework} {written['version']}{note}"
+            yield Engine((by,), Run.of_fired(bundle, reference, fired))
 
 
 def with_copies(network: Network) -> Network:
@@ -180,23 +170,15 @@ def _metadata(bundle: Bundle, network: Network) -> dict[str, object]:
         "inputs": "input d * n_channels + c is channel c, delays[d] steps ago",
         "steps_per_sample": network.steps_per_sample,
         "classes": json.dumps(bundle.classes),
-        "heads": json.dumps([{"name": x.name, "classes": x.classes} for x in bundle.heads]),
-        "decision": json.dumps(
-            {"phi": bundle.phi, "theta": bundle.theta, "read_out_ms": bundle.read_out_ms, "head": bundle.head}
-        ),
+        "heads": json.dumps(heads_of(bundle)),
+        "decision": json.dumps(rule_of(bundle)),
     }
 
 
-def _write_graph(path: Path, network: Network, metadata: Mapping[str, object]) -> None:
+def _write_graph(path: Path, net: Net, metadata: Mapping[str, object]) -> None:
     """Write the file as `nir.write` does, without `v_reset`: absent it is 0, and nir 1.0.4 refuses it."""
     import h5py
 
-    weights = deployed(
-        [x.weight.T for x in network.layers],
-        [None if x.recurrent is None else x.recurrent.T for x in network.layers],
-        [population_of(x.neuron, x.parameters) for x in network.layers],
-        network.arithmetic,
-    )
     with h5py.File(path, "w") as file:
         _put(file, "version", "1.0.4")
         graph = file.create_group("node")
@@ -209,18 +191,18 @@ def _write_graph(path: Path, network: Network, metadata: Mapping[str, object]) -
                 _put(group, key, value)
             return name
 
-        before, edges = node("input", "Input", shape=np.array([network.sizes[0]])), []
-        for k, layer in enumerate(weights):
-            matrix = node(f"weights_{k}", "Linear", weight=np.ascontiguousarray(layer.feed_forward.T))
+        before, edges = node("input", "Input", shape=np.array([net.sizes[0]])), []
+        for k, layer in enumerate(net.layers):
+            matrix = node(f"weights_{k}", "Linear", weight=np.ascontiguousarray(layer.weights.T))
             assert isinstance(layer.population, cuba_lif.Population)
-            neurons = _neuron(layer.population, layer.n_neurons, network.arithmetic == "integer")
+            neurons = _neuron(layer.population, layer.n_neurons, net.arithmetic == "integer")
             name = node(f"layer_{k}", "CubaLIF", **neurons)
             edges += [(before, matrix), (matrix, name)]
-            if layer.recurrent.size:
+            if layer.recurrent is not None:
                 ring = node(f"recurrent_{k}", "Linear", weight=np.ascontiguousarray(layer.recurrent.T))
                 edges += [(name, ring), (ring, name)]
             before = name
-        edges.append((before, node("output", "Output", shape=np.array([network.sizes[-1]]))))
+        edges.append((before, node("output", "Output", shape=np.array([net.sizes[-1]]))))
         graph.create_dataset("edges", data=np.array(edges, object), dtype=h5py.string_dtype())
         about = graph.create_group("metadata")
         for key, value in metadata.items():
@@ -244,7 +226,8 @@ def _write_golden(path: Path, network: Network) -> None:
 
     data = _made_up(network.n_channels)
     n_steps = data.n_steps * network.steps_per_sample
-    signals = {"input": (_arriving(data, network), network.sizes[0])}
+    rows = gather(data.spikes, data.test, data.start, data.n_steps, network.delays, network.steps_per_sample)
+    signals = {"input": (rows.listed(), network.sizes[0])}
     for k, fired in enumerate(spikes_of_layers(network, data, data.test)):
         signals[f"layer_{k}"] = (_moved(fired, -k, n_steps), network.sizes[k + 1])
     with h5py.File(path, "w") as file:
@@ -273,41 +256,7 @@ def _made_up(n_channels: int) -> Dataset:
     return Dataset(spikes, first, ("",), first, first, first, t, none, none, np.arange(n), places)
 
 
-def _arriving(data: Dataset, network: Network) -> Ints:
-    """Return the spikes of all input copies, (n_spikes, 3) recording, network step, input."""
-    start, delays = data.start[data.test], network.delays
-    return gather(data.spikes, data.test, start, data.n_steps, delays, network.steps_per_sample).listed()
-
-
 def _moved(spikes: Ints, by: int, n_steps: int) -> Ints:
     """Return spikes so many steps later, those outside of the window left out."""
     moved: Ints = np.asarray(spikes, np.int64) + np.array([0, by, 0])
     return moved[(moved[:, 1] >= 0) & (moved[:, 1] < n_steps)]
-
-
-def _run(
-    framework: str, python: Path, graph: Path, network: Network, reference: Reference
-) -> tuple[Sequence[Ints], str, str]:
-    """Return what the layers fire in a framework, at the steps of the deployed network; its version; a note.
-
-    Raises:
-        TargetError: the framework fails.
-    """
-    _require_h5py()
-    with tempfile.TemporaryDirectory() as folder:
-        spikes, fired = Path(folder) / "spikes.npz", Path(folder) / "fired.npz"
-        arriving = _arriving(reference.dataset, network)
-        np.savez(spikes, spikes=arriving, n_recordings=reference.n_recordings, n_steps=reference.n_steps)
-        command = [str(python), "-I", str(_PEER), framework, str(graph), str(spikes), str(fired)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            last = (done.stderr.strip() or "no message").splitlines()[-1]
-            raise TargetError(f"{graph}: {framework} cannot run it: {last}")
-        with np.load(fired) as file:
-            layers = [_moved(file[f"fired_{k}"], k, reference.n_steps) for k in range(len(network.layers))]
-            return layers, str(file["version"]), str(file["note"])
-
-
-def _require_h5py() -> None:
-    if find_spec("h5py") is None:
-        raise TargetError("h5py is not installed: pip install 'dse[h5]'")

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from dse.deploy.bundle import Bundle
+from dse.deploy.form import network_in
 from dse.deploy.reference import Reference
-from dse.deploy.targets import Run, TargetError, Verdict, compare
+from dse.deploy.run import require
+from dse.deploy.targets import BackEnd, Engine, Run
 from dse.records import Floats, Ints, Network
 from dse.registry import register
 
@@ -29,30 +30,27 @@ _MOST_RECORDINGS = 128
 
 @register("targets", "torch")
 @dataclass(frozen=True)
-class Torch:
+class Torch(BackEnd[Network]):
     """The network as a torch module, which can be trained on."""
 
     label: ClassVar[str] = "PyTorch module"
     extra: ClassVar[str] = "torch"
     use: ClassVar[str] = "`dse.deploy.module.load(Path('targets/torch/module.pt'))` returns the module"
 
-    def refusal(self, bundle: Bundle) -> str:
-        """Return why no module can hold the classifier; '' if one can."""
-        if not isinstance(bundle.fitted, Network):
-            kind = bundle.sections.kinds["model"]
-            return f"torch modules hold networks of neurons, and family {kind} is none"
-        return ""
+    def form(self, bundle: Bundle) -> Network:
+        """Return the network itself: a module trains the weights that no rounding has changed."""
+        return network_in(bundle, "torch modules hold")
 
-    def write(self, bundle: Bundle, folder: Path) -> None:
-        """Write module.pt (`dse.deploy.targets.Target`)."""
-        _require_torch()
+    def emit(self, form: Network, bundle: Bundle, folder: Path) -> None:
+        """Write module.pt."""
+        require("torch", "torch")
         from dse.deploy.module import save
 
         save(bundle.as_module(), folder / _FILE)
 
-    def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
+    def engines(self, form: Network, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
         """Run the module in the file."""
-        _require_torch()
+        require("torch", "torch")
         import torch
 
         from dse.deploy.module import listed, load
@@ -64,7 +62,7 @@ class Torch:
                 for layer, of_layer in zip(fired, module.fired(torch.from_numpy(spikes)), strict=True):
                     layer.append(listed(of_layer, first))
         run = Run.of_fired(bundle, reference, [np.concatenate(x) for x in fired])
-        return compare(reference, run, run_by=[f"torch {torch.__version__}"])
+        yield Engine((f"torch {torch.__version__}",), run)
 
 
 def _batches(reference: Reference) -> Iterator[tuple[int, Floats]]:
@@ -77,8 +75,3 @@ def _batches(reference: Reference) -> Iterator[tuple[int, Floats]]:
         here = (recording >= first) & (recording < first + size)
         spikes[recording[here] - first, step[here], channel[here]] = 1
         yield first, spikes
-
-
-def _require_torch() -> None:
-    if find_spec("torch") is None:
-        raise TargetError("torch is not installed: pip install 'dse[torch]'")

@@ -36,7 +36,7 @@ import importlib.metadata
 import json
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import pairwise
@@ -46,11 +46,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dse.deploy.bundle import Bundle
+from dse.deploy.form import LayerForm, Net, Unsupported, in_steps, net_of, network_in
 from dse.deploy.reference import Reference
-from dse.deploy.targets import Run, Verdict, compare
-from dse.deploy.targets.chips import decision_of, inputs_of, misfit, run_script, whole_weights
-from dse.neurons import population_of, xylo_lif
-from dse.records import Ints, Layer, Network
+from dse.deploy.run import of_script
+from dse.deploy.targets import BackEnd, Engine, Run
+from dse.deploy.targets.chips import decision_of, inputs_of, misfit
+from dse.neurons import xylo_lif
+from dse.records import Ints
 from dse.registry import register
 
 CHIP = "xylo_imu"
@@ -60,7 +62,7 @@ _RUN = Path(__file__).resolve().parents[1] / "xylo_run.py"
 
 @register("targets", "xylo")
 @dataclass(frozen=True)
-class Xylo:
+class Xylo(BackEnd[Net]):
     """The network as a specification of Xylo, run in the vendor's simulator."""
 
     label: ClassVar[str] = "SynSense Xylo, specification for xylosim and Rockpool"
@@ -70,83 +72,80 @@ class Xylo:
         "`python targets/xylo/run.py` runs it with xylosim alone"
     )
 
-    def refusal(self, bundle: Bundle) -> str:
-        """Return why Xylo cannot hold the classifier; '' if it can."""
-        network = bundle.fitted
-        if not isinstance(network, Network):
-            return f"Xylo holds networks of neurons, and family {bundle.sections.kinds['model']} is none"
-        for k, layer in enumerate(network.layers, 1):
-            if not isinstance(population_of(layer.neuron, layer.parameters), xylo_lif.Population):
-                return (
+    def form(self, bundle: Bundle) -> Net:
+        """Return the network, within the limits of the chip."""
+        net = net_of(network_in(bundle, "Xylo holds"))
+        for k, layer in enumerate(net.layers, 1):
+            if not isinstance(layer.population, xylo_lif.Population):
+                raise Unsupported(
                     f"layer {k} has neurons '{layer.neuron}', but Xylo's decay by bit shifts and reset by "
                     "subtraction: train with model.neuron: xylo_lif"
                 )
-        if network.arithmetic != "integer":
-            return f"Xylo holds integers, and the network has {network.arithmetic} arithmetic"
+        if net.arithmetic != "integer":
+            raise Unsupported(f"Xylo holds integers, and the network has {net.arithmetic} arithmetic")
         shifts = {
             _population(layer).weight_shift
-            for k, layer in enumerate(network.layers[:-1])
+            for k, layer in enumerate(net.layers[:-1])
             if k or layer.recurrent is not None
         }
         if len(shifts) > 1:
-            return f"hidden layers of Xylo share one shift of their weights, got {sorted(shifts)}"
-        return misfit(bundle, CHIP)
+            raise Unsupported(f"hidden layers of Xylo share one shift of their weights, got {sorted(shifts)}")
+        if why := misfit(bundle, CHIP):
+            raise Unsupported(why)
+        return net
 
-    def write(self, bundle: Bundle, folder: Path) -> None:
-        """Write xylo.json and run.py (`dse.deploy.targets.Target`)."""
-        network = bundle.fitted
-        assert isinstance(network, Network)
+    def emit(self, form: Net, bundle: Bundle, folder: Path) -> None:
+        """Write xylo.json and run.py."""
         document = {
-            "specification": specification(network),
-            "hidden_layers": list(network.sizes[1:-1]),
-            "inputs": inputs_of(network),
+            "specification": specification(form),
+            "hidden_layers": list(form.sizes[1:-1]),
+            "inputs": inputs_of(form),
             "decision": decision_of(bundle),
         }
         (folder / _SPECIFICATION).write_text(json.dumps(document) + "\n", encoding="utf-8")
         shutil.copyfile(_RUN, folder / _SCRIPT)
 
-    def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
-        """Run xylo.json in xylosim, and compare; figures say how near hidden neurons come to their cap."""
+    def engines(self, form: Net, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
+        """Run xylo.json in xylosim; figures say how near hidden neurons come to their cap."""
         if find_spec("xylosim") is None:
-            return Verdict("not verified", "xylosim is not installed")
-        network = bundle.fitted
-        assert isinstance(network, Network)
-        fired, _ = run_script(sys.executable, _RUN, [folder / _SPECIFICATION], network, reference)
-        run, figures = Run.of_fired(bundle, reference, fired), spike_counts(network, fired)
-        return compare(reference, run, figures, run_by=[f"xylosim {importlib.metadata.version('xylosim')}"])
+            yield Engine(("xylosim is not installed",))
+            return
+        fired, _ = of_script(sys.executable, _RUN, [folder / _SPECIFICATION], form, reference)
+        by = f"xylosim {importlib.metadata.version('xylosim')}"
+        yield Engine((by,), Run.of_fired(bundle, reference, fired), spike_counts(form, fired))
 
 
-def spike_counts(network: Network, fired: Sequence[Ints]) -> dict[str, float]:
+def spike_counts(net: Net, fired: Sequence[Ints]) -> dict[str, float]:
     """Return the most spikes of a hidden neuron in a step, and in how many steps of neurons they are capped.
 
     Args:
-        network: its neurons spike up to `most_spikes` times in a step; what is beyond stays in the potential.
+        net: its neurons spike up to `most_spikes` times in a step; what is beyond stays in the potential.
         fired: (n_spikes, 3) recording, step and neuron of each layer.
     """
     most, capped = 0, 0
-    for layer, spikes in zip(network.layers[:-1], fired, strict=False):
+    for layer, spikes in zip(net.layers[:-1], fired, strict=False):
         counts = np.unique(np.asarray(spikes).reshape(-1, 3), axis=0, return_counts=True)[1]
         most = max(most, int(counts.max(initial=0)))
-        capped += int(np.count_nonzero(counts >= _population(layer).most_spikes))
+        capped += int(np.count_nonzero(counts >= layer.most_spikes))
     return {"most_spikes_per_step": float(most), "capped_steps": float(capped)}
 
 
-def specification(network: Network) -> dict[str, Any]:
+def specification(net: Net) -> dict[str, Any]:
     """Return the specification of a network of `xylo_lif` neurons, plain numbers; matrices are (from, to)."""
-    *hidden, out = network.layers
-    borders = np.cumsum([0, *network.sizes[1:-1]])
-    n_in, n_hidden = network.sizes[0], int(borders[-1])
+    *hidden, out = net.layers
+    borders = np.cumsum([0, *net.sizes[1:-1]])
+    n_in, n_hidden = net.sizes[0], int(borders[-1])
     into = np.zeros((n_in, n_hidden), np.int64)
     among = np.zeros((n_hidden, n_hidden), np.int64)
-    outward = np.zeros((n_hidden, network.sizes[-1]), np.int64)
-    into[:, : borders[1]] = whole_weights(hidden[0].weight).T
-    outward[borders[-2] :] = whole_weights(out.weight).T
+    outward = np.zeros((n_hidden, net.sizes[-1]), np.int64)
+    into[:, : borders[1]] = in_steps(hidden[0].weights)
+    outward[borders[-2] :] = in_steps(out.weights)
     places = [slice(a, b) for a, b in pairwise(borders.tolist())]
     for before, here, layer in zip(places, places[1:], hidden[1:], strict=False):
-        among[before, here] = whole_weights(layer.weight).T
+        among[before, here] = in_steps(layer.weights)
     for here, layer in zip(places, hidden, strict=True):
         if layer.recurrent is not None:
-            among[here, here] = whole_weights(layer.recurrent).T
+            among[here, here] = in_steps(layer.recurrent)
     populations = [_population(layer) for layer in hidden]
     neurons = {"dash_syn": "current_shift", "dash_mem": "voltage_shift", "threshold": "threshold"}
     return {
@@ -161,13 +160,12 @@ def specification(network: Network) -> dict[str, Any]:
     }
 
 
-def _population(layer: Layer) -> xylo_lif.Population:
-    population = population_of(layer.neuron, layer.parameters)
-    assert isinstance(population, xylo_lif.Population)
-    return population
+def _population(layer: LayerForm) -> xylo_lif.Population:
+    assert isinstance(layer.population, xylo_lif.Population)
+    return layer.population
 
 
-def _joined(layers: list[Layer], field: str) -> list[int]:
+def _joined(layers: Sequence[LayerForm], field: str) -> list[int]:
     """Return a parameter of the neurons of some layers, one number each."""
-    values: list[Ints] = [np.broadcast_to(x.parameters[field], len(x.weight)) for x in layers]
+    values: list[Ints] = [np.broadcast_to(getattr(x.population, field), x.n_neurons) for x in layers]
     return [int(x) for x in np.concatenate(values)]

@@ -7,8 +7,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pytest
 
 from dse.deploy.bundle import Bundle, Input
+from dse.deploy.c import host
 from dse.deploy.decide import decided
 from dse.deploy.reference import Reference, answered
 from dse.models.snn.quantise import rounded
@@ -21,6 +23,18 @@ from dse.testing.small import places, spikes_of
 from tests.spaces import RASTER, sections
 
 STEP_MS = 5.0
+
+
+def has_compiler() -> bool:
+    """Return whether there is a C compiler."""
+    try:
+        host.compiler()
+    except host.NoCompiler:
+        return False
+    return True
+
+
+needs_compiler = pytest.mark.skipif(not has_compiler(), reason="no C compiler is installed")
 
 
 def bundle(network: Network, n_steps: int, **changes: Any) -> Bundle:

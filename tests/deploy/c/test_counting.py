@@ -12,13 +12,13 @@ import pytest
 from dse import registry
 from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
-from dse.deploy.c import counting_source, host
+from dse.deploy.c import code_size, counting_source
 from dse.deploy.c.counting import counting_plan_of
 from dse.deploy.decide import decided
 from dse.deploy.reference import Reference, answered, spikes_of_windows
 from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import C99
-from dse.deploy.targets.cortex_m import CortexM0Plus, CortexM4
+from dse.deploy.verify import target_named
 from dse.hardware.cost import cost
 from dse.hardware.kinds.processor import Processor
 from dse.hardware.profile import load as profile_named
@@ -28,10 +28,11 @@ from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.records import Operations
 from dse.testing.small import dataset, generators
+from tests.deploy.c import nets
 from tests.installed import needs_papers
 from tests.spaces import RASTER, sections
 
-pytestmark = pytest.mark.skipif(not host.has_compiler(), reason="no C compiler is installed")
+pytestmark = nets.needs_compiler
 
 
 def fitted(model: Any, read_out_ms: float | None = None) -> tuple[Bundle, Reference]:
@@ -86,7 +87,7 @@ def test_answers_are_those_of_the_engine(model: Any, read_out_ms: float | None, 
     assert verdict.kind == "faithful" and verdict.n_recordings == reference.n_recordings
     assert len(set(reference.label.tolist())) > 1
     if "ram_bytes" in verdict.figures:
-        assert verdict.figures["ram_bytes"] == counting_source.code(counting_plan_of(made)).ram_bytes
+        assert verdict.figures["ram_bytes"] == code_size.footprint(counting_plan_of(made))["ram_bytes"]
         assert C99().footprint(made)["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], rel=0.05)
     assert verdict.compiler.endswith("-Os")
 
@@ -105,7 +106,7 @@ def test_answers_on_a_core_without_hardware_for_doubles(model: Any, tmp_path: Pa
     if why := emulator.missing():
         pytest.skip(why)
     made, reference = fitted(model)
-    target = CortexM4()
+    target = target_named("cortex_m4")
     target.write(made, tmp_path)
     verdict = target.verify(made, tmp_path, reference)
     assert verdict.kind == "faithful" and verdict.n_recordings == reference.n_recordings
@@ -120,8 +121,8 @@ def test_a_perceptron_on_a_core_without_hardware_for_floats(tmp_path: Path) -> N
     if why := emulator.missing():
         pytest.skip(why)
     made, reference = fitted(MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2))
-    CortexM0Plus().write(made, tmp_path)
-    assert CortexM0Plus().verify(made, tmp_path, reference).kind == "faithful"
+    target_named("cortex_m0plus").write(made, tmp_path)
+    assert target_named("cortex_m0plus").verify(made, tmp_path, reference).kind == "faithful"
 
 
 @pytest.mark.parametrize(
@@ -174,8 +175,8 @@ def test_tables_larger_than_the_flash_are_refused() -> None:
         "target": np.concatenate([made.fitted.arrays["target"]] * (times + 1)),  # type: ignore[union-attr]
     }
     made = replace(made, fitted=replace(made.fitted, arrays=arrays))
-    assert "the chip of profile mcu_m4 has 2097152" in CortexM4().refusal(made)
-    assert CortexM0Plus().refusal(made) == ""  # no profile: up to the memory of the emulator
+    assert "the chip of profile mcu_m4 has 2097152" in target_named("cortex_m4").refusal(made)
+    assert target_named("cortex_m0plus").refusal(made) == ""  # no profile: up to the memory of the emulator
 
 
 @pytest.mark.parametrize(

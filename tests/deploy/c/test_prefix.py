@@ -22,12 +22,13 @@ from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.verify import export_targets, verify
 from dse.testing.targets import small_bundle, small_recordings
+from tests.deploy.c import nets
 from tests.deploy.c.test_sketch import of, touches
 from tests.deploy.targets.test_c99 import run
 
 Captured = pytest.CaptureFixture[str]
 
-pytestmark = pytest.mark.skipif(not host.has_compiler(), reason="no C compiler is installed")
+pytestmark = nets.needs_compiler
 
 
 @pytest.fixture

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import host, replay
-from dse.deploy.c.memory import ram_bytes
+from dse.deploy.c import code_size, replay
 from dse.deploy.c.plan import plan_of
-from dse.deploy.targets import TargetError, cortex_m, emulator
-from dse.deploy.targets.cortex_m import CortexM0Plus, CortexM4, CortexM7, CortexM33
+from dse.deploy.targets import Target, TargetError, emulator
+from dse.deploy.verify import target_named
 from dse.records import Array
 from tests.deploy.c import nets
 
@@ -23,16 +22,14 @@ Case = Callable[[int], tuple[Bundle, Array]]
 @pytest.mark.parametrize(
     ("target", "case", "number"),
     [
-        (CortexM4(), nets.case, 9),
-        (CortexM4(), nets.case, 1),
-        (CortexM0Plus(), nets.case, 14),
-        (CortexM33(), nets.case, 2),
-        (CortexM4(), nets.xylo_case, 1),
+        (target_named("cortex_m4"), nets.case, 9),
+        (target_named("cortex_m4"), nets.case, 1),
+        (target_named("cortex_m0plus"), nets.case, 14),
+        (target_named("cortex_m33"), nets.case, 2),
+        (target_named("cortex_m4"), nets.xylo_case, 1),
     ],
 )
-def test_spikes_and_decisions_equal(
-    target: cortex_m.CortexM, case: Case, number: int, tmp_path: Path
-) -> None:
+def test_spikes_and_decisions_equal(target: Target, case: Case, number: int, tmp_path: Path) -> None:
     if why := emulator.missing():
         pytest.skip(why)
     made, fired = case(number)
@@ -41,7 +38,7 @@ def test_spikes_and_decisions_equal(
     assert verdict.kind == "faithful" and verdict.n_recordings == len(fired)
     assert [name.split()[0] for name in verdict.run_by] == ["ziglang", "unicorn"]
     figures = verdict.figures
-    assert figures["ram_bytes"] == ram_bytes(plan_of(made))
+    assert figures["ram_bytes"] == code_size.footprint(plan_of(made))["ram_bytes"]
     # Random networks are small, and their code is most of it.
     assert target.footprint(made)["flash_bytes"] == pytest.approx(figures["flash_bytes"], rel=0.15)
     assert 0 < figures["stack_bytes"] < 300
@@ -55,13 +52,13 @@ def test_a_program_that_spikes_otherwise_is_approximate(tmp_path: Path) -> None:
         pytest.skip(why)
     made, fired = nets.case(1)
     reference = nets.reference(made, fired)
-    CortexM7().write(made, tmp_path)
+    target_named("cortex_m7").write(made, tmp_path)
     source = tmp_path / "src" / "dse.c"
     text = source.read_text(encoding="utf-8")
     threshold = plan_of(made).layers[0].threshold
     assert text.count(f"> {threshold})") >= 1
     source.write_text(text.replace(f"> {threshold})", f"> {3 * threshold})"), encoding="utf-8")
-    verdict = CortexM7().verify(made, tmp_path, reference)
+    verdict = target_named("cortex_m7").verify(made, tmp_path, reference)
     assert verdict.kind == "approximate" and verdict.spikes_differ > 0
 
 
@@ -70,18 +67,18 @@ def test_an_inference_ends_with_its_answer() -> None:
     reference = nets.reference(made, fired)
     per_sample = reference.n_steps // reference.dataset.n_steps
     whole = replay.of_spikes(reference)
-    ends = cortex_m.inferences(reference, np.full(len(fired), reference.n_steps))
+    ends = replay.of_spikes(reference, np.full(len(fired), reference.n_steps))
     assert all(np.array_equal(a, b) for a, b in zip(whole, ends, strict=True))
-    for commands, window, spikes in zip(cortex_m.inferences(reference, [3] * 6), whole, fired, strict=True):
+    for commands, window, spikes in zip(replay.of_spikes(reference, [3] * 6), whole, fired, strict=True):
         until = -(-3 // per_sample)
         assert np.array_equal(commands[:-1], window[: len(commands) - 1])
-        assert commands[-2] == host.STEP and commands[-1] == host.ANSWER
+        assert commands[-2] == replay.STEP and commands[-1] == replay.ANSWER
         assert len(commands) == 3 + until + 2 * spikes[:until].sum()
 
 
 def test_without_an_emulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made, fired = nets.case(0)
-    CortexM4().write(made, tmp_path)
+    target_named("cortex_m4").write(made, tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(TargetError, match="ziglang, the cross-compiler, is not installed"):
-        CortexM4().verify(made, tmp_path, nets.reference(made, fired))
+        target_named("cortex_m4").verify(made, tmp_path, nets.reference(made, fired))

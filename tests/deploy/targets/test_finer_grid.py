@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import host
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Target, loihi
 from dse.deploy.targets.c99 import C99
@@ -57,7 +56,7 @@ def test_spikes_are_the_engines(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    if target is C99 and not host.has_compiler():
+    if target is C99 and not nets.has_compiler():
         pytest.skip("no C compiler is installed")
     if target is not C99 and find_spec("h5py") is None:
         pytest.skip("h5py is not installed")

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse.deploy import loihi_run
+from dse.deploy import loihi_run, run
 from dse.deploy.bundle import Bundle
+from dse.deploy.run import interpreter
 from dse.deploy.targets import TargetError, Verdict, loihi
 from dse.deploy.targets.loihi import Loihi
-from dse.deploy.targets.peers import interpreter
 from dse.records import Parameters
 from tests.deploy import bundles
 from tests.golden import FILE
@@ -36,12 +36,7 @@ def without_brian2(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPat
 
 
 def verified(made: Bundle, folder: Path, rng: np.random.Generator) -> Verdict:
-    assert Loihi().refusal(made) == ""
-    reference = bundles.reference(made, bundles.spikes(rng, made.fitted.n_channels), folder)
-    (folder / "loihi").mkdir()
-    Loihi().write(made, folder / "loihi")
-    assert len(reference.fired[-1])
-    return Loihi().verify(made, folder / "loihi", reference)
+    return bundles.verified(Loihi(), made, folder, rng)[0]
 
 
 def layer(weights: Any, q: dict[str, int]) -> loihi_run.Layer:
@@ -112,13 +107,13 @@ def test_the_file_alone_is_run(tmp_path: Path) -> None:
     made = bundles.bundle(bundles.network(rng, decays=DECAYS))
     first = verified(made, tmp_path, rng)
     assert first.kind == "faithful" and first.figures == {"brian2_loihi_recordings": 0}
-    with h5py.File(tmp_path / "loihi" / "net.hdf5", "r+") as file:
+    with h5py.File(tmp_path / "target" / "net.hdf5", "r+") as file:
         file["layer/0/weight"][0] = 0
     reference = bundles.reference(made, bundles.spikes(np.random.default_rng(3), 4), tmp_path)
-    assert Loihi().verify(made, tmp_path / "loihi", reference).kind == "approximate"
-    (tmp_path / "loihi" / "net.hdf5").write_bytes(b"no HDF5")
+    assert Loihi().verify(made, tmp_path / "target", reference).kind == "approximate"
+    (tmp_path / "target" / "net.hdf5").write_bytes(b"no HDF5")
     with pytest.raises(TargetError, match=r"loihi_run\.py cannot run"):
-        Loihi().verify(made, tmp_path / "loihi", reference)
+        Loihi().verify(made, tmp_path / "target", reference)
 
 
 def test_the_layout_is_that_of_netx(tmp_path: Path) -> None:
@@ -182,7 +177,8 @@ def test_without_h5py_nothing_is_written_or_verified(tmp_path: Path, monkeypatch
     rng = np.random.default_rng(3)
     made = bundles.bundle(bundles.network(rng, decays=DECAYS))
     reference = bundles.reference(made, bundles.spikes(rng, 4), tmp_path)
-    monkeypatch.setattr(loihi, "find_spec", lambda name: None)
+    for module in (loihi, run):
+        monkeypatch.setattr(module, "find_spec", lambda name: None)
     with pytest.raises(TargetError, match=r"h5py is not installed: pip install 'dse\[h5\]'"):
         Loihi().write(made, tmp_path)
     assert Loihi().verify(made, tmp_path, reference) == Verdict("not verified", "h5py is not installed")

@@ -56,7 +56,7 @@ def test_damage_and_what_no_module_holds(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_without_torch_it_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(target, "find_spec", lambda name: None)
+    monkeypatch.setattr("dse.deploy.run.find_spec", lambda name: None)
     made = bundles.bundle(bundles.network(np.random.default_rng(3)))
     with pytest.raises(TargetError, match=r"torch is not installed: pip install 'dse\[torch\]'"):
         Torch().write(made, tmp_path)

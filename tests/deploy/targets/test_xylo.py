@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from dse.deploy.bundle import Bundle
+from dse.deploy.form import net_of
 from dse.deploy.targets import Verdict, xylo
 from dse.deploy.targets.xylo import Xylo
 from dse.neurons import LayerSpec, parameters_of
@@ -55,13 +56,8 @@ def network(
 
 def verified(made: Bundle, folder: Path, rng: np.random.Generator) -> tuple[Verdict, int]:
     """Return the verdict, and the most spikes of a neuron in a step."""
-    assert Xylo().refusal(made) == ""
-    reference = bundles.reference(made, bundles.spikes(rng, made.fitted.n_channels), folder)
-    (folder / "xylo").mkdir()
-    Xylo().write(made, folder / "xylo")
-    assert len(reference.fired[-1])
-    most = max(int(np.unique(x, axis=0, return_counts=True)[1].max()) for x in reference.fired)
-    return Xylo().verify(made, folder / "xylo", reference), most
+    verdict, reference = bundles.verified(Xylo(), made, folder, rng)
+    return verdict, max(int(np.unique(x, axis=0, return_counts=True)[1].max()) for x in reference.fired)
 
 
 @needs_xylosim
@@ -103,7 +99,7 @@ def test_the_specification_is_that_of_the_layers_by_hand() -> None:
     layers = [
         replace(layer, weight=w, recurrent=r) for layer, w, r in zip(made.layers, weights, rings, strict=True)
     ]
-    spec = xylo.specification(replace(made, layers=tuple(layers)))
+    spec = xylo.specification(net_of(replace(made, layers=tuple(layers))))
     assert spec["weights_in"] == [[1, 3, 0], [2, 4, 0]]
     assert spec["weights_rec"] == [[0, 0, 5], [9, 0, 6], [0, 0, 0]]
     assert spec["weights_out"] == [[0, 0], [0, 0], [7, -128]]

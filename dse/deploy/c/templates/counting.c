@@ -41,7 +41,12 @@ $classify
 void dse_step(void)
 {
     uint32_t i;
-$advance    if (net.step >= STEPS) {
+@if bin_us
+    if (net.started) {
+        net.end_us += $bin_us;
+    }
+@end
+    if (net.step >= STEPS) {
         return;
     }
     net.step++;
@@ -56,7 +61,12 @@ $advance    if (net.step >= STEPS) {
         for (i = 0; i < ${channel_words}u; i++) {
             net.spikes[0][i] = 0;
         }
-$clear        net.pushed = 0;
+@if n_events
+    for (i = 0; i < ${n_events}u; i++) {
+        net.events[i] = 0;
+    }
+@end
+        net.pushed = 0;
     }
 }
 
@@ -70,7 +80,12 @@ void dse_reset(void)
     for (i = 0; i < ${channel_words}u; i++) {
         net.spikes[0][i] = 0;
     }
-$clear    net.pushed = 0;
+@if n_events
+    for (i = 0; i < ${n_events}u; i++) {
+        net.events[i] = 0;
+    }
+@end
+    net.pushed = 0;
     net.step = 0;
     net.window = 0;
     net.answer = 0;

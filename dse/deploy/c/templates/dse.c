@@ -29,11 +29,180 @@ $floats$tables
 static struct {
 $members} net;
 
-$leaks$rows$input$layers$decision$step$front_end
-${clearing}/* All states 0. */
+$leaks${rows}void dse_push_spike(uint16_t channel)
+{
+    const uint32_t bit = (uint32_t)1 << (channel & 31u);
+    if (${bound}net.step >= STEPS || (net.spikes[$slot][channel >> 5] & bit) != 0) {
+        return;
+    }
+    net.spikes[$slot][channel >> 5] |= bit;
+    net.pushed = 1;
+    SPIKE(0, channel);
+@each at_once
+    reach_1(${copy}channel);
+    net.awake_1 = 1;
+@end
+}
+
+@if delayed
+/* Spikes of `lag` input steps ago reach layer 1 as a delayed copy of the inputs. */
+static APART void deliver(uint32_t lag, uint32_t first)
+{
+    const uint32_t slot = net.slot >= lag ? net.slot - lag : net.slot + ${n_slots}u - lag;
+    uint32_t i;
+    for (i = 0; i < ${channel_words}u; i++) {
+        uint32_t word = net.spikes[slot][i];
+        while (word != 0) {
+            const uint32_t bit = word & (0u - word); /* the lowest that is set */
+            uint32_t place = (uint32_t)((bit & 0xAAAAAAAAu) != 0);
+            place |= (uint32_t)((bit & 0xCCCCCCCCu) != 0) << 1;
+            place |= (uint32_t)((bit & 0xF0F0F0F0u) != 0) << 2;
+            place |= (uint32_t)((bit & 0xFF00FF00u) != 0) << 3;
+            place |= (uint32_t)((bit & 0xFFFF0000u) != 0) << 4;
+            reach_1(first + 32u * i + place);
+            net.awake_1 = 1;
+            word ^= bit;
+        }
+    }
+}
+
+@end
+$layers/* The decision at this step, from the output spikes of the steps before. */
+static APART void decide(void)
+{
+@if joint
+    uint32_t i, best, at = 0;
+    if (net.step != ${last}u) {
+        return;
+    }
+@each heads
+    best = ${first}u;
+    for (i = ${second}u; i < ${end}u; i++) {
+        if (net.counts[i] > net.counts[best]) {
+            best = i;
+        }
+    }
+    at = at * ${n}u + (best$less);
+@end
+    net.answer = (int16_t)(joint[at] + 1);
+    net.confident = 1;
+@else
+    uint32_t i, best;
+@if least
+    if (net.answer != 0 || (!(net.step == ${last}u) && (!net.changed || !(net.total >= ${least}u)))) {
+        return;
+    }
+    net.changed = 0;
+@else
+    if (!(net.step == ${last}u)) {
+        return;
+    }
+@end
+    best = ${first}u;
+    for (i = ${second}u; i < ${end}u; i++) {
+        if (net.counts[i] > net.counts[best]) {
+            best = i;
+        }
+    }
+@if least
+    net.confident = net.total >= ${least}u$sure;
+    if (!net.confident && !(net.step == ${last}u)) {
+        return;
+    }
+@else
+    net.confident = 1;
+@end
+    net.answer = (int16_t)(best$less + 1u);
+@end
+    net.answered = net.step + 1u;
+}
+
+void dse_step(void)
+{
+    uint32_t i$part;
+@if bin_us
+    if (net.started) {
+        net.end_us += $bin_us;
+    }
+@end
+    if (net.step >= STEPS) {
+        return;
+    }
+@if part
+    for (part = 0; part < ${per_sample}u; part++) {
+@end
+@if delayed
+${in}for (i = 0; i < ${n_later}u; i++) {
+${in}    if (lags[i] <= net.sample$of_part) {
+${in}        deliver(lags[i], copies[i]);
+${in}    }
+${in}}
+@end
+${in}decide();
+@each steps
+${in}step_$k();
+@end
+${in}net.step++;
+@if part
+    }
+@end
+@if delayed
+    net.sample++;
+@end
+@if several_slots
+    net.slot = (uint16_t)(net.slot + 1u < ${n_slots}u ? net.slot + 1u : 0u);
+    for (i = 0; i < ${channel_words}u; i++) {
+        net.spikes[net.slot][i] = 0;
+    }
+@if n_events
+    for (i = 0; i < ${n_events}u; i++) {
+        net.events[i] = 0;
+    }
+@end
+@else
+    if (net.pushed) {
+        for (i = 0; i < ${channel_words}u; i++) {
+            net.spikes[0][i] = 0;
+        }
+@if n_events
+        for (i = 0; i < ${n_events}u; i++) {
+            net.events[i] = 0;
+        }
+@end
+        net.pushed = 0;
+    }
+@end
+}
+
+$front_end
+@each clearing
+APART void $name($kind *x, uint32_t n)
+{
+    for (; n > 0; n--) {
+        *x++ = 0;
+    }
+}
+
+@end
+/* All states 0. */
 static APART void rest(void)
 {
-$clear    net.step = 0;
+@if several_slots
+    uint32_t i;
+@end
+@each arrays
+@if slots
+    for (i = 0; i < ${slots}u; i++) {
+        $name($place, ${n}u);
+    }
+@else
+    $name($place, ${n}u);
+@end
+@end
+@each numbers
+    net.$name = 0;
+@end
+    net.step = 0;
     net.total = 0;
     net.answer = 0;
     net.confident = 0;

@@ -3,7 +3,15 @@
  *
  *     dse_init();                      a recording begins
  *     for every step of $step_ms ms:
- *         dse_push(...);               $push_comment
+@if is_spikes
+ *         dse_push_spike(channel) of every spike of the step
+@end
+@if is_samples
+ *         dse_push(...);               a sample of every sensor
+@end
+@if is_events
+ *         dse_push(...);               every event of the step
+@end
  *         dse_step();
  *         if (dse_decision() != DSE_UNDECIDED) ...
  *     dse_reset();                     the next window begins: before its first dse_push
@@ -25,14 +33,43 @@ extern "C" {
 #define DSE_STEP_MS $step_ms         /* period of dse_step() */
 #define DSE_UNDECIDED (-1)
 #define DSE_NO_CLASS (-2)            /* of a joint answer: no class has this combination */
-$defines
+@if is_events
+#define DSE_EVENTS
+@end
+@if is_samples
+#define DSE_SENSORS ${n_sensors}u
+@if not takes_whole
+#ifndef DSE_REAL_SAMPLES /* the thresholds are not on an integer grid */
+#define DSE_REAL_SAMPLES
+#endif
+@end
+#ifdef DSE_REAL_SAMPLES
+typedef float dse_sample_t; /* the encoder computes in double */
+#else
+typedef int32_t dse_sample_t; /* magnitude below 2^24 */
+#endif
+@end
+
 /* Forget everything: the next input is the first of a recording. */
 void dse_init(void);
 
 /* Begin a window: the network is at rest and undecided${reset_comment}. */
 void dse_reset(void);
 
-$push_declaration
+@if is_samples
+/* One sample of every sensor: the spikes that it gives belong to this step. Returns 0, and does nothing, if a
+ * value is no finite number. */
+uint8_t dse_push(const dse_sample_t *sample);
+@end
+@if is_events
+/* Bins are counted from a time; without a call, from the first event. */
+void dse_start(int64_t t_us);
+
+/* An event, in the order of time; polarity: 1 ON, 0 OFF. Returns 0, and does nothing, if it belongs to a
+ * later step: dse_step() first. */
+uint8_t dse_push(int64_t t_us, uint16_t x, uint16_t y, uint8_t polarity);
+@end
+
 /* Input spike of a channel in this step, from 0; a second one in the same step counts once. */
 void dse_push_spike(uint16_t channel);
 

@@ -3,18 +3,46 @@ static APART void step_$k(void)
 {
     uint32_t i;
     $type left = 0;
-$declare    if (!net.awake_$k$busy) {
+@if several
+    uint32_t j;
+@end
+@if recurrent
+    uint32_t n_fired = 0;
+@end
+    if (!net.awake_$k$busy) {
         return;
     }
     for (i = 0; i < ${n}u; i++) {
         $type $a = net.${a}_$k[i]$arriving, $b = net.${b}_$k[i];
-$arrived        if (($a | $b) == 0) {
-$rested            continue; /* at rest */
+@if held
+        $held = 0;
+@end
+        if (($a | $b) == 0) {
+@if held
+            net.${a}_$k[i] = 0; /* what arrived may have cancelled it */
+@end
+            continue; /* at rest */
         }
 $update        net.${a}_$k[i] = $a;
         net.${b}_$k[i] = $b;
         left |= $a | $b;
     }
     net.awake_$k = left != 0;
-$after}
+@if held
+    net.now_$k = (uint8_t)(net.now_$k + 1u < ${n_later}u ? net.now_$k + 1u : 0u);
+    net.busy_$k -= net.busy_$k != 0;
+@end
+@if recurrent
+    for (i = 0; i < n_fired; i++) {
+@if several
+        for (j = 0; j < net.times[i]; j++) {
+            return_$k(net.fired[i]);
+        }
+@else
+        return_$k(net.fired[i]);
+@end
+        net.awake_$k = 1;
+    }
+@end
+}
 

@@ -10,7 +10,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-$constants
+#define WINDOW_AT_$window_at
+#define ONSET $onset
+@if bin_us
+#define BIN_US $bin_us
+@each crop
+#define $name $value
+@end
+@if n_bins
+#ifndef RECORDED /* trials begin at 0; recordings with their first event */
+#define T0_US $t0_us
+#define N_BINS $n_bins
+#endif
+@end
+@end
 
 static char line[$longest_line];
 static unsigned long line_number;

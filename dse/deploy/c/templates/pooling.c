@@ -1,13 +1,12 @@
-static const uint${x_bits}_t first_x[$columns] = {
-$first_x};
-static const uint${y_bits}_t first_y[$rows] = {
-$first_y};
-$more
+$tables
 void dse_start(int64_t t_us)
 {
     net.begin_us = t_us + ${start_us};
     net.end_us = net.begin_us + $bin_us;
-$stop    net.started = 1;
+@if stop_us
+    net.stop_us = t_us + $stop_us;
+@end
+    net.started = 1;
 }
 
 uint8_t dse_push(int64_t t_us, uint16_t x, uint16_t y, uint8_t polarity)
@@ -33,7 +32,15 @@ uint8_t dse_push(int64_t t_us, uint16_t x, uint16_t y, uint8_t polarity)
     j_end = first_y[row] + $n_y;
     for (j = first_y[row]; j < j_end; j++) {
         for (i = first_x[column]; i < i_end; i++) {
-            $count
+@if needed
+            const uint16_t channel = $channel;
+            if (net.events[channel] < ${needed}u && ++net.events[channel] == ${needed}u) {
+                dse_push_spike(channel);
+            }
+            net.pushed = 1;
+@else
+            dse_push_spike($channel);
+@end
         }
     }
     return 1;

@@ -1,3 +1,22 @@
+#ifdef DSE_REAL_SAMPLES
+/* Whether all samples are finite, told by their exponents: compilers may take every float for finite. */
+static uint8_t are_numbers(const dse_sample_t *sample)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } of;
+    uint32_t k;
+    for (k = 0; k < DSE_SENSORS; k++) {
+        of.value = sample[k];
+        if ((of.bits & 0x7F800000u) == 0x7F800000u) {
+            return 0;
+        }
+    }
+    return 1;
+}
+#endif
+
 static const double lowest[$n_sensors] = {
 $low};
 static const double span[$n_sensors] = {
@@ -5,24 +24,72 @@ $span};
 /* a, b, c and d of every kind of receptor: $names. */
 static const double kinds[$n_kinds][4] = {$kinds};
 
-$held/* Receptors: neurons of Izhikevich, driven by the value of a sensor and by its changes. */
+@if half_steps
+static double held(double v)
+{
+    v = v > $floor ? v : $floor;
+    return v < $peak ? v : $peak;
+}
+
+@end
+/* Receptors: neurons of Izhikevich, driven by the value of a sensor and by its changes. */
 uint8_t dse_push(const dse_sample_t *sample)
 {
     uint32_t q, k, s, j;
-$refuse$advance    for (k = 0; k < DSE_SENSORS; k++) {
-        const double x = $value;
+#ifdef DSE_REAL_SAMPLES
+    if (!are_numbers(sample)) {
+        return 0;
+    }
+#endif
+@if n_totals
+    uint32_t next_total, oldest = 0;
+    if (!net.begun) {
+        for (k = 0; k < DSE_SENSORS; k++) {
+            net.sums[0][k] = 0;
+        }
+        net.newest = 0;
+        net.n_totals = 1;
+    }
+    next_total = net.newest + 1u < ${n_totals}u ? net.newest + 1u : 0u;
+    for (k = 0; k < DSE_SENSORS; k++) {
+        net.sums[next_total][k] = net.sums[net.newest][k] + (double)sample[k];
+    }
+    net.newest = next_total;
+    if (net.n_totals < ${n_totals}u) {
+        net.n_totals++;
+    }
+    if (net.n_totals == ${n_totals}u) {
+        oldest = next_total + 1u < ${n_totals}u ? next_total + 1u : 0u;
+    }
+@end
+    for (k = 0; k < DSE_SENSORS; k++) {
+@if n_totals
+        const double x = (net.sums[next_total][k] - net.sums[oldest][k]) / (double)(net.n_totals - 1u);
+@else
+        const double x = (double)sample[k];
+@end
         const double level = span[k] > 0 ? (x - lowest[k]) / span[k] : 0;
         const double change = net.begun ? (level - net.last[k]) / $step_s : 0;
         net.last[k] = level;
         for (q = 0; q < ${n_kinds}u; q++) {
             const double a = kinds[q][0], b = kinds[q][1], c = kinds[q][2], d = kinds[q][3];
             const double moved = q % 2u == ${falling}u ? -change : change;
-            const double drive = $gain * ($drive);
+@if gain_sa
+            const double drive = $gain * (q == 0 ? $gain_sa * level : $gain_fa * (moved > 0 ? moved : 0));
+@else
+            const double drive = $gain * ($gain_fa * (moved > 0 ? moved : 0));
+@end
             double v = net.begun ? net.v[q][k] : c, u = net.begun ? net.u[q][k] : b * c;
             uint32_t n = 0;
             for (s = 0; s < ${solver_steps}u; s++) {
                 const double slope = ($A * v + $B) * v + $C - u + drive;
-$method                u = u + $h * (a * (b * seen - u));
+@if half_steps
+                const double middle = held(v + $half * slope);
+                const double next = middle + $half * (($A * middle + $B) * middle + $C - u + drive), seen = held(next);
+@else
+                const double seen = v, next = v + $h * slope;
+@end
+                u = u + $h * (a * (b * seen - u));
                 if (next >= $peak) {
                     n++;
                     v = c;

@@ -1,9 +1,57 @@
+#ifdef DSE_REAL_SAMPLES
+/* Whether all samples are finite, told by their exponents: compilers may take every float for finite. */
+static uint8_t are_numbers(const dse_sample_t *sample)
+{
+    union {
+        float value;
+        uint32_t bits;
+    } of;
+    uint32_t k;
+    for (k = 0; k < DSE_SENSORS; k++) {
+        of.value = sample[k];
+        if ((of.bits & 0x7F800000u) == 0x7F800000u) {
+            return 0;
+        }
+    }
+    return 1;
+}
+#endif
+
+@if is_level
+#ifdef DSE_REAL_SAMPLES
+/* The largest whole number up to x >= 0. */
+static double whole(double x)
+{
+    return x < 9007199254740992.0 ? (double)(int64_t)x : x;
+}
+#endif
+
+@end
+#ifdef DSE_REAL_SAMPLES
+#define THRESHOLDS $exact
+@if is_level
+#define WHOLE_STEPS (theta * whole(size / theta))
+@end
+@if whole
+#else
+#define THRESHOLDS $whole
+@if is_level
+#define WHOLE_STEPS (size / theta * theta)
+@end
+@end
+#endif
+
 /* Send-on-delta: a spike wherever a sample has moved by a threshold since the last spike (reference: $rule). */
 uint8_t dse_push(const dse_sample_t *sample)
 {
-    static const level_t thresholds[$n_thresholds] = {$thresholds};
+    static const level_t thresholds[$n_thresholds] = {THRESHOLDS};
     uint32_t k, c;
-$refuse    for (k = 0; k < ${n_thresholds}u; k++) {
+#ifdef DSE_REAL_SAMPLES
+    if (!are_numbers(sample)) {
+        return 0;
+    }
+#endif
+    for (k = 0; k < ${n_thresholds}u; k++) {
         const level_t theta = thresholds[k];
         for (c = 0; c < DSE_SENSORS; c++) {
             const level_t x = (level_t)sample[c] * LEVEL_UNIT;
@@ -14,7 +62,17 @@ $refuse    for (k = 0; k < ${n_thresholds}u; k++) {
             d = x - net.level[k][c];
             size = d < 0 ? -d : d;
             if (size >= theta) {
-$move                dse_push_spike((uint16_t)($channel));
+@if is_value
+                net.level[k][c] = x;
+@end
+@if is_step
+                net.level[k][c] += d > 0 ? theta : -theta;
+@end
+@if is_level
+                const level_t moved = WHOLE_STEPS;
+                net.level[k][c] += d > 0 ? moved : -moved;
+@end
+                dse_push_spike((uint16_t)($channel));
             }
         }
     }

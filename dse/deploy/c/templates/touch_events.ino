@@ -4,7 +4,6 @@
 
 // $windows
 $constants
-
 static unsigned long due_us;
 static int64_t t0_us;
 static unsigned long n_events;  // of this step, in the crop

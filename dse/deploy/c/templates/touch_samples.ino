@@ -4,7 +4,6 @@
 
 // $windows
 $constants
-
 static dse_sample_t samples[DSE_SENSORS];
 static unsigned long due_us;
 

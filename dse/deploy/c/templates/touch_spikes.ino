@@ -4,7 +4,6 @@
 
 // $windows
 $constants
-
 static unsigned long due_us;
 
 // Yours: whether a channel spikes in this step.

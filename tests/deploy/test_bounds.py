@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dse.deploy.c.bounds import bounds
+from dse.deploy.bounds import bounds
 from dse.neurons import cuba_lif, resonator
 from dse.neurons.calculus import NumpyCalculus
 from dse.records import Array

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dse.deploy.c.matrix import Matrix, stored
-from dse.deploy.c.memory import Table, matrix_tables
+from dse.deploy.c.arrays import Matrix, Table, stored
 from dse.records import Array
 
 
 def read_back(matrix: Matrix) -> Array:
     """Return the weights that C reads, (input, neuron)."""
-    tables = {table.name: table.values for table in matrix_tables("w", matrix)}
+    tables = {table.name: table.values for table in matrix.tables("w")}
     n_inputs, n = matrix.weights.shape
     out = np.zeros((n_inputs, matrix.row_length), np.int64)
     if matrix.form == "bytes":
@@ -46,7 +45,6 @@ def test_weights_survive_their_form(low: int, high: int, kept: float, form: str,
     matrix = stored(weights)
     assert (matrix.form, matrix.bits) == (form, bits)
     assert np.array_equal(read_back(matrix), weights)
-    assert matrix.table_bytes == sum(table.n_bytes for table in matrix_tables("w", matrix))
 
 
 def test_a_shared_exponent_saves_bits() -> None:
@@ -59,4 +57,4 @@ def test_a_shared_exponent_saves_bits() -> None:
 def test_nothing_but_zeros(shape: tuple[int, int]) -> None:
     matrix = stored(np.zeros(shape, np.int64))
     assert not read_back(matrix).any()
-    assert all(isinstance(table, Table) and table.values.size for table in matrix_tables("w", matrix))
+    assert all(isinstance(table, Table) and table.values.size for table in matrix.tables("w"))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dse.deploy.c.confidence import simplest_fraction
+from dse.deploy.confidence import simplest_fraction
 
 
 @pytest.mark.parametrize(

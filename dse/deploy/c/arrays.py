@@ -1,0 +1,200 @@
+"""Declarations of C: variables and constant data, from which text, memory and what a reset clears follow.
+
+A matrix lies in flash in rows of bytes, of packed words, or sparse: a row holds the weights from one input to
+all neurons, so that a spike reads one row. Weights are q * 2^e in 8-bit steps, with the largest e and the
+fewest bits b for q that hold all of a matrix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from dse.deploy.c.text import wrapped
+from dse.records import Array, Ints
+
+_BYTES = {
+    **{"double": 8, "int64_t": 8, "uint64_t": 8},
+    **{"float": 4, "int32_t": 4, "uint32_t": 4, "level_t": 4},
+    **{"uint16_t": 2, "int16_t": 2, "uint8_t": 1, "int8_t": 1},
+}
+
+
+@dataclass(frozen=True)
+class Member:
+    """A variable of the C: its type, name and lengths; `purpose` is its comment.
+
+    is_cleared: whether it is 0 at the start of every window.
+    """
+
+    kind: str
+    name: str
+    lengths: tuple[int, ...] = ()
+    purpose: str = ""
+    is_cleared: bool = False
+
+    @property
+    def width(self) -> int:
+        """Bytes of one number."""
+        return _BYTES[self.kind]
+
+    @property
+    def n_bytes(self) -> int:
+        return self.width * math.prod(self.lengths)
+
+    @property
+    def text(self) -> str:
+        """Its declaration."""
+        purpose = f" /* {self.purpose} */" if self.purpose else ""
+        return f"    {self.kind} {self.name}{''.join(f'[{n}]' for n in self.lengths)};{purpose}\n"
+
+
+def declared(members: Sequence[Member]) -> str:
+    """Return the declarations of all variables, the widest types first, so that nothing lies between them."""
+    return "".join(member.text for member in sorted(members, key=lambda m: -m.width))
+
+
+def struct_bytes(members: Sequence[Member], of_reals: bool = False) -> int:
+    """Return the size of variables as declared: what the compiler reports as data and bss.
+
+    Args:
+        members: the variables.
+        of_reals: whether samples are real numbers, so that the levels of an encoder are double.
+    """
+    used = 0
+    for m in sorted(members, key=lambda m: -m.width):
+        width = 8 if of_reals and m.kind == "level_t" else m.width
+        used = (-(-used // width) + math.prod(m.lengths)) * width
+    widest = 8 if of_reals and any(m.kind == "level_t" for m in members) else max(m.width for m in members)
+    return -(-used // widest) * widest
+
+
+@dataclass(frozen=True)
+class Table:
+    """Constant data of the C."""
+
+    kind: str
+    name: str
+    values: Array
+
+    @property
+    def n_bytes(self) -> int:
+        return _BYTES[self.kind] * int(self.values.size)
+
+    @property
+    def text(self) -> str:
+        """Its definition."""
+        if self.kind in ("float", "double"):
+            numbers = [_exact(x, self.kind) for x in self.values.ravel()]
+        elif self.kind == "uint32_t" and int(self.values.max(initial=0)) > 2**16:
+            numbers = [f"0x{x:x}u" for x in self.values.tolist()]
+        else:
+            numbers = [str(x) for x in self.values.tolist()]
+        return f"static const {self.kind} {self.name}[{self.values.size}] = {{\n{wrapped(numbers)}}};\n"
+
+
+def _exact(x: np.floating[Any], kind: str) -> str:
+    """Return a constant of exactly this number; numpy's shortest decimals read back as it."""
+    text = str(np.float32(x) if kind == "float" else np.float64(x))
+    number = text if any(c in text for c in ".en") else f"{text}.0"
+    return f"{number}f" if kind == "float" else number
+
+
+def index(n: int) -> str:
+    """Return the type that numbers n things."""
+    return "uint8_t" if n <= 256 else "uint16_t"
+
+
+Form = Literal["bytes", "words", "sparse"]
+_MOST_PACKED = 4
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A stored matrix.
+
+    weights: (input, neuron) int64 in 8-bit steps.
+    form: bytes: q as int8; words: as many q of `bits` bits as fit in 32, lowest bits first; sparse: of each
+        row the columns and the q (int8) of the weights other than 0.
+    bits, exponent: b and e.
+    delays: (input, neuron) network steps that each weight acts later, 0 where there is none; None: none does.
+    """
+
+    weights: Ints
+    form: Form
+    bits: int
+    exponent: int
+    delays: Ints | None = None
+
+    @property
+    def per_word(self) -> int:
+        """Weights in a word of 32 bits."""
+        return 32 // self.bits
+
+    @property
+    def words_per_row(self) -> int:
+        return -(-int(self.weights.shape[1]) // self.per_word)
+
+    @property
+    def row_length(self) -> int:
+        """Neurons that a row reaches, those that fill its last word included."""
+        n = int(self.weights.shape[1])
+        return self.words_per_row * self.per_word if self.form == "words" else n
+
+    def tables(self, name: str) -> list[Table]:
+        """Return it as constant data."""
+        q: Ints = self.weights >> self.exponent
+        n = int(self.weights.shape[1])
+        if self.form == "words":
+            fields = np.zeros((len(q), self.words_per_row * self.per_word), np.int64)
+            fields[:, :n] = q & (2**self.bits - 1)
+            of_words = fields.reshape(len(q), self.words_per_row, self.per_word)
+            words = (of_words << (self.bits * np.arange(self.per_word))).sum(axis=2)
+            return [Table("uint32_t", name, np.asarray(words).ravel())]
+        if self.form == "bytes":
+            rows, later = [], self.delays
+        else:
+            row, column = np.nonzero(q)
+            begin = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(q)))])
+            rows = [
+                Table("uint16_t" if row.size < 2**16 else "uint32_t", f"{name}_begin", begin),
+                Table(index(n), f"{name}_column", _not_empty(column)),
+            ]
+            q = _not_empty(q[row, column])
+            later = None if self.delays is None else _not_empty(self.delays[row, column])
+        delays = [] if later is None else [Table("uint8_t", f"{name}_delay", later.ravel())]
+        return [*rows, Table("int8_t", name, q.ravel()), *delays]
+
+
+def _not_empty(values: Ints) -> Ints:
+    """Return values, or one 0: C has no empty arrays."""
+    return values if values.size else np.zeros(1, np.int64)
+
+
+def stored(weights: Ints, delays: Array | None = None) -> Matrix:
+    """Return the smallest form of a matrix, of equal ones the plainest; only up to 4 bits are packed.
+
+    Args:
+        weights: (input, neuron) whole numbers in [-128, 127].
+        delays: (input, neuron) network steps, at most 255; None: none.
+    """
+    whole = np.asarray(weights, np.int64)
+    nonzero = whole[whole != 0]
+    exponent = 0
+    while nonzero.size and not (nonzero & ((2 << exponent) - 1)).any():
+        exponent += 1
+    q = whole >> exponent
+    low, high = int(q.min(initial=0)), int(q.max(initial=0))
+    bits = next(b for b in range(2, 9) if -(2 ** (b - 1)) <= low and high < 2 ** (b - 1))
+    # Unpacking takes time, and more than 4 bits save little: the form follows from precision and pruning.
+    forms: tuple[Form, ...] = ("bytes", "words", "sparse") if bits <= _MOST_PACKED else ("bytes", "sparse")
+    later = None
+    if delays is not None:
+        forms = ("bytes", "sparse")
+        later = np.where(whole != 0, delays, 0).astype(np.int64)
+    matrices = (Matrix(whole, form, bits, exponent, later) for form in forms)
+    return min(matrices, key=lambda matrix: sum(table.n_bytes for table in matrix.tables("")))

@@ -1,0 +1,392 @@
+"""The intermediate form: a classifier in typed numbers, between a bundle and the files of any target.
+
+A bundle has float weights, sections and plugins. A target needs what runs: weights on their grid, decays,
+delays, the decision in whole numbers, how recordings become spikes, and how far every state can go. It walks
+
+    Net      layers of neurons, input copies, steps, arithmetic: what a chip or a graph holds
+    Rule     the decision of a network, in whole numbers
+    Frame    the input, window and answers of any classifier; its encoder or pooling
+
+and refuses by `Unsupported` what it cannot hold. Nothing here knows a target.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from dse.config.resolved import Sections
+from dse.deploy.bounds import UNITS_PER_STEP, Bounds, bounds
+from dse.deploy.classifier import Classifier, Input
+from dse.deploy.confidence import simplest_fraction
+from dse.encoders.receptors import Receptors, parameters
+from dse.encoders.send_on_delta import SendOnDelta
+from dse.measure.heads import joint_label
+from dse.neurons import Population, cuba_lif, population_of, resonator, xylo_lif
+from dse.neurons.fixed_point import WEIGHT_SCALE, quantise
+from dse.preprocessing import Pooling
+from dse.recordings.pooling import pooling
+from dse.recordings.raster import RasterFile
+from dse.recordings.scene import SceneTrials
+from dse.records import Arithmetic, Array, Floats, Ints, Layer, Network
+
+FrontEnd = Literal["samples", "events", "spikes"]
+_BOUNDED = (cuba_lif.Population, resonator.Population, xylo_lif.Population)
+_STEPS_PER_UNIT = WEIGHT_SCALE // 2
+_MOST_SHIFT = 5  # samples of 24 bits, shifted by this, differ within int32
+
+
+class Unsupported(ValueError):
+    """A classifier that a target cannot hold, in one sentence."""
+
+
+@dataclass(frozen=True)
+class LayerForm:
+    """One layer of a network, as it runs.
+
+    neuron: name of its kind. population: the neurons.
+    weights: (input, neuron) float32, weight units, on the 8-bit grid in integer arithmetic.
+    recurrent: (neuron, neuron) likewise, row = presynaptic, one step later; None: none.
+    delays: (input, neuron) network steps that each weight acts later; None: none does.
+    bounds: of the states within the window; None of neurons or windows that do not tell.
+    """
+
+    neuron: str
+    population: Population[Any]
+    weights: Floats
+    recurrent: Floats | None
+    delays: Array | None
+    bounds: Bounds | None
+
+    @property
+    def n_neurons(self) -> int:
+        return int(self.weights.shape[1])
+
+    @property
+    def threshold(self) -> int:
+        """Threshold in integer units of the states."""
+        of_xylo = isinstance(self.population, xylo_lif.Population)
+        return int(self.population.threshold) * (1 if of_xylo else WEIGHT_SCALE)  # type: ignore[attr-defined]
+
+    @property
+    def unit(self) -> int:
+        """Integer units of a state per step of an 8-bit weight."""
+        if isinstance(self.population, xylo_lif.Population):
+            return 1 << int(self.population.weight_shift)
+        return UNITS_PER_STEP
+
+    @property
+    def most_spikes(self) -> int:
+        """Of a neuron in a step."""
+        return most_spikes(self.population)
+
+    @property
+    def state_bits(self) -> int:
+        """Bits of a state: 32 where they hold its bounds."""
+        assert self.bounds is not None
+        return 32 if max(self.bounds.first, self.bounds.second) < 2**31 else 64
+
+
+@dataclass(frozen=True)
+class Net:
+    """A spiking network, as it runs.
+
+    n_channels: of the input spikes. delays: of the copies of the inputs, network steps: input
+        d * n_channels + c is channel c, delays[d] steps ago.
+    steps_per_sample: network steps per input step.
+    """
+
+    layers: tuple[LayerForm, ...]
+    n_channels: int
+    delays: tuple[int, ...]
+    steps_per_sample: int
+    arithmetic: Arithmetic
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Neurons per layer, input copies first."""
+        return (len(self.layers[0].weights), *(layer.n_neurons for layer in self.layers))
+
+
+def net_of(network: Network, n_steps: int | None = None) -> Net:
+    """Return the form of a network.
+
+    Args:
+        network: as trained.
+        n_steps: network steps of a window, which the bounds of states follow from; None: unknown.
+    """
+    layers, arriving = [], 1
+    for layer in network.layers:
+        layers.append(_layer(layer, network.arithmetic, n_steps, arriving))
+        arriving = layers[-1].most_spikes
+    return Net(
+        tuple(layers), network.n_channels, network.delays, network.steps_per_sample, network.arithmetic
+    )
+
+
+def network_in(bundle: Classifier, holder: str) -> Network:
+    """Return the network of a bundle.
+
+    Args:
+        bundle: what is exported.
+        holder: begins the sentence, such as 'Loihi holds'.
+
+    Raises:
+        Unsupported: it is another classifier.
+    """
+    if isinstance(bundle.fitted, Network):
+        return bundle.fitted
+    kind = bundle.sections.kinds["model"]
+    raise Unsupported(f"{holder} networks of neurons, and family {kind} is none")
+
+
+def in_steps(weights: Floats) -> Ints:
+    """Return weights on the 8-bit grid in its steps, -128 to 127."""
+    return np.rint(weights.astype(np.float64) * _STEPS_PER_UNIT).astype(np.int64)
+
+
+def most_spikes(population: object) -> int:
+    """Return how often a neuron can spike in a step."""
+    return int(population.most_spikes) if isinstance(population, xylo_lif.Population) else 1
+
+
+def _layer(layer: Layer, arithmetic: Arithmetic, n_steps: int | None, arriving: int) -> LayerForm:
+    """Return a layer whose inputs spike up to `arriving` times in a step."""
+    population = population_of(layer.neuron, layer.parameters)
+    rounding = quantise if arithmetic == "integer" else np.asarray
+    forward, back = rounding(layer.weight).T, None
+    if layer.recurrent is not None:
+        back = rounding(layer.recurrent).T
+    bound = None
+    if n_steps is not None and arithmetic == "integer" and isinstance(population, _BOUNDED):
+        both = in_steps(forward) * arriving
+        if back is not None:
+            both = np.concatenate([both, in_steps(back) * most_spikes(population)])
+        bound = bounds(both, population, n_steps)
+    delays = None if layer.delay is None else layer.delay.T
+    return LayerForm(layer.neuron, population, forward, back, delays, bound)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """The decision of a network.
+
+    first, n: the output neurons that count.
+    least_total: output spikes that a decision by confidence needs; None: the answer comes at a fixed time.
+    confidence: smallest share of them for the answer.
+    last: network step that ends with an answer, at the latest.
+    heads: (first, n) of each head of a joint answer, and joint: its class of every combination, -1: none.
+    """
+
+    first: int
+    n: int
+    least_total: int | None
+    confidence: Fraction
+    last: int
+    heads: tuple[tuple[int, int], ...] = ()
+    joint: tuple[int, ...] = ()
+
+
+def rule_of(bundle: Classifier, network_steps: int, n_outputs: int, step_ms: float) -> Rule:
+    """Return the decision of a bundle of a network.
+
+    Args:
+        bundle: as read.
+        network_steps: of a window.
+        n_outputs: output neurons.
+        step_ms: duration of a network step.
+    """
+    sizes = [len(head.classes) for head in bundle.heads]
+    firsts = np.cumsum([0, *sizes]).tolist()
+    first, n = 0, n_outputs
+    for head, begin, size in zip(bundle.heads, firsts, sizes, strict=False):
+        if head.name == bundle.head:
+            first, n = begin, size
+    if bundle.phi is not None and bundle.theta is not None:
+        total = math.floor(bundle.phi) + 1
+        return Rule(first, n, total, simplest_fraction(bundle.theta, network_steps * n), network_steps - 1)
+    steps = network_steps
+    if bundle.read_out_ms is not None:
+        steps = min(steps, max(1, round(bundle.read_out_ms / step_ms)))
+    if bundle.heads and not bundle.head:
+        combinations = np.stack([x.ravel() for x in np.indices(sizes)], axis=1)
+        joint = tuple(joint_label(combinations, bundle.heads).tolist())
+        return Rule(
+            0, n_outputs, None, Fraction(0), steps - 1, tuple(zip(firsts, sizes, strict=False)), joint
+        )
+    return Rule(first, n, None, Fraction(0), steps - 1)
+
+
+@dataclass(frozen=True)
+class SendOnDeltaForm:
+    """Send-on-delta from raw samples.
+
+    n_sensors: sampled channels.
+    thresholds: as in the encoder.
+    whole: the thresholds in 2^-shift, where whole samples are encoded in integers exactly; None: they need
+        floating point.
+    rule: how the level moves: step, value or level. merged: ON and OFF share a channel.
+    """
+
+    n_sensors: int
+    thresholds: tuple[float, ...]
+    whole: tuple[int, ...] | None
+    shift: int
+    rule: str
+    merged: bool
+
+    @property
+    def takes_whole(self) -> bool:
+        """Whether samples may be integers."""
+        return self.whole is not None
+
+
+@dataclass(frozen=True)
+class ReceptorsForm:
+    """Receptors of raw samples, in double precision.
+
+    n_sensors: sampled channels. encoder: with the range of each.
+    step_ms: sampling period.
+    """
+
+    n_sensors: int
+    encoder: Receptors
+    step_ms: float
+
+    takes_whole: ClassVar[bool] = True
+
+    @property
+    def kinds(self) -> Floats:
+        """a, b, c, d of every kind of receptor."""
+        return parameters(self.encoder.sa)
+
+    @property
+    def smoothed(self) -> int:
+        """Samples of the moving average; 1: none."""
+        return max(1, round(self.encoder.smoothing_ms / self.step_ms))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Frame:
+    """What surrounds a classifier: its input, its window and the names of its answers.
+
+    n_channels: of the input spikes. n_steps: input steps of the window. step_ms: duration of an input step.
+    window: where it begins in a recording: start, middle or contact_onset. onset_threshold: of the contact.
+    cut_steps, every_steps: length and distance of the recordings that a stream is cut into; None: into none.
+    front_end: what is pushed. no_front_end: why spikes are pushed although the design has an encoder or
+        preprocessing; '' where it does not apply.
+    t0_us, n_bins: of simulated trials, the time that bins are counted from, and how many there are; None:
+        from the first event to the last.
+    """
+
+    n_channels: int
+    n_steps: int
+    step_ms: float
+    classes: tuple[str, ...]
+    window: str
+    onset_threshold: float
+    front_end: FrontEnd
+    no_front_end: str
+    encoder: SendOnDeltaForm | ReceptorsForm | None = None
+    pooling: Pooling | None = None
+    t0_us: int | None = None
+    n_bins: int | None = None
+    cut_steps: int | None = None
+    every_steps: int | None = None
+
+    @property
+    def channel_words(self) -> int:
+        """Words of 32 bits with a bit per channel."""
+        return -(-self.n_channels // 32)
+
+
+def frame_of(bundle: Classifier) -> Frame:
+    """Return what surrounds the classifier of a bundle.
+
+    Raises:
+        Unsupported: the bundle does not say what recordings it takes.
+    """
+    if bundle.input is None:
+        raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
+    frame = frame_with(bundle.sections, bundle.input, bundle.fitted.n_channels, bundle.answers)
+    data = bundle.sections.data
+    if not isinstance(data, SceneTrials):
+        return frame
+    trials, pools = data.read(Path()), frame.pooling  # nothing is simulated
+    n_bins = None if pools is None else pools.n_bins(trials.duration_us)
+    return dataclasses.replace(frame, t0_us=0, n_bins=n_bins)
+
+
+def frame_with(sections: Sections, taken: Input, n_channels: int, classes: tuple[str, ...]) -> Frame:
+    """Return what surrounds a classifier of `n_channels` input channels on recordings that are no trials."""
+    front_end, no_front_end, encoder, pools = _front_end(sections, taken)
+    window = sections.window
+    return Frame(
+        n_channels=n_channels,
+        n_steps=taken.n_steps,
+        step_ms=taken.step_ms,
+        classes=classes,
+        window=window.at,
+        onset_threshold=window.onset_threshold,
+        front_end=front_end,
+        no_front_end=no_front_end,
+        encoder=encoder,
+        pooling=pools,
+        cut_steps=window.cut_steps,
+        every_steps=window.every_steps or window.cut_steps,
+    )
+
+
+def _front_end(
+    sections: Sections, taken: Input
+) -> tuple[FrontEnd, str, SendOnDeltaForm | ReceptorsForm | None, Pooling | None]:
+    """Return what is pushed, why it is spikes where recordings are none, and what makes them."""
+    encoder, preprocessing = sections.encoder, sections.preprocessing
+    pools, why = None, ""
+    if encoder is not None and preprocessing is not None:
+        why = "an encoder of pooled events is not written in C"
+    elif encoder is not None and not isinstance(encoder, SendOnDelta | Receptors):
+        why = f"encoder {sections.kinds['encoder']} is not written in C"
+    elif encoder is not None and sections.window.remove_mean:
+        why = "window.remove_mean needs the whole window before its first spike"
+    elif encoder is not None and isinstance(sections.data, RasterFile):
+        why = "an encoder of spikes is not written in C"
+    elif isinstance(encoder, Receptors):
+        return "samples", "", ReceptorsForm(taken.n_channels, encoder, taken.step_ms), None
+    elif isinstance(encoder, SendOnDelta):
+        return "samples", "", send_on_delta_form(encoder, taken.n_channels), None
+    elif preprocessing is not None:
+        pools = pooling(preprocessing, taken.width, taken.height)
+        if pools.rate_floor_hz <= 0:
+            return "events", "", None, pools
+        why = "preprocessing.rate_floor_hz needs the whole window before its first spike"
+    return "spikes", why, None, None
+
+
+def send_on_delta_form(encoder: SendOnDelta, n_sensors: int) -> SendOnDeltaForm:
+    """Return how an encoder runs; in integers where whole samples of up to 24 bits give the same spikes.
+
+    Thresholds that are multiples of 2^-shift keep every level on that grid, in float64 as in integers. A
+    level that moves to the sample itself stays whole: then a threshold is as good as the next whole one.
+    """
+    shift, whole = 0, None
+    if encoder.reference == "value":
+        whole = tuple(math.ceil(theta) for theta in encoder.thresholds)
+    else:
+        shifts = (
+            s for s in range(_MOST_SHIFT + 1) if all((x * 2**s).is_integer() for x in encoder.thresholds)
+        )
+        shift = next(shifts, -1)
+        if shift >= 0:
+            whole = tuple(int(x * 2**shift) for x in encoder.thresholds)
+    if whole is not None and max(whole) >= 2**30:
+        whole = None
+    return SendOnDeltaForm(
+        n_sensors, encoder.thresholds, whole, max(shift, 0), encoder.reference, encoder.polarity == "merged"
+    )
