@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from dse.recordings import RecordingError, npz
+from dse.recordings import RecordingError, arrays
 from dse.recordings.time_series import TimeSeries
 
 CUBE = np.arange(24, dtype=np.float64).reshape(2, 4, 3)
@@ -69,7 +69,7 @@ def test_a_cube_is_the_same_in_every_format(tmp_path: Path, kind: str) -> None:
 def test_a_cell_of_matrices_holds_recordings_of_different_lengths(tmp_path: Path) -> None:
     savemat(tmp_path / "x.mat", {"p": cells(np.ones((3, 2)), np.zeros((2, 2))), "v": [5.0, 7.0]})
     source = TimeSeries("x.mat", 4, "p", columns={"speed": "v"})
-    assert source.check(tmp_path) == [] and npz.headers(tmp_path / "x.mat")["p"] == (2, -1, 2)
+    assert source.check(tmp_path) == [] and arrays.headers(tmp_path / "x.mat")["p"] == (2, -1, 2)
     signals = source.read(tmp_path)
     assert signals.offsets.tolist() == [0, 3, 5] and signals.columns["speed"].tolist() == [5, 7]
     savemat(tmp_path / "x.mat", {"p": cells(np.ones((3, 2)), np.zeros((2, 3))), "v": [5.0, 7.0]})
@@ -97,10 +97,10 @@ def test_faults_name_the_file_and_what_is_wrong(tmp_path: Path) -> None:
     for name in ("x.npy", "x.mat", "x.h5"):
         (tmp_path / name).write_bytes(b"no such thing, but long enough" * 99)
         with pytest.raises(RecordingError, match=rf"{name}: the file cannot be read: it is not an? "):
-            npz.headers(tmp_path / name)
+            arrays.headers(tmp_path / name)
         (tmp_path / name).write_bytes(b"")
         with pytest.raises(RecordingError, match=f"{name}: the file is empty"):
-            npz.load(tmp_path / name, ["array"])
+            arrays.load(tmp_path / name, ["array"])
     np.save(tmp_path / "x.npy", CUBE)
     np.save(tmp_path / "y.npy", NAMES[:1])
     source = TimeSeries("x.npy", 4, "array", labels="y.npy", columns={"fabric": "array"})

@@ -86,20 +86,20 @@ def _with(frame, column, row, value):
         ({"samples": SAMPLES[:0]}, "x.csv: the table has no rows"),
         (
             {"samples": _with(SAMPLES, "t", 0, -10)},
-            "time must be >= 0 ms, got -10 in sample 0 of recording 'b'",
+            "recording 'b': all channels must have times .* step_ms = 10 ms, got -10, 10 in sample 1",
         ),
         (
             {"samples": _with(SAMPLES, "t", 3, 40)},
-            "by step_ms = 10 ms, got 10 and 40 in sample 2 of recording 'b'",
+            "by step_ms = 10 ms, got 10, 40 in sample 2",
         ),
-        ({"samples": SAMPLES[::-1]}, "by step_ms = 10 ms, got 10 and 0 in sample 1 of recording 'a'"),
+        ({"samples": SAMPLES[::-1]}, "recording 'a': times must rise, got 10 ms and then 0 ms in sample 1"),
         ({"samples": SAMPLES.drop(columns="right")}, "x.csv: no column 'right'; known: id, t, left"),
         (
             {"labels": LABELS.rename(columns={"cloth": "cloths"})},
             "labels.csv: no column 'cloth'; .*Did you mean 'cloths'",
         ),
         ({"labels": pd.concat([LABELS, LABELS[:1]])}, "labels.csv: recording 'a' has more than one row"),
-        ({"labels": _with(LABELS, "cloth", 1, None)}, "labels.csv: 'cloth' is empty for recording 'b'"),
+        ({"labels": _with(LABELS, "cloth", 1, None)}, "labels.csv: 'cloth' is empty in line 3"),
     ],
 )
 def test_each_fault_is_one_clear_line(tmp_path, tables, message):
@@ -115,7 +115,7 @@ def test_each_fault_is_one_clear_line(tmp_path, tables, message):
         ("x.csv", b"", "x.csv: the file is empty"),
         ("x.csv", b'id,t,left,right\na,"b', "x.csv: the file cannot be read"),
         ("x.parquet", b"PAR1 and no more", "x.parquet: the file cannot be read"),
-        ("x.txt", b"id", "x.txt: a table must be a .csv or .parquet file"),
+        ("x.txt", b"id", "x.txt: the file cannot be read"),
     ],
 )
 def test_unreadable_files(tmp_path, name, content, message):
@@ -205,7 +205,7 @@ def test_a_label_that_changes_within_a_recording_is_named_with_its_line(tmp_path
 def test_uneven_times_are_a_fault_or_are_interpolated_with_a_note(tmp_path):
     TIDY.assign(id=list("aaabb"), seconds=[0, 0.01, 0.04, 0, 0.01]).to_csv(tmp_path / "x.csv")
     source = Table("x.csv", 10, ("left",), "id", time="seconds", time_unit="s")
-    with pytest.raises(RecordingError, match=r"must rise by step_ms = 10 ms.*data\.resample: linear"):
+    with pytest.raises(RecordingError, match=r"must have times that rise .*data\.resample: linear"):
         source.read(tmp_path)
     signals = dataclasses.replace(source, resample="linear").read(tmp_path)
     assert signals.offsets.tolist() == [0, 5, 7]
