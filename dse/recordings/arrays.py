@@ -43,6 +43,8 @@ Described = Mapping[str, tuple[tuple[int, ...], "np.dtype[Any]"]]
 _KINDS = {".npz": "an .npz", ".npy": "a NumPy .npy", ".mat": "a MATLAB", ".h5": "an HDF5", ".hdf5": "an HDF5"}
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MATLAB_HEADER = 512  # bytes before the HDF5 part of a MATLAB 7.3 file
+_MATRIX, _COMPRESSED = 14, 15  # types of the elements of a MATLAB file; those of numbers and texts:
+_MATLAB_TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18)
 _SEPARATORS = (b",", b";", b"\t")
 _HEAD_BYTES = 1 << 16
 _POINT = re.compile(rb"(?<![\d.])\d+\.\d+(?![\d.])")  # of a number, not of a date
@@ -217,9 +219,9 @@ def _matlab(path: Path, names: list[str] | None) -> dict[str, Array]:
 
 
 def _is_intact(path: Path) -> bool:
-    """Return whether all elements of a MATLAB file are compressed, with the right check sum.
+    """Return whether a MATLAB file holds compressed arrays of numbers and texts alone, with right check sums.
 
-    scipy may crash the process on damaged bytes, so other files are first read by a process of their own.
+    scipy may crash the process on damaged types, so other files are first read by a process of their own.
     """
     data, at = path.read_bytes(), 128
     order: Literal["big", "little"] = "big" if data[126:128] == b"MI" else "little"
@@ -227,12 +229,25 @@ def _is_intact(path: Path) -> bool:
         kind, size = (int.from_bytes(data[at + k : at + k + 4], order) for k in (0, 4))
         stream, at = zlib.decompressobj(), at + 8 + size
         try:
-            stream.decompress(data[at - size : at], max(UNCOMPRESSED_BYTES, MOST_COMPRESSION * size))
+            most = max(UNCOMPRESSED_BYTES, MOST_COMPRESSION * size)
+            element = stream.decompress(data[at - size : at], most)
         except zlib.error:
             return False
-        if kind != 15 or at > len(data) or not stream.eof:
+        if kind != _COMPRESSED or at > len(data) or not stream.eof or not _is_plain(element, order):
             return False
     return True
+
+
+def _is_plain(element: bytes, order: Literal["big", "little"]) -> bool:
+    """Return whether a matrix consists of parts of known types, none of which is a matrix itself."""
+    at = 8
+    while at + 8 <= len(element):
+        kind, size = (int.from_bytes(element[at + k : at + k + 4], order) for k in (0, 4))
+        is_small = kind >> 16 > 0  # up to four bytes lie in the tag itself
+        if kind & 0xFFFF not in _MATLAB_TYPES:
+            return False
+        at += 8 if is_small else 8 + -(-size // 8) * 8
+    return at == len(element) and int.from_bytes(element[:4], order) == _MATRIX
 
 
 @functools.cache

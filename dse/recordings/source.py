@@ -144,10 +144,12 @@ class FileSource:
         Raises:
             RecordingError: the file cannot be read, or positions are given for another number of taxels.
         """
-        path = locate(self.file, base)
-        found = self._taxels(arrays.headers(path))
-        if not found or not found[0].size:
-            raise RecordingError(f"{path.name}: {self._no_channel()}")
+        found = self._taxels({})  # where the keys tell, no file is read
+        if found is None:
+            path = locate(self.file, base)
+            found = self._taxels(arrays.headers(path))
+            if found is None or not found[0].size:
+                raise RecordingError(f"{path.name}: {self._no_channel()}")
         return taxel_positions(self.positions, *found)
 
     def _no_channel(self) -> str:

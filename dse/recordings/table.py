@@ -15,13 +15,18 @@ from dse.recordings.arrays import complete, numbers
 from dse.recordings.borders import end_to_end
 from dse.recordings.files import locate
 from dse.recordings.labels import label_columns
-from dse.recordings.positions import position_faults, positions_key, taxel_positions
+from dse.recordings.positions import position_faults, positions_key
 from dse.recordings.source import FileSource, columns_key, file_key, in_a_row
 from dse.records import Array, Floats, Ints, Signals
 from dse.registry import param, register
 
 UNITS_MS = {"s": 1000.0, "ms": 1.0, "us": 1e-3}
 
+Rows = tuple[Ints, list[str], Floats | None, Floats]
+"""The series of each row and the names of the series, times (row,) in ms, and values (row, column).
+
+The series of a recording are its channels if each has times of its own, else one, named ''.
+"""
 Series = tuple[Floats, Floats]
 """Times (sample,) in ms, which rise, and values (sample, channel)."""
 
@@ -70,21 +75,8 @@ class _Samples(FileSource):
     def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
         return in_a_row(len(self.channels))
 
-    def channel_positions(self, base: Path) -> Ints:
-        """Return x, y and plane 0 of every channel, which is a taxel; no file is read."""
-        n = len(self.channels)
-        return taxel_positions(self.positions, np.arange(n), np.zeros(n, np.int64))
-
-    def _series(
-        self, values: Mapping[str, Array], path: Path
-    ) -> tuple[Ints, list[str], Floats | None, Floats]:
-        """Return the number of each row's series in its recording, the names of the series, times, values.
-
-        The series of a recording are its channels if each has times of its own, else one, named ''.
-
-        Returns:
-            (row,) numbers, names, (row,) times in ms or None, and (row, column) values.
-        """
+    def _series(self, values: Mapping[str, Array], path: Path) -> Rows:
+        """Return what the rows of the table say."""
         raise NotImplementedError
 
     def read(self, base: Path) -> Signals:
@@ -232,9 +224,7 @@ class Table(_Samples):
         named = (self.recording, self.time_ms, self.time, *self.channels)
         return [name for name in named if name is not None]
 
-    def _series(
-        self, values: Mapping[str, Array], path: Path
-    ) -> tuple[Ints, list[str], Floats | None, Floats]:
+    def _series(self, values: Mapping[str, Array], path: Path) -> Rows:
         samples = np.stack([numbers(values[name], name, path) for name in self.channels], axis=1)
         time = self.time_ms or self.time
         times = None if time is None else numbers(values[time], time, path) * UNITS_MS[self.time_unit or "ms"]
@@ -277,9 +267,7 @@ class LongTable(_Samples):
     def _names(self) -> list[str]:
         return [name for name in (self.recording, self.time, self.channel, self.value) if name is not None]
 
-    def _series(
-        self, values: Mapping[str, Array], path: Path
-    ) -> tuple[Ints, list[str], Floats | None, Floats]:
+    def _series(self, values: Mapping[str, Array], path: Path) -> Rows:
         number = {name: k for k, name in enumerate(self.channels)}
         names = _named(values[self.channel], self.channel, path)
         if strange := next((name for name in names if name not in number), None):
