@@ -108,20 +108,6 @@ def test_published_recordings(shared_data, monkeypatch):
     assert (matrix.width, matrix.height) == (10, 10) and len(times(matrix, 0)) == 2346
 
 
-@pytest.mark.parametrize(
-    ("pattern", "frame", "n"),
-    [
-        ("*.dat", (78, 42), 2009),
-        ("*.bin", None, 4325),
-        ("*evt3*.npz", (1280, 720), 219596),
-    ],
-)
-def test_other_published_formats(shared_data, pattern, frame, n):
-    width, height = frame or (None, None)
-    found = EventFiles("native_event_files", pattern, width=width, height=height).read(shared_data)
-    assert sum(len(block.t_us) for block in found.blocks(0)) == n
-
-
 def _edited(column, row, value):
     frame = LABELS.copy()
     frame[column] = frame[column].astype(object)

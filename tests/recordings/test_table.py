@@ -1,5 +1,6 @@
 import dataclasses
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -44,11 +45,13 @@ def test_a_long_table_is_grouped_by_recording(tmp_path):
     assert signals.columns["fabric"].dtype.kind == "U"
 
 
-def test_parquet_holds_the_same(tmp_path):
+@pytest.mark.parametrize("ending", ["parquet", "npz"])
+def test_other_files_hold_the_same(tmp_path, ending):
     save(tmp_path)
-    SAMPLES.to_parquet(tmp_path / "x.parquet")
-    LABELS.to_parquet(tmp_path / "labels.parquet")
-    source = Table("x.parquet", 10, ("left", "right"), "id", "t", "labels.parquet", SOURCE.columns)
+    for name, table in (("x", SAMPLES), ("labels", LABELS)):
+        table.to_parquet(tmp_path / f"{name}.parquet")
+        np.savez(tmp_path / f"{name}.npz", **{column: table[column].tolist() for column in table})
+    source = Table(f"x.{ending}", 10, ("left", "right"), "id", "t", f"labels.{ending}", SOURCE.columns)
     assert source.check(tmp_path) == []
     a, b = SOURCE.read(tmp_path), source.read(tmp_path)
     assert (a.values == b.values).all() and (a.offsets == b.offsets).all()
