@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from dse.dataset import cache
-from dse.dataset.files import write_dataset, write_spikes
+from dse.dataset.files import Meta, write_dataset, write_spikes
 from dse.dataset.parts import Part, Rows
 from dse.records import Array, Dataset
+from dse.store import heads_document
 
 
 def in_a_row(n_channels: int) -> Array:
@@ -41,7 +42,9 @@ def save(data: Dataset, folder: Path) -> None:
     split = data.train, data.validation, data.test
 
     def fill(place: Path) -> None:
-        write_dataset(place, beside.name, data.target, data.classes, split, {}, ["too easy"], data.heads)
+        meta = Meta(spikes=beside.name, classes=list(data.classes), fitted={}, warnings=["too easy"],
+                    heads=heads_document(data.heads), transductive="")  # fmt: skip
+        write_dataset(place, data.target, split, meta)
 
     cache.made(beside.parent, beside.name, lambda place: write_spikes([part_of(data)], place))
     cache.made(folder.parent, folder.name, fill)

@@ -7,8 +7,6 @@ Each function returns section `data` of a search space. Workers, bundles and lat
 which is named by its contents unless a name is given.
 """
 
-from dse.data.events import from_events
-from dse.data.samples import from_dataset
-from dse.data.signals import from_arrays
+from dse.data.given import from_arrays, from_dataset, from_events
 
 __all__ = ["from_arrays", "from_dataset", "from_events"]

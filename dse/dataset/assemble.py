@@ -14,7 +14,7 @@ import numpy as np
 from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Target, Window
 from dse.dataset import cache, encoding
-from dse.dataset.files import Stored, joined, load, read_meta, read_spikes, write_dataset, write_spikes
+from dse.dataset.files import Meta, Stored, joined, load, read_meta, read_spikes, write_dataset, write_spikes
 from dse.dataset.keys import dataset_key, spikes_key, widened
 from dse.dataset.parts import (
     Part,
@@ -36,6 +36,7 @@ from dse.recordings.splits import leak, split
 from dse.recordings.targets import heads, in_use, target, target_columns
 from dse.recordings.windows import chosen
 from dse.records import Array, Bools, Dataset, Ints, Signals, Spikes
+from dse.store import heads_document
 
 _ROUNDING = 0.1  # share of spikes that the rounding of levels may move
 _FEW = 64  # recordings that tell whether spikes follow the level
@@ -176,11 +177,16 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
         traps += shifts_described(
             stored.start, (stored.low, stored.high), codes, classes, validation, shifts, jitter
         )
-    write_dataset(
-        folder, name, np.concatenate(targets), classes, (train, validation, test),
-        fitted.fitted_since(design), [*stored.notes, *traps], joint, "; ".join(filter(None, reasons)),
-        jitter_steps, out,
+    meta = Meta(
+        spikes=name, classes=list(classes), fitted=fitted.fitted_since(design),
+        warnings=[*stored.notes, *traps], heads=heads_document(joint),
+        transductive="; ".join(filter(None, reasons)),
     )  # fmt: skip
+    if jitter_steps is not None:
+        meta["jitter_steps"] = jitter_steps
+    if out:
+        meta["left_out"] = [{"column": x.column, "values": list(x.values)} for x in out]
+    write_dataset(folder, np.concatenate(targets), (train, validation, test), meta)
 
 
 def _follow_levels(recordings: Recordings, design: Sections, samples: Ints) -> bool:

@@ -16,22 +16,14 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import json
 import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from dse.store import (
-    Damaged,
-    StoreError,
-    atomic,
-    checksum,
-    is_temporary,
-    read_json,
-    remove,
-    write_sealed_json,
-)
+from dse.store import atomic, checksum, is_held, is_temporary, remove
 
 MOST_GIB = 20.0
 """Limit where DSE_CACHE_GIB is not set, or a tenth of the disk if that is less."""
@@ -42,6 +34,7 @@ EVICTABLE_AFTER_S = 24 * 3600.0
 _LOCK = ".lock"
 _ENTRY = "entry.json"
 
+_ABSENT = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
 _intact: set[Path] = set()  # entries whose checksums this process has checked
 
 
@@ -95,7 +88,6 @@ def find(root: Path, key: str) -> Path | None:
 
     Raises:
         OSError: the root cannot be written, or a file cannot be read now.
-        StoreError: as OSError, of `entry.json`.
     """
     folder = root / key
     if not folder.is_dir():
@@ -117,7 +109,7 @@ def _is_intact(folder: Path, files: Mapping[str, tuple[int, str]]) -> bool:
             if any(checksum(folder / name) != digest for name, (_, digest) in files.items()):
                 return False
             _intact.add(folder)
-    except (FileNotFoundError, IsADirectoryError):
+    except _ABSENT:
         return False
     return True
 
@@ -151,7 +143,7 @@ def made(root: Path, key: str, fill: Callable[[Path], None]) -> Path:
         files = {
             path.name: [path.stat().st_size, checksum(path)] for path in part.iterdir() if path.name != _LOCK
         }
-        write_sealed_json(part / _ENTRY, {"key": key, "files": files})
+        (part / _ENTRY).write_text(json.dumps({"key": key, "files": files}), encoding="utf-8")
     _intact.discard(root / key)  # the entry of another process may be in its place
     tidy(root)
     return root / key
@@ -171,26 +163,26 @@ def tidy(root: Path) -> None:
         ValueError: from `limit_bytes`.
     """
     root.mkdir(parents=True, exist_ok=True)
-    limit = limit_bytes(root)
+    limit, now_s = limit_bytes(root), time.time()
     with _locked(root):
-        abandoned = [path for path in root.iterdir() if is_temporary(path) and not _is_locked(path)]
+        abandoned = [path for path in root.iterdir() if is_temporary(path) and is_held(path) is False]
     for part in abandoned:
         remove(part)
     # A folder without a readable `entry.json` is no entry: whatever else a user stores here stays.
-    sizes = {path: _size(path) for path in root.iterdir() if path.name[0] != "."}
-    entries = {path: size for path, size in sizes.items() if size is not None}
-    now_s = time.time()
-    last_use_s = {path: _last_use_s(path) for path in entries}
-    for path in [path for path, used_s in last_use_s.items() if used_s > now_s]:
-        mark_used(path)  # the clock was set back: it would never be evicted
-        last_use_s[path] = now_s
-    excess = sum(entries.values()) - limit
-    evictable_s = now_s - EVICTABLE_AFTER_S
-    for path in sorted(entries, key=last_use_s.__getitem__):
-        if excess <= 0 or last_use_s[path] > evictable_s:
+    sizes, last_use_s = {}, {}
+    for path in (path for path in root.iterdir() if path.name[0] != "."):
+        with contextlib.suppress(OSError):  # nobody knows, or another process is removing it
+            if (files := _files(path)) is not None:
+                used_s = (path / _ENTRY).stat().st_mtime
+                if used_s > now_s:
+                    mark_used(path)  # the clock was set back: it would never be evicted
+                sizes[path], last_use_s[path] = sum(size for size, _ in files.values()), min(used_s, now_s)
+    excess = sum(sizes.values()) - limit
+    for path in sorted(sizes, key=last_use_s.__getitem__):
+        if excess <= 0 or last_use_s[path] > now_s - EVICTABLE_AFTER_S:
             break
         remove(path)
-        excess -= entries[path]
+        excess -= sizes[path]
 
 
 @contextlib.contextmanager
@@ -204,49 +196,18 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _is_locked(folder: Path) -> bool:
-    try:
-        handle = os.open(folder / _LOCK, os.O_RDWR)
-    except (FileNotFoundError, NotADirectoryError):  # its writer died before, or it is being removed
-        return False
-    except OSError:  # such as for lack of file descriptors: nobody knows
-        return True
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(handle)
-    return False
-
-
 def _files(folder: Path) -> dict[str, tuple[int, str]] | None:
     """Return the sizes and the checksums that an entry's files must have; None where it does not state them.
 
+    What is wrong in `entry.json` contradicts the files, so it needs no checksum of its own.
+
     Raises:
-        StoreError: `entry.json` cannot be read now.
+        OSError: `entry.json` cannot be read now.
     """
     try:
-        entry = read_json(folder / _ENTRY, needs_seal=True)
+        entry = json.loads((folder / _ENTRY).read_text(encoding="utf-8"))
         if entry["key"] != folder.name:
             return None
         return {str(name): (int(size), str(digest)) for name, (size, digest) in entry["files"].items()}
-    except (Damaged, KeyError, ValueError, AttributeError, TypeError):
+    except (*_ABSENT, KeyError, ValueError, AttributeError, TypeError, RecursionError):
         return None
-
-
-def _size(folder: Path) -> int | None:
-    """Return the size of an entry; None for what is none, and where nobody knows."""
-    try:
-        files = _files(folder)
-    except StoreError:
-        return None
-    return None if files is None else sum(size for size, _ in files.values())
-
-
-def _last_use_s(folder: Path) -> float:
-    """Return when an entry was last used; 0 where another process is removing it."""
-    try:
-        return (folder / _ENTRY).stat().st_mtime
-    except FileNotFoundError:
-        return 0.0

@@ -20,12 +20,11 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import DTypeLike
 
-from dse.config.resolved import LeftOut
 from dse.config.yaml_lines import Raw
 from dse.dataset.parts import Part, Progress, silent
 from dse.recordings import RecordingError
 from dse.records import Array, Dataset, Head, Spikes
-from dse.store import heads_document, heads_of
+from dse.store import heads_of
 
 _META = "meta.json"
 _ABSENT = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
@@ -44,7 +43,16 @@ class _Required(TypedDict):
 
 
 class Meta(_Required, total=False):
-    """What `meta.json` of a data set holds; the meaning of each key is that of `write_dataset`."""
+    """What `meta.json` of a data set holds.
+
+    spikes: name of the folder of its spikes. classes: names of the codes.
+    fitted: section -> its keys that were fitted to the recordings, as plain data.
+    warnings: what is suspicious about the recordings.
+    heads: parts of a joint target (`dse.store.heads_document`).
+    transductive: why an evaluation of these spikes has seen its own answers; '' where it has not.
+    jitter_steps: how far training windows move, where the spikes have room for more.
+    left_out: groups that are to be left out of training in turn: `column` and `values`.
+    """
 
     jitter_steps: int
     left_out: list[dict[str, Any]]
@@ -139,56 +147,22 @@ def read_spikes(folder: Path) -> Stored:
         return Stored(spikes, **arrays, n_steps=meta["n_steps"], levels=levels, notes=meta["notes"])
 
 
-def write_dataset(
-    folder: Path,
-    spikes: str,
-    target: Array,
-    classes: Sequence[str],
-    split: tuple[Array, Array, Array],
-    fitted: Mapping[str, Mapping[str, Raw]],
-    warnings: Sequence[str],
-    heads: Sequence[Head] = (),
-    transductive: str = "",
-    jitter_steps: int | None = None,
-    left_out: Sequence[LeftOut] = (),
-) -> None:
-    """Write everything of a data set but its spikes.
+def write_dataset(folder: Path, target: Array, split: tuple[Array, Array, Array], meta: Meta) -> None:
+    """Write everything of a data set but its spikes to an empty folder.
 
     Args:
         folder: empty.
-        spikes: name of the folder of its spikes.
         target: (n,) codes.
-        classes: names of the codes.
         split: train, validation and test indices.
-        fitted: section -> its keys that were fitted to the recordings, as plain data.
-        warnings: what is suspicious about the recordings.
-        heads: parts of a joint target.
-        transductive: why an evaluation of these spikes has seen its own answers; '' where it has not.
-        jitter_steps: how far training windows move, where the spikes have room for more; None: as far.
-        left_out: groups that are to be left out of training in turn.
+        meta: what `read_meta` is to return.
     """
-    more: dict[str, Raw] = {} if jitter_steps is None else {"jitter_steps": jitter_steps}
-    if left_out:
-        more["left_out"] = [{"column": x.column, "values": list(x.values)} for x in left_out]
     for name, array in zip(_OF_DATASET, (target, *split), strict=True):
         np.save(folder / f"{name}.npy", array.astype(np.int64))
-    _write_meta(
-        folder,
-        {
-            "schema": "dse/dataset/3",
-            "spikes": spikes,
-            "classes": list(classes),
-            "fitted": {section: dict(keys) for section, keys in fitted.items()},
-            "warnings": list(warnings),
-            "heads": heads_document(heads),
-            "transductive": transductive,
-            **more,
-        },
-    )
+    _write_meta(folder, {"schema": "dse/dataset/3", **meta})
 
 
 def read_meta(folder: Path) -> Meta:
-    """Return what a data set's `meta.json` holds, as `write_dataset` was given it.
+    """Return what a data set's `meta.json` holds.
 
     Raises:
         RecordingError: there is none, or a damaged one.
@@ -260,7 +234,7 @@ def _growing(path: Path, dtype: DTypeLike) -> Iterator[Callable[[Array], None]]:
         assert file.tell() == begin
 
 
-def _write_meta(folder: Path, meta: Mapping[str, Raw]) -> None:
+def _write_meta(folder: Path, meta: Mapping[str, object]) -> None:
     (folder / _META).write_text(json.dumps(meta, indent=1), encoding="utf-8")
 
 

@@ -15,7 +15,7 @@ from dse.dataset.assemble import New
 from dse.deploy.classifier import BundleError, Classifier
 from dse.deploy.decide import decided
 from dse.models.snn.respond import spikes_of_layers
-from dse.recordings import RecordingError, npz
+from dse.recordings import RecordingError, arrays
 from dse.recordings.event_files import EventFiles
 from dse.recordings.events import EventFile
 from dse.recordings.scene import COLUMNS, SceneTrials
@@ -158,9 +158,9 @@ def source_at(path: Path, data: Source) -> Source:
     if isinstance(data, SceneTrials):
         if path.suffix in (".yaml", ".yml"):
             return dataclasses.replace(data, scene=str(path))
-        if path.suffix == ".npz" and "offsets" in npz.headers(path):
+        if path.suffix == ".npz" and "offsets" in arrays.headers(path):
             # As `dse simulate` writes them: several recordings, the frame beside them.
-            frame = npz.load(path, ("width", "height"))
+            frame = arrays.load(path, ("width", "height"))
             return EventFile(
                 file=str(path),
                 width=int(frame["width"]),

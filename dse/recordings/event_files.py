@@ -13,31 +13,33 @@ Memory holds names, formats and labels alone: the events of a recording are read
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, Self
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any, ClassVar, Self
 
-from dse.recordings import RecordingError
-from dse.recordings.file_labels import (
-    FOLDER,
-    Labelled,
-    folder_columns,
-    labels_of_folders,
-    labels_of_table,
-    table_files,
-)
+import numpy as np
+
+from dse.config.faults import known_names
+from dse.recordings import RecordingError, arrays
 from dse.recordings.files import content, locate
-from dse.recordings.folder_events import LEFT_OUT, FolderEvents, unusable
 from dse.recordings.folders import by_path, content_of, files_below
-from dse.recordings.formats import Format, detect, named
+from dse.recordings.formats import Format, Repairs, checked, detect, named
 from dse.recordings.formats.arrays import UNITS_US, USUAL
-from dse.recordings.labels import columns_key
-from dse.recordings.tables import column_names
+from dse.recordings.labels import label_columns
+from dse.recordings.source import columns_key
+from dse.records import Array, Block, FrontEnd
 from dse.registry import Rule, param, register
 
 AUTO = "auto"
 
+LEFT_OUT = "--repair skips the file"
+FILE = "file"
+"""Column of a label table with the path of a row's file."""
+FOLDER = "folder"
+
 _MOST_NAMED = 5
+_MOST_NOTES = 50
 
 
 def _arrays_key() -> Any:
@@ -134,8 +136,8 @@ class EventFiles:
             _, table, names = self._files(base)
             if self.label_from is not None:
                 known = folder_columns(names)
-            elif table is not None and set(names).intersection(table_files(table)):
-                known = column_names(table)
+            elif table is not None and set(names).intersection(_table_files(table)):
+                known = arrays.column_names(table)
         except RecordingError:
             pass
         columns = {column: name for column, name in self.columns.items() if name in known}
@@ -160,28 +162,23 @@ class EventFiles:
         Raises:
             RecordingError: anything wrong with names, label table and headers.
         """
-        examined = self._examined(base)
-        for fault in examined.faults:
+        whole = self._examined(base)
+        for fault in whole.faults:
             raise RecordingError(fault)
-        left_out = dict(examined.left_out)
+        left_out = dict(whole.left_out)
         if self.repair:
-            for name, file_format in examined.formats.items():
-                if (reason := unusable(examined.folder, name, file_format, examined.frame)) is not None:
-                    left_out[name] = reason
-        usable = [i for i, name in enumerate(examined.labelled.names) if name not in left_out]
+            found = {name: whole.unusable(name) for name in whole.formats}
+            left_out |= {name: why for name, why in found.items() if why is not None}
+        usable = [i for i, name in enumerate(whole.names) if name not in left_out]
         if not usable:
             raise RecordingError(
                 f"{self.folder}: no file is usable; the first fault: {min(left_out.values())}"
             )
-        names = [examined.labelled.names[i] for i in usable]
-        return FolderEvents(
-            *examined.frame,
-            columns={column: values[usable] for column, values in examined.labelled.columns.items()},
-            folder=examined.folder,
-            names=tuple(names),
-            formats=tuple(examined.formats[name] for name in names),
-            repair=self.repair,
-            left_out=tuple(left_out.values()),
+        return dataclasses.replace(
+            whole,
+            names=tuple(whole.names[i] for i in usable),
+            columns={column: values[usable] for column, values in whole.columns.items()},
+            left_out=left_out,
         )
 
     def _files(self, base: Path) -> tuple[Path, Path | None, list[str]]:
@@ -199,53 +196,40 @@ class EventFiles:
         same = {name for name in names if name.endswith(table.name) and (folder / name).samefile(table)}
         return folder, table, [name for name in names if name not in same]
 
-    def _examined(self, base: Path) -> _Examined:
-        """Return everything that is known without reading events."""
+    def _examined(self, base: Path) -> FolderEvents:
+        """Return everything that is known without reading events, with what is wrong with it."""
         try:
             folder, table, names = self._files(base)
             if not names:
                 raise RecordingError(f"{self.folder}: no file in it matches the pattern '{self.pattern}'")
         except RecordingError as error:
-            return _Examined(Path(), Labelled([]), {}, {}, (0, 0), [str(error)])
-        labelled = Labelled(names)
+            return FolderEvents(0, 0, {}, Path(), (), {}, self.repair, faults=[str(error)])
+        faults: list[str] = []
+        columns: dict[str, Array] = {}
         if table is not None:
-            labelled = labels_of_table(names, table, self.columns)
+            names, columns, faults = labels_of_table(names, table, self.columns)
         elif self.label_from is not None:
-            labelled = labels_of_folders(names, self.columns)
-        formats, frames, left_out = self._headers(folder, names)
-        faults = list(labelled.faults)
+            columns, faults = labels_of_folders(names, self.columns)
+        formats: dict[str, Format] = {}
+        frames: dict[str, tuple[int, int] | None] = {}
+        left_out: dict[str, str] = {}
+        for name in names:
+            try:
+                form: Any = detect(folder / name) if self.format == AUTO else named(self.format)
+                keys = {key: getattr(self, key) for key in ("arrays", "time_unit") if hasattr(form, key)}
+                formats[name] = dataclasses.replace(form, **keys)
+                frames[name] = formats[name].frame(folder / name)
+            except RecordingError as error:
+                formats.pop(name, None)
+                left_out[name] = f"{by_path(error, name)}; {LEFT_OUT}"
         if not (self.repair and formats):
             faults += list(left_out.values())[:_MOST_NAMED]
             if len(left_out) > _MOST_NAMED:
                 faults.append(f"{self.folder}: {len(left_out) - _MOST_NAMED} more files of the same kind")
         frame = self._frame(frames, faults) if frames else (0, 0)
-        return _Examined(folder, labelled, formats, left_out, frame, faults)
-
-    def _headers(
-        self, folder: Path, names: list[str]
-    ) -> tuple[dict[str, Format], dict[str, tuple[int, int] | None], dict[str, str]]:
-        """Return what reads each file, the frame that each states, and why others cannot be read."""
-        formats: dict[str, Format] = {}
-        frames: dict[str, tuple[int, int] | None] = {}
-        left_out: dict[str, str] = {}
-        of_key = None if self.format == AUTO else self._set_up(named(self.format))
-        one_of_each: dict[type, Format] = {}  # one object for each kind, not for each file
-        for name in names:
-            try:
-                file_format = of_key or self._set_up(detect(folder / name))
-                file_format = one_of_each.setdefault(type(file_format), file_format)
-                frames[name] = file_format.frame(folder / name)
-                formats[name] = file_format
-            except RecordingError as error:
-                left_out[name] = f"{by_path(error, name)}; {LEFT_OUT}"
-        return formats, frames, left_out
-
-    def _set_up(self, file_format: Any) -> Format:
-        """Return a format with those keys of this component that it has."""
-        settings = {key.name for key in dataclasses.fields(file_format)}
-        keys = {key: getattr(self, key) for key in ("arrays", "time_unit") if key in settings}
-        set_up: Format = dataclasses.replace(file_format, **keys)
-        return set_up
+        return FolderEvents(
+            *frame, columns, folder, tuple(names), formats, self.repair, left_out, faults=faults
+        )
 
     def _frame(self, frames: Mapping[str, tuple[int, int] | None], faults: list[str]) -> tuple[int, int]:
         """Return the frame of all files; where they contradict each other or the keys, that is a fault."""
@@ -270,20 +254,157 @@ class EventFiles:
         return next(iter(stated), (0, 0))
 
 
-@dataclasses.dataclass(frozen=True)
-class _Examined:
-    """What names, labels and headers say.
-
-    formats: what reads each file. left_out: why other files cannot be read.
-    """
-
-    folder: Path
-    labelled: Labelled
-    formats: Mapping[str, Format]
-    left_out: Mapping[str, str]
-    frame: tuple[int, int]
-    faults: list[str]
-
-
 def _by(frame: tuple[int, int]) -> str:
     return f"{frame[0]} x {frame[1]}"
+
+
+@dataclasses.dataclass(frozen=True)
+class FolderEvents:
+    """Event recordings of files, which are read on request; recording i is the file `names[i]` of `folder`.
+
+    width, height: the frame of all of them.
+    columns: label columns, each (n,).
+    formats: name -> what reads the file.
+    repair: whether damaged files are repaired; else they raise an error.
+    left_out: name -> why the file was left out, one sentence.
+    faults: what names, labels and headers show to be wrong.
+    """
+
+    width: int
+    height: int
+    columns: Mapping[str, Array]
+    folder: Path
+    names: tuple[str, ...]
+    formats: Mapping[str, Format]
+    repair: bool
+    left_out: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    faults: list[str] = dataclasses.field(default_factory=list)
+    front_end: ClassVar[FrontEnd | None] = "preprocessing"
+    simulated: ClassVar[bool] = False
+    _repaired: dict[int, list[str]] = dataclasses.field(default_factory=dict, init=False, compare=False)
+
+    @property
+    def n_recordings(self) -> int:
+        return len(self.names)
+
+    def blocks(self, i: int) -> Iterator[Block]:
+        """Yield the events of recording i; every call reads its file.
+
+        Raises:
+            RecordingError: the file is damaged and `repair` is false; the message names file and place.
+        """
+        repairs, whole = Repairs(self.names[i], self.repair), False
+        try:
+            yield from self._sound(self.names[i], repairs)
+            whole = True
+        finally:
+            # A reader that stops early has met only some of the faults.
+            if whole or i not in self._repaired:
+                self._repaired[i] = repairs.notes
+
+    def notes(self) -> list[str]:
+        """Return what was repaired in the files read so far: a sentence for each file and kind of fault."""
+        repaired = (note for i in sorted(self._repaired) for note in self._repaired[i])
+        notes = [*self.left_out.values(), *repaired]
+        more = len(notes) - _MOST_NOTES
+        return notes if more <= 0 else [*notes[:_MOST_NOTES], f"{self.folder.name}: {more} more repairs"]
+
+    def unusable(self, name: str) -> str | None:
+        """Return why a file holds no valid event, None if it holds one; reading stops at the first."""
+        repairs = Repairs(name, repair=True)
+        try:
+            if next(self._sound(name, repairs), None) is not None:
+                return None
+            why = repairs.notes[0].partition("; --repair")[0]
+        except RecordingError as error:
+            why = str(error)
+        return f"{why}; {LEFT_OUT}"
+
+    def _sound(self, name: str, repairs: Repairs) -> Iterator[Block]:
+        try:
+            blocks = self.formats[name].blocks(self.folder / name, repairs.broken)
+            yield from checked(blocks, self.width, self.height, repairs.broken)
+        except RecordingError as error:
+            raise RecordingError(by_path(error, name)) from None
+        except OSError as error:
+            raise RecordingError(f"{name}: cannot be read: {error.strerror or error}") from None
+
+
+# ---- labels
+
+
+def _table_files(path: Path) -> list[str]:
+    """Return the files that a label table names, in its order."""
+    names = arrays.complete(arrays.load(path, [FILE])[FILE], FILE, path)
+    return [PurePosixPath(str(name)).as_posix() for name in names.tolist()]
+
+
+def labels_of_table(
+    names: Sequence[str], path: Path, columns: Mapping[str, str]
+) -> tuple[list[str], dict[str, Array], list[str]]:
+    """Return the files in the order of a table's rows, their label columns, and what is wrong with these.
+
+    Args:
+        names: the files, for each of which there must be a row.
+        path: the table.
+        columns: label column -> its name in the table.
+    """
+    faults: list[str] = []
+    found: dict[str, Array] = {}
+    try:
+        known = arrays.column_names(path)
+        wanted = dict.fromkeys((FILE, *columns.values()))
+        faults += [arrays.missing(path, name, known) for name in wanted if name not in known]
+        if FILE not in known:
+            return list(names), {}, faults
+        order = _table_files(path)
+        values = arrays.load(path, [name for name in wanted if name in known])
+    except RecordingError as error:
+        return list(names), {}, [*faults, str(error)]
+    for rule, files in (
+        ("one row per file, got several for", [name for name, rows in Counter(order).items() if rows > 1]),
+        ("a file for every row, but there is none for", [x for x in dict.fromkeys(order) if x not in names]),
+        ("a row for every file, but there is none for", [x for x in names if x not in set(order)]),
+    ):
+        if files:
+            faults.append(f"{path.name}: must have {rule} {_some(files)}")
+    for name in values:
+        try:
+            found[name] = arrays.complete(values[name], name, path)
+        except RecordingError as error:
+            faults.append(str(error))
+    if faults:
+        return list(names), {}, faults
+    return order, label_columns(found, columns, {}, len(order), path.name), []
+
+
+def labels_of_folders(names: Sequence[str], columns: Mapping[str, str]) -> tuple[dict[str, Array], list[str]]:
+    """Return the names of the folders that files lie in as label columns, and what is wrong with these.
+
+    Args:
+        names: the files.
+        columns: label column -> `folder` that the file lies in, `folder2` that this one lies in, ...
+    """
+    known = folder_columns(names)
+    shallow = _some([name for name in names if name.count("/") == len(known)])
+    faults = [
+        f"data.columns: every file must lie in a folder '{name}', but {shallow} does not; "
+        f"{known_names(name, known)}"
+        for name in dict.fromkeys(columns.values())
+        if name not in known
+    ]
+    above = [name.split("/")[-2::-1] for name in names]
+    levels = {column: known.index(name) for column, name in columns.items() if name in known}
+    return {column: np.array([x[level] for x in above]) for column, level in levels.items()}, faults
+
+
+def folder_columns(names: Sequence[str]) -> list[str]:
+    """Return `folder`, `folder2`, ...: as many as every file lies in."""
+    depth = min((name.count("/") for name in names), default=0)
+    return [FOLDER if level == 1 else f"{FOLDER}{level}" for level in range(1, depth + 1)]
+
+
+def _some(names: Sequence[str]) -> str:
+    """Return the first names in quotes, and how many more there are."""
+    listed = ", ".join(f"'{name}'" for name in names[:_MOST_NAMED])
+    return listed if len(names) <= _MOST_NAMED else f"{listed} and {len(names) - _MOST_NAMED} more"

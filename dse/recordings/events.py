@@ -5,29 +5,25 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
-from dse.recordings import RecordingError, npz
+from dse.recordings import RecordingError, arrays
 from dse.recordings.borders import checked_offsets
-from dse.recordings.files import content, locate
-from dse.recordings.labels import class_names_key, columns_key, label_columns
+from dse.recordings.source import FileSource, class_names_key, columns_key, file_key
 from dse.records import Events, Ints
 from dse.registry import param, register
 
 
 @register("recordings", "events")
 @dataclasses.dataclass(frozen=True)
-class EventFile:
+class EventFile(FileSource):
     """Event recordings of an .npz file; recording i is events[offsets[i]:offsets[i+1]], which may be empty.
 
     An address is a pixel (`x`, `y`) or a `taxel`; polarity is 1 for ON and 0 for OFF.
     """
 
-    file: str = param(
-        doc="the .npz file: an absolute path, or relative to the YAML file or to $DSE_DATA", axis=False
-    )
+    file: str = file_key()
     width: int = param(doc="number of columns (or of taxels), addresses 0 to width - 1", low=1, axis=False)
     height: int = param(1, doc="number of rows, addresses 0 to height - 1", low=1, axis=False)
     t_us: str = param("t_us", doc="name of the array of time stamps, integers in microseconds", axis=False)
@@ -48,26 +44,12 @@ class EventFile:
             raise RecordingError("data must name the arrays of addresses: x (and y), or taxel")
 
     def _names(self) -> list[str]:
-        optional = [self.x, self.y, self.taxel, self.polarity]
-        arrays = [self.t_us, *(name for name in optional if name is not None), self.offsets]
-        return [*arrays, *self.columns.values(), *self.class_names.values()]
+        optional = (self.x, self.y, self.taxel, self.polarity)
+        return [self.t_us, *(name for name in optional if name is not None), self.offsets]
 
-    def _count(self, shapes: npz.Shapes) -> int | None:
-        shape = shapes.get(self.offsets, ())
+    def _count(self, shapes: arrays.Shapes) -> int | None:
+        shape = shapes.get(self.offsets)
         return shape[0] - 1 if shape else None
-
-    def check(self, base: Path) -> list[str]:
-        """Return what the file's headers show to be wrong."""
-        return npz.faults(self.file, base, self._names(), self.columns, self.class_names, self._count)
-
-    def with_columns_found(self, base: Path) -> Self:
-        """Return the component with only the label columns that its file holds."""
-        columns, class_names = npz.columns_found(self.file, base, self.columns, self.class_names)
-        return dataclasses.replace(self, columns=columns, class_names=class_names)
-
-    def content(self, base: Path) -> str:
-        """Return the hash of the file."""
-        return content(locate(self.file, base))
 
     def channel_positions(self, base: Path) -> None:
         """Return None: an event's position is its address."""
@@ -78,28 +60,25 @@ class EventFile:
         Raises:
             RecordingError: anything wrong with the file, naming recording and event.
         """
-        path = locate(self.file, base)
-        arrays = npz.load(path, self._names())
-        t_us = arrays[self.t_us]
+        path, values = self._loaded(base)
+        t_us = values[self.t_us]
         where = f"{path.name}: '{self.t_us}'"
         if t_us.ndim != 1:
             raise RecordingError(f"{where} must have one value per event, got shape {t_us.shape}")
-        borders = checked_offsets(arrays[self.offsets], len(t_us), where, may_be_empty=True)
+        borders = checked_offsets(values[self.offsets], len(t_us), where, may_be_empty=True)
         fields = {
             "t_us": t_us,
-            "x": arrays[self.taxel or self.x or ""],
-            "y": np.zeros(len(t_us), dtype=np.int32) if self.y is None else arrays[self.y],
-            "polarity": np.ones(len(t_us), dtype=np.uint8)
-            if self.polarity is None
-            else arrays[self.polarity],
+            "x": values[self.taxel or self.x or ""],
+            "y": np.zeros(len(t_us), np.int32) if self.y is None else values[self.y],
+            "polarity": np.ones(len(t_us), np.uint8) if self.polarity is None else values[self.polarity],
         }
-        for key, values in fields.items():
-            if values.shape != t_us.shape or values.dtype.kind not in "biu":
+        for key, array in fields.items():
+            if array.shape != t_us.shape or array.dtype.kind not in "biu":
                 raise RecordingError(
                     f"{path.name}: '{getattr(self, key) or self.taxel}' must be one integer for each of the "
-                    f"{len(t_us)} events, got {values.dtype} of shape {values.shape}"
+                    f"{len(t_us)} events, got {array.dtype} of shape {array.shape}"
                 )
-        wide = {key: values.astype(np.int64) for key, values in fields.items()}
+        wide = {key: array.astype(np.int64) for key, array in fields.items()}
         for fault in event_faults(**wide, offsets=borders, width=self.width, height=self.height):
             raise RecordingError(f"{path.name}: {fault}")
         return Events(
@@ -110,7 +89,7 @@ class EventFile:
             offsets=borders,
             width=self.width,
             height=self.height,
-            columns=label_columns(arrays, self.columns, self.class_names, len(borders) - 1, path.name),
+            columns=self._labelled(values, len(borders) - 1, path, base),
         )
 
 

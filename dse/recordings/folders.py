@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from dse.recordings import RecordingError
 from dse.recordings.files import content
 
-_MOST_NAMED = 5
-
 
 def files_below(folder: Path, pattern: str) -> list[str]:
     """Return the paths below a folder that match a pattern, sorted, with / between their parts.
 
-    Files and folders whose names begin with a dot are left out, and links to a folder that they lie in.
-    Folders in which nothing can match are not opened.
+    Files and folders whose names begin with a dot are left out, links to a folder that they lie in, and what
+    is no file, such as a pipe; a link to nothing is a file that cannot be read.
 
     Args:
         folder: an existing folder.
@@ -27,10 +25,36 @@ def files_below(folder: Path, pattern: str) -> list[str]:
     Raises:
         RecordingError: a folder cannot be read.
     """
-    about = folder.stat()
-    parts = PurePosixPath(pattern).parts
-    names = _below(folder, "", parts, ((about.st_dev, about.st_ino),))
-    return sorted(name for name in names if _fits(name.split("/"), parts))
+
+    def refuse(error: OSError) -> None:
+        raise RecordingError(f"{error.filename}: cannot be read: {error.strerror or error}")
+
+    parts, found = PurePosixPath(pattern).parts, []
+    above = {str(folder): {_identity(folder)}}  # of every folder, what it lies in and what it is
+    for place, folders, files in os.walk(folder, followlinks=True, onerror=refuse):
+        within = above[place]
+        paths = {name: os.path.join(place, name) for name in folders if not name.startswith(".")}
+        paths = {name: path for name, path in paths.items() if _identity(path) not in within}
+        folders[:] = paths
+        above |= {path: within | {_identity(path)} for path in paths.values()}
+        for name in (name for name in files if not name.startswith(".")):
+            path = os.path.join(place, name)
+            if os.path.isfile(path) or not os.path.exists(path):
+                found.append(os.path.relpath(path, folder).replace(os.sep, "/"))
+    return sorted(name for name in found if _fits(name.split("/"), parts))
+
+
+def _identity(path: str | Path) -> tuple[int, int]:
+    about = os.stat(path)
+    return about.st_dev, about.st_ino
+
+
+def _fits(names: Sequence[str], pattern: Sequence[str]) -> bool:
+    if not pattern:
+        return not names
+    if pattern[0] == "**":
+        return _fits(names, pattern[1:]) or (bool(names) and _fits(names[1:], pattern))
+    return bool(names) and fnmatchcase(names[0], pattern[0]) and _fits(names[1:], pattern[1:])
 
 
 def content_of(folder: Path, names: Iterable[str]) -> str:
@@ -50,50 +74,5 @@ def content_of(folder: Path, names: Iterable[str]) -> str:
 
 def by_path(error: RecordingError, name: str) -> str:
     """Return a sentence about a file with its path below the folder in place of its bare name."""
-    bare = name.rpartition("/")[2]
-    text = str(error)
+    bare, text = name.rpartition("/")[2], str(error)
     return text if text.startswith(f"{name}: ") else f"{name}: {text.removeprefix(f'{bare}: ')}"
-
-
-def some(names: Sequence[str]) -> str:
-    """Return the first names in quotes, and how many more there are."""
-    listed = ", ".join(f"'{name}'" for name in names[:_MOST_NAMED])
-    return listed if len(names) <= _MOST_NAMED else f"{listed} and {len(names) - _MOST_NAMED} more"
-
-
-def _below(
-    folder: Path, above: str, pattern: Sequence[str], within: tuple[tuple[int, int], ...]
-) -> Iterator[str]:
-    """Yield the paths of the files below a folder; `within` are the folders that it lies in."""
-    try:
-        entries = [entry for entry in os.scandir(folder) if not entry.name.startswith(".")]
-    except OSError as error:
-        raise RecordingError(f"{folder}: cannot be read: {error.strerror or error}") from None
-    for entry in entries:
-        if os.path.isdir(entry.path):  # entry.is_dir() raises where a link leads to itself
-            about = entry.stat()
-            identity = about.st_dev, about.st_ino
-            inside = f"{above}{entry.name}/"
-            if identity not in within and _may_hold(inside.split("/")[:-1], pattern):
-                yield from _below(folder / entry.name, inside, pattern, (*within, identity))
-        # A link to nothing is a file that cannot be read, and not one to pass over.
-        elif os.path.isfile(entry.path) or not os.path.exists(entry.path):
-            yield f"{above}{entry.name}"
-
-
-def _may_hold(names: Sequence[str], pattern: Sequence[str]) -> bool:
-    """Return whether a path below a folder of these names can match."""
-    for name, part in zip(names, pattern, strict=False):
-        if part == "**":
-            return True
-        if not fnmatchcase(name, part):
-            return False
-    return len(names) < len(pattern)
-
-
-def _fits(names: Sequence[str], pattern: Sequence[str]) -> bool:
-    if not pattern:
-        return not names
-    if pattern[0] == "**":
-        return _fits(names, pattern[1:]) or (bool(names) and _fits(names[1:], pattern))
-    return bool(names) and fnmatchcase(names[0], pattern[0]) and _fits(names[1:], pattern[1:])

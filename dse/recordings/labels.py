@@ -2,29 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from dse.recordings import RecordingError
 from dse.records import Array, Ints
-from dse.registry import Rule
-
-
-def columns_key() -> Any:
-    """Declare the key `columns` of a component."""
-    rule = Rule(
-        "mapping from label column to its name in the file, which holds one value per recording", axis=False
-    )
-    return dataclasses.field(default_factory=dict, metadata={"rule": rule})
-
-
-def class_names_key() -> Any:
-    """Declare the key `class_names` of a component."""
-    rule = Rule("mapping from a label column of integer codes to the array of their names", axis=False)
-    return dataclasses.field(default_factory=dict, metadata={"rule": rule})
 
 
 def label_columns(
@@ -70,20 +53,18 @@ def shape_faults(
     n: int,
     where: str,
 ) -> list[str]:
-    """Return what is wrong with the label arrays as far as their shapes tell."""
+    """Return what is wrong with the label arrays as far as their shapes tell; -1 is a length not known."""
     faults = [
         f"{where}: column '{column}' (array '{source}') must have one value for each of the {n} recordings, "
         f"got shape {shapes[source]}"
         for column, source in columns.items()
-        if source in shapes and shapes[source] != (n,)
+        if shapes.get(source, (-1,)) not in ((n,), (-1,))
     ]
-    for column in class_names:
-        if column not in columns:
-            faults.append(
-                f"{where}: class_names contains '{column}', which is not a column of "
-                f"{', '.join(columns) or 'it'}"
-            )
-    return faults
+    return faults + [
+        f"{where}: class_names contains '{column}', which is not a column of {', '.join(columns) or 'it'}"
+        for column in class_names
+        if column not in columns
+    ]
 
 
 def _named(codes: Ints, names: Array, where: str) -> Array:

@@ -1,56 +1,191 @@
-"""Sampled recordings in a table, CSV or Parquet: a row per sample, labels beside them or in another table."""
+"""Sampled recordings in a table with a row per sample, or per value: grouped by recording, put on a grid."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Any
 
 import numpy as np
 
-from dse.recordings import RecordingError
+from dse.recordings import RecordingError, arrays
+from dse.recordings.arrays import complete, numbers
 from dse.recordings.borders import end_to_end
-from dse.recordings.files import content, locate
-from dse.recordings.grid import UNITS_MS, on_grid, resample_key, time_unit_key
-from dse.recordings.labels import columns_key
-from dse.recordings.positions import check_positions, position_faults, positions_key, taxel_positions
-from dse.recordings.tables import (
-    column_names,
-    identity,
-    label_table,
-    labels_within,
-    missing,
-    numbered,
-    numbers,
-    read_table,
-)
+from dse.recordings.files import locate
+from dse.recordings.labels import label_columns
+from dse.recordings.positions import position_faults, positions_key
+from dse.recordings.source import FileSource, columns_key, file_key, in_a_row
 from dse.records import Array, Floats, Ints, Signals
 from dse.registry import param, register
 
-if TYPE_CHECKING:
-    import pandas as pd
+UNITS_MS = {"s": 1000.0, "ms": 1.0, "us": 1e-3}
+
+Rows = tuple[Ints, list[str], Floats | None, Floats]
+"""The series of each row and the names of the series, times (row,) in ms, and values (row, column).
+
+The series of a recording are its channels if each has times of its own, else one, named ''.
+"""
+Series = tuple[Floats, Floats]
+"""Times (sample,) in ms, which rise, and values (sample, channel)."""
+
+
+def _time_unit_key() -> Any:
+    return param(None, doc="unit of the times (default: ms)", choices=tuple(UNITS_MS), axis=False)
+
+
+def _resample_key() -> Any:
+    return param(
+        None,
+        doc="linear: samples at uneven times are interpolated every step_ms, and a note says how many "
+        "recordings (default: uneven times are a fault)",
+        choices=("linear",),
+        axis=False,
+    )
+
+
+def _labels_key() -> Any:
+    return param(
+        None,
+        doc="label table (.csv or .parquet) with one row per recording (default: the label columns are "
+        "in the file, with one value in all rows of a recording)",
+        axis=False,
+    )
+
+
+class _Samples(FileSource):
+    """Recordings whose samples are rows of a table; they come in the order of the label table, if any."""
+
+    step_ms: float
+    channels: tuple[str, ...]
+    recording: str | None
+    resample: str | None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for fault in position_faults(self.positions, len(self.channels)):
+            raise RecordingError(fault)
+        if self.recording is None and self.labels is not None:
+            raise RecordingError("data.labels needs data.recording, the column that both tables have")
+
+    def _label_names(self) -> list[str]:
+        return [*([] if self.recording is None else [self.recording]), *self.columns.values()]
+
+    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
+        return in_a_row(len(self.channels))
+
+    def _series(self, values: Mapping[str, Array], path: Path) -> Rows:
+        """Return what the rows of the table say."""
+        raise NotImplementedError
+
+    def read(self, base: Path) -> Signals:
+        """Return the recordings.
+
+        Raises:
+            RecordingError: anything wrong with the tables, naming recording, channel and sample, or the line.
+        """
+        for fault in self.check(base):
+            raise RecordingError(fault)
+        path, table = self._loaded(base)
+        if len(shapes := {values.shape for values in table.values()}) > 1:
+            raise RecordingError(
+                f"{path.name}: columns must be of one length, got {sorted(map(str, shapes))}"
+            )
+        if not len(next(iter(table.values()))):
+            raise RecordingError(f"{path.name}: the table has no rows")
+        series, names, times, values = self._series(table, path)
+        order, code, columns = self._recordings(table, series, times, path, base)
+        rows = np.lexsort((series, code))  # by recording, and the series of one next to each other
+        n = np.bincount(code * len(names) + series, minlength=len(order) * len(names))
+        if not n.all():
+            i, k = divmod(int(n.argmin()), len(names))
+            of_channel = f" of channel '{names[k]}'" if names[k] else ""
+            raise RecordingError(f"{path.name}: recording '{order[i]}' has no samples{of_channel}")
+        values, borders = values[rows], np.concatenate([[0], np.cumsum(n)])
+        notes: list[str] = []
+        if times is not None:
+            times, parts, gaps_ms = times[rows], [], []
+            for i, name in enumerate(order):
+                spans = [slice(*borders[k : k + 2]) for k in range(i * len(names), (i + 1) * len(names))]
+                part, gap_ms = on_grid(
+                    [(times[span], values[span]) for span in spans], self.step_ms, self.resample is not None,
+                    f"{path.name}: recording '{name}'",
+                )  # fmt: skip
+                parts.append(part)
+                gaps_ms.append(gap_ms)
+            values, borders = np.concatenate(parts), np.cumsum([0, *map(len, parts)])
+            if n_uneven := np.count_nonzero(gaps_ms):
+                notes.append(
+                    f"{path.name}: {n_uneven} of {len(parts)} recordings have samples at uneven times; they "
+                    f"were interpolated every {self.step_ms:g} ms (widest gap {max(gaps_ms):g} ms)"
+                )
+        flat, ends = end_to_end(values, borders, path.name)
+        return Signals(flat, ends, float(self.step_ms), columns, tuple(notes))
+
+    def _recordings(
+        self, table: Mapping[str, Array], series: Ints, times: Floats | None, path: Path, base: Path
+    ) -> tuple[list[str], Ints, dict[str, Array]]:
+        """Return the names of the recordings, the number of each row's, and the label columns."""
+        if self.recording is None:
+            assert times is not None  # the keys are refused without
+            code = numbered(times, series)
+            order = [str(i) for i in range(int(code.max()) + 1)]
+            return order, code, self._labels_within(table, code, order, path)
+        names = _named(table[self.recording], self.recording, path)
+        if self.labels is None:
+            order = list(dict.fromkeys(names))
+        else:
+            beside = locate(self.labels, base)
+            rows = arrays.load(beside, self._label_names())
+            order = _named(rows[self.recording], self.recording, beside)
+            if twice := [name for name, n in Counter(order).items() if n > 1]:
+                raise RecordingError(f"{beside.name}: recording '{twice[0]}' has more than one row")
+        rank = {name: i for i, name in enumerate(order)}
+        if strange := next((name for name in names if name not in rank), None):
+            raise RecordingError(
+                f"{path.name}: recording '{strange}' has no row in the label table {self.labels}"
+            )
+        code = np.array([rank[name] for name in names])
+        if self.labels is None:
+            return order, code, self._labels_within(table, code, order, path)
+        return order, code, self._labelled({}, len(order), path, base)
+
+    def _labels_within(
+        self, table: Mapping[str, Array], code: Ints, order: Sequence[str], path: Path
+    ) -> dict[str, Array]:
+        """Return label columns of the table of samples, in which all rows of a recording have one value."""
+        first = np.unique(code, return_index=True)[1]
+        found = {}
+        for name in self.columns.values():
+            values = complete(table[name], name, path)
+            other = values != values[first][code]
+            if other.any():
+                row = int(other.argmax())
+                raise RecordingError(
+                    f"{path.name}: '{name}' must have one value per recording, got "
+                    f"'{values[first][code[row]]}' and, in {arrays.place(path, row)}, '{values[row]}' in "
+                    f"recording '{order[code[row]]}'"
+                )
+            found[name] = values[first]
+        return label_columns(found, self.columns, {}, len(order), path.name)
 
 
 @register("recordings", "table")
 @dataclasses.dataclass(frozen=True)
-class Table:
+class Table(_Samples):
     """Sampled recordings of a CSV or Parquet table with one row per sample and a column per channel.
 
     Recordings come in the order of the label table, without one in the order of their first rows.
     """
 
-    file: str = param(
-        doc="the .csv or .parquet file: an absolute path, or relative to the YAML file or to $DSE_DATA",
-        axis=False,
-    )
+    file: str = file_key()
     step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
     channels: tuple[str, ...] = param(doc="names of the columns of sensor channels", axis=False)
     recording: str | None = param(
         "recording",
-        doc="name of the column that identifies the recording, in both tables; null: a recording "
-        "begins where "
-        "time does not rise",
+        doc="name of the column that identifies the recording, in both tables; null: a recording begins "
+        "where time does not rise",
         axis=False,
     )
     time_ms: str | None = param(
@@ -59,27 +194,19 @@ class Table:
         unit="ms",
         axis=False,
     )
-    labels: str | None = param(
-        None,
-        doc="label table (.csv or .parquet) with one row per recording (default: the label columns are "
-        "in the "
-        "file, with one value in all rows of a recording)",
-        axis=False,
-    )
+    labels: str | None = _labels_key()
     columns: Mapping[str, str] = columns_key()
     positions: tuple[tuple[int, int], ...] | None = positions_key()
     time: str | None = param(
         None, doc="name of the column of sample times, in time_unit; instead of time_ms", axis=False
     )
-    time_unit: str | None = time_unit_key()
-    resample: str | None = resample_key()
+    time_unit: str | None = _time_unit_key()
+    resample: str | None = _resample_key()
 
     def __post_init__(self) -> None:
         if not self.channels:
             raise RecordingError("data.channels must contain at least one column, got none")
-        check_positions(self.positions)
-        for fault in position_faults(self.positions, len(self.channels)):
-            raise RecordingError(fault)
+        super().__post_init__()
         if self.time is not None and self.time_ms is not None:
             raise RecordingError("data.time and data.time_ms exclude each other, got both")
         for key in ("time_unit", "resample") if self.time is None else ():
@@ -87,133 +214,137 @@ class Table:
                 raise RecordingError(f"data.{key} needs data.time, the column of sample times")
         if self.recording is None and self.time is None and self.time_ms is None:
             raise RecordingError("data.recording must name a column where data.time does not, got null")
-        if self.recording is None and self.labels is not None:
-            raise RecordingError("data.labels needs data.recording, the column that both tables have")
         for name in self.channels:
             if name in (self.recording, self.time_ms, self.time, *self.columns.values()):
                 raise RecordingError(
                     f"data.channels must be sensor channels only, got '{name}', which is a label column"
                 )
 
-    def _columns(self) -> list[str]:
-        """Return the columns of the table of samples that are read."""
+    def _names(self) -> list[str]:
         named = (self.recording, self.time_ms, self.time, *self.channels)
-        labels = self.columns.values() if self.labels is None else ()
-        return [name for name in (*named, *labels) if name is not None]
+        return [name for name in named if name is not None]
 
-    def check(self, base: Path) -> list[str]:
-        """Return the faults that the heads of the tables show."""
-        faults = []
-        beside = [] if self.recording is None else [self.recording, *self.columns.values()]
-        for file, names in ((self.file, self._columns()), (self.labels, beside)):
-            try:
-                if file is not None:
-                    path = locate(file, base)
-                    faults += missing(path, names, column_names(path))
-            except RecordingError as error:
-                faults.append(str(error))
-        return faults
+    def _series(self, values: Mapping[str, Array], path: Path) -> Rows:
+        samples = np.stack([numbers(values[name], name, path) for name in self.channels], axis=1)
+        time = self.time_ms or self.time
+        times = None if time is None else numbers(values[time], time, path) * UNITS_MS[self.time_unit or "ms"]
+        return np.zeros(len(samples), np.int64), [""], times, samples
 
-    def with_columns_found(self, base: Path) -> Self:
-        """Return the component with only the label columns that its label table, or its table, holds."""
-        try:
-            known = column_names(locate(self.labels or self.file, base))
-        except RecordingError:
-            return dataclasses.replace(self, labels=None, columns={})
-        return dataclasses.replace(
-            self, columns={column: name for column, name in self.columns.items() if name in known}
-        )
 
-    def content(self, base: Path) -> str:
-        """Return the hashes of the table and of its label table."""
-        files = [self.file, *([] if self.labels is None else [self.labels])]
-        return " ".join(content(locate(file, base)) for file in files)
+@register("recordings", "long_table")
+@dataclasses.dataclass(frozen=True)
+class LongTable(_Samples):
+    """Sampled recordings of a CSV or Parquet table with one row per value: its time, its channel, the value.
 
-    def read(self, base: Path) -> Signals:
-        """Return the recordings.
+    Recordings come in the order of the label table, without one in the order of their first rows.
+    """
 
-        Raises:
-            RecordingError: anything wrong with the tables, naming recording and sample.
-        """
-        for fault in self.check(base):
-            raise RecordingError(fault)
-        path = locate(self.file, base)
-        samples = read_table(path, self._columns())
-        order, code, columns = self._recordings(samples, path, base)
-        rows = np.argsort(code, kind="stable")
-        lengths = np.bincount(code, minlength=len(order))
-        if (lengths == 0).any():
+    file: str = file_key()
+    step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
+    channels: tuple[str, ...] = param(
+        doc="names of the channels, as the column of channels has them, in the order of the input", axis=False
+    )
+    time: str = param("time", doc="name of the column of times", axis=False)
+    channel: str = param("channel", doc="name of the column of channels", axis=False)
+    value: str = param("value", doc="name of the column of values", axis=False)
+    recording: str | None = param(
+        None,
+        doc="name of the column that identifies the recording, in both tables (default: a recording begins "
+        "where the time of a channel does not rise)",
+        axis=False,
+    )
+    time_unit: str | None = _time_unit_key()
+    resample: str | None = _resample_key()
+    labels: str | None = _labels_key()
+    columns: Mapping[str, str] = columns_key()
+    positions: tuple[tuple[int, int], ...] | None = positions_key()
+
+    def __post_init__(self) -> None:
+        if not self.channels:
+            raise RecordingError("data.channels must contain at least one channel, got none")
+        super().__post_init__()
+
+    def _names(self) -> list[str]:
+        return [name for name in (self.recording, self.time, self.channel, self.value) if name is not None]
+
+    def _series(self, values: Mapping[str, Array], path: Path) -> Rows:
+        number = {name: k for k, name in enumerate(self.channels)}
+        names = _named(values[self.channel], self.channel, path)
+        if strange := next((name for name in names if name not in number), None):
+            raise RecordingError(f"{path.name}: channel '{strange}' is not among data.channels")
+        times = numbers(values[self.time], self.time, path) * UNITS_MS[self.time_unit or "ms"]
+        samples = numbers(values[self.value], self.value, path)[:, None]
+        return np.array([number[name] for name in names]), list(self.channels), times, samples
+
+
+def _named(values: Array, name: str, path: Path) -> list[str]:
+    """Return the names in a column, which has no empty cell."""
+    complete(values, name, path)
+    return [str(x) for x in values.tolist()]
+
+
+def numbered(times: Floats, code: Ints | None = None) -> Ints:
+    """Return the number of the recording of every row, where one begins whenever time does not rise.
+
+    Args:
+        times: (row,).
+        code: (row,) numbers of channels, each of which has times of its own; None: rows are samples.
+    """
+    channel = np.zeros(len(times), np.int64) if code is None else code
+    number = np.zeros(len(times), np.int64)
+    for one in np.unique(channel):
+        rows = np.flatnonzero(channel == one)
+        number[rows] = np.concatenate([[0], np.cumsum(np.diff(times[rows]) <= 0)])
+    return number
+
+
+def is_even(times_ms: Floats, step_ms: float) -> bool:
+    """Return whether times rise by step_ms, to within half of it."""
+    return bool((np.abs(np.diff(times_ms) - step_ms) <= step_ms / 2).all())
+
+
+def on_grid(series: Sequence[Series], step_ms: float, resample: bool, where: str) -> tuple[Floats, float]:
+    """Return one recording (step, channel) of its series, with a sample every step_ms.
+
+    Series of the same even times stay as they are; others are interpolated where all have values.
+
+    Args:
+        series: the channels of one after the other.
+        step_ms: distance of the samples.
+        resample: whether to interpolate; else uneven times are a fault.
+        where: file and recording, for errors.
+
+    Returns:
+        The recording, and its widest gap in ms if samples were interpolated, else 0.
+
+    Raises:
+        RecordingError: times do not rise, are uneven, or the series have no two steps in common.
+    """
+    first = series[0][0]
+    for times, _ in series:
+        if (np.diff(times) <= 0).any():
+            k = int((np.diff(times) <= 0).argmax())
             raise RecordingError(
-                f"{path.name}: recording '{order[int((lengths == 0).argmax())]}' has no samples"
+                f"{where}: times must rise, got {times[k]:g} ms and then {times[k + 1]:g} ms in sample "
+                f"{k + 1}"
             )
-        offsets = np.concatenate([[0], np.cumsum(lengths)])
-        values = np.stack([numbers(samples, name, path)[rows] for name in self.channels], axis=1)
-        notes: list[str] = []
-        if self.time is not None or self.time_ms is not None:
-            times = self._times(samples, path)[rows]
-            if self.resample is None:
-                _check_times(times, offsets, self.step_ms, order, path.name)
-            else:
-                values, offsets, notes = on_grid(
-                    times, values, offsets, self.step_ms, order.__getitem__, path.name
-                )
-        flat, borders = end_to_end(values, offsets, path.name)
-        return Signals(flat, borders, float(self.step_ms), columns, tuple(notes))
-
-    def _times(self, samples: pd.DataFrame, path: Path) -> Floats:
-        """Return the times of the rows in ms."""
-        name = self.time_ms or self.time or ""
-        return numbers(samples, name, path) * UNITS_MS[self.time_unit or "ms"]
-
-    def _recordings(
-        self, samples: pd.DataFrame, path: Path, base: Path
-    ) -> tuple[list[str], Ints, dict[str, Array]]:
-        """Return the names of the recordings, the number of each row's, and the label columns."""
-        if self.recording is None:
-            if samples.empty:
-                raise RecordingError(f"{path.name}: the table has no rows")
-            code = numbered(self._times(samples, path))
-            order = [str(i) for i in range(int(code.max()) + 1)]
-            return order, code, labels_within(samples, self.columns, code, order, path)
-        names = identity(samples, self.recording, path)
-        if self.labels is None:
-            order, columns = list(dict.fromkeys(names)), None
-        else:
-            order, columns = label_table(locate(self.labels, base), self.recording, self.columns)
-        rank = {name: i for i, name in enumerate(order)}
-        strange = [x for x in dict.fromkeys(names) if x not in rank]
-        if strange:
-            raise RecordingError(
-                f"{path.name}: recording '{strange[0]}' has no row in the label table {self.labels}"
-            )
-        code = np.array([rank[x] for x in names])
-        if columns is None:
-            columns = labels_within(samples, self.columns, code, order, path)
-        return order, code, columns
-
-    def channel_positions(self, base: Path) -> Ints:
-        """Return x, y and plane 0 of every channel, which is a taxel; no file is read."""
-        n = len(self.channels)
-        return taxel_positions(self.positions, np.arange(n), np.zeros(n, dtype=np.int64))
-
-
-def _check_times(times: Floats, offsets: Ints, step_ms: float, order: list[str], where: str) -> None:
-    if (times < 0).any():
-        i = int((times < 0).argmax())
+    same = all(len(times) == len(first) and np.allclose(times, first) for times, _ in series)
+    if same and is_even(first, step_ms):
+        return np.concatenate([values for _, values in series], axis=1), 0.0
+    if not resample:
+        steps = np.abs(np.diff(first) - step_ms)
+        k = int(steps.argmax()) if len(steps) else 0
+        got = f"{', '.join(f'{x:g}' for x in first[k : k + 2])} in sample {k + 1}" if same else "others"
         raise RecordingError(
-            f"{where}: time must be >= 0 ms, got {times[i]:g} in {_place(i, offsets, order)}"
+            f"{where}: all channels must have times that rise by step_ms = {step_ms:g} ms, got {got} "
+            "(data.resample: linear interpolates)"
         )
-    steps = np.diff(times)
-    steps[offsets[1:-1] - 1] = step_ms
-    bad = np.abs(steps - step_ms) > step_ms / 2
-    if bad.any():
-        i = int(bad.argmax())
+    begin_ms, end_ms = max(times[0] for times, _ in series), min(times[-1] for times, _ in series)
+    n = int(np.floor((end_ms - begin_ms) / step_ms + 1e-6)) + 1
+    if n < 2:
         raise RecordingError(
-            f"{where}: times must rise by step_ms = {step_ms:g} ms, got {times[i]:g} and {times[i + 1]:g} "
-            f"in {_place(i + 1, offsets, order)} (data.resample: linear interpolates)"
+            f"{where}: must last a step of {step_ms:g} ms in all channels, got {end_ms - begin_ms:g}"
         )
-
-
-def _place(row: int, offsets: Ints, order: list[str]) -> str:
-    recording = int(np.searchsorted(offsets, row, side="right")) - 1
-    return f"sample {row - offsets[recording]} of recording '{order[recording]}'"
+    grid_ms = begin_ms + step_ms * np.arange(n)
+    columns = [np.interp(grid_ms, times, column) for times, values in series for column in values.T]
+    return np.stack(columns, axis=1), max(float(np.diff(times).max(initial=0)) for times, _ in series)

@@ -1,29 +1,34 @@
-"""Sampled recordings in arrays: laid end to end with offsets, or of one length in a cube."""
+"""Sampled recordings in arrays, end to end or in a cube, and in a table with a row per recording."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
-from dse.recordings import RecordingError, npz
-from dse.recordings.beside import labels_key, load, names_in, shapes_in
+from dse.recordings import RecordingError, arrays
 from dse.recordings.borders import end_to_end
-from dse.recordings.files import content, locate
-from dse.recordings.labels import class_names_key, columns_key, label_columns, shape_faults
-from dse.recordings.positions import check_positions, position_faults, positions_key, taxel_positions
+from dse.recordings.positions import position_faults, positions_key
+from dse.recordings.source import (
+    FileSource,
+    class_names_key,
+    columns_key,
+    file_key,
+    in_a_row,
+    labels_key,
+)
 from dse.records import Array, Ints, Signals
 from dse.registry import param, register
 
-_AXES = (["channel", "recording", "step"], ["recording", "step"])
+USUAL_AXES = ("recording", "step", "channel")
 
 
 @register("recordings", "time_series")
 @dataclasses.dataclass(frozen=True)
-class TimeSeries:
+class TimeSeries(FileSource):
     """Sampled recordings of an .npz, .npy, .mat or .h5 file.
 
     `signal` is (sum of lengths, channel) with `offsets`, recording i being signal[offsets[i]:offsets[i+1]],
@@ -31,11 +36,7 @@ class TimeSeries:
     an .mat file holds recordings of different lengths.
     """
 
-    file: str = param(
-        doc="the .npz, .npy, .mat or .h5 file: an absolute path, or relative to the YAML file or to "
-        "$DSE_DATA",
-        axis=False,
-    )
+    file: str = file_key()
     step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
     signal: str = param("signal", doc="name of the array of samples", axis=False)
     offsets: str | None = param(
@@ -56,79 +57,37 @@ class TimeSeries:
     labels: str | None = labels_key()
 
     def __post_init__(self) -> None:
-        check_positions(self.positions)
-        if self.axes is not None and (self.offsets is not None or sorted(self.axes.split()) not in _AXES):
-            if self.offsets is not None:
-                raise RecordingError("data.axes must be absent where data.offsets is given")
+        super().__post_init__()
+        if self.axes is not None and self.offsets is not None:
+            raise RecordingError("data.axes must be absent where data.offsets is given")
+        if self.axes is not None and not are_axes(self.axes.split()):
             raise RecordingError(
                 f"data.axes must name recording, step and perhaps channel, each once, got '{self.axes}'"
             )
 
     def _names(self) -> list[str]:
-        offsets = [] if self.offsets is None else [self.offsets]
-        return [self.signal, *offsets, *(self._label_names() if self.labels is None else [])]
+        return [self.signal, *([] if self.offsets is None else [self.offsets])]
 
-    def _label_names(self) -> list[str]:
-        return [*self.columns.values(), *self.class_names.values()]
+    def _sizes(self, shapes: arrays.Shapes) -> dict[str, int]:
+        """Return the sizes of the axes that are known."""
+        shape, names = shapes.get(self.signal, ()), list(USUAL_AXES)
+        if self.offsets is not None:
+            borders = shapes.get(self.offsets)
+            known = {"recording": borders[0] - 1} if borders else {}
+            return known | ({"channel": shape[-1]} if len(shape) == 2 else {})
+        names = self.axes.split() if self.axes is not None else names
+        if len(shape) != len(names):
+            return {"recording": shape[0]} if shape else {}
+        return {"channel": 1} | dict(zip(names, shape, strict=True))
 
-    def _shape(self, shapes: npz.Shapes) -> tuple[int, int] | None:
-        """Return number of recordings and of channels of a cube; None where its axes are others."""
-        shape, axes = shapes.get(self.signal, ()), (self.axes or "recording step channel").split()
-        if len(shape) != len(axes):
-            return None
-        return shape[axes.index("recording")], shape[axes.index("channel")] if "channel" in axes else 1
+    def _count(self, shapes: arrays.Shapes) -> int | None:
+        return self._sizes(shapes).get("recording")
 
-    def _count(self, shapes: npz.Shapes) -> int | None:
-        if self.offsets is None:
-            cube = self._shape(shapes)
-            return cube[0] if cube else shapes[self.signal][0] if shapes.get(self.signal) else None
-        return shapes[self.offsets][0] - 1 if shapes.get(self.offsets) else None
+    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
+        return in_a_row(self._sizes(shapes).get("channel"))
 
-    def _n_channels(self, shapes: npz.Shapes) -> int | None:
-        if self.offsets is None:
-            cube = self._shape(shapes)
-            return cube[1] if cube else None
-        shape = shapes.get(self.signal, ())
-        return shape[-1] if len(shape) == 2 else None
-
-    def check(self, base: Path) -> list[str]:
-        """Return the faults that the headers of the file, and of that of the labels, show."""
-        columns, class_names = (self.columns, self.class_names) if self.labels is None else ({}, {})
-        faults = npz.faults(self.file, base, self._names(), columns, class_names, self._count)
-        if self.labels is not None:
-            faults += self._label_faults(base, self.labels)
-        if self.positions is None or faults:
-            return faults
-        return position_faults(self.positions, self._n_channels(npz.headers(locate(self.file, base))))
-
-    def _label_faults(self, base: Path, labels: str) -> list[str]:
-        try:
-            path, shapes = locate(labels, base), shapes_in(locate(labels, base))
-            count = self._count(npz.headers(locate(self.file, base)))
-        except RecordingError as error:
-            return [str(error)]
-        absent = [npz.missing(path, name, shapes) for name in self._label_names() if name not in shapes]
-        if count is None or absent:
-            return absent
-        return shape_faults(shapes, self.columns, self.class_names, count, path.name)
-
-    def with_columns_found(self, base: Path) -> Self:
-        """Return the component with only the label columns that its file, or that of the labels, holds."""
-        if self.labels is not None:
-            try:
-                known = names_in(locate(self.labels, base))
-            except RecordingError:
-                return dataclasses.replace(self, labels=None, columns={}, class_names={})
-            columns = {column: name for column, name in self.columns.items() if name in known}
-            names = {column: name for column, name in self.class_names.items() if column in columns}
-            return dataclasses.replace(self, columns=columns, class_names=names)
-        columns, class_names = npz.columns_found(self.file, base, self.columns, self.class_names)
-        return dataclasses.replace(self, columns=columns, class_names=class_names)
-
-    def content(self, base: Path) -> str:
-        """Return the hashes of the file and of that of the labels."""
-        files = [self.file, *([] if self.labels is None else [self.labels])]
-        return " ".join(content(locate(file, base)) for file in files)
+    def _no_channel(self) -> str:
+        return f"'{self.signal}' has no channel"
 
     def read(self, base: Path) -> Signals:
         """Return the recordings.
@@ -136,45 +95,135 @@ class TimeSeries:
         Raises:
             RecordingError: anything wrong with the file, naming array, recording and sample.
         """
-        path = locate(self.file, base)
-        arrays = npz.load(path, self._names())
-        offsets = None if self.offsets is None else arrays[self.offsets]
-        where, signal = f"{path.name}: '{self.signal}'", arrays[self.signal]
-        if offsets is None:
-            signal, offsets = self._in_order(signal, where)
-        flat, borders = end_to_end(signal, offsets, where)
-        if self.labels is not None:
-            path = locate(self.labels, base)
-            arrays = load(path, self._label_names())
-        columns = label_columns(arrays, self.columns, self.class_names, len(borders) - 1, path.name)
+        path, values = self._loaded(base)
+        where, signal = f"{path.name}: '{self.signal}'", values[self.signal]
+        if self.offsets is None:
+            hint = "" if self.axes or signal.ndim != 2 else "; data.axes: recording step is one channel"
+            flat, borders = of_cube(signal, self.axes, where, hint)
+        else:
+            flat, borders = end_to_end(signal, values[self.offsets], where)
+        columns = self._labelled(values, len(borders) - 1, path, base)
         return Signals(flat, borders, float(self.step_ms), columns)
 
-    def _in_order(self, signal: Array, where: str) -> tuple[Array, Ints | None]:
-        """Return a cube with its axes in their usual order, or recordings end to end with their borders."""
-        if signal.dtype.kind == "O":
-            if any(x.dtype.kind not in "biuf" or x.ndim != 2 for x in signal):
-                raise RecordingError(f"{where} must hold one matrix of numbers per recording")
-            if len({x.shape[1] for x in signal}) != 1:
-                raise RecordingError(f"{where} must have as many channels in every recording")
-            return np.concatenate(list(signal)), np.cumsum([0, *map(len, signal)])
-        axes = (self.axes or "recording step channel").split()
-        if signal.ndim != len(axes):
-            hint = "; data.axes: recording step is one channel" if signal.ndim == 2 and not self.axes else ""
-            raise RecordingError(
-                f"{where} must be ({', '.join(axes)}) without offsets, got shape {signal.shape}{hint}"
-            )
-        if "channel" not in axes:
-            signal, axes = signal[..., None], [*axes, "channel"]
-        return signal.transpose([axes.index(name) for name in ("recording", "step", "channel")]), None
 
-    def channel_positions(self, base: Path) -> Ints:
-        """Return x, y and plane 0 of every channel, which is a taxel.
+def are_axes(names: Sequence[str]) -> bool:
+    """Return whether these are the axes of a cube, in any order; one channel needs no axis."""
+    return sorted(names) in (["channel", "recording", "step"], ["recording", "step"])
+
+
+def of_cube(signal: Array, axes: str | None, where: str, hint: str = "") -> tuple[Array, Ints]:
+    """Return samples end to end and their borders (`borders.end_to_end`) of recordings in one array.
+
+    Args:
+        signal: a cube, or an array of objects, each (step, channel).
+        axes: names of the axes of a cube; None: recording, step, channel.
+        where: what errors are about.
+        hint: what to add where the cube has another number of axes.
+
+    Raises:
+        RecordingError: other axes, other channels, or what `end_to_end` refuses.
+    """
+    if signal.dtype.kind == "O":
+        if any(x.dtype.kind not in "biuf" or x.ndim != 2 for x in signal):
+            raise RecordingError(f"{where} must hold one matrix of numbers per recording")
+        if other := next((i for i, x in enumerate(signal) if x.shape[1] != signal[0].shape[1]), 0):
+            raise RecordingError(
+                f"{where} must have as many channels in every recording, got {signal[0].shape[1]} in "
+                f"recording 0 and {signal[other].shape[1]} in recording {other}"
+            )
+        return end_to_end(np.concatenate(list(signal)), np.cumsum([0, *map(len, signal)]), where)
+    names = axes.split() if axes else list(USUAL_AXES)
+    if signal.ndim != len(names):
+        raise RecordingError(
+            f"{where} must be ({', '.join(names)}) without offsets, got shape {signal.shape}{hint}"
+        )
+    if "channel" not in names:
+        signal, names = signal[..., None], [*names, "channel"]
+    return end_to_end(signal.transpose([names.index(name) for name in USUAL_AXES]), None, where)
+
+
+@register("recordings", "wide_table")
+@dataclasses.dataclass(frozen=True)
+class WideTable(FileSource):
+    """Sampled recordings of a CSV or Parquet table with one row per recording: its labels and its samples.
+
+    The samples of a channel are the columns whose names are a text and a number, in the order of the numbers:
+    `left_0`, `left_1`, ... Cells that are empty at the end make a recording shorter.
+    """
+
+    file: str = file_key()
+    step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
+    samples: tuple[str, ...] = param(
+        doc="beginning of the names of the sample columns, one per channel: `left_` stands for left_0, "
+        "left_1, ...; an empty text for columns that are named by numbers alone",
+        axis=False,
+    )
+    columns: Mapping[str, str] = columns_key()
+    labels: str | None = labels_key()
+    positions: tuple[tuple[int, int], ...] | None = positions_key()
+
+    def __post_init__(self) -> None:
+        if not self.samples:
+            raise RecordingError("data.samples must contain the beginning of a name, got none")
+        super().__post_init__()
+        for fault in position_faults(self.positions, len(self.samples)):
+            raise RecordingError(fault)
+
+    def _names(self) -> list[str]:
+        return []
+
+    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
+        return in_a_row(len(self.samples))
+
+    def _more_faults(self, path: Path, shapes: arrays.Shapes) -> list[str]:
+        lengths = {start: len(sample_columns(list(shapes), start)) for start in self.samples}
+        faults = [
+            f"{path.name}: no column is named '{start}' and a number, as data.samples says"
+            for start, n in lengths.items()
+            if not n
+        ]
+        if len(set(lengths.values()) - {0}) > 1:
+            texts = ", ".join(f"{n} of '{start}'" for start, n in lengths.items())
+            faults.append(
+                f"{path.name}: channels must have as many sample columns as each other, got {texts}"
+            )
+        return faults
+
+    def read(self, base: Path) -> Signals:
+        """Return the recordings.
 
         Raises:
-            RecordingError: the file cannot be read, or positions are given for another number of taxels.
+            RecordingError: anything wrong with the table, naming line and column.
         """
-        path = locate(self.file, base)
-        n = self._n_channels(npz.headers(path))
-        if not n:
-            raise RecordingError(f"{path.name}: '{self.signal}' has no channel")
-        return taxel_positions(self.positions, np.arange(n), np.zeros(n, dtype=np.int64))
+        for fault in self.check(base):
+            raise RecordingError(fault)
+        path, values = self._loaded(base)
+        known = arrays.column_names(path)
+        names = [sample_columns(known, start) for start in self.samples]
+        values |= arrays.load(path, [name for channel in names for name in channel])
+        if not len(values[names[0][0]]):
+            raise RecordingError(f"{path.name}: the table has no rows")
+        columns = self._labelled(values, len(values[names[0][0]]), path, base)
+        for name in (name for channel in names for name in channel if values[name].dtype.kind not in "biuf"):
+            arrays.numbers(values[name], name, path)
+        cube: Array = np.array([[values[x] for x in channel] for channel in names], np.float64)
+        cube = cube.transpose(2, 1, 0)
+        is_sample: Array = ~np.isnan(cube)
+        lengths = np.asarray(is_sample.any(axis=2))[:, ::-1].argmax(axis=1)
+        lengths = np.where(is_sample.any(axis=(1, 2)), cube.shape[1] - lengths, 0)
+        lasts = np.arange(cube.shape[1])[None, :] < lengths[:, None]
+        gaps = lasts[..., None] & ~is_sample
+        if gaps.any() or not lengths.all():
+            row, step, channel = (int(x) for x in np.argwhere(gaps if gaps.any() else ~is_sample)[0])
+            raise RecordingError(
+                f"{path.name}: column '{names[channel][step]}' must hold a number in "
+                f"{arrays.place(path, row)}, got none"
+            )
+        flat, borders = end_to_end(cube[lasts], np.concatenate([[0], np.cumsum(lengths)]), path.name)
+        return Signals(flat, borders, float(self.step_ms), columns)
+
+
+def sample_columns(names: Sequence[str], start: str) -> list[str]:
+    """Return the columns that are named by a text and a number, in the order of the numbers."""
+    matches = [(match, name) for name in names if (match := re.fullmatch(rf"{re.escape(start)}(\d+)", name))]
+    return [name for match, name in sorted(matches, key=lambda pair: int(pair[0][1]))]

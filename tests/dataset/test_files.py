@@ -6,9 +6,10 @@ import pytest
 
 from dse.config import Sections
 from dse.dataset import as_prepared, load, transductive, warnings
-from dse.dataset.files import read_spikes, write_dataset, write_spikes
+from dse.dataset.files import Meta, read_spikes, write_dataset, write_spikes
 from dse.recordings import RecordingError
 from dse.records import Dataset, Head, Spikes
+from dse.store import heads_document
 from tests.dataset.encoders import Levels, encoders  # noqa: F401
 from tests.saved_data import part_of, save
 
@@ -96,9 +97,9 @@ def test_heads_and_reasons_come_back(tmp_path):
     save(DATASET, tmp_path / "key")
     split = DATASET.train, DATASET.validation, DATASET.test
     fitted = {"encoder": {"peeks": True, "levels": ((1.5, 2.0), (0.0, -1.0))}}
-    write_dataset(
-        tmp_path / "key", "key spikes", DATASET.target, DATASET.classes, split, fitted, [], (head,), "reads"
-    )
+    meta = Meta(spikes="key spikes", classes=["a", "b"], fitted=fitted, warnings=[],
+                heads=heads_document((head,)), transductive="reads")  # fmt: skip
+    write_dataset(tmp_path / "key", DATASET.target, split, meta)
     same(dataclasses.replace(DATASET, heads=()), dataclasses.replace(load(tmp_path / "key"), heads=()))
     [found] = load(tmp_path / "key").heads
     same(head, found)

@@ -1,7 +1,8 @@
-"""Arrays of .npy, MATLAB and HDF5 files."""
+"""Named arrays of .npz, .npy, MATLAB and HDF5 files."""
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import h5py
@@ -10,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from dse.recordings import RecordingError, npz
+from dse.recordings import RecordingError, arrays
 from dse.recordings.time_series import TimeSeries
 
 CUBE = np.arange(24, dtype=np.float64).reshape(2, 4, 3)
@@ -69,7 +70,7 @@ def test_a_cube_is_the_same_in_every_format(tmp_path: Path, kind: str) -> None:
 def test_a_cell_of_matrices_holds_recordings_of_different_lengths(tmp_path: Path) -> None:
     savemat(tmp_path / "x.mat", {"p": cells(np.ones((3, 2)), np.zeros((2, 2))), "v": [5.0, 7.0]})
     source = TimeSeries("x.mat", 4, "p", columns={"speed": "v"})
-    assert source.check(tmp_path) == [] and npz.headers(tmp_path / "x.mat")["p"] == (2, -1, 2)
+    assert source.check(tmp_path) == [] and arrays.headers(tmp_path / "x.mat")["p"] == (2, -1, 2)
     signals = source.read(tmp_path)
     assert signals.offsets.tolist() == [0, 3, 5] and signals.columns["speed"].tolist() == [5, 7]
     savemat(tmp_path / "x.mat", {"p": cells(np.ones((3, 2)), np.zeros((2, 3))), "v": [5.0, 7.0]})
@@ -97,10 +98,10 @@ def test_faults_name_the_file_and_what_is_wrong(tmp_path: Path) -> None:
     for name in ("x.npy", "x.mat", "x.h5"):
         (tmp_path / name).write_bytes(b"no such thing, but long enough" * 99)
         with pytest.raises(RecordingError, match=rf"{name}: the file cannot be read: it is not an? "):
-            npz.headers(tmp_path / name)
+            arrays.headers(tmp_path / name)
         (tmp_path / name).write_bytes(b"")
         with pytest.raises(RecordingError, match=f"{name}: the file is empty"):
-            npz.load(tmp_path / name, ["array"])
+            arrays.load(tmp_path / name, ["array"])
     np.save(tmp_path / "x.npy", CUBE)
     np.save(tmp_path / "y.npy", NAMES[:1])
     source = TimeSeries("x.npy", 4, "array", labels="y.npy", columns={"fabric": "array"})
@@ -121,3 +122,69 @@ def test_lists_of_unequal_length_are_told_apart_from_damage(tmp_path: Path, name
         np.save(tmp_path / name, ragged, allow_pickle=True)
     with pytest.raises(RecordingError, match=r"array 'array' holds Python objects.*dse\.data\.from_arrays"):
         TimeSeries(name, 4, "array").read(tmp_path)
+
+
+# ---- .npz
+
+
+def test_headers_give_shapes_and_load_gives_values(write):
+    path = write("x.npz", a=np.arange(6).reshape(2, 3), b=np.array(["u", "v"]))
+    assert arrays.headers(path) == {"a": (2, 3), "b": (2,)}
+    assert arrays.load(path, ["a", "a"])["a"].tolist() == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_compressed_arrays_and_later_versions_of_the_format_are_read(tmp_path):
+    np.savez_compressed(tmp_path / "x.npz", signal=np.ones(4))
+    with zipfile.ZipFile(tmp_path / "x.npz", "a") as archive, archive.open("later.npy", "w") as stream:
+        np.lib.format.write_array(stream, np.arange(3), version=(2, 0))
+    assert arrays.headers(tmp_path / "x.npz") == {"signal": (4,), "later": (3,)}
+    assert arrays.load(tmp_path / "x.npz", ["later"])["later"].tolist() == [0, 1, 2]
+
+
+def test_wrong_name_lists_what_is_there(write):
+    path = write("x.npz", signal=np.zeros(3), offsets=np.zeros(2))
+    with pytest.raises(
+        RecordingError, match=r"x.npz: no array 'signl'; known: .*signal.* Did you mean 'signal'\?"
+    ):
+        arrays.load(path, ["signl"])
+
+
+@pytest.mark.parametrize("keep", [1, 30, 300, 5000])
+def test_a_truncated_file_is_one_line_wherever_it_was_cut(write, keep):
+    path = write("x.npz", signal=np.random.default_rng(0).random(1000))
+    path.write_bytes(path.read_bytes()[:keep])
+    for read in (arrays.headers, lambda p: arrays.load(p, ["signal"])):
+        with pytest.raises(
+            RecordingError, match=r"x.npz: .*cannot be read: it is not an .npz file, or is truncated"
+        ) as error:
+            read(path)
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("text", [b"'shap_S]", b"'sha(pe ", b"  \n '\\x"])
+@pytest.mark.parametrize("kind", ["x.npz", "x.npy"])
+def test_a_header_that_is_no_text_of_python_is_one_line(tmp_path, kind, text):
+    path = tmp_path / kind
+    np.savez(path, array=np.zeros(4)) if kind == "x.npz" else np.save(path, np.zeros(4))
+    path.write_bytes(path.read_bytes().replace(b"'shape'", text[:7].ljust(7)))
+    with pytest.raises(RecordingError, match=rf"^{kind}: .*cannot be read") as error:
+        arrays.headers(path)
+    assert "\n" not in str(error.value)
+
+
+def test_damage_inside_an_array_is_named(write):
+    path = write("x.npz", signal=np.zeros(1000))
+    content = bytearray(path.read_bytes())
+    content[4000:4016] = b"\xff" * 16
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"array 'signal' of .*Bad CRC"):
+        arrays.load(path, ["signal"])
+
+
+def test_empty_file_and_pickled_array(write, tmp_path):
+    (tmp_path / "empty.npz").write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"empty\.npz: the file is empty"):
+        arrays.headers(tmp_path / "empty.npz")
+    path = write("x.npz", label=np.array([{}, []], dtype=object))
+    with pytest.raises(RecordingError, match=r"x\.npz: array 'label' holds Python objects"):
+        arrays.load(path, ["label"])

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from dse.recordings import RecordingError
-from dse.recordings.long_table import LongTable
+from dse.recordings.table import LongTable
 
 LONG = pd.DataFrame(
     [
@@ -52,7 +52,10 @@ def test_recordings_and_labels_may_be_named_in_a_table_beside(tmp_path: Path) ->
 def test_channels_with_times_of_their_own_are_interpolated_where_all_have_values(tmp_path: Path) -> None:
     shifted = LONG.assign(t=LONG.t + 500 * (LONG.taxel == "b"))
     shifted.to_csv(tmp_path / "x.csv", index=False)
-    with pytest.raises(RecordingError, match=r"every step_ms = 1 ms, which recording '0' has not"):
+    with pytest.raises(
+        RecordingError,
+        match=r"recording '0': .* times that rise by step_ms = 1 ms, got others",
+    ):
         SOURCE.read(tmp_path)
     signals = dataclasses.replace(SOURCE, resample="linear").read(tmp_path)
     assert signals.values.tolist() == [[100, 0.5], [101, 1.5], [110, 10.5], [111, 11.5]]

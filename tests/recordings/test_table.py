@@ -1,5 +1,6 @@
 import dataclasses
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -44,11 +45,13 @@ def test_a_long_table_is_grouped_by_recording(tmp_path):
     assert signals.columns["fabric"].dtype.kind == "U"
 
 
-def test_parquet_holds_the_same(tmp_path):
+@pytest.mark.parametrize("ending", ["parquet", "npz"])
+def test_other_files_hold_the_same(tmp_path, ending):
     save(tmp_path)
-    SAMPLES.to_parquet(tmp_path / "x.parquet")
-    LABELS.to_parquet(tmp_path / "labels.parquet")
-    source = Table("x.parquet", 10, ("left", "right"), "id", "t", "labels.parquet", SOURCE.columns)
+    for name, table in (("x", SAMPLES), ("labels", LABELS)):
+        table.to_parquet(tmp_path / f"{name}.parquet")
+        np.savez(tmp_path / f"{name}.npz", **{column: table[column].tolist() for column in table})
+    source = Table(f"x.{ending}", 10, ("left", "right"), "id", "t", f"labels.{ending}", SOURCE.columns)
     assert source.check(tmp_path) == []
     a, b = SOURCE.read(tmp_path), source.read(tmp_path)
     assert (a.values == b.values).all() and (a.offsets == b.offsets).all()
@@ -86,20 +89,20 @@ def _with(frame, column, row, value):
         ({"samples": SAMPLES[:0]}, "x.csv: the table has no rows"),
         (
             {"samples": _with(SAMPLES, "t", 0, -10)},
-            "time must be >= 0 ms, got -10 in sample 0 of recording 'b'",
+            "recording 'b': all channels must have times .* step_ms = 10 ms, got -10, 10 in sample 1",
         ),
         (
             {"samples": _with(SAMPLES, "t", 3, 40)},
-            "by step_ms = 10 ms, got 10 and 40 in sample 2 of recording 'b'",
+            "by step_ms = 10 ms, got 10, 40 in sample 2",
         ),
-        ({"samples": SAMPLES[::-1]}, "by step_ms = 10 ms, got 10 and 0 in sample 1 of recording 'a'"),
+        ({"samples": SAMPLES[::-1]}, "recording 'a': times must rise, got 10 ms and then 0 ms in sample 1"),
         ({"samples": SAMPLES.drop(columns="right")}, "x.csv: no column 'right'; known: id, t, left"),
         (
             {"labels": LABELS.rename(columns={"cloth": "cloths"})},
             "labels.csv: no column 'cloth'; .*Did you mean 'cloths'",
         ),
         ({"labels": pd.concat([LABELS, LABELS[:1]])}, "labels.csv: recording 'a' has more than one row"),
-        ({"labels": _with(LABELS, "cloth", 1, None)}, "labels.csv: 'cloth' is empty for recording 'b'"),
+        ({"labels": _with(LABELS, "cloth", 1, None)}, "labels.csv: 'cloth' is empty in line 3"),
     ],
 )
 def test_each_fault_is_one_clear_line(tmp_path, tables, message):
@@ -115,7 +118,7 @@ def test_each_fault_is_one_clear_line(tmp_path, tables, message):
         ("x.csv", b"", "x.csv: the file is empty"),
         ("x.csv", b'id,t,left,right\na,"b', "x.csv: the file cannot be read"),
         ("x.parquet", b"PAR1 and no more", "x.parquet: the file cannot be read"),
-        ("x.txt", b"id", "x.txt: a table must be a .csv or .parquet file"),
+        ("x.txt", b"id", "x.txt: the file cannot be read"),
     ],
 )
 def test_unreadable_files(tmp_path, name, content, message):
@@ -205,7 +208,7 @@ def test_a_label_that_changes_within_a_recording_is_named_with_its_line(tmp_path
 def test_uneven_times_are_a_fault_or_are_interpolated_with_a_note(tmp_path):
     TIDY.assign(id=list("aaabb"), seconds=[0, 0.01, 0.04, 0, 0.01]).to_csv(tmp_path / "x.csv")
     source = Table("x.csv", 10, ("left",), "id", time="seconds", time_unit="s")
-    with pytest.raises(RecordingError, match=r"must rise by step_ms = 10 ms.*data\.resample: linear"):
+    with pytest.raises(RecordingError, match=r"must have times that rise .*data\.resample: linear"):
         source.read(tmp_path)
     signals = dataclasses.replace(source, resample="linear").read(tmp_path)
     assert signals.offsets.tolist() == [0, 5, 7]

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from dse.recordings import RecordingError
-from dse.recordings.wide_table import WideTable
+from dse.recordings.time_series import WideTable
 
 WIDE = pd.DataFrame(
     {
@@ -73,7 +73,7 @@ def test_labels_of_a_file_beside(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"labels\.csv: .*'cloth'.* each of the 2 recordings"):
         source.read(tmp_path)
     (tmp_path / "labels.csv").write_text("fibre\na\nb\n")
-    assert "labels.csv: no array 'cloth'" in source.check(tmp_path)[0]
+    assert "labels.csv: no column 'cloth'" in source.check(tmp_path)[0]
     assert source.with_columns_found(tmp_path).columns == {}
     (tmp_path / "labels.csv").unlink()
     assert "labels.csv" in source.check(tmp_path)[0]

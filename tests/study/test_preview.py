@@ -11,7 +11,7 @@ import yaml
 
 from dse.config import load_space
 from dse.recordings import RecordingError
-from dse.recordings.folder_events import FolderEvents
+from dse.recordings.event_files import FolderEvents
 from dse.recordings.scene import Trials
 from dse.scene import simulate
 from dse.scene.load import load_scene

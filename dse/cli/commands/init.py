@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from dse.cli.answer import Answer, add_format, listing, wrapped
 from dse.cli.asking import asked, is_person
 from dse.cli.numbers import amount
-from dse.recordings.grid import UNITS_MS
+from dse.recordings.table import UNITS_MS
 from dse.text import one_line
 
 if TYPE_CHECKING:

@@ -1,8 +1,8 @@
 """Event file formats: how the bytes of one file become events.
 
 A component of section `recordings.formats` is a frozen dataclass with the methods of `Format` below; to add
-a format, add one file here that registers such a class. `checked` checks the events of all formats
-in one place, so a reader checks its own bytes alone.
+a format, register such a class in one file here. `checked` checks the events of all formats, so a reader
+checks its own bytes alone.
 """
 
 from __future__ import annotations
@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, ClassVar, Protocol
+from typing import Any, BinaryIO, ClassVar, Protocol
+
+import numpy as np
 
 from dse.recordings import RecordingError
-from dse.records import Block
+from dse.records import Array, Block, Bools, Ints
 from dse.registry import known
 
 BLOCK_EVENTS = 1 << 16
@@ -31,7 +33,7 @@ class Broken(Protocol):
         Args:
             fault: what is wrong and where, as the beginning of a sentence: 'event 3 lies outside the frame'.
             repair: what repair does about every fault of this kind: 'drops events outside the frame'.
-            n: how many things (events, words, bytes) this repair touches.
+            n: how many things (events, words, bytes) this repair touches; 0: there is no fault.
 
         Raises:
             RecordingError: the user did not ask for repair.
@@ -50,14 +52,14 @@ class Format(Protocol):
         """Return the width and height that the file or the format states, if it does.
 
         Raises:
-            RecordingError: the file cannot be opened.
+            RecordingError: the file cannot be opened, or its header is wrong.
         """
 
     def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
         """Yield the events in the file's order, about BLOCK_EVENTS at a time at most, and no empty block.
 
         Raises:
-            RecordingError: the file cannot be opened, or `broken` raised it.
+            RecordingError: the file cannot be opened, its header is wrong, or `broken` raised it.
         """
 
 
@@ -75,6 +77,8 @@ class Repairs:
 
     def broken(self, fault: str, repair: str, n: int = 1) -> None:
         """Raise the fault, or count it; see `Broken`."""
+        if not n:
+            return
         if not self.repair:
             raise RecordingError(f"{self.file}: {fault}; --repair {repair}")
         first, before = self._repaired.get(repair, (fault, 0))
@@ -84,11 +88,21 @@ class Repairs:
     def notes(self) -> list[str]:
         """What was repaired, one sentence per kind: its first fault, and how many there were."""
         return [
-            f"{self.file}: {first}; --repair {repair} ({n} in all)"
-            if n > 1
-            else f"{self.file}: {first}; --repair {repair}"
+            f"{self.file}: {first}; --repair {repair}{f' ({n} in all)' if n > 1 else ''}"
             for repair, (first, n) in self._repaired.items()
         ]
+
+
+def block_of(t_us: Array, x: Array, y: Array, polarity: Array, chosen: Any = ...) -> Iterator[Block]:
+    """Yield the chosen events as one block, in the types of a block; nothing where there are none."""
+    block = Block(
+        np.asarray(t_us[chosen], np.int64),
+        np.asarray(x[chosen], np.int32),
+        np.asarray(y[chosen], np.int32),
+        np.asarray(polarity[chosen], np.uint8),
+    )
+    if len(block.t_us):
+        yield block
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -101,6 +115,42 @@ def open_file(path: Path) -> BinaryIO:
         return path.open("rb")
     except OSError as problem:
         raise RecordingError(f"{path.name}: cannot be read: {problem.strerror or problem}") from problem
+
+
+def read_words(
+    path: Path, start: int, size: int, broken: Broken, n: int | None = None
+) -> Iterator[tuple[int, bytes]]:
+    """Yield where words of `size` bytes begin, and n whole ones (BLOCK_EVENTS), from byte `start` on.
+
+    Raises:
+        RecordingError: the file cannot be opened, or the last word is cut and `broken` raised it.
+    """
+    with open_file(path) as file:
+        file.seek(start)
+        while read := file.read((n or BLOCK_EVENTS) * size):
+            if cut := len(read) % size:
+                broken(
+                    f"the last word must have {size} bytes, got {cut} at byte {start + len(read) - cut}",
+                    "drops a truncated last word",
+                )
+            if len(read) >= size:
+                yield start, read[: len(read) - cut]
+            start += len(read)
+
+
+def unwrapped(t: Array, before: int, period: int) -> Ints:
+    """Return the times of a counter that wraps at `period` as if it never did.
+
+    A fall by more than 7/8 of the period is a wrap; a smaller one is a time that runs backwards, and stays.
+
+    Args:
+        t: (n,) int64 in [0, period).
+        before: the last time returned for this file; 0 at its beginning.
+        period: in the unit of t.
+    """
+    wraps = np.cumsum(np.diff(t, prepend=before % period) < -(period // 8 * 7))
+    counted: Array = t + (wraps + before // period) * period
+    return counted
 
 
 def named(name: str) -> Format:
@@ -133,3 +183,48 @@ def detect(path: Path) -> Format:
         return next(iter(fitting.values()))
     may = f"could be any of {', '.join(fitting)}" if fitting else "has no known format"
     raise RecordingError(f"{path.name}: {may}; set the key 'format' to one of {', '.join(formats)}")
+
+
+def checked(blocks: Iterator[Block], width: int, height: int, broken: Broken) -> Iterator[Block]:
+    """Yield the blocks of one recording after checks: times never fall, addresses lie in the frame.
+
+    With repair, in this order: events outside the frame or before 0 us are dropped; a polarity above 1 is ON;
+    an event earlier than one before it takes the latest time so far. That loses none and brings none forward,
+    but one wrong stamp far ahead holds up all that follow it: the note counts them.
+
+    Raises:
+        RecordingError: an event is not sound, or there is none, and `broken` raised it.
+    """
+    n_read, n_kept, latest = 0, 0, 0
+    for block in blocks:
+        t_us, x, y, polarity = block.t_us, block.x, block.y, block.polarity
+        number: Ints = np.arange(n_read, n_read + len(t_us))
+        n_read += len(t_us)
+
+        def report(bad: Bools, rule: str, values: tuple[Array, ...], repair: str, number: Ints) -> None:
+            if bad.any():
+                k = int(bad.argmax())
+                got = ", ".join(str(value[k]) for value in values)
+                broken(f"event {number[k]} must {rule}, got {got}", repair, int(bad.sum()))
+
+        outside = (x < 0) | (x >= width) | (y < 0) | (y >= height)
+        frame = f"have its (x, y) within the frame of {width} x {height} pixels"
+        report(outside, frame, (x, y), "drops events outside the frame", number)
+        early = t_us < 0
+        report(early, "have a time of at least 0 us", (t_us,), "drops events before 0 us", number)
+        other = polarity > 1
+        report(other, "have polarity 0 or 1", (polarity,), "treats other polarities as ON", number)
+        valid = ~(outside | early)
+        if not valid.all():
+            number, t_us, x, y, polarity = (part[valid] for part in (number, t_us, x, y, polarity))
+        if not len(t_us):
+            continue
+        in_order = np.maximum.accumulate(np.maximum(t_us, latest))
+        order = "not be earlier than a previous event: time in us and latest time before"
+        repair = "sets the time of an event out of order to the latest time before"
+        report(t_us < in_order, order, (t_us, in_order), repair, number)
+        latest = int(in_order[-1])
+        n_kept += len(t_us)
+        yield Block(in_order, x, y, np.minimum(polarity, 1))
+    if not n_kept:
+        broken("must have events, got none", "treats the file as a recording without events")

@@ -1,15 +1,23 @@
-"""What the AEDAT versions share: the line that names the version, and the chips that headers name."""
+"""AEDAT 2.0 of jAER and 3.1 of cAER: a text header, then addresses with time stamps."""
 
 from __future__ import annotations
 
+import os
 import re
-from typing import BinaryIO
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, ClassVar
+
+import numpy as np
 
 from dse.recordings import RecordingError
+from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file, read_words, unwrapped
+from dse.records import Block
+from dse.registry import register
 
-LINE_BYTES = 1 << 16
-"""Longest header line."""
-
+_LINE_BYTES = 1 << 16  # of the longest header line
 # Name of the chip, in lower case, -> width, height.
 # Source: iniVation, AEDAT File Formats, Supported Devices; the sizes are those of the user guides.
 _CHIPS = {
@@ -20,14 +28,21 @@ _CHIPS = {
     r"davis346[a-z]*": (346, 260),
     r"davis640(mono|rgb)?": (640, 480),
 }
+_WORD_BYTES = 8
+_PERIOD_US = 1 << 32  # 1.2 hours
+_CHIP = re.compile(rb"#\s*AEChip:\s*(?:\S*\.)?(\w+)\s*$")
+_END_2 = re.compile(rb"#\s*end of ascii header\s*$", re.IGNORECASE)
+_CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
+_UNNAMED = "DVS128"  # files without the chip's name are older than the DAVIS
+_PACKET = struct.Struct("<hhiiiiii")
+_POLARITY = 1
+_EVENT = np.dtype([("data", "<u4"), ("t", "<i4")])
+_END_3 = b"#!END-HEADER"
 
 
 def chip_frame(chip: str) -> tuple[int, int] | None:
     """Return the width and height of a chip, None if it is not known."""
-    for names, size in _CHIPS.items():
-        if re.fullmatch(names, chip.lower()):
-            return size
-    return None
+    return next((size for names, size in _CHIPS.items() if re.fullmatch(names, chip.lower())), None)
 
 
 def read_version(file: BinaryIO, name: str, version: str) -> None:
@@ -40,3 +55,186 @@ def read_version(file: BinaryIO, name: str, version: str) -> None:
     if line.rstrip(b"\r\n") != must.encode() or not line.endswith(b"\n"):
         got = f"begins with {line.rstrip()!r}" if line else "is empty"
         raise RecordingError(f"{name}: the file must begin with the line '{must}' at byte 0, it {got}")
+
+
+@register("recordings.formats", "aedat2")
+@dataclass(frozen=True)
+class Aedat2:
+    """AEDAT 2.0 of a DVS128 or a DAVIS camera, as stated in the AEChip line of the header.
+
+    Words that are no pixel's event (frames, inertial samples, external inputs) are passed over. The chips
+    count rows from the bottom and columns from the right; here (0, 0) is the upper left pixel, as in later
+    versions. The 32-bit time may wrap.
+
+    Source: iniVation, AEDAT File Formats, AEDAT 2.0; where it and jAER differ (the direction of the columns,
+    and a DVS128's polarity bit, which is 0 for ON) jAER, which wrote the files.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = (".aedat", ".aedat2")
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return whether the head names version 2, or version 1, which is refused with a reason."""
+        return head.startswith((b"#!AER-DAT2", b"#!AER-DAT1"))
+
+    def frame(self, path: Path) -> tuple[int, int] | None:
+        """Return the size of the chip that the header names, None if it names none."""
+        chip, _ = _read_header_2(path)
+        return None if chip is None else _size(chip, path.name)
+
+    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+        """Yield the events.
+
+        Of a DVS128, bits 14-8 are the row, 7-1 the column, 0 OFF; bit 15 is an external input. Of a DAVIS,
+        bit 31 marks frames and inertial samples, 30-22 are the row, 21-12 the column, 11 ON, 10 an input.
+        """
+        chip, start = _read_header_2(path)
+        if chip is None:
+            broken(
+                "the header must name the chip in a line '# AEChip: ...', but has none",
+                f"treats an unnamed camera as a {_UNNAMED}",
+            )
+            chip = _UNNAMED
+        (width, height), before = _size(chip, path.name), 0
+        for at, data in read_words(path, start, _WORD_BYTES, broken):
+            address, time = np.frombuffer(data, ">u4").reshape(-1, 2).astype(np.int64).T
+            if chip.lower() in ("dvs128", "tmpdiff128"):
+                is_event, unknown = address >> 15 == 0, address >> 16 != 0
+                x, y, polarity = address >> 1 & 127, address >> 8 & 127, ~address & 1
+            else:
+                is_event, unknown = address & (1 << 31 | 1 << 10) == 0, address < 0
+                x, y, polarity = address >> 12 & 1023, address >> 22 & 511, address >> 11 & 1
+            first = int(unknown.argmax())
+            broken(
+                f"the address at byte {at + first * _WORD_BYTES} must be valid for a {chip}, "
+                f"got {address[first]:#010x}",
+                "drops words with an address that the chip does not have",
+                int(unknown.sum()),
+            )
+            time[is_event] = unwrapped(time[is_event], before, _PERIOD_US)
+            before = int(time[is_event][-1]) if is_event.any() else before
+            yield from block_of(time, width - 1 - x, height - 1 - y, polarity, is_event)
+
+
+def _read_header_2(path: Path) -> tuple[str | None, int]:
+    """Return the chip's name, None if no line says it, and where the first event begins."""
+    with open_file(path) as file:
+        read_version(file, path.name, "2.0")
+        chip = None
+        while True:
+            start = file.tell()
+            line = file.readline(_LINE_BYTES)
+            # An event may begin with the byte of '#' too, but the bytes after it are hardly ever all text.
+            if not line.startswith(b"#") or _CONTROL.search(line):
+                return chip, start
+            if _END_2.match(line):
+                return chip, file.tell()
+            if match := _CHIP.match(line):
+                chip = match[1].decode(errors="replace")
+
+
+def _size(chip: str, name: str) -> tuple[int, int]:
+    if (size := chip_frame(chip)) is None:
+        raise RecordingError(f"{name}: the header's AEChip must be a DVS128 or a DAVIS, got '{chip}'")
+    return size
+
+
+@register("recordings.formats", "aedat31")
+@dataclass(frozen=True)
+class Aedat31:
+    """AEDAT 3.1: polarity events of the first source that has any.
+
+    Packets of other types or sources, and events that are marked as invalid, are passed over. A time is the
+    event's 31 bits below the packet's overflow counter; after a reset of the camera's clock times begin anew.
+
+    Source: iniVation, AEDAT File Formats, AEDAT 3.1.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = (".aedat", ".aedat3")
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return whether the head names version 3; of its revisions all but 3.1 are refused with a reason."""
+        return head.startswith(b"#!AER-DAT3")
+
+    def frame(self, path: Path) -> tuple[int, int] | None:
+        """Return the size of the chip that is the source, None if it is not known or sources differ."""
+        with open_file(path) as file:
+            sizes = {chip_frame(chip) for chip in _read_header_3(file, path.name)}
+        return sizes.pop() if len(sizes) == 1 else None
+
+    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+        """Yield the events; a packet header that is not sound ends the reading."""
+        with open_file(path) as file:
+            _read_header_3(file, path.name)
+            end, camera = os.fstat(file.fileno()).st_size, None
+            while (at := file.tell()) < end:
+                head = file.read(_PACKET.size)
+                if len(head) < _PACKET.size:
+                    broken(
+                        f"the packet header at byte {at} must have {_PACKET.size} bytes, "
+                        f"but the file ends after {len(head)}",
+                        "drops a truncated packet header",
+                    )
+                    return
+                kind, source, size, time_at, overflow, capacity, n, valid = _PACKET.unpack(head)
+                sound = kind >= 0 and source >= 0 and overflow >= 0 and 0 <= valid <= n == capacity
+                if not sound or not 0 <= time_at <= size - 4:
+                    broken(
+                        f"the packet header at byte {at} must hold sizes of an event and of a packet that is "
+                        f"full, got type {kind}, source {source}, {size} bytes per event with the time at "
+                        f"byte {time_at}, overflow {overflow}, {n} events, {valid} of them valid, and room "
+                        f"for {capacity}",
+                        "drops the bytes after an invalid packet header",
+                        end - at,
+                    )
+                    return
+                begin = at + _PACKET.size
+                whole = min(n, (end - begin) // size)
+                broken(
+                    f"the packet at byte {at} must hold {n} events of {size} bytes, but the file ends after "
+                    f"{whole} of them",
+                    "drops the events of a truncated packet",
+                    n - whole,
+                )
+                if kind == _POLARITY and whole and camera in (None, source):
+                    if (size, time_at) == (_EVENT.itemsize, 4):
+                        camera = source
+                        yield from _events_3(file, whole, overflow)
+                    else:
+                        broken(
+                            f"the polarity events of the packet at byte {at} must be 8 bytes long with the "
+                            f"time at byte 4, got {size} bytes with the time at byte {time_at}",
+                            "drops packets of polarity events with another layout",
+                        )
+                file.seek(begin + n * size)
+
+
+def _read_header_3(file: BinaryIO, name: str) -> list[str]:
+    """Read up to the first packet; return the names of the sources."""
+    read_version(file, name, "3.1")
+    sources: list[str] = []
+    while True:
+        at = file.tell()
+        line = file.readline(_LINE_BYTES)
+        if line.rstrip(b"\r\n") == _END_3:
+            return sources
+        if not line.startswith(b"#"):
+            got = f"{line[:16]!r}" if line else "the end of the file"
+            raise RecordingError(
+                f"{name}: the header must end with the line '{_END_3.decode()}', got {got} at byte {at}"
+            )
+        key, _, value = line.decode(errors="replace").partition(":")
+        if key == "#Format" and value.strip() != "RAW":
+            raise RecordingError(
+                f"{name}: the header's Format must be RAW, got '{value.strip()}' at byte {at}"
+            )
+        if key.startswith("#Source "):
+            sources.append(value.strip())
+
+
+def _events_3(file: BinaryIO, n: int, overflow: int) -> Iterator[Block]:
+    """Yield the valid ones of n events: bits 31-17 column, 16-2 row, 1 polarity, 0 validity."""
+    for first in range(0, n, BLOCK_EVENTS):
+        events = np.frombuffer(file.read(min(BLOCK_EVENTS, n - first) * _EVENT.itemsize), _EVENT)
+        data = events["data"].astype(np.int64)
+        t_us = (overflow << 31) + events["t"].astype(np.int64)
+        yield from block_of(t_us, data >> 17, data >> 2 & 0x7FFF, data >> 1 & 1, data & 1 == 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar
@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import BLOCK_EVENTS, Broken, open_file
+from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file
 from dse.recordings.formats.aedat import read_version
 from dse.records import Array, Block
 from dse.registry import register
@@ -27,10 +27,9 @@ _EVENT = np.dtype(
         "itemsize": 16,
     }
 )
+_PIECE_BYTES = 1 << 20
 _MOST_BYTES = 1 << 28
 """Largest packet, before and after decompression: 16 million events; cameras send some thousand."""
-
-_PIECE_BYTES = 1 << 20
 
 
 @register("recordings.formats", "aedat4")
@@ -50,21 +49,12 @@ class Aedat4:
         return head.startswith(b"#!AER-DAT4")
 
     def frame(self, path: Path) -> tuple[int, int] | None:
-        """Return the size that the header states for the stream of events, None if it states none.
-
-        Raises:
-            RecordingError: the header is not of this format, or describes no stream of events.
-        """
+        """Return the size that the header states for the stream of events, None if it states none."""
         with open_file(path) as file:
-            header = _read_header(file, path.name)
-        return header.frame
+            return _read_header(file, path.name).frame
 
     def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
-        """Yield the events.
-
-        Raises:
-            RecordingError: the header is not of this format, or `broken` raised it.
-        """
+        """Yield the events; the packets that no flatbuffer of events is in are a fault."""
         with open_file(path) as file:
             header = _read_header(file, path.name)
             for at, data in _packets(file, header, broken):
@@ -75,12 +65,7 @@ class Aedat4:
                     continue
                 for first in range(0, len(events), BLOCK_EVENTS):
                     part = events[first : first + BLOCK_EVENTS]
-                    yield Block(
-                        part["t"].astype(np.int64),
-                        part["x"].astype(np.int32),
-                        part["y"].astype(np.int32),
-                        part["on"].copy(),
-                    )
+                    yield from block_of(part["t"], part["x"], part["y"], part["on"])
 
 
 @dataclass(frozen=True)
@@ -88,14 +73,14 @@ class _Header:
     """What the header says.
 
     decompress: undoes the packets' compression.
-    end: where the packets end, None if that is not noted.
+    end: where the packets end, -1 if that is not noted.
     streams: the numbers of the streams.
     stream: the number of the events' stream.
     frame: its width and height, None if not noted.
     """
 
     decompress: Callable[[bytes], bytes]
-    end: int | None
+    end: int
     streams: tuple[int, ...]
     stream: int
     frame: tuple[int, int] | None
@@ -119,35 +104,31 @@ def _read_header(file: BinaryIO, name: str) -> _Header:
         fields = _root(data, b"IOHE")
         compression = _at(data, fields[0], "<i") if 0 in fields else 0
         end = _at(data, fields[1], "<q") if 1 in fields else -1
-        streams = _streams(data, fields)
+        if 2 not in fields:
+            raise ValueError("must describe the streams, got no description")
+        first, count = _vector(data, fields[2], 1)
+        streams = _streams(data[first : first + count])
+        if compression not in range(len(_DECOMPRESS)):
+            most = len(_DECOMPRESS) - 1
+            raise ValueError(f"must state a compression from 0 (none) to {most}, got {compression}")
+        events = [stream for stream, (kind, _) in streams.items() if kind == "EVTS"]
+        if not events:
+            got = ", ".join(f"{stream} of type {kind}" for stream, (kind, _) in streams.items()) or "none"
+            raise ValueError(f"must describe a stream of type EVTS, got {got}")
     except ValueError as problem:
         raise RecordingError(f"{name}: the header at byte {at} {problem}") from problem
-    if compression not in range(len(_DECOMPRESS)):
-        raise RecordingError(
-            f"{name}: the header's compression must be from 0 (none) to {len(_DECOMPRESS) - 1}, "
-            f"got {compression}"
-        )
-    events = [stream for stream, (kind, _) in streams.items() if kind == "EVTS"]
-    if not events:
-        got = ", ".join(f"{stream} of type {kind}" for stream, (kind, _) in streams.items()) or "none"
-        raise RecordingError(f"{name}: the header must describe a stream of type EVTS, got {got}")
-    frame = streams[events[0]][1]
-    return _Header(_DECOMPRESS[compression], None if end == -1 else end, tuple(streams), events[0], frame)
+    return _Header(_DECOMPRESS[compression], end, tuple(streams), events[0], streams[events[0]][1])
 
 
-def _streams(data: bytes, fields: Mapping[int, int]) -> dict[int, tuple[str, tuple[int, int] | None]]:
-    """Return number -> type, size of the streams that the header describes in XML, in its order.
+def _streams(text: bytes) -> dict[int, tuple[str, tuple[int, int] | None]]:
+    """Return number -> type, size of the streams that XML describes, in its order.
 
     Raises:
         ValueError: it does not, as the end of a sentence.
     """
-    if 2 not in fields:
-        raise ValueError("must describe the streams, got no description")
-    first, count = _vector(data, fields[2], 1)
+    streams = {}
     try:
-        root = ElementTree.fromstring(data[first : first + count])
-        streams = {}
-        for node in root.findall("./node[@name='outInfo']/node"):
+        for node in ElementTree.fromstring(text).findall("./node[@name='outInfo']/node"):
             kind = node.findtext("attr[@key='typeIdentifier']", "")
             sides = [node.findtext(f"node[@name='info']/attr[@key='{key}']") for key in ("sizeX", "sizeY")]
             size = (int(sides[0]), int(sides[1])) if sides[0] and sides[1] else None
@@ -162,15 +143,15 @@ def _streams(data: bytes, fields: Mapping[int, int]) -> dict[int, tuple[str, tup
 def _packets(file: BinaryIO, header: _Header, broken: Broken) -> Iterator[tuple[int, bytes]]:
     """Yield position and content of the packets of the stream of events."""
     length = end = os.fstat(file.fileno()).st_size
-    if header.end is not None:
-        if file.tell() <= header.end <= length:
-            end = header.end
-        else:
-            broken(
-                f"the table of packets must begin between byte {file.tell()} and the end of the file at byte "
-                f"{length}, got byte {header.end}",
-                "reads the packets that are present",
-            )
+    if header.end != -1:
+        is_within = file.tell() <= header.end <= length
+        end = header.end if is_within else length
+        broken(
+            f"the table of packets must begin between byte {file.tell()} and the end of the file at byte "
+            f"{length}, got byte {header.end}",
+            "reads the packets that are present",
+            int(not is_within),
+        )
     while (at := file.tell()) < end:
         head = file.read(_PACKET.size)
         stream, size = _PACKET.unpack(head) if len(head) == _PACKET.size else (-1, -1)
@@ -183,20 +164,20 @@ def _packets(file: BinaryIO, header: _Header, broken: Broken) -> Iterator[tuple[
                 end - at,
             )
             return
-        if stream not in header.streams:
-            known = ", ".join(map(str, header.streams))
+        broken(
+            f"the packet at byte {at} must be of a stream in the header "
+            f"({', '.join(map(str, header.streams))}), got stream {stream}",
+            "drops packets of unknown streams",
+            int(stream not in header.streams),
+        )
+        if stream == header.stream:
             broken(
-                f"the packet at byte {at} must be of a stream in the header ({known}), got stream {stream}",
-                "drops packets of unknown streams",
+                f"the packet at byte {at} must be at most {_MOST_BYTES} bytes long, got {size}",
+                "drops packets that are too long",
+                int(size > _MOST_BYTES),
             )
-        elif stream == header.stream:
             if size <= _MOST_BYTES:
                 yield at, file.read(size)
-            else:
-                broken(
-                    f"the packet at byte {at} must be at most {_MOST_BYTES} bytes long, got {size}",
-                    "drops packets that are too long",
-                )
         file.seek(begin + size)
 
 
@@ -246,16 +227,6 @@ def _at(data: bytes, at: int, layout: str) -> int:
     return int(struct.unpack_from(layout, data, at)[0])
 
 
-def _bounded(pieces: Iterator[bytes]) -> bytes:
-    parts, total = [], 0
-    for piece in pieces:
-        parts.append(piece)
-        total += len(piece)
-        if total > _MOST_BYTES:
-            raise ValueError(f"must hold at most {_MOST_BYTES} bytes after decompression, got more")
-    return b"".join(parts)
-
-
 def _lz4(data: bytes) -> bytes:
     import lz4.frame
 
@@ -278,6 +249,15 @@ def _zstd(data: bytes) -> bytes:
         return _bounded(zstandard.ZstdDecompressor().read_to_iter(data, write_size=_PIECE_BYTES))
     except zstandard.ZstdError as problem:
         raise ValueError(f"must be a Zstandard frame: {problem}") from problem
+
+
+def _bounded(pieces: Iterator[bytes]) -> bytes:
+    data = bytearray()
+    for piece in pieces:
+        data += piece
+        if len(data) > _MOST_BYTES:
+            raise ValueError(f"must hold at most {_MOST_BYTES} bytes after decompression, got more")
+    return bytes(data)
 
 
 # In the order of the header's number: none, LZ4, LZ4 high, Zstandard, Zstandard high.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import BinaryIO, ClassVar
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import BLOCK_EVENTS, Broken, open_file
+from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file
 from dse.records import Block
 from dse.registry import register
 
@@ -19,6 +20,11 @@ _HEADER_BYTES = 20
 _EVENT_BYTES = 5
 _KINDS = ("generic", "DVS", "ATIS", "display", "colour")
 _FLAGS = {"DVS": 1, "ATIS": 2}  # bits of an event's first byte that are not time
+# Bytes of elapsed time alone, whose time bits are all set; an event; what is left of a cut one.
+_TOKENS = {
+    1: re.compile(rb"([\xfe\xff]+)|([^\xfe\xff].{4})|(.+)", re.DOTALL),
+    2: re.compile(rb"([\xfc-\xff]+)|([^\xfc-\xff].{4})|(.+)", re.DOTALL),
+}
 
 
 @register("recordings.formats", "es")
@@ -38,41 +44,44 @@ class EventStream:
         return head.startswith(_MARK)
 
     def frame(self, path: Path) -> tuple[int, int]:
-        """Return the width and height that the header states.
-
-        Raises:
-            RecordingError: the header is not sound, or of events without addresses.
-        """
+        """Return the width and height that the header states; events without addresses are an error."""
         with open_file(path) as file:
-            _, width, height = _read_header(file, path.name)
-        return width, height
+            return _read_header(file, path.name)[1:]
 
     def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
         """Yield the events.
 
-        Raises:
-            RecordingError: the header is not sound, the events have no addresses, or `broken` raised it.
+        The lowest bits of an event's first byte are flags (polarity; threshold crossing), the others the
+        elapsed time; a byte whose time bits are all set is no event but lets that much time pass, as many
+        times as its flags say.
         """
-        from dse.recordings.formats.kernels.es import decode
-
         with open_file(path) as file:
             flags, _, height = _read_header(file, path.name)
+            full, lowest = 255 >> flags, (1 << flags) - 1
             at, time, rest = _HEADER_BYTES, 0, b""
             while read := file.read(BLOCK_EVENTS * _EVENT_BYTES):
-                data = np.frombuffer(rest + read, np.uint8)
-                most = len(data) // _EVENT_BYTES
-                t_us, polarity = np.empty(most, np.int64), np.empty(most, np.uint8)
-                x, y = np.empty(most, np.int32), np.empty(most, np.int32)
-                n, taken, time = decode(data, time, flags, t_us, x, y, polarity)
-                at, rest = at + taken, data[taken:].tobytes()
-                if n:
-                    yield Block(t_us[:n], x[:n], height - 1 - y[:n], polarity[:n])
-            if rest:
-                broken(
-                    f"the event at byte {at} must have {_EVENT_BYTES} bytes, but the file ends after "
-                    f"{len(rest)}",
-                    "drops a truncated event",
+                tokens = _TOKENS[flags].findall(rest + read)
+                rest = tokens[-1][2]
+                at += sum(len(alone) + len(event) for alone, event, _ in tokens)
+                passed = [event[0] >> flags if event else full * sum(x & lowest for x in alone)
+                          for alone, event, _ in tokens]  # fmt: skip
+                t_us = time + np.cumsum(passed)
+                time = int(t_us[-1])
+                events = np.frombuffer(b"".join(event for _, event, _ in tokens), np.uint8)
+                first, x0, x1, y0, y1 = events.reshape(-1, _EVENT_BYTES).astype(np.int64).T
+                is_change = (flags == 1) | (first & 1 == 0)
+                yield from block_of(
+                    t_us[[bool(event) for _, event, _ in tokens]],
+                    x0 | x1 << 8,
+                    height - 1 - (y0 | y1 << 8),
+                    first >> (flags - 1) & 1,
+                    is_change,
                 )
+            broken(
+                f"the event at byte {at} must have {_EVENT_BYTES} bytes, but the file ends after {len(rest)}",
+                "drops a truncated event",
+                int(len(rest) > 0),
+            )
 
 
 def _read_header(file: BinaryIO, name: str) -> tuple[int, int, int]:

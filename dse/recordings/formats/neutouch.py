@@ -19,8 +19,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from dse.recordings.formats import BLOCK_EVENTS, Broken, open_file
-from dse.records import Block, Floats
+from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file
+from dse.records import Block
 from dse.registry import register
 
 N_TAXELS = 80
@@ -28,7 +28,6 @@ NO_TAXEL = (0, 60)
 
 _LINE = re.compile(rb"\s*([01])\s+(\d{1,9})\s+(\d{1,12}(?:\.\d*)?)\s*")
 _LINE_BYTES = 24
-_LONGEST_LINE = 1 << 10
 _SHOWN = 40
 
 
@@ -53,41 +52,23 @@ class Neutouch:
         Raises:
             RecordingError: the file cannot be opened, or `broken` raised it.
         """
-        first_s: float | None = None
-        for events in _events(path, broken):
-            events = events[~np.isin(events[:, 1], NO_TAXEL)]
-            if not len(events):
-                continue
-            if first_s is None:
-                first_s = float(events[0, 2])
-            yield Block(
-                t_us=np.rint((events[:, 2] - first_s) * 1e6).astype(np.int64),
-                x=events[:, 1].astype(np.int32),
-                y=np.zeros(len(events), dtype=np.int32),
-                polarity=(events[:, 0] == 0).astype(np.uint8),
-            )
-
-
-def _events(path: Path, broken: Broken) -> Iterator[Floats]:
-    """Yield (n, 3) float64: sign, taxel and Unix time of consecutive lines."""
-    n_before, rest, more = 0, b"", True
-    with open_file(path) as file:
-        while more:
-            chunk = file.read(BLOCK_EVENTS * _LINE_BYTES)
-            more = bool(chunk)
-            lines = (rest + chunk).split(b"\n")
-            rest = lines.pop()[:_LONGEST_LINE] if more else b""
-            rows = []
-            for number, line in enumerate(lines, n_before + 1):
-                fields = _LINE.fullmatch(line)
-                if fields is not None:
-                    rows.append(fields.groups())
-                elif line.strip():
-                    text = line.decode(errors="replace")[:_SHOWN]
-                    broken(
-                        f"line {number} must be a sign (0 or 1), a taxel and a time, got {text!r}",
-                        "skips lines that are not events",
-                    )
-            n_before += len(lines)
-            if rows:
-                yield np.array(rows).astype(np.float64)
+        first_s, n_before = None, 0
+        with open_file(path) as file:
+            while lines := file.readlines(BLOCK_EVENTS * _LINE_BYTES):
+                rows = []
+                for number, line in enumerate(lines, n_before + 1):
+                    if fields := _LINE.fullmatch(line):
+                        rows.append(fields.groups())
+                    elif line.strip():
+                        broken(
+                            f"line {number} must be a sign (0 or 1), a taxel and a time, got "
+                            f"{line.decode(errors='replace')[:_SHOWN].rstrip()!r}",
+                            "skips lines that are not events",
+                        )
+                n_before += len(lines)
+                sign, taxel, time_s = np.array(rows).astype(np.float64).reshape(-1, 3).T
+                is_taxel = ~np.isin(taxel, NO_TAXEL)
+                if first_s is None and is_taxel.any():
+                    first_s = time_s[is_taxel][0]
+                t_us = np.rint((time_s - (first_s or 0)) * 1e6)
+                yield from block_of(t_us, taxel, np.zeros_like(taxel), sign == 0, is_taxel)

@@ -9,8 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dse.recordings.formats import Broken, open_file
-from dse.recordings.formats.words import read_words, unwrapped
+from dse.recordings.formats import Broken, block_of, open_file, read_words, unwrapped
 from dse.records import Block
 from dse.registry import register
 
@@ -44,19 +43,13 @@ class Nmnist:
     def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
         """Yield the events."""
         before, marks = 0, 0
-        for read in read_words(path, 0, _EVENT_BYTES, broken):
-            words = np.frombuffer(read, dtype=np.uint8).reshape(-1, _EVENT_BYTES).astype(np.int64)
-            x, y = words[:, 0].astype(np.int32), words[:, 1].astype(np.int32)
-            t_us = unwrapped((words[:, 2] & 0x7F) << 16 | words[:, 3] << 8 | words[:, 4], before, _PERIOD_US)
+        for _, read in read_words(path, 0, _EVENT_BYTES, broken):
+            x, y, *rest = np.frombuffer(read, np.uint8).reshape(-1, _EVENT_BYTES).astype(np.int64).T
+            t_us = unwrapped((rest[0] & 0x7F) << 16 | rest[1] << 8 | rest[2], before, _PERIOD_US)
             before = int(t_us[-1])
-            mark = y == _MARK_ROW
-            passed = marks + np.cumsum(mark)
+            passed = marks + np.cumsum(y == _MARK_ROW)
             marks = int(passed[-1])
-            t_us = t_us + passed * _MARK_US
-            event = ~mark
-            polarity = (words[:, 2] >> 7).astype(np.uint8)
-            if event.any():
-                yield Block(t_us[event], x[event], y[event], polarity[event])
+            yield from block_of(t_us + passed * _MARK_US, x, y, rest[0] >> 7, y != _MARK_ROW)
 
 
 def _inside(head: bytes) -> bool:

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from dse.recordings.formats import Format, Repairs
-from dse.recordings.formats.checked import checked
+from dse.recordings.formats import Format, Repairs, checked
 from dse.records import Block
 
 Event = tuple[int, int, int, int]  # t_us, x, y, polarity

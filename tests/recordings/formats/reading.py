@@ -1,4 +1,4 @@
-"""What the tests of the formats share: a file read whole, events drawn at random, and the memory it takes."""
+"""What the tests of the formats share: a file read whole, its faults, events drawn at random, and memory."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import tracemalloc
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 
-from dse.recordings.formats import Format, Repairs
+from dse.recordings import RecordingError
+from dse.recordings.formats import Format, Repairs, named
 from dse.records import Array, Block
 
 
@@ -27,10 +29,46 @@ def read(form: Format, path: Path, repair: bool = False) -> tuple[Block, list[st
     return Block(**columns), repairs.notes
 
 
+def faulty(name: str, path: Path, content: bytes, n_left: int, *sentences: str) -> Block:
+    """Check that a file is refused with a fault that repair notes, and return the events that repair leaves.
+
+    Args:
+        name: of the format.
+        path: file to write.
+        content: of the file.
+        n_left: number of these events.
+        sentences: parts of the fault and of the repair.
+    """
+    path.write_bytes(content)
+    with pytest.raises(RecordingError) as error:
+        read(named(name), path)
+    found, notes = read(named(name), path, repair=True)
+    assert len(notes) == 1 and len(found.t_us) == n_left
+    for text in (str(error.value), notes[0]):
+        assert text.startswith(f"{path.name}: ") and "; --repair " in text and "\n" not in text
+    assert all(sentence in notes[0] for sentence in sentences), notes[0]
+    return found
+
+
+def refused(name: str, path: Path, content: bytes, sentence: str) -> None:
+    """Check that a file is refused even with repair."""
+    path.write_bytes(content)
+    for repair in (False, True):
+        with pytest.raises(RecordingError) as error:
+            read(named(name), path, repair)
+        assert str(error.value).startswith(f"{path.name}: ") and sentence in str(error.value)
+
+
 def same(found: Block, t_us: Array, x: Array, y: Array, polarity: Array) -> bool:
     """Return whether these are the events."""
     pairs = ((found.t_us, t_us), (found.x, x), (found.y, y), (found.polarity, polarity))
     return all(np.array_equal(a, b) for a, b in pairs)
+
+
+def tuples(found: Block) -> list[tuple[int, int, int, int]]:
+    """Return events as t_us, x, y and polarity."""
+    columns = (found.t_us, found.x, found.y, found.polarity)
+    return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 @st.composite
@@ -59,10 +97,15 @@ def many(n: int, width: int, height: int) -> Block:
     )
 
 
+def part(block: Block, of: slice) -> Block:
+    """Return some of the events."""
+    return Block(block.t_us[of], block.x[of], block.y[of], block.polarity[of])
+
+
 def peak_bytes(form: Format, path: Path) -> tuple[int, int]:
     """Return how many events a file has, and the most memory that reading it took."""
     for _ in form.blocks(path, Repairs(path.name, False).broken):
-        break  # imports and compiles what is needed
+        break  # imports what is needed
     tracemalloc.start()
     try:
         n = sum(len(block.t_us) for block in form.blocks(path, Repairs(path.name, False).broken))

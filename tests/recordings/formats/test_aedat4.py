@@ -17,9 +17,8 @@ from hypothesis import strategies as st
 from dse.recordings import RecordingError
 from dse.recordings.formats import BLOCK_EVENTS, Repairs, aedat4, detect
 from dse.recordings.formats.aedat4 import Aedat4
-from dse.recordings.formats.checked import checked
 from dse.records import Block
-from tests.recordings.formats.reading import events, many, peak_bytes, read, same
+from tests.recordings.formats.reading import events, faulty, many, part, peak_bytes, read, refused, same
 
 VERSION = b"#!AER-DAT4.0\r\n"
 NONE, LZ4, LZ4_HIGH, ZSTD, ZSTD_HIGH = range(5)
@@ -75,22 +74,12 @@ def coded(block: Block, compression: int = LZ4) -> bytes:
     return packet(COMPRESS[compression](content(block)))
 
 
-def part(block: Block, of: slice) -> Block:
-    return Block(block.t_us[of], block.x[of], block.y[of], block.polarity[of])
-
-
 BLOCK = many(1000, 320, 240)
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "a.aedat4"
-
-
-def error(path: Path) -> str:
-    with pytest.raises(RecordingError) as recording:
-        read(Aedat4(), path)
-    return str(recording.value)
 
 
 def test_a_recorded_file(shared_data):
@@ -147,47 +136,48 @@ def test_a_large_packet_comes_in_blocks(path):
     assert sizes == [BLOCK_EVENTS, BLOCK_EVENTS, 3]
 
 
-def damaged(path: Path, bad: bytes, lost: int = 0) -> tuple[str, list[str]]:
-    """Write a packet, `bad` and a packet; check that repair reads both; return the error and the notes."""
-    first, last = part(BLOCK, slice(0, 400)), part(BLOCK, slice(400, 1000))
-    path.write_bytes(head() + coded(first) + bad + coded(last))
-    sentence = error(path)
-    assert f"the packet at byte {len(head() + coded(first))} " in sentence
-    recording, notes = read(Aedat4(), path, repair=True)
-    assert same(recording, BLOCK.t_us, BLOCK.x, BLOCK.y, BLOCK.polarity)
-    return sentence, notes
+def damaged(path: Path, bad: bytes, *sentences: str, compression: int = LZ4) -> None:
+    """Check that a packet between two good ones is a fault, and that repair reads those."""
+    first, last = (coded(part(BLOCK, x), compression) for x in (slice(0, 400), slice(400, 1000)))
+    good = head(compression) + first
+    found = faulty("aedat4", path, good + bad + last, 1000, f"the packet at byte {len(good)} ", *sentences)
+    assert same(found, BLOCK.t_us, BLOCK.x, BLOCK.y, BLOCK.polarity)
 
 
-def test_a_damaged_lz4_frame(path):
+def broken_frame() -> bytes:
     data = bytearray(coded(BLOCK))
-    for i in range(40, 60):
-        data[i] ^= 0xFF
-    sentence, notes = damaged(path, bytes(data))
-    assert "must be an LZ4 frame: " in sentence
-    assert len(notes) == 1 and notes[0].endswith("--repair drops invalid packets")
+    data[40:60] = bytes(x ^ 0xFF for x in data[40:60])
+    return bytes(data)
+
+
+def too_many_events() -> bytes:
+    data = bytearray(content(BLOCK))
+    data[28:32] = b"\xff\xff\xff\xff"
+    return packet(COMPRESS[LZ4](bytes(data)))
+
+
+@pytest.mark.parametrize(
+    ("bad", "sentence", "repair"),
+    [
+        (broken_frame(), "must be an LZ4 frame: ", "drops invalid packets"),
+        (packet(COMPRESS[ZSTD](content(BLOCK))), "must be an LZ4 frame: ", "drops invalid packets"),
+        (packet(content(BLOCK)), "must be an LZ4 frame: ", "drops invalid packets"),
+        (packet(b""), "must hold a flatbuffer of its own length, got 0 bytes", "drops invalid packets"),
+        (packet(COMPRESS[LZ4](content(BLOCK, b"IMUS"))), "must hold a flatbuffer EVTS, got b'IMUS'", ""),
+        (too_many_events(), "must hold 4294967295 items of 16 bytes, got 16000 bytes", ""),
+        (packet(b"abc", 77), "must be of a stream in the header (0, 1, 2), got stream 77", "unknown streams"),
+    ],
+)
+def test_a_bad_packet_among_good_ones(path, bad, sentence, repair):
+    damaged(path, bad, sentence, repair)
 
 
 def test_frames_of_another_compression(path):
-    data = content(BLOCK)
-    assert "must be an LZ4 frame: " in damaged(path, packet(COMPRESS[ZSTD](data)))[0]
-    assert "must be an LZ4 frame: " in damaged(path, packet(data))[0]
-    path.write_bytes(head(ZSTD) + coded(BLOCK, LZ4))
-    assert "must be a Zstandard frame: " in error(path)
-    path.write_bytes(head(NONE) + coded(BLOCK, LZ4))
-    assert "must hold a flatbuffer" in error(path)
-
-
-@pytest.mark.parametrize("compression", [LZ4, ZSTD])
-def test_half_a_frame(path, compression):
-    data = COMPRESS[compression](content(BLOCK))
-    path.write_bytes(head(compression) + packet(data[: len(data) // 2]))
-    assert "a.aedat4: the packet at byte " in error(path)
-    recording, notes = read(Aedat4(), path, repair=True)
-    assert len(recording.t_us) == 0 and len(notes) == 1
-
-
-def test_a_packet_of_no_bytes(path):
-    assert "must hold a flatbuffer of its own length, got 0 bytes" in damaged(path, packet(b""))[0]
+    damaged(path, coded(BLOCK, LZ4), "must be a Zstandard frame: ", compression=ZSTD)
+    damaged(path, coded(BLOCK, LZ4), "must hold a flatbuffer", compression=NONE)
+    for compression in (LZ4, ZSTD):
+        data = COMPRESS[compression](content(BLOCK))
+        damaged(path, packet(data[: len(data) // 2]), compression=compression)
 
 
 def test_a_packet_of_no_events(path):
@@ -195,17 +185,6 @@ def test_a_packet_of_no_events(path):
     path.write_bytes(head() + coded(none) + coded(BLOCK) + coded(none))
     recording, notes = read(Aedat4(), path)
     assert notes == [] and len(recording.t_us) == 1000
-
-
-def test_a_packet_of_an_unknown_stream(path):
-    sentence, notes = damaged(path, packet(b"abc", 77))
-    assert "must be of a stream in the header (0, 1, 2), got stream 77" in sentence
-    assert notes[0].endswith("--repair drops packets of unknown streams")
-
-
-def test_a_flatbuffer_of_another_type(path):
-    data = packet(COMPRESS[LZ4](content(BLOCK, b"IMUS")))
-    assert "must hold a flatbuffer EVTS, got b'IMUS'" in damaged(path, data)[0]
 
 
 @given(data=st.data())
@@ -220,103 +199,58 @@ def test_damaged_places_within_a_flatbuffer(tmp_path_factory, data):
     assert recording.t_us[-1000:].tolist() == BLOCK.t_us.tolist()
 
 
-def test_a_claim_of_too_many_events_takes_no_memory(path):
-    data = bytearray(content(BLOCK))
-    data[28:32] = b"\xff\xff\xff\xff"
-    sentence, _ = damaged(path, packet(COMPRESS[LZ4](bytes(data))))
-    assert "must hold 4294967295 items of 16 bytes, got 16000 bytes" in sentence
-
-
 @pytest.mark.parametrize("compression", [LZ4, ZSTD, ZSTD_HIGH])
-def test_a_packet_that_grows_without_end(path, compression, monkeypatch):
-    monkeypatch.setattr(aedat4, "_MOST_BYTES", 1 << 16)
-    path.write_bytes(head(compression) + packet(COMPRESS[compression](bytes(1 << 22))))
-    assert "must hold at most 65536 bytes after decompression, got more" in error(path)
-
-
-def test_a_packet_that_is_too_long_is_passed_over(path, monkeypatch):
+def test_a_packet_that_grows_without_end_or_is_too_long(path, compression, monkeypatch):
     monkeypatch.setattr(aedat4, "_MOST_BYTES", 1 << 15)
-    assert "must be at most 32768 bytes long, got 40000" in damaged(path, packet(bytes(40000)))[0]
+    bad = packet(COMPRESS[compression](bytes(1 << 22)))
+    damaged(path, bad, "must hold at most 32768 bytes after decompression, got more", compression=compression)
+    damaged(
+        path, packet(bytes(40000)), "must be at most 32768 bytes long, got 40000", compression=compression
+    )
 
 
 @pytest.mark.parametrize("size", [2**31 - 1, -1, -(2**31)])
 def test_an_absurd_length_ends_the_reading(path, size):
     good = head() + coded(BLOCK)
     bad = packet(b"abc", 0, size) + coded(BLOCK)
-    path.write_bytes(good + bad)
-    assert error(path).startswith(
-        f"a.aedat4: the packet at byte {len(good)} must end within the {len(bad)} bytes left, "
-        f"got a length of {size} bytes"
-    )
-    recording, notes = read(Aedat4(), path, repair=True)
-    assert len(recording.t_us) == 1000
-    assert notes[0].endswith(f"--repair drops the bytes of an unfinished packet ({len(bad)} in all)")
+    got = f"{len(good)} must end within the {len(bad)} bytes left, got a length of {size} bytes"
+    faulty("aedat4", path, good + bad, 1000, got, f"({len(bad)} in all)")
 
 
 @pytest.mark.parametrize("left", [3, 8, 100])
 def test_cut_in_a_packet(path, left):
     good = head() + coded(BLOCK)
-    path.write_bytes(good + coded(BLOCK)[:left])
-    sentence = f"a.aedat4: the packet at byte {len(good)} must end within the {left} bytes left, got "
-    assert error(path).startswith(sentence)
-    recording, notes = read(Aedat4(), path, repair=True)
-    assert len(recording.t_us) == 1000 and notes[0].endswith(f"({left} in all)")
+    sentence = f"the packet at byte {len(good)} must end within the {left} bytes left, got "
+    faulty("aedat4", path, good + coded(BLOCK)[:left], 1000, sentence, f"({left} in all)")
 
 
 def test_cut_between_packets_shows_by_the_missing_table(path):
     length = len(head() + 2 * coded(BLOCK))
-    path.write_bytes(head(end=length) + coded(BLOCK))
-    assert error(path).startswith(
-        f"a.aedat4: the table of packets must begin between byte {len(head())} and the end of the file at "
-        f"byte {len(head() + coded(BLOCK))}, got byte {length}"
-    )
-    recording, notes = read(Aedat4(), path, repair=True)
-    assert len(recording.t_us) == 1000 and notes[0].endswith("--repair reads the packets that are present")
-
-
-def test_a_header_alone_has_no_events(path):
-    path.write_bytes(head())
-    repairs = Repairs("a.aedat4", False)
-    with pytest.raises(RecordingError, match=r"a\.aedat4: .*got none"):
-        list(checked(Aedat4().blocks(path, repairs.broken), 320, 240, repairs.broken))
+    sentence = f"byte {len(head() + coded(BLOCK))}, got byte {length}; --repair reads the packets that are"
+    faulty("aedat4", path, head(end=length) + coded(BLOCK), 1000, "the table of packets must begin", sentence)
 
 
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [
         (b"", "the file must begin with the line '#!AER-DAT4.0' at byte 0, it is empty"),
-        (
-            b"#!AER-DAT4.1\r\n",
-            "must begin with the line '#!AER-DAT4.0' at byte 0, it begins with b'#!AER-DAT4.1'",
-        ),
+        (b"#!AER-DAT4.1\r\n", "it begins with b'#!AER-DAT4.1'"),
         (VERSION, "the header at byte 14 must state its length within the 0 bytes left, got 0"),
         (VERSION + b"\xff\xff\xff\x7fabc", "must state its length within the 7 bytes left, got 2147483647"),
         (head()[:200], "the header at byte 14 must state its length within the 186 bytes left, got "),
-        (
-            VERSION + struct.pack("<I", 40) + bytes(40),
-            "the header at byte 14 must hold a flatbuffer IOHE, got b'",
-        ),
-        (
-            VERSION + described(b"<dv>", 1, -1),
-            "the header at byte 14 must describe the streams in XML: no element",
-        ),
-        (
-            VERSION + described(b"", 1, -1),
-            "the header at byte 14 must describe the streams in XML: no element",
-        ),
+        (VERSION + struct.pack("<I", 40) + bytes(40), "must hold a flatbuffer IOHE, got b'"),
+        (VERSION + described(b"<dv>", 1, -1), "must describe the streams in XML: no element"),
+        (VERSION + described(b"", 1, -1), "must describe the streams in XML: no element"),
         (head(streams=(("EVTS", (320, 0)),)), "in XML: a stream must be at least 1 x 1, got 320 x 0"),
         (head(streams=(("EVTS", ("a", 9)),)), "must describe the streams in XML: invalid literal"),
-        (head(7), "the header's compression must be from 0 (none) to 4, got 7"),
-        (head(-1), "the header's compression must be from 0 (none) to 4, got -1"),
+        (head(7), "must state a compression from 0 (none) to 4, got 7"),
+        (head(-1), "must state a compression from 0 (none) to 4, got -1"),
         (head(streams=(("IMUS", None),)), "must describe a stream of type EVTS, got 0 of type IMUS"),
-        (head(streams=()), "the header must describe a stream of type EVTS, got none"),
+        (head(streams=()), "must describe a stream of type EVTS, got none"),
     ],
 )
 def test_a_header_that_is_not_sound_is_refused_even_with_repair(path, data, sentence):
-    path.write_bytes(data)
-    assert sentence in error(path)
-    with pytest.raises(RecordingError):
-        read(Aedat4(), path, repair=True)
+    refused("aedat4", path, data, sentence)
     with pytest.raises(RecordingError):
         Aedat4().frame(path)
 

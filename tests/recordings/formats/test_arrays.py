@@ -1,7 +1,6 @@
 """Event arrays in .npz and HDF5 files: where they are found, what their values mean, and damage."""
 
 import sys
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -163,34 +162,17 @@ def test_arrays_of_different_lengths(tmp_path, kind):
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_damage_inside(tmp_path, monkeypatch, compressed):
-    monkeypatch.setattr(arrays, "BLOCK_EVENTS", 1000)
-    rng = np.random.default_rng(0)
-    content = {"t": np.arange(30_000), "x": rng.integers(0, 9, 30_000), "y": np.zeros(30_000, int)}
-    path = npz(tmp_path, compressed, p=np.ones(30_000, int), **content)
-    data = bytearray(path.read_bytes())
-    middle = data.index(b"x.npy") + (20_000 if compressed else 120_000)
-    data[middle : middle + 500] = b"\xff" * 500
-    path.write_bytes(data)
-    with pytest.raises(
-        RecordingError,
-        match=r"a\.npz: is damaged after event \d+ .*--repair keeps the events before the damage",
-    ):
-        read(path, Npz())
-    found, (note,) = read(path, Npz(), repair=True)
-    assert 0 < len(found[0]) < 30_000 and "is damaged after event" in note
-
-
-@pytest.mark.parametrize("compressed", [False, True])
-def test_a_wrong_check_sum_is_not_overlooked(tmp_path, compressed):
+def test_damage_inside(tmp_path, compressed):
     rng = np.random.default_rng(0)
     path = npz(tmp_path, compressed, **{name: rng.permutation(3000) for name in "txyp"})
-    data = bytearray(path.read_bytes())
-    directory = data.index(b"PK\x01\x02")
-    data[directory + 16] ^= 1  # the check sum in the first entry of the directory
-    path.write_bytes(data)
-    with pytest.raises(RecordingError, match=r"a\.npz: is damaged after event 0 \(Bad CRC-32 for file"):
-        read(path, Npz())
+    whole = path.read_bytes()
+    middle = whole.index(b"x.npy") + 1000
+    directory = whole.index(b"PK\x01\x02") + 16  # a check sum in the directory
+    for at, junk in ((middle, b"\xff" * 500), (directory, bytes([whole[directory] ^ 1]))):
+        path.write_bytes(whole[:at] + junk + whole[at + len(junk) :])
+        for repair in (False, True):
+            with pytest.raises(RecordingError, match=r"a\.npz: .*the file cannot be read: "):
+                read(path, Npz(), repair)
 
 
 @every_kind
@@ -198,9 +180,7 @@ def test_a_wrong_check_sum_is_not_overlooked(tmp_path, compressed):
 def test_files_cut_short(tmp_path, kind, n_bytes):
     path, form = write(kind, tmp_path, TYPED)
     path.write_bytes(path.read_bytes()[:n_bytes])
-    with pytest.raises(
-        RecordingError, match=rf"{path.name}: is not an (\.npz|HDF5) file, or is truncated \("
-    ):
+    with pytest.raises(RecordingError, match=rf"{path.name}: the file (is empty|cannot be read: it is no)"):
         form().frame(path)
     assert detect(path) == form()
 
@@ -233,18 +213,6 @@ def test_hdf5_without_its_library(tmp_path, monkeypatch):
         H5().frame(path)
 
 
-@every_kind
-def test_a_long_recording_is_never_held_whole(tmp_path, kind):
-    n = 1_000_000
-    content = {"t": np.arange(n), "x": np.arange(n) % 9, "y": np.arange(n) % 7, "p": np.arange(n) % 2}
-    path, form = write(kind, tmp_path, content)
-    tracemalloc.start()
-    found = sum(len(block.t_us) for block in form().blocks(path, Repairs("a", False).broken))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert found == n and peak < 16e6  # 32 MB in the file
-
-
 @pytest.mark.parametrize("mark", [",", ";", "\t", ", "])
 def test_events_of_a_table_are_read_by_the_names_in_its_first_line(tmp_path, mark):
     path = tmp_path / "a.csv"
@@ -266,7 +234,7 @@ def test_a_table_of_events_names_the_line_that_is_none(tmp_path):
     with pytest.raises(RecordingError, match="floating-point times need their unit in the key time_unit"):
         read(path, Csv())
     path.write_text("t,x,y,p\n1,2,3,1\n1,2,3,4,5,6\n")
-    with pytest.raises(RecordingError, match="is no table of events"):
+    with pytest.raises(RecordingError, match="the file cannot be read"):
         read(path, Csv())
     path.write_text("t,pressure\n1,0.5\n")
     with pytest.raises(RecordingError, match="no arrays t, x, y and p; set the key arrays"):
@@ -283,4 +251,4 @@ def test_names_in_hdf5_that_are_no_text_are_one_line_or_left_out(tmp_path):
     try:
         assert sum(len(block.t_us) for block in H5().blocks(path, Repairs("x.h5", False).broken)) == 3
     except RecordingError as error:
-        assert str(error).startswith("x.h5: is not an HDF5 file") and "\n" not in str(error)
+        assert str(error).startswith("x.h5: the file cannot be read") and "\n" not in str(error)

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import Repairs
-from dse.recordings.formats.checked import checked
+from dse.recordings.formats import Repairs, checked
 from dse.records import Block
 from tests.recordings.formats.encoders import events_of
 

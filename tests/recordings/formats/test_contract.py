@@ -11,8 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import BLOCK_EVENTS, Repairs, detect, named
-from dse.recordings.formats.checked import checked
+from dse.recordings.formats import BLOCK_EVENTS, Repairs, checked, detect, named
 from dse.registry import known
 from tests.recordings.formats.encoders import dat, evt2_words, evt3_words, nmnist, raw
 
