@@ -11,7 +11,7 @@ import numpy as np
 
 from dse import store
 from dse.figures import NothingRecorded, Results, chip_of, hardware_key, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT, short
+from dse.figures.labels import OKABE_ITO_LIGHT, row_axis, short
 from dse.hardware.cost import cost
 from dse.records import Floats
 from dse.registry import param, register
@@ -139,12 +139,7 @@ class EnergyFigure:
         ]
         layout = {
             "xaxis": {"title": {"text": "energy of an inference (µJ)"}, "range": [0, max(reach) / _BARS]},
-            "yaxis": {
-                "tickvals": list(range(len(names))),
-                "ticktext": names,
-                "autorange": "reversed",
-                "showgrid": False,
-            },
+            "yaxis": row_axis([*(name for name, _, _ in rows), "total"]),
             "annotations": written,
             "bargap": 0.35,
             "height": 60 + 26 * len(names),

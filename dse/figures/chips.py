@@ -10,7 +10,7 @@ import numpy as np
 
 from dse.figures import Results, of_task
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, label
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, label, row_axis
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import fitting, honest
@@ -29,8 +29,8 @@ class Chips:
 
     gain, cost: columns. level: the largest gain that all chips reach.
     hardware: names. pick_gain: of the pick there.
-    pick_cost, pick_low, pick_high: its cost, and the distance to the ends of its interval.
-    least_cost, least_low, least_high: of the cheapest design with `level`.
+    pick: (chip, 3) its cost, and the distance to the ends of its interval.
+    least: (chip, 3) the same of the cheapest design with `level`.
     without: chips that cannot run or hold any design, or whose costs are not known.
     """
 
@@ -40,12 +40,8 @@ class Chips:
     level: float
     hardware: tuple[str, ...]
     pick_gain: Array
-    pick_cost: Array
-    pick_low: Array
-    pick_high: Array
-    least_cost: Array
-    least_low: Array
-    least_high: Array
+    pick: Array
+    least: Array
     without: tuple[str, ...]
 
 
@@ -87,73 +83,42 @@ class ChipsFigure:
             raise ValueError(f"{cost} must be known on some hardware, got none on {', '.join(without)}")
         picks = {chip: pick(rows, [], gain, ties).row for chip, rows in tables.items()}
         level = min(float(row[gain]) for row in picks.values() if row is not None)
-        places = []
+        gains, picked, cheapest = [], [], []
         for chip, rows in tables.items():
-            costs, low, high = numbers(rows, cost), *interval(rows, cost)
+            costs = np.column_stack([numbers(rows, cost), *interval(rows, cost)])
             chosen = int(np.flatnonzero(rows.index == picks[chip].name)[0])  # type: ignore[union-attr]
             able = np.flatnonzero(numbers(rows, gain) >= level)
-            least = int(able[np.argmin(costs[able])])
-            ends = [values[place] for place in (chosen, least) for values in (costs, low, high)]
-            places.append([numbers(rows, gain)[chosen], *ends])
+            gains.append(numbers(rows, gain)[chosen])
+            picked.append(costs[chosen])
+            cheapest.append(costs[able[np.argmin(costs[able, 0])]])
         task = str(frame["task"].iloc[0]) if "task" in frame else ""
-        pick_gain, pick_cost, pick_low, pick_high, least_cost, least_low, least_high = np.array(
-            places, np.float64
-        ).T
-        return Chips(
-            gain=gain,
-            cost=cost,
-            task=task,
-            level=level,
-            hardware=tuple(tables),
-            pick_gain=pick_gain,
-            pick_cost=pick_cost,
-            pick_low=pick_low,
-            pick_high=pick_high,
-            least_cost=least_cost,
-            least_low=least_low,
-            least_high=least_high,
-            without=tuple(without),
-        )
+        at_picks = np.array(gains), np.array(picked), np.array(cheapest)
+        return Chips(gain, cost, task, level, tuple(tables), *at_picks, tuple(without))
 
     def draw(self, record: Chips) -> plotly.graph_objects.Figure:
         """Draw a row per chip: its pick, and the cheapest design at the common accuracy, with intervals."""
         import plotly.graph_objects as go
 
-        names = [html.escape(name, quote=False) for name in record.hardware]
-        places = np.arange(len(names))
+        places = np.arange(len(record.hardware))
         gain = label(record.gain)[0]
         parts = (
-            (
-                f"pick, {gain} as written",
-                record.pick_cost,
-                record.pick_low,
-                record.pick_high,
-                "circle-open",
-                -0.15,
-            ),
-            (
-                f"cheapest with {gain} {record.level:.3f}",
-                record.least_cost,
-                record.least_low,
-                record.least_high,
-                "circle",
-                0.15,
-            ),
+            (f"pick, {gain} as written", record.pick, "circle-open", -0.15),
+            (f"cheapest with {gain} {record.level:.3f}", record.least, "circle", 0.15),
         )
-        is_log = bool((record.pick_cost > 0).all() and (record.least_cost > 0).all())
+        is_log = bool((record.pick[:, 0] > 0).all() and (record.least[:, 0] > 0).all())
         figure = go.Figure()
-        for (name, cost, low, high, symbol, shift), colour in zip(parts, OKABE_ITO_LIGHT[1::-1], strict=True):
-            bars = {"type": "data", "symmetric": False, "array": high, "arrayminus": low, "thickness": 1}
+        for (name, costs, symbol, shift), colour in zip(parts, OKABE_ITO_LIGHT[1::-1], strict=True):
+            cost, low, high = costs.T
             figure.add_scatter(
                 x=cost,
                 y=places + shift,
                 mode="markers",
                 name=html.escape(name, quote=False),
                 marker={"symbol": symbol, "size": 9, "color": colour},
-                error_x=bars,
+                error_x={"symmetric": False, "array": high, "arrayminus": low, "thickness": 1},
                 hovertemplate="%{x:.4g}<extra></extra>",
             )
-        for place, (cost, value) in enumerate(zip(record.pick_cost, record.pick_gain, strict=True)):
+        for place, (cost, value) in enumerate(zip(record.pick[:, 0], record.pick_gain, strict=True)):
             note = {"showarrow": False, "yanchor": "bottom", "yshift": 4, "font": {"size": 10}}
             x = float(np.log10(cost)) if is_log else float(cost)
             figure.add_annotation(x=x, y=place - 0.15, text=f"{value:.3f}", **note)
@@ -168,13 +133,8 @@ class ChipsFigure:
                 "exponentformat": "none",
                 "separatethousands": True,
             },
-            yaxis={
-                "tickvals": places.tolist(),
-                "ticktext": names,
-                "autorange": "reversed",
-                "showgrid": False,
-            },
+            yaxis=row_axis(record.hardware),
             legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0},
-            height=_MARGIN_PX + _ROW_PX * max(2, len(names)),
+            height=_MARGIN_PX + _ROW_PX * max(2, len(places)),
         )
         return figure

@@ -13,7 +13,7 @@ import numpy as np
 
 from dse import store
 from dse.figures import NothingRecorded, Results, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures.labels import OKABE_ITO_LIGHT, row_axis
 from dse.measure.objectives.first_spike import by_class, first_spike_ms
 from dse.records import Floats, Ints
 from dse.registry import register
@@ -82,14 +82,13 @@ class FirstSpikeFigure:
         import plotly.graph_objects as go
 
         names = [html.escape(name, quote=False) for name in record.classes]
-        places = list(range(len(names)))
         hover = [
             f"{name}: median of {timed} of {n} samples"
             for name, timed, n in zip(names, record.n_timed.tolist(), record.n.tolist(), strict=True)
         ]
         bars = go.Bar(
             orientation="h",
-            y=places,
+            y=list(range(len(names))),
             x=record.median_ms,
             marker={"color": OKABE_ITO_LIGHT[0]},
             error_x={
@@ -107,7 +106,7 @@ class FirstSpikeFigure:
         of_set = "test" if record.on_test else "validation"
         layout = {
             "xaxis": {"title": {"text": f"first output spike (ms), {of_set} set"}, "rangemode": "tozero"},
-            "yaxis": {"tickvals": places, "ticktext": names, "autorange": "reversed", "showgrid": False},
+            "yaxis": row_axis(record.classes),
             "height": max(_HEIGHT_PX, _MARGIN_PX + _BAR_PX * len(names)),
         }
         return go.Figure([bars], layout)

@@ -13,7 +13,7 @@ import numpy as np
 
 from dse.figures import NothingRecorded, Results, full_read_outs, trial_key, trial_of
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, watts
+from dse.figures.labels import OKABE_ITO_LIGHT, row_axis, watts
 from dse.records import Array
 from dse.registry import register
 
@@ -80,8 +80,7 @@ class PowerFigure:
         """
         import plotly.graph_objects as go
 
-        names = [html.escape(name, quote=False) for name in record.hardware]
-        places = list(range(len(names)))
+        places = list(range(len(record.hardware)))
         parts = (("at rest", record.idle_w), ("beyond, running", record.beyond_w))
         figure = go.Figure()
         for (name, power_w), colour in zip(parts, OKABE_ITO_LIGHT, strict=False):
@@ -111,8 +110,8 @@ class PowerFigure:
         figure.update_layout(
             barmode="stack",
             xaxis={"title": {"text": title}, "range": [0, _ROOM * float(ends_w.max())]},
-            yaxis={"tickvals": places, "ticktext": names, "autorange": "reversed", "showgrid": False},
+            yaxis=row_axis(record.hardware),
             legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
-            height=_MARGIN_PX + _BAR_PX * max(3, len(names)),
+            height=_MARGIN_PX + _BAR_PX * max(3, len(places)),
         )
         return figure

@@ -376,7 +376,7 @@ def test_paper_holds_whole_figures_and_no_buttons(opened):
     paper = page.tab.evaluate(inside)
     assert paper == {"width": 700, "out": 0, "isWhole": True}
     assert page.tab.locator("#parallel svg g.front polyline").count() == 4
-    acting = "#undo, #clear, #drawer, #open-shelf, #help, #copy, .save button, #design .head button"
+    acting = "#undo, #clear, #drawer, #help, #copy, .save button, #design .head button"
     assert page.tab.locator(f":is({acting}):visible").count() == 0
     page.tab.evaluate("dispatchEvent(new Event('afterprint'))")
     assert page.tab.locator("#parallel svg").count() == 0 and page.tab.is_visible("#copy")
