@@ -24,7 +24,8 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from dse.dashboard.write import write_page
+from dse.dashboard.gather import gather_page
+from dse.dashboard.write import write_filled
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min", "latency_ms": "min"}
 TASKS, CHIPS = ("texture", "profile"), ("loihi1_silicon", "mcu_cortex_m4f_nrf52840_64mhz")
@@ -79,7 +80,11 @@ def main() -> None:
         )
         for n in arguments.trials:
             made_up = points(n)
-            path = write_page(made_up, Path(folder) / f"{n}.html", name="made up", objectives=OBJECTIVES)
+            path = write_filled(
+                "page",
+                gather_page(made_up, name="made up", objectives=OBJECTIVES),
+                Path(folder) / f"{n}.html",
+            )
             size_mb = path.stat().st_size / 1e6
             table.add_row(f"{n:,}", f"{len(made_up):,}", f"{size_mb:.1f}", *measured(browser, path))
         browser.close()

@@ -91,6 +91,13 @@ const Figure = (() => {
     return drawing;
   }
 
+  // Of a figure that follows the width of its panel, and the height of its node.
+  const fitted = ({ margin, legend }) => ({
+    autosize: true, height: undefined, width: undefined, margin: margin ?? { l: 56, r: 12, t: 28, b: 40 },
+    legend: { orientation: "h", y: 1, yanchor: "bottom", x: 0, ...legend },
+  });
+  const heightOf = ({ layout }) => layout.height ?? 280;
+
   // Puts nodes where others were: plotly listens to the window for each plot until it is told that one has gone.
   // One that is still being drawn must not lose what it draws with.
   function replace(place, ...nodes) {
@@ -99,5 +106,5 @@ const Figure = (() => {
     for (const plot of gone) Promise.resolve(drawings.get(plot)).finally(() => Plotly.purge(plot));
   }
 
-  return { library, style, print, recoloured, config, face, draw, replace, NOTATION };
+  return { library, style, print, recoloured, config, face, draw, fitted, heightOf, replace, NOTATION };
 })();

@@ -641,59 +641,6 @@
   });
   byId("undo").addEventListener("click", undo);
 
-  // ---- saved views: links of this page by name; a served page writes them into the study
-
-  async function saveView(name, link) {
-    const status = byId("saved-note");
-    status.textContent = "…";
-    try {
-      const body = JSON.stringify({ name, link });
-      const answer = await fetch(Details.address("view", {}), { method: "POST", body, headers: { "X-Note-Token": page.note_token } });
-      status.textContent = answer.ok ? "" : `not saved: ${await answer.text()}`;
-      if (!answer.ok) return;
-      given.saved_views = page.saved_views = [...savedViews().filter((one) => one.name !== name), ...(link ? [{ name, link }] : [])];
-      renderSaved();
-    } catch {
-      status.textContent = "not saved: the connection is lost";
-    }
-  }
-
-  const savedViews = () => page.saved_views ?? [];
-
-  function renderSaved() {
-    const canWrite = Boolean(page.note_token);
-    byId("save-view").hidden = !canWrite;
-    byId("kept-where").textContent = canWrite ? "The study keeps them: everyone who opens it sees them." :
-      "This page is a file: views are saved on the served page (dse dashboard RESULTS). Its address carries what is shown now.";
-    byId("saved").replaceChildren(...savedViews().map(({ name, link }) => {
-      const open = element("button", { type: "button", textContent: clip(name, 60) });
-      open.addEventListener("click", () => {
-        past.push(state);
-        location.hash = link;
-        byId("shelf").close();
-      });
-      const remove = element("button", { type: "button", textContent: "×", title: "remove this view", hidden: !canWrite });
-      remove.setAttribute("aria-label", `remove the view ${name}`);
-      remove.addEventListener("click", () => {
-        saveView(name, "");
-        byId("view-name").focus();
-      });
-      return element("li", {}, open, " ", remove);
-    }));
-  }
-
-  byId("open-shelf").addEventListener("click", () => {
-    renderSaved();
-    byId("shelf").showModal();
-  });
-  byId("save-view").addEventListener("submit", (event) => {
-    event.preventDefault();
-    const name = byId("view-name").value.trim();
-    if (!name) return;
-    writeState();
-    saveView(name, location.hash.slice(1) || "view=" + state.view);
-    byId("view-name").value = "";
-  });
   byId("help").addEventListener("click", does["?"]);
   // On a small screen budgets are a drawer at its foot, and what the figure shows is one line.
   byId("drawer").addEventListener("click", () => {
@@ -716,10 +663,7 @@
     renderFilters();
     filterOf(column).querySelector("input").focus();
   });
-  addEventListener("live", (event) => {
-    show(event.detail);
-    if (byId("shelf").open) renderSaved();
-  });
+  addEventListener("live", (event) => show(event.detail));
   addEventListener("hashchange", () => {
     const pace = paceOf(location.hash.slice(1));
     if (pace !== state.pace) take(given, pace);

@@ -11,6 +11,9 @@ from typing import Any
 
 import pandas as pd
 
+from dse.dashboard.gather import gather_page
+from dse.dashboard.write import write_filled
+
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min"}
 
 # Hand-made so that the fronts are known: over accuracy and energy rows 0, 1, 3; over all three rows
@@ -27,6 +30,11 @@ def held(path: Path) -> Any:
     text = path.read_text(encoding="utf-8")
     packed = re.findall(r'<script type="application/gzip" id="data">([A-Za-z0-9+/=]*)</script>', text)
     return json.loads(gzip.decompress(base64.b64decode(*packed)))
+
+
+def write_page(frame: pd.DataFrame, path: Path, **options: Any) -> Path:
+    """Write the page of a table, with the options of `gather_page`."""
+    return write_filled("page", gather_page(frame, **options), path)
 
 
 def points(**more: object) -> pd.DataFrame:

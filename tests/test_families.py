@@ -12,7 +12,7 @@ import pytest
 import dse
 from dse.config import SearchSpace
 from dse.dashboard.gather import gather_page
-from dse.figures.front import draw_front, gather_front
+from dse.figures.front import FrontFigure
 from dse.skyline import front
 from dse.study import explore
 from dse.study import trials as tables
@@ -85,9 +85,10 @@ def test_the_page_and_the_figure_take_missing_cells(done: Study) -> None:
     values = page["columns"]["model.together.true_rate"]["values"]
     assert {None, 0.2, 0.8} == set(values)
     assert {failure["design"]["model.together.true_rate"] for failure in page["failures"]} == {None}
-    front = gather_front(done.points(), ["n_weights", "accuracy"], dict(done.objectives))
+    figure = FrontFigure(("n_weights", "accuracy"))
+    front = figure.gather(done)
     assert not any(word in "".join(front.hover) for word in ("nan", "None"))
-    draw_front(front)
+    figure.draw(front)
 
 
 def test_the_same_command_finds_everything_done(space: SearchSpace, done: Study) -> None:

@@ -54,11 +54,14 @@ def test_it_works_without_the_clone(wheel, tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "installed")
     code = (
-        "import dse, pandas; from dse.dashboard.write import write_page;"
+        "import dse, pandas;"
+        "from dse.dashboard.gather import gather_page;"
+        "from dse.dashboard.write import write_filled;"
         "assert 'installed' in dse.__file__, dse.__file__;"
         "print(dse.load_space('fabric_texture', {}).study);"
         "frame = pandas.DataFrame({'accuracy': [0.5]});"
-        "write_page(frame, 'page.html', name='x', objectives={'accuracy': 'max'})"
+        "page = gather_page(frame, name='x', objectives={'accuracy': 'max'});"
+        "write_filled('page', page, 'page.html')"
     )
     answer = subprocess.run(
         [sys.executable, "-c", code],

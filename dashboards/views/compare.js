@@ -218,7 +218,7 @@ const Compare = (() => {
       drawn = { key, details };
       const drawings = compared.map((at) => Design.figureOf(partAt(at), select.value, state.hardware, state.pace, at.value));
       const wide = SCALED.includes(select.value) ? scaled(drawings.filter(Boolean)) : drawings.filter(Boolean);
-      const high = Math.max(...wide.map(({ layout }) => layout.height ?? 320));
+      const high = Math.max(...wide.map(Figure.heightOf));
       const nodes = compared.map((at, k) => {
         const caption = element("figcaption", {}, element("span", { className: "square", textContent: String(k + 1) }), ` ${clip(nameAt(at), 40)}`);
         const node = element("div", { className: "plot" });
@@ -235,7 +235,7 @@ const Compare = (() => {
       });
       Figure.replace(figures, ...nodes);
       figures.querySelectorAll(".plot").forEach((node, k) =>
-        Figure.draw(node, wide[k], app.style(), () => ({ autosize: true, height: undefined, width: undefined })));
+        Figure.draw(node, wide[k], app.style(), Figure.fitted));
     }
     select.addEventListener("change", renderFigures);
 

@@ -11,7 +11,7 @@ const Design = (() => {
     confusion: "Answers at the end of the recording; all repeats.", energy: "An answer at the end of the recording.",
     bits: "Answers at the end of the recording.",
     recognition: "Answers after shorter recordings; mean of all repeats. The ring is t_c.",
-    first_spike: "Validation recordings of the first repeat: median of each class, from its least to its largest time.",
+    first_spike: "Validation recordings, all repeats: median of each class, from its least to its largest time.",
     histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
   };
   const SETTLED_MS = 150;
@@ -477,9 +477,6 @@ const Design = (() => {
 
     // ---- figures
 
-    // The node takes the figure's height, so that a figure can follow its width.
-    const fitted = () => ({ autosize: true, height: undefined, width: undefined });
-
     function figureNode(name, height) {
       const node = set(element("div", { className: "plot" }), { role: "img" });
       node.dataset.figure = name;
@@ -489,12 +486,12 @@ const Design = (() => {
 
     function figurePane(part, surface, tab) {
       const figure = figureOf(part, tab, shown.state.hardware, shown.state.pace, shown.chosen.value);
-      const node = figureNode(tab, figure.layout.height ?? 320);
+      const node = figureNode(tab, Figure.heightOf(figure));
       node.setAttribute("aria-label", WORDS[tab](figure, number));
       const told = (...texts) => texts.filter(Boolean).map((textContent) => element("p", { className: "quiet", textContent }));
       return {
         nodes: [...told(tab === "energy" ? apart() : ""), node, ...told(OF[tab])],
-        node, figure: () => figure, draw: () => Figure.draw(node, figure, app.style(), fitted), move() {},
+        node, figure: () => figure, draw: () => Figure.draw(node, figure, app.style(), Figure.fitted), move() {},
       };
     }
 
@@ -683,7 +680,7 @@ const Design = (() => {
       }
 
       async function draw() {
-        plot = await Figure.draw(node, figure(false), app.style(), fitted);
+        plot = await Figure.draw(node, figure(false), app.style(), Figure.fitted);
         if (!plot) return;
         plot.removeAllListeners("plotly_click");
         plot.removeAllListeners("plotly_afterplot");
@@ -721,7 +718,7 @@ const Design = (() => {
       const options = examples.map(({ title }, k) => element("option", { value: k, textContent: clip(title, 60) }));
       const select = set(element("select", {}, ...options), { "aria-label": "Recording" });
       select.dataset.name = "example";
-      const node = figureNode("raster", examples[0].figure.layout.height ?? 320);
+      const node = figureNode("raster", Figure.heightOf(examples[0].figure));
       const summary = set(element("p", { className: "summary" }), { role: "status" });
       const known = surface && columnsOn(surface, shown.state.hardware);
       const sliders = known && isMovable() ? settings(surface, known, follow) : null;
@@ -783,9 +780,9 @@ const Design = (() => {
       }
 
       async function draw() {
-        node.style.height = `${example().figure.layout.height ?? 320}px`;
+        node.style.height = `${Figure.heightOf(example().figure)}px`;
         moved = marks();
-        plot = await Figure.draw(node, figure(), app.style(), fitted);
+        plot = await Figure.draw(node, figure(), app.style(), Figure.fitted);
       }
       select.addEventListener("change", () => {
         describe();
@@ -835,7 +832,7 @@ const Design = (() => {
       Object.assign(frame.style, { width: `${width}px`, height: `${height}px` });
       document.body.append(frame);
       try {
-        await Figure.draw(frame, drawn.figure(), look, () => ({ ...fitted(), paper_bgcolor: look.page }));
+        await Figure.draw(frame, drawn.figure(), look, (layout) => ({ ...Figure.fitted(layout), paper_bgcolor: look.page }));
         return await Plotly.toImage(frame, { format, width, height, scale: format === "png" ? 2 : 1 });
       } finally {
         Plotly.purge(frame);

@@ -35,7 +35,7 @@ const Notes = (() => {
 
     function fill() {
       const { page, chosen, columns } = shown;
-      form.hidden = !page.note_token || !chosen || !columns.point;
+      form.hidden = !Details.isServed(page) || !chosen || !columns.point;
       if (form.hidden) return;
       label.textContent = `on trial ${number(chosen.value("trial"))}, point ${number(chosen.value("point"))}`;
       const note = noteOf(chosen.key);
@@ -53,7 +53,7 @@ const Notes = (() => {
       const body = JSON.stringify({ trial, point, text: text.value, pinned: pin.checked });
       status.textContent = "…";
       try {
-        const answer = await fetch(Details.address("note", {}), { method: "POST", body, headers: { "X-Note-Token": shown.page.note_token } });
+        const answer = await fetch(Details.address("note", {}), { method: "POST", body });
         status.textContent = answer.ok ? "saved" : await answer.text();
       } catch {
         status.textContent = "not saved: the connection is lost";
@@ -63,7 +63,7 @@ const Notes = (() => {
     function render(next) {
       shown = next;
       const notes = shown.page.design_notes ?? [];
-      root.hidden = !notes.length && (!shown.page.note_token || !shown.chosen);
+      root.hidden = !notes.length && (!Details.isServed(shown.page) || !shown.chosen);
       if (root.hidden || shown.moving) return;
       list.replaceChildren(...notes.map(item));
       fill();

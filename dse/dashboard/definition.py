@@ -5,7 +5,6 @@ Studies have different columns: a column that a study lacks is no fault of the f
 
 from __future__ import annotations
 
-import dataclasses
 import typing
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,12 +12,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dse.config.faults import ConfigError, Fault, known_names
-from dse.config.values import INVALID, Report, dotted, echo, read
+from dse.config.values import Report, dotted, echo, read_written
 from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.dashboard.sources import sources
 from dse.dashboard.views import view_names
-from dse.registry import PluginError, Rule, load_plugin, param, rule_of
+from dse.registry import PluginError, Rule, load_plugin, param
 
 Tab = Literal[
     "confusion",
@@ -130,26 +129,14 @@ def _values(document: Document, file: Path, faults: list[Fault]) -> dict[str, An
     def report(path: Keys, message: str) -> None:
         faults.append(document.fault(path, message))
 
-    if not isinstance(document.data, dict):
-        report((), f"a page definition must be a mapping of keys to values, got {echo(document.data)}")
-        return {}
-    known = {field.name: field for field in dataclasses.fields(Definition)}
-    hints = typing.get_type_hints(Definition)
-    values = {}
-    for key, raw in document.data.items():
-        if key not in known:
-            report((key,), f"unknown key '{key}'; {known_names(key, known)}")
-            continue
-        value = read(raw, hints[key], rule_of(known[key]), (key,), report)
-        if value is not INVALID:
-            values[key] = value
+    values = read_written(Definition, document.data, (), report)[0]
     for place, plugin in enumerate(values.get("plugins", ())):
         try:
             load_plugin(plugin, file.parent, named_by=file)
         except PluginError as error:
             report(("plugins", place), str(error))
     _check_views(values.get("views"), report)
-    _no_twins(document.data, report)
+    _no_twins(document.data if isinstance(document.data, dict) else {}, report)
     return values
 
 

@@ -49,7 +49,17 @@ def gather_page(
 ) -> dict[str, Any]:
     """Gather the content of a page, as plain values that JSON can hold.
 
-    The arguments and errors are those of `write_page`.
+    Args:
+        frame: design points and failed trials, one row each, columns as in the record of a trial. A row
+            whose `status` is 'failed' is listed with its `reason`; `task` and `hardware` split the fronts.
+        name: of the study.
+        objectives: column -> 'max' or 'min', in the order of interest: the first is drawn upwards.
+        notes: sentences to print above the figure, such as warnings of the run.
+        results: what the commands that the page offers call the study: its folder.
+        hardware: profiles for these commands, if they are not the profiles of the study.
+        definition: which parts the page has and what it opens with; None: `dashboards/study.yaml`.
+        marks: published designs to draw beside, as `dse.report.gather_marks` returns them.
+        repeats: which runs the numbers are of.
 
     Returns:
         name, notes and counts of trials by status;
@@ -67,6 +77,9 @@ def gather_page(
         failures: trial, reason and design of each failed trial;
         definition: parts and initial settings of the page (`definition_for`);
         marks: the argument.
+
+    Raises:
+        ValueError: a column name occurs twice, or a direction is neither 'max' nor 'min'.
     """
     if frame.columns.duplicated().any():
         raise ValueError(
@@ -220,23 +233,23 @@ def _column(frame: pandas.DataFrame, column: str, *, exact: bool) -> dict[str, A
 def _values(values: pandas.Series, digits: int) -> list[object]:
     """Return values as JSON holds them. The rows of a trial repeat most values: each is converted once."""
     if values.dtype.kind != "f":
-        return [_plain(value, digits) for value in values.tolist()]
+        return [plain(value, digits) for value in values.tolist()]
     codes, distinct = values.factorize()
-    plain = [*(_plain(value, digits) for value in distinct.tolist()), None]  # a missing value's code is -1
-    return [plain[code] for code in codes.tolist()]
+    known = [*(plain(value, digits) for value in distinct.tolist()), None]  # a missing value's code is -1
+    return [known[code] for code in codes.tolist()]
 
 
 def _intervals(frame: pandas.DataFrame, columns: Sequence[str]) -> dict[str, dict[str, Any]]:
     ends = {column: interval(frame, column) for column in columns}
     return {
-        column: {"low": [_plain(x) for x in low.tolist()], "high": [_plain(x) for x in high.tolist()]}
+        column: {"low": [plain(x) for x in low.tolist()], "high": [plain(x) for x in high.tolist()]}
         for column, (low, high) in ends.items()
         if low.any() or high.any()
     }
 
 
-def _plain(value: object, digits: int = 6) -> object:
-    """Return a cell as JSON holds it, floats to a number of significant digits."""
+def plain(value: object, digits: int = 6) -> object:
+    """Return a cell as JSON holds it: None for a missing one, floats to a number of significant digits."""
     cell = plain_cell(value)
     if not isinstance(cell, float):
         return cell
@@ -257,9 +270,9 @@ def _failures(frame: pandas.DataFrame) -> list[dict[str, Any]]:
     parameters = [column for column in map(str, frame.columns) if "." in column]
     return [
         {
-            "trial": _plain(row.get("trial")),
+            "trial": plain(row.get("trial")),
             "reason": str(row.get("reason") or "no reason was recorded"),
-            "design": {column: _plain(row[column]) for column in parameters},
+            "design": {column: plain(row[column]) for column in parameters},
         }
         for row in frame.to_dict("records")
     ]

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from dse.dashboard.write import plain_figure
-from dse.figures.progress import draw_progress
+from dse.figures import progress
 from dse.store import plain_cell
+from dse.study.results import Study
 from dse.study.status import ENDED_EARLY, Status, status
 
 MAX_LISTED = 50
@@ -37,6 +38,8 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
     """
     now = status(folder)
     sign = None if now.sign_s is None else datetime.fromtimestamp(now.sign_s, UTC)
+    objectives = dict(Study(Path(folder)).objectives)
+    growth = progress.gather_progress(now.points, objectives, now.ended, now.ended_hours)
     return {
         "trials": {"total": now.n_trials, "done": now.n_done, "running": len(now.running)}
         | {how: sum(outcome.status == how for outcome in now.outcomes.values()) for how in ENDED_EARLY},
@@ -57,9 +60,9 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
                 "trials": int(curve.trials[-1]),
                 "hours": float(curve.hours[-1]) if np.isfinite(curve.hours[-1]) else None,
             }
-            for curve in now.growth.curves
+            for curve in growth.curves
         ],
-        "figure": plain_figure(draw_progress(now.growth)) if now.growth.curves else None,
+        "figure": plain_figure(progress.ProgressFigure().draw(growth)) if growth.curves else None,
     }
 
 

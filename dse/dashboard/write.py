@@ -8,19 +8,16 @@ import hashlib
 import html
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse.dashboard.definition import Definition
-from dse.dashboard.gather import gather_page
 from dse.dashboard.sources import sources
 from dse.dashboard.views import view_sources
 from dse.store import atomic
 
 if TYPE_CHECKING:
-    import pandas
     import plotly.graph_objects
 
 PLOTLY = "plotly-strict.min.js.gz"
@@ -28,51 +25,6 @@ PLOTLY = "plotly-strict.min.js.gz"
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
 _MODULES = {"page": ("data", "figure", "details", "budgets", "views"), "trial": ("data", "figure")}
 """The scripts that the views and the main script of each page call."""
-
-
-def write_page(
-    frame: pandas.DataFrame,
-    path: Path | str,
-    *,
-    name: str,
-    objectives: Mapping[str, str] | Sequence[tuple[str, str]],
-    notes: Sequence[str] = (),
-    results: str = "RESULTS",
-    hardware: Sequence[str] = (),
-    definition: Definition | None = None,
-    marks: Sequence[Mapping[str, Any]] = (),
-) -> Path:
-    """Write the page of a study as one self-contained HTML file.
-
-    Args:
-        frame: design points and failed trials, one row each, columns as in the record of a trial. A row
-            whose `status` is 'failed' is listed with its `reason`; `task` and `hardware` split the fronts.
-        path: file to write; it appears complete or not at all.
-        name: name of the study.
-        objectives: column -> 'max' or 'min', in the order of interest: the first is drawn upwards.
-        notes: sentences to print above the figure, such as warnings of the run.
-        results: what the commands that the page offers call the study: its folder.
-        hardware: profiles for these commands, if they are not the profiles of the study.
-        definition: which parts the page has and what it opens with; None: `dashboards/study.yaml`.
-        marks: published designs to draw beside, as `dse.report.gather.gather_marks` returns them.
-
-    Returns:
-        The path written.
-
-    Raises:
-        ValueError: a column name occurs twice, or a direction is neither 'max' nor 'min'.
-    """
-    page = gather_page(
-        frame,
-        name=name,
-        objectives=objectives,
-        notes=notes,
-        results=results,
-        hardware=hardware,
-        definition=definition,
-        marks=marks,
-    )
-    return write_filled("page", page, path)
 
 
 def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Path:
@@ -147,7 +99,12 @@ def _text(folder: Path, name: str) -> str:
 def packed(document: Mapping[str, Any]) -> str:
     """Return a document as base64 of gzipped JSON: text that holds no mark-up, a sixth of the length."""
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return base64.b64encode(gzip.compress(text.encode(), compresslevel=6, mtime=0)).decode("ascii")
+    return base64.b64encode(gzipped(text.encode())).decode("ascii")
+
+
+def gzipped(content: bytes) -> bytes:
+    """Return gzipped bytes, the same for the same."""
+    return gzip.compress(content, compresslevel=6, mtime=0)
 
 
 def plain_figure(figure: plotly.graph_objects.Figure) -> dict[str, Any]:

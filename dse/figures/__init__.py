@@ -67,10 +67,14 @@ class Results(Protocol):
         """Return a hardware profile as the study keeps it, or a shipped one."""
 
 
+class NothingRecorded(ValueError):
+    """A study did not record what a figure shows; one sentence."""
+
+
 class Figure(Protocol[R]):
     """A figure of a study; its fields are its keys.
 
-    What it cannot show is a `ValueError` of one sentence.
+    What it cannot show is a `ValueError` of one sentence: `NothingRecorded` where a study has no such thing.
     """
 
     def gather(self, results: Results) -> R:
@@ -184,14 +188,14 @@ def recorded(
         array: what the file must hold beside.
 
     Raises:
-        ValueError: no run has the file with the array.
+        NothingRecorded: no run has the file with the array.
     """
     for each in _ranked(results) if trial is None else [trial]:
         runs = results.arrays(each, name)
         if runs and (not array or array in runs[0]):
             return each, runs
     who, what = "no trial" if trial is None else f"trial {trial}", f"'{array}' in {name}" if array else name
-    raise ValueError(f"{who} recorded {'' if trial is None else 'no '}{what}")
+    raise NothingRecorded(f"{who} recorded {'' if trial is None else 'no '}{what}")
 
 
 def _ranked(results: Results) -> list[int]:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse import store
-from dse.figures import Results, chip_of, hardware_key, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT, short
-from dse.hardware.cost import Cost, cost
+from dse.figures import NothingRecorded, Results, chip_of, hardware_key, recorded, trial_key
+from dse.figures.labels import OKABE_ITO_LIGHT, row_axis, short
+from dse.hardware.cost import cost
 from dse.records import Floats
-from dse.registry import register
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -32,6 +32,7 @@ class Breakdown:
         are left out.
     static_uj: static energy while computing.
     energy_uj: all of it, with the ends of its interval.
+    misfits: what does not fit the hardware, a sentence each.
 
     All but the ends are NaN, and there are no causes, where the profile gives intervals only.
     """
@@ -42,6 +43,7 @@ class Breakdown:
     energy_uj: float
     energy_uj_low: float
     energy_uj_high: float
+    misfits: tuple[str, ...]
 
 
 @register("figures", "energy")
@@ -51,117 +53,96 @@ class EnergyFigure:
 
     hardware: str = hardware_key()
     trial: int | None = trial_key()
+    pace: str = param(
+        "flat",
+        doc="static energy of computing flat out, or of the sensor's step period",
+        choices=("flat", "period"),
+        axis=False,
+    )
 
     def gather(self, results: Results) -> Breakdown:
-        _, runs = recorded(results, self.trial, "read_out.npz")
+        trial, runs = recorded(results, self.trial, "read_out.npz")
         chip = chip_of(results, self.hardware)
-        loads = [store.work_of(run).mapped(lambda counts: counts[-1:]) for run in runs]
-        return gather_breakdown([cost(chip, load) for load in loads])
+        costs = [cost(chip, store.work_of(run).mapped(lambda counts: counts[-1:])) for run in runs]
+        paced = self.pace == "period"
+
+        def mean(values: Iterable[Floats]) -> float:
+            return float(np.mean([np.asarray(value).item() for value in values]))
+
+        by_cause = {cause: mean(one.breakdown[cause] for one in costs) for cause in costs[0].breakdown}
+        total = [one.energy_throttled_uj if paced else one.energy_uj for one in costs]
+        static = [one.static_throttled_uj if paced else one.static_uj for one in costs]
+        if paced and not np.isfinite(mean(one.value for one in total)):
+            raise NothingRecorded(f"trial {trial} on {chip.name} must have an energy at the sensor's period")
+        paid = sorted(((cause, uj) for cause, uj in by_cause.items() if uj > 0), key=lambda pair: -pair[1])
+        return Breakdown(
+            causes=tuple(cause for cause, _ in paid),
+            dynamic_uj=np.array([uj for _, uj in paid]),
+            static_uj=mean(one.value for one in static),
+            energy_uj=mean(one.value for one in total),
+            energy_uj_low=mean(one.low for one in total),
+            energy_uj_high=mean(one.high for one in total),
+            misfits=tuple(map(str, costs[0].misfits)),
+        )
 
     def draw(self, record: Breakdown) -> plotly.graph_objects.Figure:
-        return draw_breakdown(record)
+        """Draw a bar for every cause, for static energy, and for all together, which has the interval."""
+        import plotly.graph_objects as go
 
-
-def gather_breakdown(costs: Sequence[Cost], at_period: bool = False) -> Breakdown:
-    """Gather where the energy goes.
-
-    Args:
-        costs: of one inference each, by the runs of a design on one hardware.
-        at_period: with the static energy of the sensor's step period, not of computing flat out.
-
-    Raises:
-        ValueError: there are no costs, or they are of several inferences.
-    """
-    if not costs or any(np.size(cost.energy_uj.value) != 1 for cost in costs):
-        raise ValueError("costs must hold at least one cost of an inference")
-
-    def mean(values: Iterable[Floats]) -> float:
-        return float(np.mean([np.asarray(value).item() for value in values]))
-
-    by_cause = {cause: mean(cost.breakdown[cause] for cost in costs) for cause in costs[0].breakdown}
-    total = [cost.energy_throttled_uj if at_period else cost.energy_uj for cost in costs]
-    static = [cost.static_throttled_uj if at_period else cost.static_uj for cost in costs]
-    paid = sorted(((cause, uj) for cause, uj in by_cause.items() if uj > 0), key=lambda pair: -pair[1])
-    return Breakdown(
-        causes=tuple(cause for cause, _ in paid),
-        dynamic_uj=np.array([uj for _, uj in paid]),
-        static_uj=mean(one.value for one in static),
-        energy_uj=mean(one.value for one in total),
-        energy_uj_low=mean(one.low for one in total),
-        energy_uj_high=mean(one.high for one in total),
-    )
-
-
-def draw_breakdown(breakdown: Breakdown) -> plotly.graph_objects.Figure:
-    """Draw a bar for every cause, for static energy, and for all together, which has the interval."""
-    import plotly.graph_objects as go
-
-    rows = [
-        (cause.replace("_", " "), float(uj), DYNAMIC)
-        for cause, uj in zip(breakdown.causes, breakdown.dynamic_uj, strict=True)
-    ]
-    if breakdown.static_uj > 0:
-        rows.append(("static", breakdown.static_uj, STATIC))
-    low, high = breakdown.energy_uj_low, breakdown.energy_uj_high
-    known = bool(np.isfinite(breakdown.energy_uj))
-    # Without a value, the bar of the total lies between the ends of its interval.
-    total = breakdown.energy_uj if known else high - low
-    words = (
-        f"{short(breakdown.energy_uj)} ({short(low)}–{short(high)})"
-        if known
-        else f"{short(low)}–{short(high)}"
-    )
-    names = [html.escape(name, quote=False) for name, _, _ in rows] + ["total"]
-    bars = {
-        "type": "bar",
-        "orientation": "h",
-        "y": list(range(len(names))),
-        "x": [uj for _, uj, _ in rows] + [total],
-        "base": [0.0] * len(rows) + [0.0 if known else low],
-        "marker": {"color": [colour for _, _, colour in rows] + [TOTAL]},
-        "error_x": {
-            "type": "data",
-            "symmetric": False,
-            "array": [0.0] * len(rows) + [high - breakdown.energy_uj if known else 0.0],
-            "arrayminus": [0.0] * len(rows) + [breakdown.energy_uj - low if known else 0.0],
-            "thickness": 1,
-            "width": 4,
-            "color": QUIET,
-        },
-        "customdata": [f"{name}: {short(uj)} µJ" for name, (_, uj, _) in zip(names, rows, strict=False)]
-        + [f"total: {words} µJ"],
-        "hovertemplate": "%{customdata}<extra></extra>",
-        "showlegend": False,
-    }
-    # Beside the bars, where nothing covers them: a total's interval is often longer than its bar.
-    ends = [*(uj for _, uj, _ in rows), max(high, total)]
-    largest = max(ends)
-    written = [
-        {
-            "text": text,
-            "x": end / largest * _BARS,
-            "xref": "paper",
-            "y": place,
-            "showarrow": False,
-            "xanchor": "left",
-            "xshift": 6,
-            "font": {"size": 10},
+        rows = [
+            (cause.replace("_", " "), float(uj), DYNAMIC)
+            for cause, uj in zip(record.causes, record.dynamic_uj, strict=True)
+        ]
+        if record.static_uj > 0:
+            rows.append(("static", record.static_uj, STATIC))
+        low, high = record.energy_uj_low, record.energy_uj_high
+        known = bool(np.isfinite(record.energy_uj))
+        # Without a value, the bar of the total lies between the ends of its interval.
+        total = record.energy_uj if known else high - low
+        ends = f"{short(low)}–{short(high)}"
+        words = [*(short(uj) for _, uj, _ in rows), f"{short(record.energy_uj)} ({ends})" if known else ends]
+        names = [html.escape(name, quote=False) for name, _, _ in rows] + ["total"]
+        bars = {
+            "type": "bar",
+            "orientation": "h",
+            "y": list(range(len(names))),
+            "x": [uj for _, uj, _ in rows] + [total],
+            "base": [0.0] * len(rows) + [0.0 if known else low],
+            "marker": {"color": [colour for _, _, colour in rows] + [TOTAL]},
+            "error_x": {
+                "type": "data",
+                "symmetric": False,
+                "array": [0.0] * len(rows) + [high - record.energy_uj if known else 0.0],
+                "arrayminus": [0.0] * len(rows) + [record.energy_uj - low if known else 0.0],
+                "thickness": 1,
+                "width": 4,
+                "color": QUIET,
+            },
+            "customdata": [f"{name}: {text} µJ" for name, text in zip(names, words, strict=True)],
+            "hovertemplate": "%{customdata}<extra></extra>",
+            "showlegend": False,
         }
-        for place, (end, text) in enumerate(
-            zip(ends, [*(short(uj) for _, uj, _ in rows), words], strict=True)
-        )
-    ]
-    layout = {
-        "xaxis": {"title": {"text": "energy of an inference (µJ)"}, "range": [0, largest / _BARS]},
-        "yaxis": {
-            "tickvals": list(range(len(names))),
-            "ticktext": names,
-            "autorange": "reversed",
-            "showgrid": False,
-        },
-        "annotations": written,
-        "bargap": 0.35,
-        "height": 60 + 26 * len(names),
-        "margin": {"l": 96, "r": 12, "t": 8, "b": 40},
-    }
-    return go.Figure([bars], layout)
+        # Beside the bars, where nothing covers them: a total's interval is often longer than its bar.
+        reach = [*(uj for _, uj, _ in rows), max(high, total)]
+        written = [
+            {
+                "text": text,
+                "x": end / max(reach) * _BARS,
+                "xref": "paper",
+                "y": place,
+                "showarrow": False,
+                "xanchor": "left",
+                "xshift": 6,
+                "font": {"size": 10},
+            }
+            for place, (end, text) in enumerate(zip(reach, words, strict=True))
+        ]
+        layout = {
+            "xaxis": {"title": {"text": "energy of an inference (µJ)"}, "range": [0, max(reach) / _BARS]},
+            "yaxis": row_axis([*(name for name, _, _ in rows), "total"]),
+            "annotations": written,
+            "bargap": 0.35,
+            "height": 60 + 26 * len(names),
+            "margin": {"l": 96, "r": 12, "t": 8, "b": 40},
+        }
+        return go.Figure([bars], layout)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -39,42 +38,28 @@ class ConfusionFigure:
 
     def gather(self, results: Results) -> Confusion:
         trial, runs = recorded(results, self.trial, "confusion.npz")
-        counts = [run["validation"] for run in runs]
-        return gather_confusion(np.sum(counts, axis=0), results.classes(trial))
+        counts = np.sum([run["validation"] for run in runs], axis=0)
+        classes = tuple(results.classes(trial))
+        if counts.shape != 2 * (len(classes),) or (counts < 0).any():
+            raise ValueError(
+                f"trial {trial} must have counts >= 0 of {len(classes)} classes, got {counts.tolist()}"
+            )
+        total = counts.sum(axis=1, keepdims=True)
+        rates = np.divide(counts, total, out=np.zeros(counts.shape), where=total > 0)
+        return Confusion(counts.astype(np.int64), rates, classes)
 
     def draw(self, record: Confusion) -> plotly.graph_objects.Figure:
-        return draw_confusion(record)
+        """Draw shades by rate and counts as text, the first class on top."""
+        import plotly.graph_objects as go
 
-
-def gather_confusion(counts: Array, classes: Sequence[str]) -> Confusion:
-    """Gather a confusion matrix with its rates per true class.
-
-    Raises:
-        ValueError: the matrix is not square, holds a negative count, or differs from `classes` in size.
-    """
-    counts = np.asarray(counts)
-    if counts.shape != (len(classes), len(classes)):
-        raise ValueError(f"counts must be ({len(classes)}, {len(classes)}) as classes, got {counts.shape}")
-    if (counts < 0).any():
-        raise ValueError(f"counts must be >= 0, got {counts.min()}")
-    total = counts.sum(axis=1, keepdims=True)
-    rates = np.divide(counts, total, out=np.zeros(counts.shape), where=total > 0)
-    return Confusion(counts.astype(np.int64), rates, tuple(classes))
-
-
-def draw_confusion(confusion: Confusion) -> plotly.graph_objects.Figure:
-    """Draw a confusion matrix: shade by rate, counts as text, the first class on top."""
-    import plotly.graph_objects as go
-
-    names = [html.escape(name, quote=False) for name in confusion.classes]
-    # Places, not names, are the coordinates: two classes may bear the same name.
-    places = list(range(len(names)))
-    figure = go.Figure(
-        go.Heatmap(
+        # Places, not names, are the coordinates: two classes may bear the same name.
+        places = list(range(len(record.classes)))
+        names = [html.escape(name, quote=False) for name in record.classes]
+        heat = go.Heatmap(
             x=places,
             y=places,
-            z=confusion.rates,
-            text=confusion.counts,
+            z=record.rates,
+            text=record.counts,
             texttemplate="%{text}",
             hovertemplate="rate %{z:.3f}, count %{text}<extra></extra>",
             colorscale="Cividis",
@@ -82,10 +67,9 @@ def draw_confusion(confusion: Confusion) -> plotly.graph_objects.Figure:
             zmax=1,
             colorbar={"title": {"text": "rate"}},
         )
-    )
-    ticks = {"tickvals": places, "ticktext": names}
-    figure.update_layout(
-        xaxis={"title": {"text": "predicted"}, **ticks},
-        yaxis={"title": {"text": "true"}, "autorange": "reversed", **ticks},
-    )
-    return figure
+        ticks = {"tickvals": places, "ticktext": names}
+        layout = {
+            "xaxis": {"title": {"text": "predicted"}, **ticks},
+            "yaxis": {"title": {"text": "true"}, "autorange": "reversed", **ticks},
+        }
+        return go.Figure([heat], layout)

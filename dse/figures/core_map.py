@@ -15,7 +15,6 @@ from dse.figures import Results, chip_of, hardware_key, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.hardware.placement import neurons_per_core
 from dse.hardware.plan import NotApplicable
-from dse.hardware.profile import Profile
 from dse.records import Array, Workload
 from dse.registry import register
 
@@ -57,85 +56,75 @@ class CoresFigure:
 
     def gather(self, results: Results) -> CoreMap:
         _, runs = recorded(results, self.trial, "read_out.npz")
-        load = store.work_of(runs[0])
+        load = store.work_of(runs[0]).mapped(lambda counts: counts[-1:])
         chip = chip_of(results, self.hardware)
-        if not isinstance(load, Workload):
-            raise NotApplicable(f"{chip.name} runs networks of spiking layers only")
-        return gather_core_map(chip, load.mapped(lambda counts: counts[-1:]))
+        placement = chip.plan(load, chip.ends).placement
+        if placement is None or not isinstance(load, Workload) or "cores" not in chip.numbers():
+            raise NotApplicable(f"{chip.name} is not divided into cores")
+        sizes = load.sizes[1:]
+        if len(placement.cores) == len(sizes):
+            names = [f"layer {k}" for k in range(1, len(sizes))] + ["output"]
+        else:  # all layers share what cores there are
+            names, sizes = ["all layers"], (sum(sizes),)
+        return CoreMap(
+            layers=tuple(names),
+            neurons=tuple(
+                neurons_per_core(n, cores) for n, cores in zip(sizes, placement.cores, strict=True)
+            ),
+            n_cores=placement.n_cores,
+            low=placement.low or placement.n_cores,
+            high=placement.high or placement.n_cores,
+            on_chip=int(chip.cores.value),  # type: ignore[attr-defined]
+            misfits=tuple(map(str, placement.misfits)),
+        )
 
     def draw(self, record: CoreMap) -> plotly.graph_objects.Figure:
-        return draw_core_map(record)
+        """Draw every core of the chip, those in use coloured by layer; what does not fit stands below."""
+        import plotly.graph_objects as go
 
-
-def gather_core_map(profile: Profile, load: Workload) -> CoreMap:
-    """Gather the cores of a network on a chip.
-
-    Raises:
-        NotApplicable: the chip cannot run such a classifier, or is not divided into cores.
-    """
-    placement = profile.plan(load, profile.ends).placement
-    if placement is None or "cores" not in profile.numbers():
-        raise NotApplicable(f"{profile.name} is not divided into cores")
-    sizes = load.sizes[1:]
-    if len(placement.cores) == len(sizes):
-        names = [f"layer {k}" for k in range(1, len(sizes))] + ["output"]
-    else:  # all layers share what cores there are
-        names, sizes = ["all layers"], (sum(sizes),)
-    return CoreMap(
-        layers=tuple(names),
-        neurons=tuple(neurons_per_core(n, cores) for n, cores in zip(sizes, placement.cores, strict=True)),
-        n_cores=placement.n_cores,
-        low=placement.low or placement.n_cores,
-        high=placement.high or placement.n_cores,
-        on_chip=int(profile.cores.value),  # type: ignore[attr-defined]
-        misfits=tuple(map(str, placement.misfits)),
-    )
-
-
-def draw_core_map(core_map: CoreMap) -> plotly.graph_objects.Figure:
-    """Draw every core of the chip, those in use coloured by layer; what does not fit stands below."""
-    import plotly.graph_objects as go
-
-    n = max(core_map.n_cores, core_map.on_chip)
-    n_columns = int(np.ceil(np.sqrt(n * _WIDER)))
-    n_rows = -(-n // n_columns)
-    traces, first = [], 0
-    for k, (name, neurons) in enumerate(zip(core_map.layers, core_map.neurons, strict=True)):
-        total = int(neurons.sum())
-        on_cores = [
-            f"core {core}: {name}, {count} of {total} neurons ({count / total:.0%})"
-            for core, count in enumerate(neurons.tolist(), first)
-        ]
-        colour = OKABE_ITO_LIGHT[k % len(OKABE_ITO_LIGHT)]
-        cells = _cells((n_rows, n_columns), first, on_cores, colour)
-        traces.append(cells | {"name": f"{name}: {len(on_cores)}"})
-        first += len(on_cores)
-    free = [f"core {core}: free" for core in range(first, n)]
-    if free:
-        traces.append(_cells((n_rows, n_columns), first, free, FREE) | {"name": "free", "showlegend": False})
-    lines = [_counted(core_map)]
-    for text in core_map.misfits:
-        lines += textwrap.wrap(f"Does not fit: {text}.", _LETTERS)
-    below = 16 + 15 * len(lines)
-    hidden = {"visible": False, "fixedrange": True, "constrain": "domain"}
-    layout = {
-        "annotations": [
-            {
-                "name": "cores",
-                "text": "<br>".join(html.escape(line, quote=False) for line in lines),
-                **{"x": 0, "xref": "paper", "xanchor": "left", "align": "left"},
-                **{"y": 0, "yref": "y domain", "yanchor": "top", "yshift": -4},
-                "showarrow": False,
-                "font": {"size": 11},
-            }
-        ],
-        "xaxis": {**hidden, "range": [-0.5, n_columns - 0.5], "constraintoward": "left"},
-        "yaxis": {**hidden, "range": [n_rows - 0.5, -0.5], "scaleanchor": "x", "constraintoward": "top"},
-        "height": 200 + below,
-        "margin": {"l": 8, "r": 8, "t": 32, "b": below},
-        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
-    }
-    return go.Figure(traces, layout)
+        n = max(record.n_cores, record.on_chip)
+        n_columns = int(np.ceil(np.sqrt(n * _WIDER)))
+        n_rows = -(-n // n_columns)
+        traces, first = [], 0
+        for k, (name, neurons) in enumerate(zip(record.layers, record.neurons, strict=True)):
+            total = int(neurons.sum())
+            words = [
+                f"core {core}: {name}, {count} of {total} neurons ({count / total:.0%})"
+                for core, count in enumerate(neurons.tolist(), first)
+            ]
+            cells = _cells((n_rows, n_columns), first, words, OKABE_ITO_LIGHT[k % len(OKABE_ITO_LIGHT)])
+            traces.append(cells | {"name": f"{name}: {len(words)}"})
+            first += len(words)
+        free = [f"core {core}: free" for core in range(first, n)]
+        if free:
+            cells = _cells((n_rows, n_columns), first, free, FREE)
+            traces.append(cells | {"name": "free", "showlegend": False})
+        counted = f"{record.n_cores} of {record.on_chip} cores"
+        if (record.low, record.high) != (record.n_cores, record.n_cores):
+            counted += f"; {record.low} to {record.high} as placed by compilers"
+        lines = [counted]
+        for text in record.misfits:
+            lines += textwrap.wrap(f"Does not fit: {text}.", _LETTERS)
+        below = 16 + 15 * len(lines)
+        hidden = {"visible": False, "fixedrange": True, "constrain": "domain"}
+        layout = {
+            "annotations": [
+                {
+                    "name": "cores",
+                    "text": "<br>".join(html.escape(line, quote=False) for line in lines),
+                    **{"x": 0, "xref": "paper", "xanchor": "left", "align": "left"},
+                    **{"y": 0, "yref": "y domain", "yanchor": "top", "yshift": -4},
+                    "showarrow": False,
+                    "font": {"size": 11},
+                }
+            ],
+            "xaxis": {**hidden, "range": [-0.5, n_columns - 0.5], "constraintoward": "left"},
+            "yaxis": {**hidden, "range": [n_rows - 0.5, -0.5], "scaleanchor": "x", "constraintoward": "top"},
+            "height": 200 + below,
+            "margin": {"l": 8, "r": 8, "t": 32, "b": below},
+            "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
+        }
+        return go.Figure(traces, layout)
 
 
 def _cells(shape: tuple[int, int], first: int, words_of_cores: Sequence[str], colour: str) -> dict[str, Any]:
@@ -156,10 +145,3 @@ def _cells(shape: tuple[int, int], first: int, words_of_cores: Sequence[str], co
         "hovertemplate": "%{text}<extra></extra>",
         "hoverongaps": False,
     }
-
-
-def _counted(core_map: CoreMap) -> str:
-    text = f"{core_map.n_cores} of {core_map.on_chip} cores"
-    if (core_map.low, core_map.high) != (core_map.n_cores, core_map.n_cores):
-        text += f"; {core_map.low} to {core_map.high} as placed by compilers"
-    return text

@@ -6,15 +6,14 @@ Source: threshold encoding for texture recognition, Fig. 3 (REFERENCES.md).
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures import NothingRecorded, Results, recorded, trial_key
+from dse.figures.labels import OKABE_ITO_LIGHT, row_axis
 from dse.measure.objectives.first_spike import by_class, first_spike_ms
 from dse.records import Floats, Ints
 from dse.registry import register
@@ -55,81 +54,59 @@ class FirstSpikeFigure:
         tested = results.arrays(trial, "response_test.npz")
         runs = tested or validated
         responses = [store.response_of(run) for run in runs]
-        classes = results.classes(trial)
+        classes = tuple(results.classes(trial))
         if responses[0].output.shape[2] != len(classes):
             raise ValueError(f"trial {trial} must have one output per class, got several heads")
         times_ms = np.concatenate([first_spike_ms(response) for response in responses])
         target = np.concatenate([run["target"] for run in runs])
-        return gather_first_spikes(times_ms, target, classes, on_test=bool(tested))
+        timed = np.isfinite(times_ms)
+        if not timed.any():
+            raise NothingRecorded(f"trial {trial} must have an output spike, got none")
+        n = len(classes)
+        least_ms, most_ms = np.full(n, np.inf), np.full(n, -np.inf)
+        np.minimum.at(least_ms, target[timed], times_ms[timed])
+        np.maximum.at(most_ms, target[timed], times_ms[timed])
+        n_timed = np.bincount(target[timed], minlength=n)
+        return FirstSpikes(
+            classes=classes,
+            median_ms=by_class(times_ms, target, n),
+            least_ms=np.where(n_timed > 0, least_ms, np.nan),
+            most_ms=np.where(n_timed > 0, most_ms, np.nan),
+            n_timed=n_timed,
+            n=np.bincount(target, minlength=n),
+            on_test=bool(tested),
+        )
 
     def draw(self, record: FirstSpikes) -> plotly.graph_objects.Figure:
-        return draw_first_spikes(record)
+        """Draw a bar per class, its median, with a line from its least to its largest time."""
+        import plotly.graph_objects as go
 
-
-def gather_first_spikes(
-    times_ms: Floats, target: Ints, classes: Sequence[str], *, on_test: bool = False
-) -> FirstSpikes:
-    """Gather the times of every class.
-
-    Args:
-        times_ms: (n,) time of each sample; NaN where it has no output spike.
-        target: (n,) class of each.
-        classes: names.
-        on_test: whether these are test samples.
-
-    Raises:
-        ValueError: no sample has an output spike.
-    """
-    n = len(classes)
-    timed = np.isfinite(times_ms)
-    if not timed.any():
-        raise ValueError("a sample must have an output spike, got none")
-    least_ms, most_ms = np.full(n, np.inf), np.full(n, -np.inf)
-    np.minimum.at(least_ms, target[timed], times_ms[timed])
-    np.maximum.at(most_ms, target[timed], times_ms[timed])
-    n_timed = np.bincount(target[timed], minlength=n)
-    return FirstSpikes(
-        classes=tuple(classes),
-        median_ms=by_class(times_ms, target, n),
-        least_ms=np.where(n_timed > 0, least_ms, np.nan),
-        most_ms=np.where(n_timed > 0, most_ms, np.nan),
-        n_timed=n_timed,
-        n=np.bincount(target, minlength=n),
-        on_test=on_test,
-    )
-
-
-def draw_first_spikes(times: FirstSpikes) -> plotly.graph_objects.Figure:
-    """Draw a bar per class, its median, with a line from its least to its largest time."""
-    import plotly.graph_objects as go
-
-    names = [html.escape(name, quote=False) for name in times.classes]
-    places = list(range(len(names)))
-    hover = [
-        f"{name}: median of {timed} of {n} samples"
-        for name, timed, n in zip(names, times.n_timed.tolist(), times.n.tolist(), strict=True)
-    ]
-    bars = go.Bar(
-        orientation="h",
-        y=places,
-        x=times.median_ms,
-        marker={"color": OKABE_ITO_LIGHT[0]},
-        error_x={
-            "type": "data",
-            "symmetric": False,
-            "array": times.most_ms - times.median_ms,
-            "arrayminus": times.median_ms - times.least_ms,
-            "thickness": 1,
-            "width": 3,
-            "color": OKABE_ITO_LIGHT[1],
-        },
-        customdata=hover,
-        hovertemplate="%{customdata}, %{x:.4g} ms<extra></extra>",
-    )
-    of_set = "test" if times.on_test else "validation"
-    layout = {
-        "xaxis": {"title": {"text": f"first output spike (ms), {of_set} set"}, "rangemode": "tozero"},
-        "yaxis": {"tickvals": places, "ticktext": names, "autorange": "reversed", "showgrid": False},
-        "height": max(_HEIGHT_PX, _MARGIN_PX + _BAR_PX * len(names)),
-    }
-    return go.Figure([bars], layout)
+        names = [html.escape(name, quote=False) for name in record.classes]
+        hover = [
+            f"{name}: median of {timed} of {n} samples"
+            for name, timed, n in zip(names, record.n_timed.tolist(), record.n.tolist(), strict=True)
+        ]
+        bars = go.Bar(
+            orientation="h",
+            y=list(range(len(names))),
+            x=record.median_ms,
+            marker={"color": OKABE_ITO_LIGHT[0]},
+            error_x={
+                "type": "data",
+                "symmetric": False,
+                "array": record.most_ms - record.median_ms,
+                "arrayminus": record.median_ms - record.least_ms,
+                "thickness": 1,
+                "width": 3,
+                "color": OKABE_ITO_LIGHT[1],
+            },
+            customdata=hover,
+            hovertemplate="%{customdata}, %{x:.4g} ms<extra></extra>",
+        )
+        of_set = "test" if record.on_test else "validation"
+        layout = {
+            "xaxis": {"title": {"text": f"first output spike (ms), {of_set} set"}, "rangemode": "tozero"},
+            "yaxis": row_axis(record.classes),
+            "height": max(_HEIGHT_PX, _MARGIN_PX + _BAR_PX * len(names)),
+        }
+        return go.Figure([bars], layout)

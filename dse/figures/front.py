@@ -26,6 +26,7 @@ _CROWD = 200  # points: more are drawn at half the size
 _BARS = 20  # intervals on a front: more would hide its points
 _SIZES = {2: (5, 9), 3: (2, 4)}  # dominated, on the front; in space points are drawn larger than their size
 _CAMERA = {"eye": {"x": 1.5, "y": 1.5, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.15}}
+_APART = 0.06  # of an axis: labels nearer than this in both would overlap
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Front:
     on_front: (point,) whether no other point of the same group is better, over the columns shown.
     group: (point,) index into `groups`: fronts are never computed across groups (tasks).
     hover: (point,) the design in words, HTML-escaped.
+    labels: (point,) what stands beside a point of the front, HTML-escaped; '' for nothing.
     n_left_out: rows that miss one of the columns and are not shown.
     """
 
@@ -50,6 +52,7 @@ class Front:
     group: Array
     groups: tuple[str, ...]
     hover: tuple[str, ...]
+    labels: tuple[str, ...]
     n_left_out: int
 
 
@@ -75,9 +78,10 @@ def interval(frame: pandas.DataFrame, column: str) -> tuple[Array, Array]:
     return np.nan_to_num(np.maximum(below, 0.0)), np.nan_to_num(np.maximum(above, 0.0))
 
 
-def axis_type(values: Array) -> str:
-    """Return 'log' for positive numbers over more than two decades, as on a page, else 'linear'."""
-    return "log" if len(values) and values.min() > 0 and values.max() / values.min() > 100 else "linear"
+def spans_decades(values: Array) -> bool:
+    """Return whether numbers are positive and span more than two decades, so that an axis is logarithmic."""
+    known = values[np.isfinite(values)]
+    return bool(len(known) and known.min() > 0 and known.max() / known.min() > 100)
 
 
 def design_columns(frame: pandas.DataFrame) -> list[str]:
@@ -100,123 +104,103 @@ class FrontFigure:
     hardware: str = hardware_key()
     task: str = param("", doc="what is predicted (default: every task, each with its own front)", axis=False)
     full: bool = param(False, doc="one point per design: its answer at the end of the window", axis=False)
+    labels: str = param("", doc="column written beside the front, such as encoder.gain", axis=False)
 
     def gather(self, results: Results) -> Front:
-        objectives = {
-            **{name: c.direction for name, c in registry.columns().items()},
+        ways: Mapping[str, str] = {
+            **{name: column.direction for name, column in registry.columns().items()},
             **dict(results.objectives),
         }
         first = [name for name, _ in results.objectives]
         costs = ["energy_uj"] if "energy_uj" in first[1:] else first[1:2]
         columns = self.columns or (*costs, *first[:1])
+        if len(columns) not in (2, 3):
+            raise ValueError(f"columns must be two or three, got {len(columns)}")
         frame = with_value(on_one_chip(results.points(), self.hardware), "task", self.task)
-        if self.full:
-            frame = full_read_outs(frame)
+        frame = full_read_outs(frame) if self.full else frame
         held = frame[admissible(frame)]
         if held.empty and len(frame):
             raise ValueError("some design must fit the chip; choose another with the key hardware")
-        return gather_front(held, columns, objectives)
+        named = [*columns, *([self.labels] if self.labels else [])]
+        if unknown := [column for column in named if column not in held.columns]:
+            raise ValueError(f"columns must be in the table, got {unknown}")
+        if undirected := [column for column in columns if column not in ways]:
+            raise ValueError(f"columns must have a direction, 'max' or 'min', got none for {undirected}")
+        values = np.column_stack([numbers(held, column) for column in columns])
+        shown = np.isfinite(values).all(axis=1)
+        points = held[shown]
+        names = points["task"].astype(str).tolist() if "task" in points else [""] * len(points)
+        groups = tuple(dict.fromkeys(names)) or ("",)
+        group = np.array([groups.index(name) for name in names], int)
+        ends = [interval(points, column) for column in columns]
+        words = points[self.labels].tolist() if self.labels else [""] * len(points)
+        return Front(
+            columns=tuple(columns),
+            directions=tuple(ways[column] for column in columns),
+            values=values[shown],
+            low=np.column_stack([low for low, _ in ends]),
+            high=np.column_stack([high for _, high in ends]),
+            on_front=front_mask(points, [(column, ways[column]) for column in columns], group),
+            group=group,
+            groups=groups,
+            hover=_hover(points, columns),
+            labels=tuple(map(_safe, words)),
+            n_left_out=int((~shown).sum()),
+        )
 
     def draw(self, record: Front) -> plotly.graph_objects.Figure:
-        return draw_front(record)
+        """Draw dominated points dim; in the plane the front is a staircase, with its intervals as bars.
 
+        The staircase is what the front attains: a slanted line would claim designs that do not exist.
+        """
+        import plotly.graph_objects as go
 
-def gather_front(
-    frame: pandas.DataFrame, columns: Sequence[str], objectives: Mapping[str, str], by: str = "task"
-) -> Front:
-    """Gather two or three columns of a table of design points, and the front over them.
-
-    Args:
-        frame: one row per design point.
-        columns: two or three columns to show, x first.
-        objectives: column -> 'max' or 'min', at least for `columns`.
-        by: column whose values have a front each; ignored where the table lacks it.
-
-    Raises:
-        ValueError: not two or three columns, or a column without a direction or not in the table.
-    """
-    if len(columns) not in (2, 3):
-        raise ValueError(f"columns must be two or three, got {len(columns)}")
-    unknown = [column for column in columns if column not in frame.columns]
-    if unknown:
-        raise ValueError(f"columns must be in the table, got {unknown}")
-    undirected = [column for column in columns if column not in objectives]
-    if undirected:
-        raise ValueError(
-            f"objectives must say 'max' or 'min' for every column shown, got none for {undirected}"
-        )
-    values = np.column_stack([numbers(frame, column) for column in columns])
-    shown = np.isfinite(values).all(axis=1)
-    points = frame[shown]
-    names = points[by].astype(str) if by in points.columns else None
-    groups = ("",) if names is None else tuple(dict.fromkeys(names))
-    group = np.zeros(len(points), int) if names is None else np.array([groups.index(x) for x in names], int)
-    on_front = front_mask(points, [(column, objectives[column]) for column in columns], group)
-    ends = [interval(points, column) for column in columns]
-    return Front(
-        columns=tuple(columns),
-        directions=tuple(objectives[column] for column in columns),
-        values=values[shown],
-        low=np.column_stack([low for low, _ in ends]),
-        high=np.column_stack([high for _, high in ends]),
-        on_front=on_front,
-        group=group,
-        groups=groups,
-        hover=_hover(points, columns),
-        n_left_out=int((~shown).sum()),
-    )
-
-
-def draw_front(front: Front) -> plotly.graph_objects.Figure:
-    """Draw a front: dominated points dim; in the plane the front is a staircase, with its intervals as bars.
-
-    The staircase is what the front attains: a slanted line would claim designs that do not exist.
-    """
-    import plotly.graph_objects as go
-
-    flat = len(front.columns) == 2
-    figure = go.Figure()
-    for index, name in enumerate(front.groups):
-        colour = OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)]
-        for best in (False, True):
-            rows = np.flatnonzero((front.group == index) & (front.on_front == best))
-            rows = rows[np.argsort(front.values[rows, 0], kind="stable")]
-            trace: dict[str, Any] = {
-                axis: front.values[rows, k] for k, axis in enumerate("xyz"[: len(front.columns)])
-            }
-            trace |= {
-                "showlegend": best or len(front.groups) == 1,
-                "name": html.escape(f"{name} {'front' if best else 'dominated'}".strip(), quote=False),
-                "mode": "lines+markers" if best and flat else "markers",
-                "marker": {
-                    "color": colour,
-                    "size": _SIZES[len(front.columns)][best]
-                    / (2 if flat and len(front.values) > _CROWD else 1),
-                    "opacity": 1.0
-                    if best
-                    else min(0.4, (0.25 if flat else 0.4) * float(np.sqrt(1000 / max(len(rows), 1)))),
-                },
-                "text": [front.hover[row] for row in rows],
-                "hovertemplate": "%{text}<extra></extra>",
-            }
-            if best:
-                trace |= {f"error_{axis}": bars for axis, bars in _bars(front, rows, colour).items()}
-            if flat:
-                shape = "hv" if front.directions[0] == "min" else "vh"
-                trace["line"] = {"color": colour, "width": 1.5, "shape": shape}
-            figure.add_trace(go.Scatter(trace) if flat else go.Scatter3d(trace))
-    titles = {
-        f"{axis}axis": {"title": {"text": axis_title(column)}, "type": axis_type(front.values[:, k])}
-        for k, (axis, column) in enumerate(zip("xyz", front.columns, strict=False))
-    }
-    space = {
-        "scene": {**titles, "camera": _CAMERA},
-        "legend": {"x": 0, "y": 1, "itemsizing": "constant"},
-        "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
-        "height": 560,
-    }
-    figure.update_layout(**(titles if flat else space), hoverlabel={"align": "left"})
-    return figure
+        flat = len(record.columns) == 2
+        logs = [spans_decades(record.values[:, k]) for k in range(len(record.columns))]
+        figure = go.Figure()
+        for index, name in enumerate(record.groups):
+            colour = OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)]
+            for best in (False, True):
+                rows = np.flatnonzero((record.group == index) & (record.on_front == best))
+                rows = rows[np.argsort(record.values[rows, 0], kind="stable")]
+                crowded = flat and len(record.values) > _CROWD
+                dim = min(0.4, (0.25 if flat else 0.4) * float(np.sqrt(1000 / max(len(rows), 1))))
+                trace: dict[str, Any] = {
+                    **{
+                        axis: record.values[rows, k] for axis, k in zip("xyz", range(len(logs)), strict=False)
+                    },
+                    "showlegend": best or len(record.groups) == 1,
+                    "name": html.escape(f"{name} {'front' if best else 'dominated'}".strip(), quote=False),
+                    "mode": "lines+markers" if best and flat else "markers",
+                    "marker": {
+                        "color": colour,
+                        "size": _SIZES[len(logs)][best] / (2 if crowded else 1),
+                        "opacity": 1.0 if best else dim,
+                    },
+                    "hovertext": [record.hover[row] for row in rows],
+                    "hovertemplate": "%{hovertext}<extra></extra>",
+                }
+                if best:
+                    trace |= {f"error_{axis}": bars for axis, bars in _bars(record, rows, colour).items()}
+                    if any(record.labels):
+                        trace |= {"text": _written(record, rows, logs), "textposition": "bottom right"}
+                        trace |= {"mode": f"{trace['mode']}+text"} | ({"cliponaxis": False} if flat else {})
+                if flat:
+                    shape = "hv" if record.directions[0] == "min" else "vh"
+                    trace["line"] = {"color": colour, "width": 1.5, "shape": shape}
+                figure.add_trace(go.Scatter(trace) if flat else go.Scatter3d(trace))
+        titles = {
+            f"{axis}axis": {"title": {"text": axis_title(column)}, "type": "log" if log else "linear"}
+            for axis, column, log in zip("xyz", record.columns, logs, strict=False)
+        }
+        space = {
+            "scene": {**titles, "camera": _CAMERA},
+            "legend": {"x": 0, "y": 1, "itemsizing": "constant"},
+            "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+            "height": 560,
+        }
+        figure.update_layout(**(titles if flat else space), hoverlabel={"align": "left"})
+        return figure
 
 
 def _bars(front: Front, rows: Array, colour: str) -> dict[str, dict[str, Any]]:
@@ -237,8 +221,21 @@ def _bars(front: Front, rows: Array, colour: str) -> dict[str, dict[str, Any]]:
     }
 
 
+def _written(front: Front, rows: Array, logs: Sequence[bool]) -> list[str]:
+    """Return the labels of points, '' for one that would overlap an earlier one."""
+    values = np.column_stack(
+        [np.log(front.values[:, k]) if log else front.values[:, k] for k, log in enumerate(logs)]
+    )
+    places = values[rows] / np.maximum(np.ptp(values, axis=0), 1e-300)
+    taken: list[int] = []
+    for k in range(len(rows)):
+        if all(np.abs(places[k] - places[other]).max() >= _APART for other in taken):
+            taken.append(k)
+    return [front.labels[row] if k in taken else "" for k, row in enumerate(rows)]
+
+
 def _hover(frame: pandas.DataFrame, columns: Sequence[str]) -> tuple[str, ...]:
-    named = [*design_columns(frame), *(column for column in columns)]
+    named = [*design_columns(frame), *columns]
     titles = [axis_title(column) for column in named]
     rows = zip(*(frame[column].tolist() for column in named), strict=True)
     return tuple(

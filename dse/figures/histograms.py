@@ -43,6 +43,7 @@ class HistogramsFigure:
     trial: int | None = trial_key()
     repeat: int = param(0, doc="run of the trial: each has prototypes of its own", low=0, axis=False)
     classes: tuple[str, ...] = param((), doc="classes that have a panel (default: all)", axis=False)
+    per_row: int = param(MOST_COLUMNS, doc="panels in a row, at most", low=1, axis=False)
 
     def gather(self, results: Results) -> Histograms:
         trial, runs = recorded(results, self.trial, "weights.npz", "own/signatures")
@@ -55,7 +56,7 @@ class HistogramsFigure:
         return gather_histograms(fitted.arrays, results.classes(trial), self.classes)
 
     def draw(self, record: Histograms) -> plotly.graph_objects.Figure:
-        return draw_histograms(record)
+        return draw_histograms(record, self.per_row)
 
 
 def gather_histograms(

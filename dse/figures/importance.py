@@ -38,10 +38,7 @@ MAX_SLICES = 6
 """Most values of a parameter with a mean each; more numbers are joined in bins of equal counts."""
 
 _N_FOLDS, _N_TREES, _N_SHUFFLES = 4, 40, 3  # a served page is gathered again while its study runs
-_DIGITS = 4
-
-
-_MOST_BARS = 12
+_DIGITS, _MOST_BARS = 4, 12
 
 
 @dataclass(frozen=True)
@@ -84,30 +81,26 @@ class ImportanceFigure:
         return Importance(objective, names, values[:, 0], values[:, 1], ranked[0]["r2"], ranked[0]["n"])
 
     def draw(self, record: Importance) -> plotly.graph_objects.Figure:
-        return draw_importance(record)
+        """Draw a bar per parameter with its standard error, the most important on top."""
+        import plotly.graph_objects as go
 
-
-def draw_importance(record: Importance) -> plotly.graph_objects.Figure:
-    """Draw a bar per parameter with its standard error, the most important on top."""
-    import plotly.graph_objects as go
-
-    names = [html.escape(label(name)[0], quote=False) for name in record.names]
-    bars = go.Bar(
-        x=record.importance,
-        y=names,
-        orientation="h",
-        marker_color=OKABE_ITO_LIGHT[0],
-        error_x={"type": "data", "array": record.se, "thickness": 1},
-    )
-    share = max(0.0, record.r2)
-    of = f"{axis_title(record.objective)}; all explain {share:.0%} of {record.n} designs"
-    title = f"loss of explained variance of {of}"
-    layout = {
-        "xaxis": {"title": {"text": title}, "rangemode": "tozero"},
-        "yaxis": {"autorange": "reversed", "automargin": True},
-        "showlegend": False,
-    }
-    return go.Figure([bars], layout)
+        names = [html.escape(label(name)[0], quote=False) for name in record.names]
+        bars = go.Bar(
+            x=record.importance,
+            y=names,
+            orientation="h",
+            marker_color=OKABE_ITO_LIGHT[0],
+            error_x={"type": "data", "array": record.se, "thickness": 1},
+        )
+        share = max(0.0, record.r2)
+        of = f"{axis_title(record.objective)}; all explain {share:.0%} of {record.n} designs"
+        title = f"loss of explained variance of {of}"
+        layout = {
+            "xaxis": {"title": {"text": title}, "rangemode": "tozero"},
+            "yaxis": {"autorange": "reversed", "automargin": True},
+            "showlegend": False,
+        }
+        return go.Figure([bars], layout)
 
 
 def gather_importance(points: pandas.DataFrame, objectives: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -132,7 +125,8 @@ def gather_importance(points: pandas.DataFrame, objectives: Mapping[str, str]) -
     found = []
     for objective in objectives:
         by = ["task", *(["hardware"] if objective in on_chips else [])]
-        rows = table if objective in on_chips else table.drop_duplicates(_identity(table))
+        identity = [name for name in ("trial", "task") if name in table]
+        rows = table if objective in on_chips else table.drop_duplicates(identity)
         for group in groups_of(rows, by) if len(rows) else ():
             of_group = rows.iloc[group]
             about = {name: str(of_group[name].iloc[0]) for name in by if name in of_group}
@@ -144,10 +138,6 @@ def gather_importance(points: pandas.DataFrame, objectives: Mapping[str, str]) -
                 continue
             found.append(about | {"objective": objective} | _ranked(known, objective, varied))
     return found
-
-
-def _identity(table: pandas.DataFrame) -> list[str]:
-    return [name for name in ("trial", "task") if name in table]
 
 
 def _ranked(rows: pandas.DataFrame, objective: str, parameters: list[str]) -> dict[str, Any]:
@@ -188,16 +178,11 @@ def _forest(inputs: Array, target: Array) -> tuple[float, Array]:
         predicted[out] = forest.predict(inputs[out])
         error = float(((predicted[out] - target[out]) ** 2).mean())
         for j in range(inputs.shape[1]):
-            shuffled = np.concatenate([_with_shuffled(inputs[out], j, rng) for _ in range(_N_SHUFFLES)])
+            shuffled = np.tile(inputs[out], (_N_SHUFFLES, 1))
+            shuffled[:, j] = np.concatenate([rng.permutation(inputs[out, j]) for _ in range(_N_SHUFFLES)])
             errors = (forest.predict(shuffled) - np.tile(target[out], _N_SHUFFLES)) ** 2
             drops[k, j] = (float(errors.mean()) - error) / total
     return 1 - float(((predicted - target) ** 2).mean()) / total, drops
-
-
-def _with_shuffled(inputs: Array, column: int, rng: np.random.Generator) -> Array:
-    shuffled = inputs.copy()
-    shuffled[:, column] = rng.permutation(shuffled[:, column])
-    return shuffled
 
 
 def _codes(values: pandas.Series) -> Array:
@@ -216,7 +201,8 @@ def _slices(rows: pandas.DataFrame, parameter: str, target: Array) -> list[dict[
     """Return mean, standard error and count of an objective at each value or bin of a parameter."""
     values = rows[parameter]
     number = numbers(rows, parameter)
-    is_number = bool(np.isfinite(number[values.notna().to_numpy()]).all()) and not values.map(_is_bool).any()
+    is_bool = values.map(lambda value: isinstance(value, bool | np.bool_)).any()
+    is_number = bool(np.isfinite(number[values.notna().to_numpy()]).all()) and not is_bool
     distinct = np.unique(number[np.isfinite(number)]) if is_number else np.zeros(0)
     if is_number and len(distinct) > MAX_SLICES:
         edges = np.unique(np.quantile(number[np.isfinite(number)], np.linspace(0, 1, MAX_SLICES + 1)))
@@ -241,11 +227,6 @@ def _slices(rows: pandas.DataFrame, parameter: str, target: Array) -> list[dict[
         | {"se": _short(float(target[part].std(ddof=1) / np.sqrt(part.sum()))) if part.sum() > 1 else None}
         for name, part in named
     ]
-
-
-def _is_bool(value: object) -> bool:
-    """Return whether a cell is true or false."""
-    return isinstance(value, bool | np.bool_)
 
 
 def _short(value: float) -> float:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import html
 import re
+from collections.abc import Sequence
+from typing import Any
 
 # Okabe & Ito (2008): eight colours told apart with every common colour vision. Yellow is left out: it
 # vanishes on white. One order for a light page, one for a dark page.
@@ -44,6 +46,13 @@ def axis_title(column: str) -> str:
     """Return a column's words with its unit in brackets, safe as plotly text."""
     words, unit = label(column)
     return html.escape(f"{words} ({unit})" if unit else words, quote=False)
+
+
+def row_axis(names: Sequence[str]) -> dict[str, Any]:
+    """Return a vertical axis with a name for each row 0, 1, ..., the first on top; names may be alike."""
+    words = [html.escape(name, quote=False) for name in names]
+    places = list(range(len(words)))
+    return {"tickvals": places, "ticktext": words, "autorange": "reversed", "showgrid": False}
 
 
 def watts(value: float) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures import Results, recorded, trial_key
+from dse.figures import NothingRecorded, Results, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array
 from dse.registry import register
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 CURVES = {"loss": "loss", "accuracy_train": "training<br>accuracy", "gradient_norm": "gradient"}
 """Curves of a history that are drawn where it holds them, and what their axes say."""
 
+_MOST_EPOCHS = 120  # points of a line: more are finer than a pixel or two
 _GAP = 0.06  # between panels, of the height
 _AXES: Mapping[str, Any] = {
     "accuracy_train": {"range": [0, 1.02], "tickvals": [0, 0.5, 1]},
@@ -41,70 +42,56 @@ class LearningFigure:
     trial: int | None = trial_key()
 
     def gather(self, results: Results) -> Learning:
-        _, runs = recorded(results, self.trial, "history.npz", "loss")
-        return gather_learning(runs)
+        trial, runs = recorded(results, self.trial, "history.npz", "loss" if self.trial is None else "")
+        known = [
+            {name: np.asarray(x, np.float64) for name, x in history.items() if np.ndim(x) == 1}
+            for history in runs
+        ]
+        curves = {
+            name: tuple(history.get(name, np.zeros(0)) for history in known)
+            for name in CURVES
+            if any(len(history.get(name, ())) > 1 for history in known)
+        }
+        if not curves:  # a fit in closed form has no epochs
+            raise NothingRecorded(
+                f"trial {trial} must have two epochs of one of {', '.join(CURVES)}, got none"
+            )
+        return Learning(curves)
 
     def draw(self, record: Learning) -> plotly.graph_objects.Figure:
-        return draw_learning(record)
+        """Draw each curve over the epochs in a panel of its own; a gradient spans decades."""
+        import plotly.graph_objects as go
 
-
-def gather_learning(histories: Sequence[Mapping[str, Array]]) -> Learning:
-    """Gather the curves of a design's repeats.
-
-    Args:
-        histories: of each repeat, name -> (epoch,) (`dse.records.Outcome.history`).
-
-    Raises:
-        ValueError: no repeat has a curve of two epochs or more.
-    """
-    known = [
-        {name: np.asarray(x, np.float64) for name, x in history.items() if np.ndim(x) == 1}
-        for history in histories
-    ]
-    curves = {
-        name: tuple(history.get(name, np.zeros(0)) for history in known)
-        for name in CURVES
-        if any(len(history.get(name, ())) > 1 for history in known)
-    }
-    if not curves:
-        raise ValueError(f"histories must have at least two epochs of one of {', '.join(CURVES)}, got none")
-    return Learning(curves)
-
-
-def draw_learning(learning: Learning) -> plotly.graph_objects.Figure:
-    """Draw each curve over the epochs in a panel of its own; a gradient spans decades."""
-    import plotly.graph_objects as go
-
-    n = len(learning.curves)
-    layout: dict[str, Any] = {
-        "height": 280,
-        "margin": {"l": 56, "r": 12, "t": 28, "b": 40},
-        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
-        "xaxis": {"title": {"text": "epoch"}, "anchor": f"y{n}" if n > 1 else "y"},
-    }
-    traces = []
-    for panel, (name, repeats) in enumerate(learning.curves.items()):
-        axis = f"y{panel + 1}" if panel else "y"
-        top = 1 - panel / n
-        layout[axis.replace("y", "yaxis")] = {
-            "title": {"text": CURVES[name]},
-            "domain": [top - 1 / n + (_GAP if panel < n - 1 else 0), top],
-            **_AXES.get(name, {"rangemode": "tozero", "nticks": 4}),
+        n = len(record.curves)
+        layout: dict[str, Any] = {
+            "height": 280,
+            "margin": {"l": 56, "r": 12, "t": 28, "b": 40},
+            "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
+            "xaxis": {"title": {"text": "epoch"}, "anchor": f"y{n}" if n > 1 else "y"},
         }
-        for repeat, curve in enumerate(repeats):
-            run = f"repeat {repeat}"
-            traces.append(
-                {
-                    "type": "scatter",
-                    "x": np.arange(1, len(curve) + 1, dtype=np.int32),
-                    "y": curve.astype(np.float32),
-                    "yaxis": axis,
-                    "mode": "lines",
-                    "line": {"color": OKABE_ITO_LIGHT[repeat % len(OKABE_ITO_LIGHT)], "width": 1.2},
-                    "name": run,
-                    "legendgroup": run,
-                    "showlegend": panel == 0 and len(repeats) > 1,
-                    "hovertemplate": f"{run}, epoch %{{x}}: %{{y:.3g}}<extra></extra>",
-                }
-            )
-    return go.Figure(traces, layout)
+        traces = []
+        for panel, (name, repeats) in enumerate(record.curves.items()):
+            axis = f"y{panel + 1}" if panel else "y"
+            top = 1 - panel / n
+            layout[axis.replace("y", "yaxis")] = {
+                "title": {"text": CURVES[name]},
+                "domain": [top - 1 / n + (_GAP if panel < n - 1 else 0), top],
+                **_AXES.get(name, {"rangemode": "tozero", "nticks": 4}),
+            }
+            for repeat, values in enumerate(repeats):
+                run, every = f"repeat {repeat}", -(-len(values) // _MOST_EPOCHS) or 1
+                traces.append(
+                    {
+                        "type": "scatter",
+                        "x": np.arange(1, len(values) + 1, dtype=np.int32)[::every],
+                        "y": values.astype(np.float32)[::every],
+                        "yaxis": axis,
+                        "mode": "lines",
+                        "line": {"color": OKABE_ITO_LIGHT[repeat % len(OKABE_ITO_LIGHT)], "width": 1.2},
+                        "name": run,
+                        "legendgroup": run,
+                        "showlegend": panel == 0 and len(repeats) > 1,
+                        "hovertemplate": f"{run}, epoch %{{x}}: %{{y:.3g}}<extra></extra>",
+                    }
+                )
+        return go.Figure(traces, layout)

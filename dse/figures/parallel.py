@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -70,107 +69,80 @@ class ParallelFigure:
     def gather(self, results: Results) -> Parallel:
         frame = on_one_chip(results.points(), self.hardware)
         objectives = {name: way for name, way in results.objectives if name in frame}
-        axes = [name for name in map(str, frame.columns) if "." in name]
-        return gather_parallel(frame, self.columns or (*axes, *objectives), objectives)
+        columns = self.columns or (*(name for name in map(str, frame.columns) if "." in name), *objectives)
+        if len(columns) < 2 or len(set(columns)) < len(columns):
+            raise ValueError(f"columns must be at least two distinct columns, got {list(columns)}")
+        if unknown := [name for name in columns if name not in frame.columns]:
+            raise ValueError(f"columns must be in the table, got {unknown}")
+        by = [name for name in ("task", "hardware") if name in frame.columns]
+        on_front = front_mask(frame, objectives.items(), group_numbers(frame, by), admissible(frame))
+        axes = [_axis(frame, column) for column in columns]
+        values = np.column_stack([axis for axis, _ in axes])
+        is_measured = np.array(["." not in column for column in columns])  # not of some families alone
+        complete = np.flatnonzero((np.isfinite(values) | ~is_measured).all(axis=1))
+        best, rest = complete[on_front[complete]], complete[~on_front[complete]]
+        room = min(len(rest), max(0, MAX_LINES - len(best)))
+        sample = rest[np.linspace(0, len(rest) - 1, room).round().astype(int)]
+        shown = np.sort(np.concatenate([best, sample]))
+        return Parallel(
+            tuple(columns),
+            tuple(words for _, words in axes),
+            values[shown],
+            on_front[shown],
+            len(frame) - len(complete),
+            len(complete) - len(shown),
+        )
 
     def draw(self, record: Parallel) -> plotly.graph_objects.Figure:
-        return draw_parallel(record)
+        """Draw the lines, the front in colour on top; a column over two decades is in logarithms."""
+        import plotly.graph_objects as go
 
-
-def gather_parallel(
-    frame: pandas.DataFrame, columns: Sequence[str], objectives: Mapping[str, str]
-) -> Parallel:
-    """Gather design points along several columns, at most `MAX_LINES` beside those on the front.
-
-    Args:
-        frame: one row per design point.
-        columns: any of the table's, at least two. What is no number is a category, and so is its absence.
-        objectives: column -> 'max' or 'min'; the front is over all of them, whatever is shown.
-
-    Raises:
-        ValueError: fewer than two columns, one twice or not in the table, or objectives as of `front_mask`.
-    """
-    if len(columns) < 2 or len(set(columns)) < len(columns):
-        raise ValueError(f"columns must be at least two distinct columns, got {list(columns)}")
-    if unknown := [name for name in columns if name not in frame.columns]:
-        raise ValueError(f"columns must be in the table, got {unknown}")
-    on_front = _fronts(frame, objectives)
-    axes = [_axis(frame, column) for column in columns]
-    values = np.column_stack([axis for axis, _ in axes])
-    is_measured = np.array(
-        ["." not in column for column in columns]
-    )  # others are parameters of some families
-    complete = np.flatnonzero((np.isfinite(values) | ~is_measured).all(axis=1))
-    best, rest = complete[on_front[complete]], complete[~on_front[complete]]
-    room = min(len(rest), max(0, MAX_LINES - len(best)))
-    sample = rest[np.linspace(0, len(rest) - 1, room).round().astype(int)]
-    shown = np.sort(np.concatenate([best, sample]))
-    return Parallel(
-        tuple(columns),
-        tuple(words for _, words in axes),
-        values[shown],
-        on_front[shown],
-        len(frame) - len(complete),
-        len(complete) - len(shown),
-    )
-
-
-def draw_parallel(parallel: Parallel) -> plotly.graph_objects.Figure:
-    """Draw the lines, the front in colour above the others; a column over two decades is in logarithms."""
-    import plotly.graph_objects as go
-
-    axes = [
-        _scaled(words, parallel.values[:, index]) for index, words in enumerate(parallel.categories)
-    ]  # plotly's own parallel coordinates are pixels, in a PDF too
-    shares = np.column_stack([axis.shares for axis in axes])
-    figure = go.Figure()
-    for is_front, name in ((False, "others"), (True, "front")):
-        lines = shares[parallel.on_front == is_front]
-        gap = np.full((len(lines), 1), np.nan)
-        places = np.broadcast_to([*range(len(axes)), np.nan], (len(lines), len(axes) + 1))
-        figure.add_scatter(
-            x=places.ravel(),
-            y=np.hstack([lines, gap]).ravel(),
-            mode="lines",
-            name=name,
-            line={"color": OKABE_ITO_LIGHT[0] if is_front else _DIM, "width": 1.2 if is_front else 0.6},
-            hoverinfo="skip",
-        )
-    for place, axis in enumerate(axes):
-        figure.add_shape(type="line", x0=place, x1=place, y0=0, y1=1, line={"color": _INK, "width": 1})
-        for at, text in axis.ticks:
-            figure.add_annotation(
-                x=place,
-                y=at,
-                text=text,
-                showarrow=False,
-                xanchor="left",
-                xshift=3,
-                bgcolor=_PAPER,
-                borderpad=1,
+        axes = [
+            _scaled(words, record.values[:, index]) for index, words in enumerate(record.categories)
+        ]  # plotly's own parallel coordinates are pixels, in a PDF too
+        shares = np.column_stack([axis.shares for axis in axes])
+        figure = go.Figure()
+        for is_front, name in ((False, "others"), (True, "front")):
+            lines = shares[record.on_front == is_front]
+            gap = np.full((len(lines), 1), np.nan)
+            places = np.broadcast_to([*range(len(axes)), np.nan], (len(lines), len(axes) + 1))
+            figure.add_scatter(
+                x=places.ravel(),
+                y=np.hstack([lines, gap]).ravel(),
+                mode="lines",
+                name=name,
+                line={"color": OKABE_ITO_LIGHT[0] if is_front else _DIM, "width": 1.2 if is_front else 0.6},
+                hoverinfo="skip",
             )
-    figure.update_layout(
-        xaxis={
-            "tickvals": list(range(len(axes))),
-            "ticktext": [axis_title(_clipped(name)) for name in parallel.columns],
-            "side": "top",
-            "tickangle": -25,
-            "range": [-0.1, len(axes) - 0.6],
-            "showgrid": False,
-            "showline": False,
-            "ticks": "",
-        },
-        yaxis={"visible": False, "range": [_ABSENT - 0.04, 1.04]},
-        legend={"y": -0.02, "yanchor": "top"},
-        margin={"l": 16, "r": 48, "t": 24, "b": 32},
-    )
-    return figure
-
-
-def _fronts(frame: pandas.DataFrame, objectives: Mapping[str, str]) -> Array:
-    """Return which rows are on the front of their task and chip, among those that a skyline compares."""
-    by = [name for name in ("task", "hardware") if name in frame.columns]
-    return front_mask(frame, objectives.items(), group_numbers(frame, by), admissible(frame))
+        for place, axis in enumerate(axes):
+            figure.add_shape(type="line", x0=place, x1=place, y0=0, y1=1, line={"color": _INK, "width": 1})
+            for at, text in axis.ticks:
+                figure.add_annotation(
+                    x=place,
+                    y=at,
+                    text=text,
+                    showarrow=False,
+                    xanchor="left",
+                    xshift=3,
+                    bgcolor=_PAPER,
+                    borderpad=1,
+                )
+        figure.update_layout(
+            xaxis={
+                "tickvals": list(range(len(axes))),
+                "ticktext": [axis_title(_clipped(name)) for name in record.columns],
+                "side": "top",
+                "tickangle": -25,
+                "range": [-0.1, len(axes) - 0.6],
+                "showgrid": False,
+                "showline": False,
+                "ticks": "",
+            },
+            yaxis={"visible": False, "range": [_ABSENT - 0.04, 1.04]},
+            legend={"y": -0.02, "yanchor": "top"},
+            margin={"l": 16, "r": 48, "t": 24, "b": 32},
+        )
+        return figure
 
 
 def _axis(frame: pandas.DataFrame, column: str) -> tuple[Array, tuple[str, ...] | None]:

@@ -11,19 +11,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, full_read_outs, trial_key, trial_of
+from dse.figures import NothingRecorded, Results, full_read_outs, trial_key, trial_of
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, watts
+from dse.figures.labels import OKABE_ITO_LIGHT, row_axis, watts
 from dse.records import Array
 from dse.registry import register
 
 if TYPE_CHECKING:
-    import pandas
     import plotly.graph_objects
 
 IDLE, RUNNING = "power_idle_w", "power_w"
 _INTERVAL = "#59616B"
-_ROOM = 1.4  # width of the axis by the longest bar; the rest is for its numbers
+_ROOM = 2.2  # width of the axis by the longest bar; the rest is for its numbers
 _BAR_PX, _MARGIN_PX = 48, 100
 
 
@@ -53,83 +52,66 @@ class PowerFigure:
 
     def gather(self, results: Results) -> Power:
         points = results.points()
-        return gather_power(full_read_outs(points[points["trial"] == trial_of(results, self.trial)]))
+        rows = full_read_outs(points[points["trial"] == trial_of(results, self.trial)])
+        for column in ("hardware", IDLE, RUNNING):
+            if column not in rows:
+                raise NothingRecorded(f"points must have a column {column}, got a study without it")
+        rows = rows.drop_duplicates("hardware")  # of several tasks the first counts
+        idle_w, power_w = numbers(rows, IDLE), numbers(rows, RUNNING)
+        known = np.isfinite(idle_w) & np.isfinite(power_w)
+        names = rows["hardware"].astype(str).to_numpy()
+        if not known.any():
+            of = f"on {', '.join(names)}" if len(names) else "of the trial"
+            raise NothingRecorded(f"{IDLE} and {RUNNING} must be known on some hardware, got none {of}")
+        low, high = interval(rows, RUNNING)
+        return Power(
+            hardware=tuple(names[known].tolist()),
+            idle_w=idle_w[known],
+            beyond_w=power_w[known] - idle_w[known],
+            low_w=low[known],
+            high_w=high[known],
+            without=tuple(names[~known].tolist()),
+        )
 
     def draw(self, record: Power) -> plotly.graph_objects.Figure:
-        return draw_power(record)
+        """Draw a bar per hardware: at rest, and after it what running adds; the interval is that of the sum.
 
+        Hardware whose power is not known is named below.
+        """
+        import plotly.graph_objects as go
 
-def gather_power(points: pandas.DataFrame) -> Power:
-    """Gather the power of one design on every hardware.
-
-    Args:
-        points: full read-outs of one trial, one row per hardware (of several tasks the first counts).
-
-    Raises:
-        ValueError: the study recorded no power.
-    """
-    for column in ("hardware", IDLE, RUNNING):
-        if column not in points:
-            raise ValueError(f"points must have a column {column}, got a study without it")
-    rows = points.drop_duplicates("hardware")
-    idle_w, power_w = numbers(rows, IDLE), numbers(rows, RUNNING)
-    known = np.isfinite(idle_w) & np.isfinite(power_w)
-    names = rows["hardware"].astype(str).to_numpy()
-    if not known.any():
-        raise ValueError(
-            f"{IDLE} and {RUNNING} must be known on some hardware, got none on {', '.join(names)}"
+        places = list(range(len(record.hardware)))
+        parts = (("at rest", record.idle_w), ("beyond, running", record.beyond_w))
+        figure = go.Figure()
+        for (name, power_w), colour in zip(parts, OKABE_ITO_LIGHT, strict=False):
+            figure.add_bar(
+                orientation="h",
+                y=places,
+                x=power_w,
+                name=name,
+                marker={"color": colour},
+                hovertemplate=f"{name}: %{{x:.4g}} W<extra></extra>",
+            )
+        bars = {"type": "data", "symmetric": False, "array": record.high_w, "arrayminus": record.low_w}
+        figure.data[1].error_x = {**bars, "thickness": 1, "width": 4, "color": _INTERVAL}
+        # Beside the interval, because a part may be too small to hold its number.
+        ends_w = record.idle_w + record.beyond_w + record.high_w
+        for place, (idle_w, beyond_w) in enumerate(zip(record.idle_w, record.beyond_w, strict=True)):
+            figure.add_annotation(
+                x=float(ends_w[place]),
+                y=place,
+                text=f"{watts(float(idle_w))} + {watts(float(beyond_w))}",
+                showarrow=False,
+                xanchor="left",
+                xshift=6,
+            )
+        unknown = html.escape(", ".join(record.without), quote=False)
+        title = "power (W)" + (f"<br>not known: {unknown}" if unknown else "")
+        figure.update_layout(
+            barmode="stack",
+            xaxis={"title": {"text": title}, "range": [0, _ROOM * float(ends_w.max())]},
+            yaxis=row_axis(record.hardware),
+            legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
+            height=_MARGIN_PX + _BAR_PX * max(3, len(places)),
         )
-    low, high = interval(rows, RUNNING)
-    return Power(
-        hardware=tuple(names[known].tolist()),
-        idle_w=idle_w[known],
-        beyond_w=power_w[known] - idle_w[known],
-        low_w=low[known],
-        high_w=high[known],
-        without=tuple(names[~known].tolist()),
-    )
-
-
-def draw_power(power: Power) -> plotly.graph_objects.Figure:
-    """Draw a bar per hardware: at rest, and after it what running adds; the interval is that of the sum.
-
-    Hardware whose power is not known is named below.
-    """
-    import plotly.graph_objects as go
-
-    names = [html.escape(name, quote=False) for name in power.hardware]
-    places = list(range(len(names)))
-    parts = (("at rest", power.idle_w), ("beyond, running", power.beyond_w))
-    figure = go.Figure()
-    for (name, power_w), colour in zip(parts, OKABE_ITO_LIGHT, strict=False):
-        figure.add_bar(
-            orientation="h",
-            y=places,
-            x=power_w,
-            name=name,
-            marker={"color": colour},
-            hovertemplate=f"{name}: %{{x:.4g}} W<extra></extra>",
-        )
-    bars = {"type": "data", "symmetric": False, "array": power.high_w, "arrayminus": power.low_w}
-    figure.data[1].error_x = {**bars, "thickness": 1, "width": 4, "color": _INTERVAL}
-    # Beside the interval, because a part may be too small to hold its number.
-    ends_w = power.idle_w + power.beyond_w + power.high_w
-    for place, (idle_w, beyond_w) in enumerate(zip(power.idle_w, power.beyond_w, strict=True)):
-        figure.add_annotation(
-            x=float(ends_w[place]),
-            y=place,
-            text=f"{watts(float(idle_w))} + {watts(float(beyond_w))}",
-            showarrow=False,
-            xanchor="left",
-            xshift=6,
-        )
-    unknown = html.escape(", ".join(power.without), quote=False)
-    title = "power (W)" + (f"<br>not known: {unknown}" if unknown else "")
-    figure.update_layout(
-        barmode="stack",
-        xaxis={"title": {"text": title}, "range": [0, _ROOM * float(ends_w.max())]},
-        yaxis={"tickvals": places, "ticktext": names, "autorange": "reversed", "showgrid": False},
-        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
-        height=_MARGIN_PX + _BAR_PX * max(3, len(names)),
-    )
-    return figure
+        return figure

@@ -7,7 +7,6 @@ two: no point is chosen anew within it, because noise would always find a cheape
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,7 +22,6 @@ from dse.skyline.goals import Goal
 from dse.skyline.pick import economy, pick
 
 if TYPE_CHECKING:
-    import pandas
     import plotly.graph_objects
 
 WINDOW = 0.05
@@ -65,53 +63,99 @@ class PriceFigure:
 
     def gather(self, results: Results) -> Prices:
         points = of_task(on_one_chip(results.points(), self.hardware), self.task)
-        return gather_prices(points, [Goal(name, way) for name, way in results.objectives])
+        goals = [Goal(name, way) for name, way in results.objectives]
+        gain = next(
+            (goal.column for goal in goals if goal.direction == "max" and goal.column in points), None
+        )
+        if gain is None:
+            raise ValueError("an objective must be maximised, such as accuracy:max")
+        frame = points[admissible(points)]
+        if frame.empty:
+            raise ValueError("some design must fit the chip; choose another with the key hardware")
+        values = numbers(frame, gain)
+        known = values[np.isfinite(values)]
+        if not len(known) or known.min() < 0 or known.max() > 1:
+            raise ValueError(f"{gain} must be a fraction, in [0, 1], of some points")
+        ties = [goal for goal in goals if goal.column != gain and goal.column in frame]
+        picked = pick(frame, [], gain, ties).row
+        assert picked is not None  # no budget excludes anything
+        costs = [goal.column for goal in [*ties, *economy(frame)] if goal.direction == "min"]
+        costs += [_SPIKES] if np.isfinite(numbers(frame, _SPIKES)).any() else []
+        errors = np.nan_to_num(numbers(frame, f"{gain}_se"))
+        rows = []
+        for column in dict.fromkeys(costs):
+            cost = numbers(frame, column)
+            if not np.isfinite(numbers(frame.loc[[picked.name]], column))[0]:
+                continue
+            use = np.isfinite(values) & np.isfinite(cost)
+            place = int(np.flatnonzero(frame.index[use] == picked.name)[0])
+            price = price_of(values[use], cost[use], errors[use], place)
+            if price is not None:
+                rows.append((column, *price))
+        if not rows:
+            raise ValueError(f"no point with {gain} at most {WINDOW} below {picked[gain]:.3f} is cheaper")
+        columns, *parts = zip(*rows, strict=True)
+        task = str(picked["task"]) if "task" in frame else ""
+        return Prices(gain, task, int(picked.get("trial", 0)), columns, *(np.array(part) for part in parts))
 
     def draw(self, record: Prices) -> plotly.graph_objects.Figure:
-        return draw_prices(record)
+        """Draw the price in each cost as a share of what the pick costs, with interval and numbers."""
+        import plotly.graph_objects as go
 
-
-def gather_prices(points: pandas.DataFrame, goals: Sequence[Goal]) -> Prices:
-    """Gather the prices at the pick of a table.
-
-    Args:
-        points: design points of one task on one chip.
-        goals: objectives; the first that is maximised is what is paid for.
-
-    Raises:
-        ValueError: nothing is maximised, it is no fraction, or no point with little less is cheaper.
-    """
-    gain = next((goal.column for goal in goals if goal.direction == "max" and goal.column in points), None)
-    if gain is None:
-        raise ValueError("an objective must be maximised, such as accuracy:max")
-    frame = points[admissible(points)]
-    if frame.empty:
-        raise ValueError("some design must fit the chip; choose another with the key hardware")
-    values = numbers(frame, gain)
-    known = values[np.isfinite(values)]
-    if not len(known) or known.min() < 0 or known.max() > 1:
-        raise ValueError(f"{gain} must be a fraction, in [0, 1], of some points")
-    ties = [goal for goal in goals if goal.column != gain and goal.column in frame]
-    picked = pick(frame, [], gain, ties).row
-    assert picked is not None  # no budget excludes anything
-    costs = [goal.column for goal in [*ties, *economy(frame)] if goal.direction == "min"]
-    costs += [_SPIKES] if np.isfinite(numbers(frame, _SPIKES)).any() else []
-    errors = np.nan_to_num(numbers(frame, f"{gain}_se"))
-    rows = []
-    for column in dict.fromkeys(costs):
-        cost = numbers(frame, column)
-        if not np.isfinite(numbers(frame.loc[[picked.name]], column))[0]:
-            continue
-        use = np.isfinite(values) & np.isfinite(cost)
-        place = int(np.flatnonzero(frame.index[use] == picked.name)[0])
-        price = price_of(values[use], cost[use], errors[use], place)
-        if price is not None:
-            rows.append((column, *price))
-    if not rows:
-        raise ValueError(f"no point with {gain} at most {WINDOW} below {picked[gain]:.3f} is cheaper")
-    columns, *parts = zip(*rows, strict=True)
-    task = str(picked["task"]) if "task" in frame else ""
-    return Prices(gain, task, int(picked.get("trial", 0)), columns, *(np.array(part) for part in parts))
+        known = np.isfinite(record.high)
+        low, high = (100 * part / record.at for part in (record.low, record.high))
+        share = np.where(known, 100 * record.price / record.at, low)
+        top = 1.2 * float(np.max(np.where(known, high, low)))
+        beyond = np.where(known, high, top)
+        names = [html.escape(label(column)[0], quote=False) for column in record.columns]
+        words = []
+        for column, is_known, *numbers_of in zip(
+            record.columns, known, record.price, record.low, record.high, strict=True
+        ):
+            price, least, most = (short(float(x)) for x in numbers_of)
+            unit = label(column)[1]
+            words.append(
+                f"{price} {unit}".strip() + f" ({least} to {most})"
+                if is_known
+                else f"at least {least} {unit}".strip()
+            )
+        figure = go.Figure(
+            go.Scatter(
+                x=share,
+                y=names,
+                mode="markers",
+                marker={
+                    "size": 9,
+                    "color": OKABE_ITO_LIGHT[0],
+                    "symbol": ["circle" if is_known else "triangle-right" for is_known in known],
+                },
+                error_x={
+                    "type": "data",
+                    "symmetric": False,
+                    "array": beyond - share,
+                    "arrayminus": share - low,
+                    "thickness": 1,
+                },
+                customdata=words,
+                hovertemplate="%{y}: %{customdata} per 0.01<extra></extra>",
+            )
+        )
+        for name, text in zip(names, words, strict=True):
+            figure.add_annotation(x=0, y=name, text=text, showarrow=False, xanchor="left", yshift=12)
+        of = html.escape(
+            f"{record.task + ': ' if record.task else ''}price of 0.01 of {label(record.gain)[0]}",
+            quote=False,
+        )
+        figure.update_layout(
+            xaxis={
+                "title": {"text": f"{of},<br>% of what trial {record.trial} costs"},
+                "range": [min(0, float(low.min())), 1.1 * top],
+            },
+            yaxis={"autorange": "reversed", "automargin": True, "showgrid": False},
+            showlegend=False,
+            height=_MARGIN_PX + _ROW_PX * max(3, len(names)),
+        )
+        return figure
 
 
 def price_of(
@@ -135,62 +179,3 @@ def price_of(
         saved / (100 * gained) if gained > 0 else np.inf for gained in (less, less + spread, less - spread)
     )
     return price, low, high, float(cost[other]), float(cost[pick])
-
-
-def draw_prices(prices: Prices) -> plotly.graph_objects.Figure:
-    """Draw the price in each cost as a share of what the pick costs, with its interval and its numbers."""
-    import plotly.graph_objects as go
-
-    known = np.isfinite(prices.high)
-    low, high = (100 * part / prices.at for part in (prices.low, prices.high))
-    share = np.where(known, 100 * prices.price / prices.at, low)
-    top = 1.2 * float(np.max(np.where(known, high, low)))
-    beyond = np.where(known, high, top)
-    names = [html.escape(label(column)[0], quote=False) for column in prices.columns]
-    words = []
-    for column, is_known, *numbers_of in zip(
-        prices.columns, known, prices.price, prices.low, prices.high, strict=True
-    ):
-        price, least, most = (short(float(x)) for x in numbers_of)
-        unit = label(column)[1]
-        words.append(
-            f"{price} {unit}".strip() + f" ({least} to {most})"
-            if is_known
-            else f"at least {least} {unit}".strip()
-        )
-    figure = go.Figure(
-        go.Scatter(
-            x=share,
-            y=names,
-            mode="markers",
-            marker={
-                "size": 9,
-                "color": OKABE_ITO_LIGHT[0],
-                "symbol": ["circle" if is_known else "triangle-right" for is_known in known],
-            },
-            error_x={
-                "type": "data",
-                "symmetric": False,
-                "array": beyond - share,
-                "arrayminus": share - low,
-                "thickness": 1,
-            },
-            customdata=words,
-            hovertemplate="%{y}: %{customdata} per 0.01<extra></extra>",
-        )
-    )
-    for name, text in zip(names, words, strict=True):
-        figure.add_annotation(x=0, y=name, text=text, showarrow=False, xanchor="left", yshift=12)
-    of = html.escape(
-        f"{prices.task + ': ' if prices.task else ''}price of 0.01 of {label(prices.gain)[0]}", quote=False
-    )
-    figure.update_layout(
-        xaxis={
-            "title": {"text": f"{of},<br>% of what trial {prices.trial} costs"},
-            "range": [min(0, float(low.min())), 1.1 * top],
-        },
-        yaxis={"autorange": "reversed", "automargin": True, "showgrid": False},
-        showlegend=False,
-        height=_MARGIN_PX + _ROW_PX * max(3, len(names)),
-    )
-    return figure

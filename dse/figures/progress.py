@@ -67,7 +67,54 @@ class ProgressFigure:
         return gather_progress(results.points(), dict(results.objectives), finished)
 
     def draw(self, record: Progress) -> plotly.graph_objects.Figure:
-        return draw_progress(record)
+        """Draw hypervolume in steps against trials and, where they are known, against hours.
+
+        Colours tell tasks apart and dashes chips, or colours the chips of a single task. A trace's `meta`
+        names its task and chip.
+        """
+        import plotly.graph_objects as go
+        from plotly.subplots import make_subplots
+
+        timed = any(np.isfinite(curve.hours).any() for curve in record.curves)
+        axes = [("trials", "finished trials"), *([("hours", "hours")] if timed else [])]
+        figure = make_subplots(rows=1, cols=len(axes), shared_yaxes=True, horizontal_spacing=0.06)
+        tasks = list(dict.fromkeys(curve.task for curve in record.curves))
+        chips = list(dict.fromkeys(curve.hardware for curve in record.curves))
+        for curve in record.curves:
+            task, chip = tasks.index(curve.task), chips.index(curve.hardware)
+            several = len(tasks) > 1
+            colour = OKABE_ITO_LIGHT[(task if several else chip) % len(OKABE_ITO_LIGHT)]
+            name = _name(curve.task if several else "", curve.hardware if len(chips) > 1 else "")
+            for panel, (axis, words) in enumerate(axes, 1):
+                figure.add_trace(
+                    go.Scatter(
+                        x=getattr(curve, axis).tolist(),
+                        y=curve.hypervolume.tolist(),
+                        mode="lines" if len(curve.trials) > 1 else "markers",
+                        line={
+                            "shape": "hv",
+                            "color": colour,
+                            "width": 2,
+                            "dash": _DASHES[chip % len(_DASHES)] if several else "solid",
+                        },
+                        name=name,
+                        legendgroup=name,
+                        showlegend=panel == 1 and len(record.curves) > 1,
+                        meta={"task": curve.task, "hardware": curve.hardware},
+                        customdata=curve.trials.tolist(),
+                        hovertemplate=_hover(axis),
+                    ),
+                    row=1,
+                    col=panel,
+                )
+                figure.update_xaxes(title_text=words, rangemode="tozero", row=1, col=panel)
+        figure.update_yaxes(nticks=6, tickformat=".3~g")
+        figure.update_yaxes(title_text="hypervolume (1 = ideal)", row=1, col=1)
+        figure.update_layout(
+            legend={"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
+            margin={"l": 56, "r": 8, "t": 32, "b": 40},
+        )
+        return figure
 
 
 def gather_progress(
@@ -108,57 +155,6 @@ def gather_progress(
             places, values = np.append(places, len(finished) - 1), np.append(values, values[-1])
         curves.append(Curve(task, hardware, places + 1, spent[places], values))
     return Progress(tuple(curves), tuple(left_out))
-
-
-def draw_progress(progress: Progress) -> plotly.graph_objects.Figure:
-    """Draw hypervolume in steps against trials and, where they are known, against hours.
-
-    Colours tell tasks apart and dashes chips, or colours the chips of a single task. A trace's `meta` names
-    its task and chip.
-    """
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    timed = any(np.isfinite(curve.hours).any() for curve in progress.curves)
-    axes = [("trials", "finished trials"), *([("hours", "hours")] if timed else [])]
-    figure = make_subplots(rows=1, cols=len(axes), shared_yaxes=True, horizontal_spacing=0.06)
-    tasks = list(dict.fromkeys(curve.task for curve in progress.curves))
-    chips = list(dict.fromkeys(curve.hardware for curve in progress.curves))
-    for curve in progress.curves:
-        task, chip = tasks.index(curve.task), chips.index(curve.hardware)
-        several = len(tasks) > 1
-        colour = OKABE_ITO_LIGHT[(task if several else chip) % len(OKABE_ITO_LIGHT)]
-        name = _name(curve.task if several else "", curve.hardware if len(chips) > 1 else "")
-        for panel, (axis, words) in enumerate(axes, 1):
-            figure.add_trace(
-                go.Scatter(
-                    x=getattr(curve, axis).tolist(),
-                    y=curve.hypervolume.tolist(),
-                    mode="lines" if len(curve.trials) > 1 else "markers",
-                    line={
-                        "shape": "hv",
-                        "color": colour,
-                        "width": 2,
-                        "dash": _DASHES[chip % len(_DASHES)] if several else "solid",
-                    },
-                    name=name,
-                    legendgroup=name,
-                    showlegend=panel == 1 and len(progress.curves) > 1,
-                    meta={"task": curve.task, "hardware": curve.hardware},
-                    customdata=curve.trials.tolist(),
-                    hovertemplate=_hover(axis),
-                ),
-                row=1,
-                col=panel,
-            )
-            figure.update_xaxes(title_text=words, rangemode="tozero", row=1, col=panel)
-    figure.update_yaxes(nticks=6, tickformat=".3~g")
-    figure.update_yaxes(title_text="hypervolume (1 = ideal)", row=1, col=1)
-    figure.update_layout(
-        legend={"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
-        margin={"l": 56, "r": 8, "t": 32, "b": 40},
-    )
-    return figure
 
 
 def _hover(axis: str) -> str:

@@ -74,17 +74,72 @@ class RecordingFigure:
         response = store.response_of(runs[0])
         if self.sample >= len(response.output):
             raise ValueError(f"sample must be below {len(response.output)}, got {self.sample}")
-        return gather_recording(
-            response.output[self.sample],
-            response.spikes[self.sample],
-            response.step_ms,
-            results.classes(trial),
-            int(runs[0]["target"][self.sample]),
-            None if self.phi is None else (self.phi, self.theta),
-        )
+        setting = None if self.phi is None else (self.phi, self.theta)
+        answered, true = response.output[self.sample], int(runs[0]["target"][self.sample])
+        spikes = response.spikes[self.sample]
+        return gather_recording(answered, spikes, response.step_ms, results.classes(trial), true, setting)
 
     def draw(self, record: Recording) -> plotly.graph_objects.Figure:
-        return draw_recording(record)
+        """Draw output spikes by class, the confidence of the leading class, and spikes of each layer.
+
+        A line named 'decision' marks when the answer comes, one named 'theta' what confidence it takes.
+        """
+        import plotly.graph_objects as go
+
+        names = [
+            name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…" for name in record.classes
+        ]
+        every = -(-len(names) // _MOST_NAMES)  # names of many classes would cover each other
+        n_layers, peaks = record.layers.shape[1], record.layers.max(axis=0)
+        layers = ["input", *(f"layer {layer}" for layer in range(1, n_layers - 1)), "output"][-n_layers:]
+        theta = record.theta
+        decision = {"xref": "x", "yref": "paper", "x0": record.decision_ms, "x1": record.decision_ms}
+        shapes: list[dict[str, Any]] = [
+            {"name": "decision", **decision, "y0": 0, "y1": 1}
+            | {"line": {"color": DECISION, "width": 1.5, "dash": "solid" if record.decided else "dot"}}
+        ]
+        notes: list[dict[str, Any]] = []
+        if theta is not None:
+            share = {"xref": "paper", "yref": "y2", "x0": 0, "x1": 1, "y0": theta, "y1": theta}
+            line = {"color": DECISION, "width": 1, "dash": "dash"}
+            shapes.append({"name": "theta", **share, "line": line})
+            place = {"x": 1, "xref": "paper", "xanchor": "left", "y": theta, "yref": "y2"}
+            font = {"size": 10, "color": DECISION}
+            notes.append({"name": "theta", "text": "θ", **place, "showarrow": False, "font": font})
+        # Laid out at once: changing a figure takes longer than drawing one, and a panel has half a dozen.
+        layout = {
+            "height": 320,
+            "margin": {"l": 64, "r": 16, "t": 28, "b": 40},
+            "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
+            "shapes": [{"type": "line", **shape} for shape in shapes],
+            "annotations": notes,
+            "xaxis": {
+                "title": {"text": "time (ms)"},
+                "range": [0, float(record.time_ms[-1])],
+                "anchor": "y3",
+            },
+            "yaxis": {
+                "domain": [0.56, 1.0],
+                "range": [len(names) - 0.4, -0.6],
+                "tickvals": list(range(0, len(names), every)),
+                "ticktext": [html.escape(name, quote=False) for name in names[::every]],
+                "showgrid": False,
+            },
+            "yaxis2": {
+                "domain": [0.3, 0.5],
+                "range": [0, 1.05],
+                "tickvals": [0, 0.5, 1],
+                "title": {"text": "share"},
+            },
+            "yaxis3": {
+                "domain": [0.0, 0.24],
+                "tickvals": list(range(n_layers)),
+                "ticktext": [f"{name} ≤ {peak}" for name, peak in zip(layers, peaks, strict=True)],
+                "autorange": "reversed",
+                "showgrid": False,
+            },
+        }
+        return go.Figure([*_rasters(record), _confidence(record), _layers(record)], layout)
 
 
 def gather_recording(
@@ -135,51 +190,6 @@ def gather_recording(
         decision_ms=(step + 1) * float(step_ms),
         decided=decided,
     )
-
-
-def draw_recording(recording: Recording) -> plotly.graph_objects.Figure:
-    """Draw output spikes by class, the confidence of the leading class, and spikes of each layer.
-
-    A line named 'decision' marks when the answer comes, one named 'theta' what confidence it takes.
-    """
-    import plotly.graph_objects as go
-
-    names = [_shortened(name) for name in recording.classes]
-    every = -(-len(names) // _MOST_NAMES)  # names of many classes would cover each other
-    # Laid out at once: a dozen of these make a panel, and changing a figure takes longer than drawing one.
-    layout = {
-        "height": 320,
-        "margin": {"l": 64, "r": 16, "t": 28, "b": 40},
-        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
-        "shapes": _marks(recording),
-        "annotations": [] if recording.theta is None else [_theta(recording.theta)],
-        "xaxis": {
-            "title": {"text": "time (ms)"},
-            "range": [0, float(recording.time_ms[-1])],
-            "anchor": "y3",
-        },
-        "yaxis": {
-            "domain": [0.56, 1.0],
-            "range": [len(names) - 0.4, -0.6],
-            "tickvals": list(range(0, len(names), every)),
-            "ticktext": names[::every],
-            "showgrid": False,
-        },
-        "yaxis2": {
-            "domain": [0.3, 0.5],
-            "range": [0, 1.05],
-            "tickvals": [0, 0.5, 1],
-            "title": {"text": "share"},
-        },
-        "yaxis3": {
-            "domain": [0.0, 0.24],
-            "tickvals": list(range(recording.layers.shape[1])),
-            "ticktext": _layer_names(recording),
-            "autorange": "reversed",
-            "showgrid": False,
-        },
-    }
-    return go.Figure([*_rasters(recording), _confidence(recording), _layers(recording)], layout)
 
 
 def _rasters(recording: Recording) -> list[dict[str, Any]]:
@@ -243,41 +253,3 @@ def _layers(recording: Recording) -> dict[str, Any]:
         "hovertemplate": "%{customdata} spikes, %{x:.4g} ms<extra></extra>",
         "name": "layers",
     }
-
-
-def _layer_names(recording: Recording) -> list[str]:
-    """Return what stands beside each layer: its name, and the spikes of its busiest step."""
-    n_layers = recording.layers.shape[1]
-    names = ["input", *(f"layer {layer}" for layer in range(1, n_layers - 1)), "output"][-n_layers:]
-    return [f"{name} ≤ {peak}" for name, peak in zip(names, recording.layers.max(axis=0), strict=True)]
-
-
-def _marks(recording: Recording) -> list[dict[str, Any]]:
-    """Return the lines of the decision, through all panels, and of the confidence that it takes."""
-    at_ms, dash = recording.decision_ms, "solid" if recording.decided else "dot"
-    of_time = {"xref": "x", "yref": "paper", "x0": at_ms, "x1": at_ms, "y0": 0, "y1": 1}
-    lines = [
-        {"name": "decision", **of_time, "line": {"color": DECISION, "width": 1.5, "dash": dash}},
-    ]
-    if recording.theta is not None:
-        theta = recording.theta
-        of_share = {"xref": "paper", "yref": "y2", "x0": 0, "x1": 1, "y0": theta, "y1": theta}
-        lines.append({"name": "theta", **of_share, "line": {"color": DECISION, "width": 1, "dash": "dash"}})
-    return [{"type": "line", **line} for line in lines]
-
-
-def _theta(theta: float) -> dict[str, Any]:
-    """Return what stands beside the line of theta."""
-    place = {"x": 1, "xref": "paper", "xanchor": "left", "y": theta, "yref": "y2"}
-    return {
-        "name": "theta",
-        "text": "θ",
-        **place,
-        "showarrow": False,
-        "font": {"size": 10, "color": DECISION},
-    }
-
-
-def _shortened(name: str) -> str:
-    """Return a name as it stands beside the axis, safe as plotly text."""
-    return html.escape(name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…", quote=False)

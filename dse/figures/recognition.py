@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, mean_of
+from dse.figures import NothingRecorded, Results, mean_of
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
 from dse.measure import decision
 from dse.records import Array
-from dse.registry import register
+from dse.registry import param, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -42,88 +42,76 @@ class Recognition:
 class RecognitionFigure:
     """Accuracy over input length, one curve for the most accurate trial of each family and task."""
 
+    trial: int | None = param(None, doc="number of a trial: its curve alone", low=0, axis=False)
+
     def gather(self, results: Results) -> tuple[Recognition, ...]:
+        curves = tuple(self._curves(results))
+        if not curves:
+            raise NothingRecorded("a trial must answer after several input lengths, got none")
+        return curves
+
+    def _curves(self, results: Results) -> Iterator[Recognition]:
+        if self.trial is not None:
+            runs = results.arrays(self.trial, "read_out.npz")
+            if runs and len(runs[0]["accuracy"]) > 1:
+                yield curve(f"trial {self.trial}", *_means(runs))
+            return
         trials = results.trials[results.trials["status"] == "finished"]
         best = trials.sort_values("accuracy", ascending=False, kind="stable").drop_duplicates(
             ["task", "family"]
         )
         n_tasks = best["task"].nunique()
-        read_outs = {}
         for trial, task, family in zip(best["trial"], best["task"], best["family"], strict=True):
             runs = results.arrays(int(trial), f"read_out_{task}.npz")  # of a head of a joint network
             runs = runs or results.arrays(int(trial), "read_out.npz")
             if runs:
-                name = f"{family} {task}" if n_tasks > 1 else str(family)
-                read_outs[name] = mean_of(runs, "decision_latency_ms"), mean_of(runs, "accuracy")
-        if not read_outs:
-            raise ValueError("a finished trial must have recorded a read_out.npz, got none")
-        return gather_recognition(read_outs)
+                yield curve(f"{family} {task}" if n_tasks > 1 else str(family), *_means(runs))
 
     def draw(self, record: tuple[Recognition, ...]) -> plotly.graph_objects.Figure:
-        return draw_recognition(record)
+        """Draw one line per curve; a ring marks its t_c."""
+        import plotly.graph_objects as go
 
-
-def gather_recognition(read_outs: Mapping[str, tuple[Array, Array]]) -> tuple[Recognition, ...]:
-    """Gather curves of recognition in the order given.
-
-    Args:
-        read_outs: name -> input lengths in ms and accuracy after each, (k,) both, as in read_out.npz.
-
-    Raises:
-        ValueError: a curve without input lengths, or not one accuracy for each.
-    """
-    curves = []
-    for name, columns in read_outs.items():
-        time_ms, accuracy = (np.asarray(column, np.float64) for column in columns)
-        if time_ms.shape != accuracy.shape or time_ms.size == 0:
-            raise ValueError(
-                f"'{name}' must have one or more input lengths and an accuracy for each, "
-                f"got {time_ms.size} and {accuracy.size}"
-            )
-        order = np.argsort(time_ms, kind="stable")
-        time_ms, accuracy = time_ms[order], accuracy[order]
-        t_c_ms = decision.t_c(time_ms, accuracy)
-        reached = accuracy[time_ms == t_c_ms]
-        at = float(reached[0]) if len(reached) else float("nan")
-        curves.append(Recognition(name, time_ms, accuracy, t_c_ms, at))
-    return tuple(curves)
-
-
-def draw_recognition(curves: tuple[Recognition, ...]) -> plotly.graph_objects.Figure:
-    """Draw accuracy over input length, one line per curve; a ring marks its t_c."""
-    import plotly.graph_objects as go
-
-    figure = go.Figure()
-    for i, curve in enumerate(curves):
-        name = html.escape(curve.name, quote=False)
-        colour = OKABE_ITO_LIGHT[i % len(OKABE_ITO_LIGHT)]
-        dash = _DASHES[i // len(OKABE_ITO_LIGHT) % len(_DASHES)]
-        figure.add_trace(
-            go.Scatter(
-                x=curve.time_ms,
-                y=curve.accuracy,
-                mode="lines" if len(curve.time_ms) > 1 else "markers",
-                line={"color": colour, "dash": dash},
+        figure = go.Figure()
+        for i, one in enumerate(record):
+            name = html.escape(one.name, quote=False)
+            colour = OKABE_ITO_LIGHT[i % len(OKABE_ITO_LIGHT)]
+            figure.add_scatter(
+                x=one.time_ms,
+                y=one.accuracy,
+                mode="lines" if len(one.time_ms) > 1 else "markers",
+                line={"color": colour, "dash": _DASHES[i // len(OKABE_ITO_LIGHT) % len(_DASHES)]},
                 name=name,
                 legendgroup=str(i),
                 hovertemplate=f"{name}: %{{y:.3f}} after %{{x:.4g}} ms<extra></extra>",
             )
-        )
-        if np.isfinite(curve.t_c_ms):
-            figure.add_trace(
-                go.Scatter(
-                    x=[curve.t_c_ms],
-                    y=[curve.accuracy_at_t_c],
+            if np.isfinite(one.t_c_ms):
+                figure.add_scatter(
+                    x=[one.t_c_ms],
+                    y=[one.accuracy_at_t_c],
                     mode="markers",
                     marker={"symbol": "circle-open", "size": 11, "color": colour, "line": {"width": 2}},
                     name=f"t_c of {name}",
                     legendgroup=str(i),
                     showlegend=False,
-                    hovertemplate=f"{name}: t_c {short(curve.t_c_ms)} ms, %{{y:.3f}}<extra></extra>",
+                    hovertemplate=f"{name}: t_c {short(one.t_c_ms)} ms, %{{y:.3f}}<extra></extra>",
                 )
-            )
-    figure.update_layout(
-        xaxis={"title": {"text": "input length (ms)"}, "rangemode": "tozero"},
-        yaxis={"title": {"text": axis_title("accuracy")}, "range": [0, 1.02]},
-    )
-    return figure
+        figure.update_layout(
+            xaxis={"title": {"text": "input length (ms)"}, "rangemode": "tozero"},
+            yaxis={"title": {"text": axis_title("accuracy")}, "range": [0, 1.02]},
+            showlegend=len(record) > 1,
+        )
+        return figure
+
+
+def _means(runs: list[dict[str, Array]]) -> tuple[Array, Array]:
+    return mean_of(runs, "decision_latency_ms"), mean_of(runs, "accuracy")
+
+
+def curve(name: str, time_ms: Array, accuracy: Array) -> Recognition:
+    """Return a curve: input lengths in ms, and the accuracy after each, (k,) both, in any order."""
+    time_ms, accuracy = np.asarray(time_ms, np.float64), np.asarray(accuracy, np.float64)
+    order = np.argsort(time_ms, kind="stable")
+    time_ms, accuracy = time_ms[order], accuracy[order]
+    t_c_ms = decision.t_c(time_ms, accuracy)
+    reached = accuracy[time_ms == t_c_ms]
+    return Recognition(name, time_ms, accuracy, t_c_ms, float(reached[0]) if len(reached) else float("nan"))

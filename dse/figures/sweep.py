@@ -75,44 +75,56 @@ class SweepFigure:
         points = full_read_outs(on_one_chip(results.points(), self.hardware))
         for column, name in (("family", self.family), ("task", self.task)):
             points = with_value(points, column, name)
-        return gather_sweep(points, self.x, self.columns, self.by)
+        x, columns = self.x, self.columns
+        if not columns or len({x, *columns}) <= len(columns):
+            text = f"columns must be one or more, none twice and none the x '{x}'"
+            raise ValueError(f"{text}, got {list(columns)}")
+        if "*" in x:
+            points = points.assign(**{x: _merged(points, x)})
+        by = [self.by] if self.by else []
+        if unknown := [name for name in (x, *columns, *by) if name not in points.columns]:
+            raise ValueError(f"columns must be in the table, got {unknown}")
+        known = np.isfinite(numbers(points, x)) & np.isfinite(numbers(points, columns[0]))
+        rows = points[known].assign(_x=numbers(points, x)[known], _first=-numbers(points, columns[0])[known])
+        if rows.empty:
+            raise ValueError(f"a row must have numbers of {x} and {columns[0]}, got none")
+        groups = [name for name in ("family", "task") if name in rows and rows[name].nunique() > 1] + by
+        lines = tuple(
+            _line(_name(name, self.by), of_line, columns)
+            for name, of_line in (rows.groupby(groups) if groups else [((), rows)])
+        )
+        return Sweep(x, tuple(columns), lines, int((~known).sum()))
 
     def draw(self, record: Sweep) -> plotly.graph_objects.Figure:
-        return draw_sweep(record)
+        """Draw the columns below each other over the parameter, a line per family and task."""
+        from plotly.subplots import make_subplots
 
-
-def gather_sweep(points: pandas.DataFrame, x: str, columns: Sequence[str], by: str = "") -> Sweep:
-    """Gather, for every family and task and every value of a parameter, the design best in the first column.
-
-    Args:
-        points: full read-outs on one hardware.
-        x: column of the parameter; with * several columns, of which each row has a number in one at most.
-        columns: at least one; of the first, the largest number is best, and the first trial of several.
-        by: column that separates lines beside family and task; '': none.
-
-    Raises:
-        ValueError: a column is not in the table or listed twice, no row has numbers of x and of the first, or
-            a row has several of x.
-    """
-    if not columns or len({x, *columns}) <= len(columns):
-        raise ValueError(f"columns must be one or more, none twice and none the x '{x}', got {list(columns)}")
-    if "*" in x:
-        points = points.assign(**{x: _merged(points, x)})
-    if unknown := [name for name in (x, *columns, *([by] if by else [])) if name not in points.columns]:
-        raise ValueError(f"columns must be in the table, got {unknown}")
-    known = np.isfinite(numbers(points, x)) & np.isfinite(numbers(points, columns[0]))
-    rows = points[known].assign(_x=numbers(points, x)[known], _first=-numbers(points, columns[0])[known])
-    if rows.empty:
-        raise ValueError(f"a row must have numbers of {x} and {columns[0]}, got none")
-    groups = [name for name in ("family", "task") if name in rows and rows[name].nunique() > 1]
-    groups += [by] if by else []
-    each = rows.groupby(groups) if groups else [((), rows)]
-    return Sweep(
-        x=x,
-        columns=tuple(columns),
-        lines=tuple(_line(_name(name, by), of_line, columns) for name, of_line in each),
-        n_left_out=int((~known).sum()),
-    )
+        n = len(record.columns)
+        figure = make_subplots(rows=n, cols=1, shared_xaxes=True, vertical_spacing=0.08 / n)
+        for row, column in enumerate(record.columns, 1):
+            for index, line in enumerate(record.lines):
+                colour = OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)]
+                style = index // len(OKABE_ITO_LIGHT) % len(_DASHES)
+                bars = {"type": "data", "symmetric": False, "thickness": 1, "width": 3}
+                figure.add_scatter(
+                    x=line.x,
+                    y=line.values[column],
+                    error_y={**bars, "array": line.high[column], "arrayminus": line.low[column]},
+                    mode="lines+markers",
+                    name=html.escape(line.name, quote=False),
+                    legendgroup=str(index),
+                    showlegend=row == 1 and len(record.lines) > 1,
+                    line={"color": colour, "width": 1.5, "dash": _DASHES[style]},
+                    marker={"symbol": _SYMBOLS[style], "size": 6},
+                    customdata=line.trial,
+                    hovertemplate="%{x:.4g}: %{y:.4g}, trial %{customdata}<extra></extra>",
+                    row=row,
+                    col=1,
+                )
+            figure.update_yaxes(title_text=axis_title(column), row=row, col=1)
+        figure.update_xaxes(title_text=axis_title(record.x), row=n, col=1)
+        figure.update_layout(height=max(_PANEL_PX * max(2, n), _NAME_PX * len(record.lines)) + _MARGIN_PX)
+        return figure
 
 
 def _merged(points: pandas.DataFrame, pattern: str) -> Floats:
@@ -142,35 +154,3 @@ def _line(name: str, rows: pandas.DataFrame, columns: Sequence[str]) -> Line:
         low={column: low for column, (low, _) in ends.items()},
         high={column: high for column, (_, high) in ends.items()},
     )
-
-
-def draw_sweep(sweep: Sweep) -> plotly.graph_objects.Figure:
-    """Draw the columns below each other over the parameter, a line per family and task."""
-    from plotly.subplots import make_subplots
-
-    n = len(sweep.columns)
-    figure = make_subplots(rows=n, cols=1, shared_xaxes=True, vertical_spacing=0.08 / n)
-    for row, column in enumerate(sweep.columns, 1):
-        for index, line in enumerate(sweep.lines):
-            colour = OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)]
-            style = index // len(OKABE_ITO_LIGHT) % len(_DASHES)
-            bars = {"type": "data", "symmetric": False, "thickness": 1, "width": 3}
-            figure.add_scatter(
-                x=line.x,
-                y=line.values[column],
-                error_y={**bars, "array": line.high[column], "arrayminus": line.low[column]},
-                mode="lines+markers",
-                name=html.escape(line.name, quote=False),
-                legendgroup=str(index),
-                showlegend=row == 1 and len(sweep.lines) > 1,
-                line={"color": colour, "width": 1.5, "dash": _DASHES[style]},
-                marker={"symbol": _SYMBOLS[style], "size": 6},
-                customdata=line.trial,
-                hovertemplate="%{x:.4g}: %{y:.4g}, trial %{customdata}<extra></extra>",
-                row=row,
-                col=1,
-            )
-        figure.update_yaxes(title_text=axis_title(column), row=row, col=1)
-    figure.update_xaxes(title_text=axis_title(sweep.x), row=n, col=1)
-    figure.update_layout(height=max(_PANEL_PX * max(2, n), _NAME_PX * len(sweep.lines)) + _MARGIN_PX)
-    return figure

@@ -1,4 +1,4 @@
-"""The status of a study: trials done, running and failed, the time left, and the growth of its front.
+"""The status of a study: trials done, running and failed, the time left, and when each trial ended.
 
 A run may be writing the folder, so this module only reads: it writes, repairs and locks nothing.
 """
@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse.config import ConfigError, load_space
-from dse.figures.progress import Progress, gather_progress
 from dse.records import Floats
 from dse.skyline.admissible import COST
 from dse.store import RECORD, StoreError, is_held, read_json, read_record, run_folder, runs_in, verify
@@ -63,7 +62,8 @@ class Status:
     sign_s: the last that was heard of a session, in seconds since 1970: its start, a proposal, the end of a
         run; None before the first.
     is_running: whether a process holds the study; None if nobody can tell.
-    growth: hypervolume of each front over time.
+    points: the columns of its table of points that decide a front.
+    ended: done trials in the order in which they ended. ended_hours: spent until then, NaN where unknown.
     """
 
     n_trials: int | None
@@ -76,7 +76,9 @@ class Status:
     time_left_s: float | None
     sign_s: float | None
     is_running: bool | None
-    growth: Progress
+    points: pandas.DataFrame
+    ended: tuple[int, ...]
+    ended_hours: tuple[float, ...]
 
     def trials_by_reason(self, status: str) -> list[tuple[str, list[int]]]:
         """Return (reason, trials) of the trials with a status, the most frequent reason first."""
@@ -169,7 +171,9 @@ def status(folder: Path | str) -> Status:
         time_left_s=_time_left_s(sessions, moments, n_missing, search.n_workers),
         sign_s=sessions.sign_s,
         is_running=is_held(study.folder),
-        growth=gather_progress(points, dict(goals), order, hours.tolist()),
+        points=points,
+        ended=tuple(order),
+        ended_hours=tuple(hours.tolist()),
     )
 
 

@@ -135,7 +135,7 @@ def test_a_page_that_cannot_be_written_fails_no_run(
     def broken(*_: Any, **__: Any) -> None:
         raise KeyError("hardware")
 
-    monkeypatch.setattr("dse.cli.commands.run.write_page", broken)
+    monkeypatch.setattr("dse.dashboard.study.write_page", broken)
     arguments = ["run", str(write_space(tmp_path)), "--results", str(tmp_path / "r"), "--json", "--quiet"]
     assert main(arguments) == 0
     found = document(capsys.readouterr().out)

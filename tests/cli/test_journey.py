@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from dse.cli import main
-from dse.dashboard.study import page_server
+from dse.dashboard.site import page_server
 from dse.study.results import open as open_study
 from tests.serving import served
 from tests.spaces import write_space

@@ -8,9 +8,10 @@ import json
 import numpy as np
 import pandas as pd
 
-from dse.figures.confusion import draw_confusion, gather_confusion
-from dse.figures.learning import draw_learning, gather_learning
-from dse.figures.raster import draw_recording, gather_recording
+from dse.figures.confusion import ConfusionFigure
+from dse.figures.learning import LearningFigure
+from dse.figures.raster import RecordingFigure, gather_recording
+from tests.figure_data import study
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min"}
 PHI = (0, 2, 4)
@@ -64,7 +65,7 @@ def example(title="recording 7: denim", classes=CLASSES):
     output = np.zeros((20, 2), np.uint8)
     output[[1, 4, 6, 9, 12, 15], [1, 0, 0, 0, 1, 0]] = 1
     drawn = gather_recording(output, output, 5.0, classes, 0, (2.0, 0.5))
-    figure = plain(draw_recording(drawn))
+    figure = plain(RecordingFigure().draw(drawn))
     spikes = drawn.spikes.tolist()
     return {"title": title, "true": classes[0], "figure": figure, "step_ms": 5.0, "n_steps": 20} | {
         "spikes": spikes,
@@ -72,11 +73,26 @@ def example(title="recording 7: denim", classes=CLASSES):
     }
 
 
+def drawn(figure, *found, **files):
+    """Return a figure of a study as a page holds it."""
+    return plain(figure.draw(figure.gather(study(*found, **files))))
+
+
+def confusion_of(counts, classes):
+    return drawn(ConfusionFigure(trial=0), classes=classes, confusion=[{"validation": np.array(counts)}])
+
+
+def learning_of(loss):
+    return drawn(LearningFigure(trial=0), history=[{"loss": np.array(loss)}])
+
+
 def details(trial=0, figures=None, **parts):
     """Return a document as `dse.dashboard.details` gathers it."""
-    confusion = draw_confusion(gather_confusion(np.array([[8, 1], [3 + trial, 8]]), CLASSES))
-    learning = draw_learning(gather_learning([{"loss": np.array([2.0 + trial, 1.0, 0.5])}]))
-    own = {"confusion": plain(confusion), "learning": plain(learning)} if figures is None else figures
+    recorded = {
+        "confusion": confusion_of([[8, 1], [3 + trial, 8]], CLASSES),
+        "learning": learning_of([2.0 + trial, 1.0, 0.5]),
+    }
+    own = recorded if figures is None else figures
     task = {"figures": own, "surfaces": [surface()], "examples": [example()]} | parts
     return {"trial": trial, "notes": [], "tasks": {"texture": task}}
 

@@ -11,11 +11,10 @@ import pytest
 
 from dse.dashboard import gather as gather_module
 from dse.dashboard.budgets import budget_columns, contenders
-from dse.dashboard.write import write_page
 from dse.skyline.front import comparable, skyline
 from dse.skyline.pick import pick
 from tests.dashboard.page import HOSTILE, READY
-from tests.page_data import OBJECTIVES, points
+from tests.page_data import OBJECTIVES, points, write_page
 
 DIRECTIONS = {**OBJECTIVES, "latency_ms": "min", "spikes_per_inference": "min"}
 TIES = [(name, way) for name, way in OBJECTIVES.items() if name != "accuracy"]

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from dse.figures.learning import draw_learning, gather_learning
 from tests.dashboard.designs import (
     details,
     hash_of,
-    plain,
+    learning_of,
     table,
 )
 from tests.dashboard.page import HOSTILE
@@ -91,10 +89,7 @@ def test_a_fifth_replaces_the_oldest_and_any_can_be_removed_or_chosen(opened):
 def test_figures_have_the_same_scales(opened):
     losses = {0: [4.0, 1.0], 1: [40.0, 10.0, 5.0]}
     documents = {
-        trial: details(
-            trial, figures={"learning": plain(draw_learning(gather_learning([{"loss": np.array(loss)}])))}
-        )
-        for trial, loss in losses.items()
+        trial: details(trial, figures={"learning": learning_of(loss)}) for trial, loss in losses.items()
     }
     page = opened(documents, "compare=0.1,1.1,2.1")
     page.tab.wait_for_function(

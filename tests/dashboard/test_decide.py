@@ -11,11 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.dashboard.write import write_page
 from dse.figures.importance import gather_importance
 from dse.skyline.front import skyline
 from dse.skyline.pick import pick
-from tests.page_data import OBJECTIVES, points
+from tests.page_data import OBJECTIVES, points, write_page
 
 TIES = [(name, way) for name, way in OBJECTIVES.items() if name != "accuracy"]
 

@@ -111,7 +111,7 @@ sort: 3
     ("text", "fault"),
     [
         ("views: []", "views must contain at least one part of the page, got []"),
-        ("- front", "a page definition must be a mapping of keys to values, got ['front']"),
+        ("- front", "the file must be a mapping of keys to values, got ['front']"),
         ("title: [a", "not valid YAML"),
         ("title: a\ntitle: b", "duplicate key 'title', first on line 1"),
         ("front: [accuracy]", "front must be a mapping of keys to values, got ['accuracy']"),

@@ -10,22 +10,24 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 
+from dse import store
 from dse.config import load_space
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled
 from dse.deploy import bundle
-from dse.figures.confusion import draw_confusion, gather_confusion
-from dse.figures.first_spike import draw_first_spikes, gather_first_spikes
+from dse.figures.first_spike import FirstSpikeFigure
 from dse.figures.histograms import draw_histograms, gather_histograms
-from dse.figures.power import draw_power, gather_power
-from dse.figures.recognition import draw_recognition, gather_recognition
+from dse.figures.power import PowerFigure
+from dse.figures.recognition import RecognitionFigure
 from dse.measure.decision import decide
+from dse.records import Response
 from dse.study import explore
 from tests import tiny_study
 from tests.dashboard.designs import (
     ACCURACY,
     CLASSES,
     LATENCY_MS,
+    confusion_of,
     details,
     example,
     hash_of,
@@ -33,6 +35,7 @@ from tests.dashboard.designs import (
     surface,
     table,
 )
+from tests.dashboard.designs import drawn as drawn_from
 from tests.dashboard.page import HOSTILE
 
 
@@ -281,18 +284,21 @@ def test_tabs_are_those_that_were_recorded_and_open_by_keyboard(opened):
 def test_figures_of_the_papers_say_their_numbers(opened):
     power = pd.DataFrame({"hardware": ["a", "b"], "power_idle_w": [56.0, 0.5], "power_w": [56.005, 2.25]})
     histograms = {"signatures": np.ones((1, 2, 3)), "signature_class": np.arange(2)}
-    times_ms = np.array([20.0, 140.0, np.nan])
-    figures = {
-        "recognition": draw_recognition(gather_recognition({"accuracy": ([50, 100], [0.5, 0.9])})),
-        "first_spike": draw_first_spikes(gather_first_spikes(times_ms, np.array([0, 0, 1]), CLASSES)),
-        "histograms": draw_histograms(gather_histograms(histograms, CLASSES), n_columns=2),
-        "power": draw_power(gather_power(power)),
+    output = np.zeros((3, 8, 2), np.uint8)
+    output[0, 0, 0] = output[1, 6, 0] = 1
+    answered = Response(output, np.zeros((3, 2)), np.zeros(2), 20.0, 0)
+    response = store.response_arrays(answered, np.arange(3)) | {"target": np.array([0, 0, 1])}
+    lengths = {"decision_latency_ms": np.array([50.0, 100.0]), "accuracy": np.array([0.5, 0.9])}
+    own = {
+        "recognition": drawn_from(RecognitionFigure(0), read_out=[lengths]),
+        "first_spike": drawn_from(FirstSpikeFigure(0), classes=CLASSES, response=[response]),
+        "histograms": plain(draw_histograms(gather_histograms(histograms, CLASSES), n_columns=2)),
+        "power": drawn_from(PowerFigure(0), power.assign(trial=0)),
     }
-    own = {name: plain(figure) for name, figure in figures.items()}
     page = opened({0: details(figures=own, surfaces=[], examples=[])}, fragment="chosen=0.0")
     assert tab_names(page) == ["over time", "first spike", "prototypes", "power"]
     told = {}
-    for name in figures:
+    for name in own:
         page.tab.click(f"#tab-{name}")
         drawn(page, name)
         told[name] = figure_says(page)
@@ -433,9 +439,9 @@ def test_an_open_figure_is_saved_in_the_colours_of_print(opened):
 
 def test_nothing_in_a_document_can_run(opened):
     n = len(HOSTILE)
-    confusion = draw_confusion(gather_confusion(np.eye(n, dtype=int), HOSTILE))
+    confusion = confusion_of(np.eye(n, dtype=int), HOSTILE)
     examples = [example(name, (name, "silk")) for name in HOSTILE]
-    document = details(figures={"confusion": plain(confusion)}, examples=examples)
+    document = details(figures={"confusion": confusion}, examples=examples)
     document["notes"] = list(HOSTILE)
     task = HOSTILE[0]
     document["tasks"] = {task: document["tasks"]["texture"], "__proto__": {}}

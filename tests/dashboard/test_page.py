@@ -9,11 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.dashboard.gather import gather_page
-from dse.dashboard.write import write_filled, write_page
 from tests.dashboard.designs import table
 from tests.dashboard.page import HOSTILE, SPOT
-from tests.page_data import OBJECTIVES, failed, points
+from tests.page_data import OBJECTIVES, failed, points, write_page
 
 # Where a point lies in space is plotly's to say; what follows from pointing at it and pressing is ours.
 PRESSED_IN_SPACE = """(row) => {
@@ -290,20 +288,6 @@ def test_a_page_of_a_sample_counts_no_sample_as_the_study(opened):
     assert "points of those shown do not fit chip" in page.tab.inner_text("#left")
 
 
-def test_a_page_in_a_file_shows_the_views_of_its_study_and_says_where_they_are_saved(shown, page_path):
-    data = gather_page(points(), name="fabric", objectives=OBJECTIVES)
-    views = [{"name": "cheap", "link": "b.energy_uj=21"}]
-    write_filled("page", data | {"saved_views": views}, page_path)
-    page = shown()
-    page.tab.click("#open-shelf")
-    assert not page.tab.is_visible("#save-view") and page.tab.locator("#saved button:visible").count() == 1
-    assert "views are saved on the served page" in page.tab.inner_text("#shelf")
-    page.tab.click("#saved button")
-    page.tab.wait_for_function("document.getElementById('budget-1').value === '21'")
-    page.tab.click("#undo")
-    assert page.tab.input_value("#budget-1") == ""
-
-
 def test_keys_are_listed_and_work(opened):
     page = opened(points())
     page.tab.keyboard.press("?")
@@ -392,7 +376,7 @@ def test_paper_holds_whole_figures_and_no_buttons(opened):
     paper = page.tab.evaluate(inside)
     assert paper == {"width": 700, "out": 0, "isWhole": True}
     assert page.tab.locator("#parallel svg g.front polyline").count() == 4
-    acting = "#undo, #clear, #drawer, #open-shelf, #help, #copy, .save button, #design .head button"
+    acting = "#undo, #clear, #drawer, #help, #copy, .save button, #design .head button"
     assert page.tab.locator(f":is({acting}):visible").count() == 0
     page.tab.evaluate("dispatchEvent(new Event('afterprint'))")
     assert page.tab.locator("#parallel svg").count() == 0 and page.tab.is_visible("#copy")

@@ -11,10 +11,9 @@ import pandas as pd
 import pytest
 
 from dse.dashboard.definition import Definition
-from dse.dashboard.write import write_page
 from dse.figures.labels import OKABE_ITO_LIGHT
 from tests.dashboard.page import HOSTILE
-from tests.page_data import ACCURACY, ENERGY, OBJECTIVES, points
+from tests.page_data import ACCURACY, ENERGY, OBJECTIVES, points, write_page
 from tests.waiting import until
 
 AXES = ["↑ accuracy", "↓ energy (µJ)", "↓ weights", "model.hidden", "φ"]

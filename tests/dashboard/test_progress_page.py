@@ -9,7 +9,7 @@ import pytest
 
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled
-from dse.figures.progress import draw_progress, gather_progress
+from dse.figures.progress import ProgressFigure, gather_progress
 from tests.page_data import OBJECTIVES, points
 
 EVIL = '<img src=x onerror="window.hacked=1">'
@@ -44,7 +44,7 @@ def told(frame, **more):
             }
             for curve in growth.curves
         ],
-        "figure": json.loads(draw_progress(growth).to_json()) if growth.curves else None,
+        "figure": json.loads(ProgressFigure().draw(growth).to_json()) if growth.curves else None,
         **more,
     }
 

@@ -19,7 +19,8 @@ import pytest
 from dse import store
 from dse.dashboard import study as pages
 from dse.dashboard.details import gather_details
-from dse.dashboard.study import page_server, write_page
+from dse.dashboard.site import page_server
+from dse.dashboard.study import write_page
 from dse.deploy import bundle
 from dse.deploy.export import export
 from dse.deploy.verdict import Verdict
@@ -258,10 +259,10 @@ def test_a_deterministic_design_is_as_uncertain_as_its_recordings_are_few(folder
     study = results.open(folder)
     points = study.points().assign(repeats=3, accuracy=0.75, accuracy_se=0.0)
     n = store.read_json(store.run_folder(folder, int(points["trial"].iloc[0]), 0) / "record.json")["samples"]
-    shown = pages._with_recordings(study, points)
+    shown = pages.with_recordings(study, points)
     error = float(wilson_se(round(0.75 * n["validation"]), n["validation"]))
     assert shown["accuracy_se"].tolist() == pytest.approx([error] * len(points))
-    spread = pages._with_recordings(study, points.assign(accuracy_se=0.4))
+    spread = pages.with_recordings(study, points.assign(accuracy_se=0.4))
     assert set(spread["accuracy_se"]) == {0.4}, "a larger spread over seeds stays"
     once = points.assign(repeats=1, accuracy_se=0.1)
-    assert set(pages._with_recordings(study, once)["accuracy_se"]) == {0.1}, "Wilson's is there already"
+    assert set(pages.with_recordings(study, once)["accuracy_se"]) == {0.1}, "Wilson's is there already"

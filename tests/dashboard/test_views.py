@@ -13,8 +13,7 @@ from dse.config.faults import ConfigError
 from dse.dashboard.definition import load
 from dse.dashboard.sources import sources
 from dse.dashboard.views import ViewError, view_names, view_sources
-from dse.dashboard.write import write_page
-from tests.page_data import OBJECTIVES, points
+from tests.page_data import OBJECTIVES, points, write_page
 
 PLUGIN = '''
 from dataclasses import dataclass

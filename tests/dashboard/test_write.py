@@ -4,8 +4,8 @@ import re
 from plotly.offline import get_plotlyjs_version
 
 from dse.dashboard.sources import sources
-from dse.dashboard.write import PLOTLY, write_page
-from tests.page_data import OBJECTIVES, held, points
+from dse.dashboard.write import PLOTLY
+from tests.page_data import OBJECTIVES, held, points, write_page
 
 
 def test_the_file_is_whole_and_self_contained(tmp_path):

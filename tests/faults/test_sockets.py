@@ -8,7 +8,8 @@ from collections import Counter
 import pytest
 
 from dse.dashboard.gather import gather_page
-from dse.dashboard.serve import Live, Server
+from dse.dashboard.live import Live
+from dse.dashboard.serve import Server
 from tests.page_data import OBJECTIVES, points
 from tests.serving import answer_to, ask, served
 

@@ -3,10 +3,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dse.figures.breakdown import draw_breakdown, gather_breakdown
+from dse import store
+from dse.figures import NothingRecorded
+from dse.figures.breakdown import EnergyFigure
 from dse.hardware.cost import cost
 from dse.hardware.profile import load
 from dse.records import Workload
+from tests.figure_data import study
+
+CHIP = load("loihi1_silicon")
+
+
+def gathered(*loads, chip=CHIP, pace="flat"):
+    runs = [store.work_arrays(load.mapped(lambda counts: np.stack([0 * counts, counts]))) for load in loads]
+    return EnergyFigure(chip.name, 0, pace).gather(study(chip=chip, read_out=runs))
 
 
 def workload(scale=1.0):
@@ -16,8 +26,8 @@ def workload(scale=1.0):
 
 
 def test_parts_add_up_to_the_total():
-    priced = cost(load("loihi1_silicon"), workload())
-    found = gather_breakdown([priced])
+    priced = cost(CHIP, workload())
+    found = gathered(workload())
     assert found.energy_uj == pytest.approx(float(priced.energy_uj.value))
     assert found.dynamic_uj.sum() == pytest.approx(float(priced.dynamic_uj))
     assert found.dynamic_uj.sum() + found.static_uj == pytest.approx(found.energy_uj)
@@ -27,24 +37,23 @@ def test_parts_add_up_to_the_total():
 
 
 def test_at_the_sensor_s_period_the_static_energy_is_that_of_waiting_too():
-    priced = cost(load("loihi1_silicon"), workload())
-    flat, paced = (gather_breakdown([priced], at_period) for at_period in (False, True))
+    priced = cost(CHIP, workload())
+    flat, paced = (gathered(workload(), pace=pace) for pace in ("flat", "period"))
     assert paced.energy_uj == pytest.approx(float(priced.energy_throttled_uj.value))
     assert paced.dynamic_uj.sum() + paced.static_uj == pytest.approx(paced.energy_uj)
     assert paced.static_uj > flat.static_uj and paced.dynamic_uj.tolist() == flat.dynamic_uj.tolist()
 
 
 def test_repeats_are_averaged():
-    chip = load("loihi1_silicon")
-    once, thrice = (cost(chip, workload(scale)) for scale in (1.0, 3.0))
-    found = gather_breakdown([once, thrice])
+    once, thrice = (cost(CHIP, workload(scale)) for scale in (1.0, 3.0))
+    found = gathered(workload(), workload(3.0))
     assert found.energy_uj == pytest.approx((float(once.energy_uj.value) + float(thrice.energy_uj.value)) / 2)
     assert found.dynamic_uj.sum() == pytest.approx((float(once.dynamic_uj) + float(thrice.dynamic_uj)) / 2)
 
 
 def test_drawing():
-    found = gather_breakdown([cost(load("loihi1_silicon"), workload())])
-    figure = draw_breakdown(found)
+    found = gathered(workload())
+    figure = EnergyFigure().draw(found)
     [bars] = figure.data
     names = list(figure.layout.yaxis.ticktext)
     assert names[-2:] == ["static", "total"]
@@ -59,20 +68,15 @@ def test_drawing():
 
 
 def test_a_profile_of_intervals_has_a_total_without_a_value():
-    chip = replace(load("loihi1_silicon"), interval_only=True)
-    found = gather_breakdown([cost(chip, workload())])
+    chip = replace(CHIP, interval_only=True)
+    found = gathered(workload(), chip=chip)
+    with pytest.raises(NothingRecorded, match="must have an energy at the sensor's period"):
+        gathered(workload(), chip=chip, pace="period")
     assert np.isnan([found.energy_uj, found.static_uj]).all()
-    figure = draw_breakdown(found)
+    figure = EnergyFigure().draw(found)
     assert list(figure.layout.yaxis.ticktext) == ["total"]
     [bars] = figure.data
     assert (bars.base[0], bars.base[0] + bars.x[0]) == pytest.approx(
         (found.energy_uj_low, found.energy_uj_high)
     )
     assert "nan" not in figure.to_json().lower()
-
-
-def test_one_inference_at_a_time():
-    grid = workload().mapped(lambda counts: np.stack([counts, counts]))
-    for costs in ([], [cost(load("loihi1_silicon"), grid)]):
-        with pytest.raises(ValueError, match="costs must hold at least one cost of an inference"):
-            gather_breakdown(costs)

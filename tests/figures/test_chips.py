@@ -30,9 +30,9 @@ def test_chips_by_hand():
     assert record.hardware == ("small", "large") and record.without == ("blind",)
     assert record.level == 0.9, "trial 2 does not fit the large chip"
     assert record.pick_gain.tolist() == [0.95, 0.9]
-    assert record.pick_cost.tolist() == [60, 3]
-    assert record.least_cost.tolist() == [30, 3]
-    assert (record.least_low[0], record.least_high[0]) == (25, 70)
+    assert record.pick[:, 0].tolist() == [60, 3]
+    assert record.least[:, 0].tolist() == [30, 3]
+    assert tuple(record.least[0, 1:]) == (25, 70)
     figure = ChipsFigure().draw(record)
     assert figure.layout.xaxis.type == "log" and list(figure.data[1].x) == [30, 3]
     assert "not known: blind" in figure.layout.xaxis.title.text

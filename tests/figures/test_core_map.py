@@ -1,10 +1,17 @@
 import numpy as np
 import pytest
 
-from dse.figures.core_map import draw_core_map, gather_core_map
+from dse import store
+from dse.figures.core_map import CoresFigure
 from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import load, names
 from dse.records import Operations, Workload
+from tests.figure_data import study
+
+
+def gathered(chip, load):
+    runs = [store.work_arrays(load.mapped(lambda counts: np.stack([0 * counts, counts])))]
+    return CoresFigure(chip.name, 0).gather(study(chip=chip, read_out=runs))
 
 
 def workload(*sizes):
@@ -14,7 +21,7 @@ def workload(*sizes):
 
 def test_layers_are_spread_as_the_chip_places_them():
     net, chip = workload(700, 1500, 10), load("loihi1_silicon")
-    found = gather_core_map(chip, net)
+    found = gathered(chip, net)
     placement = chip.plan(net, chip.ends).placement
     assert found.layers == ("layer 1", "output")
     assert [len(cores) for cores in found.neurons] == list(placement.cores)
@@ -24,8 +31,8 @@ def test_layers_are_spread_as_the_chip_places_them():
 
 
 def test_drawing():
-    found = gather_core_map(load("loihi1_silicon"), workload(700, 1500, 10))
-    figure = draw_core_map(found)
+    found = gathered(load("loihi1_silicon"), workload(700, 1500, 10))
+    figure = CoresFigure().draw(found)
     cells = {trace.name: trace for trace in figure.data}
     first, output, free = cells.values()
     n_hidden = len(found.neurons[0])
@@ -39,9 +46,9 @@ def test_drawing():
 
 
 def test_what_does_not_fit_is_drawn_as_if_the_chip_went_on():
-    found = gather_core_map(load("loihi1_silicon"), workload(3000, 100_000, 10))
+    found = gathered(load("loihi1_silicon"), workload(3000, 100_000, 10))
     assert found.n_cores > found.on_chip
-    figure = draw_core_map(found)
+    figure = CoresFigure().draw(found)
     assert "free" not in [trace.name for trace in figure.data]
     told = figure.layout.annotations[0].text
     assert "Does not fit: " in told
@@ -51,9 +58,9 @@ def test_what_does_not_fit_is_drawn_as_if_the_chip_went_on():
 
 def test_the_range_of_practice_is_told():
     chip = next(chip for name in names() if (chip := load(name)) and _has_range(chip))
-    found = gather_core_map(chip, workload(700, 1500, 10))
+    found = gathered(chip, workload(700, 1500, 10))
     assert found.high > found.n_cores
-    told = draw_core_map(found).layout.annotations[0].text
+    told = CoresFigure().draw(found).layout.annotations[0].text
     assert f"{found.low} to {found.high}" in told
 
 
@@ -64,10 +71,10 @@ def _has_range(chip):
 @pytest.mark.parametrize("name", ["mcu_m4", "op_4.6_0.9"])
 def test_hardware_without_cores(name):
     with pytest.raises(NotApplicable):
-        gather_core_map(load(name), workload(20, 10, 3))
+        gathered(load(name), workload(20, 10, 3))
 
 
 def test_a_classifier_that_the_chip_cannot_run():
     one = np.array(1.0)
     with pytest.raises(NotApplicable):
-        gather_core_map(load("loihi1_silicon"), Operations(one, one, one, one, one))
+        gathered(load("loihi1_silicon"), Operations(one, one, one, one, one))

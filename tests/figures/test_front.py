@@ -4,9 +4,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.figures.front import draw_front, gather_front, interval
+from dse.figures.front import FrontFigure, interval
 from dse.skyline.front import front_mask
+from tests.figure_data import study
 from tests.page_data import ENERGY, OBJECTIVES, ON_FRONT, ON_PAIR, points
+
+
+def gathered(frame, columns=("energy_uj", "accuracy"), **keys):
+    return FrontFigure(tuple(columns), **keys).gather(study(frame))
+
+
+def draw(*arguments, **keys):
+    return FrontFigure().draw(gathered(*arguments, **keys))
 
 
 def test_front_over_all_objectives():
@@ -14,23 +23,21 @@ def test_front_over_all_objectives():
 
 
 def test_front_over_the_columns_shown():
-    front = gather_front(points(), ["energy_uj", "accuracy"], OBJECTIVES)
+    front = gathered(points())
     assert front.on_front.tolist() == ON_PAIR
     assert front.values[:, 0].tolist() == ENERGY
 
 
 def test_tasks_have_a_front_each():
     both = pd.concat([points(), points(task="velocity", accuracy=0.1)], ignore_index=True)
-    front = gather_front(both, ["energy_uj", "accuracy"], OBJECTIVES)
+    front = gathered(both)
     assert front.groups == ("texture", "velocity")
     assert front.on_front[front.group == 0].tolist() == ON_PAIR
     assert front.on_front[front.group == 1].tolist() == [False, False, False, True, False]
 
 
 def test_rows_without_a_value_are_counted_and_not_shown():
-    front = gather_front(
-        points(energy_uj=[50, np.nan, 21, np.inf, 30]), ["energy_uj", "accuracy"], OBJECTIVES
-    )
+    front = gathered(points(energy_uj=[50, np.nan, 21, np.inf, 30]))
     assert front.n_left_out == 2
     assert len(front.values) == 3
     assert front.on_front.tolist() == [True, True, True]
@@ -48,7 +55,7 @@ def test_intervals_are_distances_from_the_value():
 def test_table_is_not_changed():
     frame = points()
     before = frame.copy(deep=True)
-    draw_front(gather_front(frame, ["energy_uj", "accuracy", "n_weights"], OBJECTIVES))
+    draw(frame, ["energy_uj", "accuracy", "n_weights"])
     pd.testing.assert_frame_equal(frame, before)
 
 
@@ -60,16 +67,28 @@ def test_front_agrees_with_the_definition(values):
 
 
 @pytest.mark.parametrize(
-    ("columns", "objectives", "message"),
+    ("keys", "message"),
     [
-        (["accuracy"], OBJECTIVES, "columns must be two or three, got 1"),
-        (["phi", "accuracy"], OBJECTIVES, r"for every column shown, got none for \['phi'\]"),
-        (["accuracy", "cost"], OBJECTIVES | {"cost": "min"}, r"columns must be in the table, got \['cost'\]"),
+        ({"columns": ["accuracy"]}, "columns must be two or three, got 1"),
+        ({"columns": ["model.hidden", "accuracy"]}, r"a direction.* got none for \['model.hidden'\]"),
+        ({"columns": ["accuracy", "cost"]}, r"columns must be in the table, got \['cost'\]"),
+        ({"labels": "gain"}, r"columns must be in the table, got \['gain'\]"),
+        ({"task": "speed"}, "task must be one of texture, got 'speed'"),
     ],
 )
-def test_wrong_columns(columns, objectives, message):
+def test_wrong_keys(keys, message):
     with pytest.raises(ValueError, match=message):
-        gather_front(points(), columns, objectives)
+        gathered(points(), **keys)
+
+
+def test_a_parameter_stands_beside_the_front_where_there_is_room():
+    near = points(energy_uj=[50.0, 20.0, 21.0, 5.0, 50.1], accuracy=[0.95, 0.90, 0.85, 0.60, 0.951])
+    dominated, best = draw(
+        near.assign(**{"encoder.gain": [0.3, 1, 3, 10, "<b>"]}), labels="encoder.gain"
+    ).data
+    assert dominated.text is None and best.mode == "lines+markers+text"
+    assert list(best.x) == [5.0, 20.0, 50.0, 50.1]
+    assert list(best.text) == ["10", "1", "0.3", ""], "the last would cover the one before"
 
 
 @pytest.mark.parametrize(
@@ -86,7 +105,7 @@ def test_wrong_objectives(objectives, message):
 
 
 def test_drawing_shows_every_point_once_and_joins_the_front():
-    figure = draw_front(gather_front(points(), ["energy_uj", "accuracy"], OBJECTIVES))
+    figure = draw(points())
     dominated, best = figure.data
     assert list(dominated.x) == [21.0, 30.0]
     assert list(best.x) == [5.0, 20.0, 50.0]
@@ -96,11 +115,11 @@ def test_drawing_shows_every_point_once_and_joins_the_front():
 
 
 def test_the_front_is_a_staircase_on_logarithmic_axes_where_it_spans_decades():
-    figure = draw_front(gather_front(points(), ["energy_uj", "accuracy"], OBJECTIVES))
+    figure = draw(points())
     assert figure.data[1].line.shape == "hv", "less energy is better: nothing lies left of a step"
     assert figure.layout.xaxis.type == figure.layout.yaxis.type == "linear"
     wide = points(energy_uj=[5000.0, 20.0, 21.0, 5.0, 30.0])
-    turned = draw_front(gather_front(wide, ["accuracy", "energy_uj"], OBJECTIVES))
+    turned = draw(wide, ["accuracy", "energy_uj"])
     assert turned.data[1].line.shape == "vh"
     assert turned.layout.yaxis.type == "log" and turned.layout.xaxis.type == "linear"
 
@@ -108,23 +127,19 @@ def test_the_front_is_a_staircase_on_logarithmic_axes_where_it_spans_decades():
 def test_intervals_of_a_crowded_front_are_thinned():
     n = 100
     many = pd.DataFrame({"accuracy": np.arange(n) / n, "accuracy_se": 0.01, "energy_uj": np.arange(n) + 1.0})
-    figure = draw_front(gather_front(many, ["energy_uj", "accuracy"], OBJECTIVES))
+    figure = draw(many)
     bars = np.isfinite(np.array(figure.data[1].error_y.array, float))
     assert bars.sum() == 20 and len(bars) == n
 
 
 def test_drawing_in_space():
-    figure = draw_front(gather_front(points(), ["energy_uj", "accuracy", "n_weights"], OBJECTIVES))
+    figure = draw(points(), ["energy_uj", "accuracy", "n_weights"])
     assert {trace.type for trace in figure.data} == {"scatter3d"}
     assert sum(len(trace.z) for trace in figure.data) == 5
 
 
 def test_hover_is_escaped_and_short():
-    front = gather_front(
-        points(**{"model.kind": "<img src=x onerror=alert(1)>" + "a" * 500}),
-        ["energy_uj", "accuracy"],
-        OBJECTIVES,
-    )
+    front = gathered(points(**{"model.kind": "<img src=x onerror=alert(1)>" + "a" * 500}))
     assert "<img" not in front.hover[0]
     assert "&lt;img" in front.hover[0]
     assert max(len(line) for line in front.hover[0].split("<br>")) < 100

@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from dse.figures.learning import draw_learning, gather_learning
+from dse.figures.learning import LearningFigure
+from tests.figure_data import study
+
+FIGURE = LearningFigure(trial=0)
+
+
+def gathered(*histories):
+    return FIGURE.gather(study(history=list(histories)))
+
 
 LONG = {
     "loss": np.array([3.0, 2.0, 1.0]),
@@ -12,25 +20,25 @@ SHORT = {"loss": np.array([4.0, 2.5])}
 
 
 def test_repeats_of_different_lengths():
-    found = gather_learning([LONG, SHORT])
+    found = gathered(LONG, SHORT)
     assert list(found.curves) == ["loss", "accuracy_train"]
     assert [curve.tolist() for curve in found.curves["loss"]] == [[3, 2, 1], [4, 2.5]]
     assert [curve.tolist() for curve in found.curves["accuracy_train"]] == [[0.2, 0.5, 0.9], []]
 
 
 def test_what_has_no_epochs_has_no_curve():
-    assert list(gather_learning([LONG | {"loss": np.array([1.0])}]).curves) == ["accuracy_train"]
-    for histories in ([], [{}], [{"accuracy_train": np.array([0.9])}], [{"members": np.array(4)}]):
+    assert list(gathered(LONG | {"loss": np.array([1.0])}).curves) == ["accuracy_train"]
+    for histories in ([{}], [{"accuracy_train": np.array([0.9])}], [{"members": np.array(4)}]):
         with pytest.raises(
             ValueError,
-            match="histories must have at least two epochs of one of loss, accuracy_train, gradient_norm",
+            match="trial 0 must have two epochs of one of loss, accuracy_train, gradient_norm",
         ):
-            gather_learning(histories)
+            gathered(*histories)
 
 
 def test_drawing():
     gradient = {"gradient_norm": np.array([1.0, 0.1, np.inf])}
-    figure = draw_learning(gather_learning([LONG | gradient, SHORT]))
+    figure = FIGURE.draw(gathered(LONG | gradient, SHORT))
     lines = {(trace.yaxis, trace.name): trace for trace in figure.data}
     assert list(lines["y", "repeat 1"].x) == [1, 2]
     assert list(lines["y2", "repeat 0"].y) == pytest.approx([0.2, 0.5, 0.9])
@@ -44,4 +52,9 @@ def test_drawing():
 
 
 def test_a_single_repeat_needs_no_legend():
-    assert not any(trace.showlegend for trace in draw_learning(gather_learning([SHORT])).data)
+    assert not any(trace.showlegend for trace in FIGURE.draw(gathered(SHORT)).data)
+
+
+def test_a_long_line_has_no_more_points_than_a_panel_shows():
+    [line] = FIGURE.draw(gathered({"loss": np.arange(1000.0)})).data
+    assert len(line.x) <= 120 and list(line.x[:2]) == [1, 10] and list(line.y[:2]) == [0, 9]

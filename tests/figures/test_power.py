@@ -2,13 +2,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.figures.power import draw_power, gather_power
+from dse.figures import NothingRecorded
+from dse.figures.power import PowerFigure
+from tests.figure_data import study
+
+FIGURE = PowerFigure(trial=0)
 
 
 def points() -> pd.DataFrame:
     """The printed figures of three platforms, and a chip whose power nobody knows."""
     return pd.DataFrame(
         {
+            "trial": 0,
             "hardware": ["CPU", "GPU", "<Loihi 2>", "other", "GPU"],
             "power_idle_w": [56.0, 28.0, 0.5, np.nan, 1.0],
             "power_w": [56.005, 46.0, 2.25, 3.0, 1.0],
@@ -19,7 +24,7 @@ def points() -> pd.DataFrame:
 
 
 def test_at_rest_and_beyond():
-    found = gather_power(points())
+    found = FIGURE.gather(study(points()))
     assert found.hardware == ("CPU", "GPU", "<Loihi 2>")
     assert found.idle_w.tolist() == [56, 28, 0.5]
     assert found.beyond_w == pytest.approx([0.005, 18, 1.75])
@@ -28,7 +33,7 @@ def test_at_rest_and_beyond():
 
 
 def test_bars_on_each_other():
-    figure = draw_power(gather_power(points()))
+    figure = FIGURE.draw(FIGURE.gather(study(points())))
     assert [bar.name for bar in figure.data] == ["at rest", "beyond, running"]
     assert figure.layout.barmode == "stack"
     assert figure.layout.xaxis.title.text == "power (W)<br>not known: other"
@@ -42,7 +47,9 @@ def test_bars_on_each_other():
 
 
 def test_what_it_refuses():
-    with pytest.raises(ValueError, match="points must have a column power_idle_w, got a study without it"):
-        gather_power(points().drop(columns="power_idle_w"))
-    with pytest.raises(ValueError, match="must be known on some hardware, got none on other"):
-        gather_power(points().iloc[3:4])
+    with pytest.raises(
+        NothingRecorded, match="points must have a column power_idle_w, got a study without it"
+    ):
+        FIGURE.gather(study(points().drop(columns="power_idle_w")))
+    with pytest.raises(NothingRecorded, match="must be known on some hardware, got none on other"):
+        FIGURE.gather(study(points().iloc[3:4]))

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.figures import progress
-from dse.figures.progress import draw_progress, gather_progress
+from dse.figures.progress import ProgressFigure, gather_progress
 from dse.skyline.pareto import hypervolume
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min"}
@@ -86,7 +86,7 @@ def test_equal_points_and_constant_objectives():
 def test_nothing_to_draw(points, finished):
     found = gather_progress(points, OBJECTIVES, finished)
     assert [curve.hypervolume.tolist() for curve in found.curves if curve.hypervolume.any()] == []
-    draw_progress(found)
+    ProgressFigure().draw(found)
 
 
 @given(
@@ -128,7 +128,7 @@ def test_a_front_too_large_for_its_many_objectives_is_left_out():
 def test_drawing_has_a_panel_each_and_says_whose_a_trace_is():
     one = table([0.0, 0.5, 1.0], [0.0, 5.0, 10.0], hardware="a")
     points = pd.concat([one, one.assign(hardware="b"), one.assign(task="<b>speed</b>" + "x" * 99)])
-    figure = draw_progress(gather_progress(points, OBJECTIVES, range(3), [0.5, 1.0, 1.5]))
+    figure = ProgressFigure().draw(gather_progress(points, OBJECTIVES, range(3), [0.5, 1.0, 1.5]))
     assert [trace.xaxis for trace in figure.data] == ["x", "x2"] * 3
     assert list(figure.data[0].x) == [1, 2, 3]
     assert list(figure.data[1].x) == [0.5, 1.0, 1.5]
@@ -143,7 +143,7 @@ def test_drawing_has_a_panel_each_and_says_whose_a_trace_is():
 
 
 def test_drawing_without_hours_has_one_panel_and_one_point_is_a_marker():
-    figure = draw_progress(gather_progress(table([0.0, 0.5, 1.0], [0.0, 5.0, 10.0]), OBJECTIVES, [1]))
+    figure = ProgressFigure().draw(gather_progress(table([0.0, 0.5, 1.0], [0.0, 5.0, 10.0]), OBJECTIVES, [1]))
     (trace,) = figure.data
     assert trace.mode == "markers"
     assert not trace.showlegend

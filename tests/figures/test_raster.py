@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dse.figures.raster import draw_recording, gather_recording
+from dse.figures.raster import RecordingFigure, gather_recording
 from dse.measure.decision import decide
 
 # Class 1 leads from its second spike on; two spikes of class 0 come first.
@@ -38,13 +38,13 @@ def test_a_recording_without_a_spike():
     found = gather_recording(np.zeros((4, 2), np.uint8), np.zeros((4, 2), int), 1.0, CLASSES, 0, (0, 0.5))
     assert np.isnan(found.confidence).all()
     assert (found.answer, found.decision_ms, found.decided) == (0, 4.0, False)
-    figure = draw_recording(found)
+    figure = RecordingFigure().draw(found)
     assert list(figure.data[2].y) == [None] * 4
     assert (figure.data[3].z == 0).all()
 
 
 def test_drawing():
-    figure = draw_recording(gathered(true=1, setting=(1, 0.6)))
+    figure = RecordingFigure().draw(gathered(true=1, setting=(1, 0.6)))
     meant, others, share, layers = figure.data
     assert (list(meant.x), list(meant.y)) == ([20, 25, 30], [1, 1, 1])
     assert (list(others.x), list(others.y)) == ([10, 15], [0, 0])
@@ -59,13 +59,13 @@ def test_drawing():
 
 
 def test_an_undecided_recording_has_no_theta_and_a_dotted_end():
-    lines = {shape.name: shape for shape in draw_recording(gathered()).layout.shapes}
+    lines = {shape.name: shape for shape in RecordingFigure().draw(gathered()).layout.shapes}
     assert list(lines) == ["decision"]
     assert lines["decision"].line.dash == "dot"
 
 
 def test_class_names_cannot_be_markup():
-    figure = draw_recording(gathered())
+    figure = RecordingFigure().draw(gathered())
     assert [trace.name for trace in figure.data][:1] == ["output spike"]
     assert "&lt;b&gt;silk" in figure.layout.yaxis.ticktext[1]
     assert "<b>" not in figure.to_json().replace("\\u003c", "<")
@@ -74,7 +74,7 @@ def test_class_names_cannot_be_markup():
 def test_names_of_many_classes_do_not_cover_each_other():
     names = [f"a long name of class {k}" for k in range(100)]
     found = gather_recording(np.ones((3, 100), np.uint8), np.ones((3, 2), int), 1.0, names)
-    axis = draw_recording(found).layout.yaxis
+    axis = RecordingFigure().draw(found).layout.yaxis
     assert len(axis.ticktext) == len(axis.tickvals) == 12
     assert max(map(len, axis.ticktext)) == 12
 

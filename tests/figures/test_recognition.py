@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
 
-from dse.figures.recognition import draw_recognition, gather_recognition
+from dse.figures import NothingRecorded
+from dse.figures.recognition import RecognitionFigure, curve
+from tests.figure_data import study
 
 
 @pytest.fixture
 def curves():
-    return gather_recognition(
-        {
-            "knn": ([100, 200, 300, 400], [0.3, 0.8, 0.7, 0.88]),
-            "<snn>": ([400, 200], [0.5, 0.2]),
-            "unknown": ([100], [np.nan]),
-        }
+    return (
+        curve("knn", [100, 200, 300, 400], [0.3, 0.8, 0.7, 0.88]),
+        curve("<snn>", [400, 200], [0.5, 0.2]),
+        curve("unknown", [100], [np.nan]),
     )
 
 
@@ -25,7 +25,7 @@ def test_t_c_is_the_first_within_a_tenth_of_the_peak(curves):
 
 
 def test_drawing_marks_t_c_in_the_colour_of_its_curve(curves):
-    line, mark, other, other_mark, single = draw_recognition(curves).data
+    line, mark, other, other_mark, single = RecognitionFigure().draw(curves).data
     assert list(line.x) == [100, 200, 300, 400] and list(line.y) == [0.3, 0.8, 0.7, 0.88]
     assert (mark.x[0], mark.y[0], mark.marker.symbol) == (200.0, 0.8, "circle-open")
     assert mark.marker.color == line.line.color != other.line.color == other_mark.marker.color
@@ -34,14 +34,19 @@ def test_drawing_marks_t_c_in_the_colour_of_its_curve(curves):
 
 
 def test_more_curves_than_colours_are_told_apart():
-    one = [1, 2], [0.1, 0.2]
-    lines = draw_recognition(gather_recognition({str(i): one for i in range(14)})).data[::2]
+    curves = tuple(curve(str(i), [1, 2], [0.1, 0.2]) for i in range(14))
+    lines = RecognitionFigure().draw(curves).data[::2]
     assert len({(line.line.color, line.line.dash) for line in lines}) == 14
 
 
-@pytest.mark.parametrize(("columns", "got"), [(([], []), "0 and 0"), (([1, 2], [0.5]), "2 and 1")])
-def test_columns_that_do_not_fit(columns, got):
-    with pytest.raises(
-        ValueError, match=f"'a' must have one or more input lengths and an accuracy for each, got {got}"
-    ):
-        gather_recognition({"a": columns})
+def test_one_trial_is_the_mean_of_its_runs():
+    runs = [
+        {"decision_latency_ms": np.array([1.0, 2.0]), "accuracy": np.array(accuracy)}
+        for accuracy in ([0.2, 0.4], [0.4, 0.8])
+    ]
+    (found,) = RecognitionFigure(3).gather(study(read_out=runs))
+    assert found.accuracy.tolist() == pytest.approx([0.3, 0.6])
+    assert not RecognitionFigure(3).draw((found,)).layout.showlegend
+    for lacking in ([], [{name: values[:1] for name, values in runs[0].items()}]):
+        with pytest.raises(NothingRecorded, match="must answer after several input lengths, got none"):
+            RecognitionFigure(3).gather(study(read_out=lacking))

@@ -2,8 +2,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.figures.sweep import SweepFigure, draw_sweep, gather_sweep
+from dse.figures.sweep import SweepFigure
 from dse.testing.small import SmallStudy
+from tests.figure_data import study
+
+
+def gathered(points, x, columns, by=""):
+    return SweepFigure(x, tuple(columns), by=by).gather(study(points))
 
 
 def points() -> pd.DataFrame:
@@ -20,7 +25,7 @@ def points() -> pd.DataFrame:
 
 
 def test_the_best_design_at_every_value():
-    found = gather_sweep(points(), "window_ms", ["accuracy", "itr_bits_per_s"])
+    found = gathered(points(), "window_ms", ["accuracy", "itr_bits_per_s"])
     knn, elm = found.lines
     assert (elm.name, elm.x.tolist()) == ("elm", [50, 200])
     assert elm.trial.tolist() == [1, 2], "the first of equal ones"
@@ -32,7 +37,7 @@ def test_the_best_design_at_every_value():
 
 
 def test_a_panel_per_column():
-    figure = draw_sweep(gather_sweep(points(), "window_ms", ["accuracy", "itr_bits_per_s"]))
+    figure = SweepFigure("").draw(gathered(points(), "window_ms", ["accuracy", "itr_bits_per_s"]))
     assert [trace.name for trace in figure.data] == ["&lt;knn&gt;", "elm"] * 2
     assert (figure.layout.yaxis.title.text, figure.layout.yaxis2.title.text) == ("accuracy", "itr (bit/s)")
     assert figure.layout.xaxis2.title.text == "window (ms)"
@@ -41,7 +46,7 @@ def test_a_panel_per_column():
 
 def test_a_line_per_value_of_another_column():
     frame = points().assign(gain=[1.0, 1.0, 2.0, 2.0, 2.0, 2.0])
-    found = gather_sweep(frame, "window_ms", ["accuracy"], "gain")
+    found = gathered(frame, "window_ms", ["accuracy"], "gain")
     assert [line.name for line in found.lines] == ["<knn> gain 2", "elm gain 1", "elm gain 2"]
     assert [line.trial.tolist() for line in found.lines] == [[4], [1, 0], [2]]
 
@@ -56,18 +61,20 @@ def test_columns_alike_are_one_parameter():
             "accuracy": [0.9, 0.7, 0.8],
         }
     )
-    knn, mlp = gather_sweep(frame, "model.*.window_ms", ["accuracy"]).lines
+    knn, mlp = gathered(frame, "model.*.window_ms", ["accuracy"]).lines
     assert (knn.x.tolist(), mlp.x.tolist()) == ([100], [50, 200])
-    figure = draw_sweep(gather_sweep(frame, "model.*.window_ms", ["accuracy"]))
+    figure = SweepFigure("").draw(gathered(frame, "model.*.window_ms", ["accuracy"]))
     assert figure.layout.xaxis.title.text == "model.*.window (ms)"
-    with pytest.raises(ValueError, match=r"a row must have a number in one of model.x.window_ms, model.knn"):
-        gather_sweep(frame.rename(columns={"trial": "model.x.window_ms"}), "model.*.window_ms", ["accuracy"])
+    with pytest.raises(
+        ValueError, match=r"a row must have a number in one of model.knn.window_ms, model.mlp"
+    ):
+        gathered(frame.assign(**{"model.x.window_ms": 1.0}), "model.*.window_ms", ["accuracy"])
     with pytest.raises(ValueError, match=r"a row must have numbers of model.*.tau and accuracy, got none"):
-        gather_sweep(frame, "model.*.tau", ["accuracy"])
+        gathered(frame, "model.*.tau", ["accuracy"])
 
 
 def test_one_line_needs_no_legend():
-    [line] = draw_sweep(gather_sweep(points()[:3], "window_ms", ["accuracy"])).data
+    [line] = SweepFigure("").draw(gathered(points()[:3], "window_ms", ["accuracy"])).data
     assert not line.showlegend
 
 
@@ -80,10 +87,10 @@ def test_of_one_family():
 
 def test_what_it_refuses():
     with pytest.raises(ValueError, match=r"columns must be in the table, got \['gain'\]"):
-        gather_sweep(points(), "gain", ["accuracy"])
+        gathered(points(), "gain", ["accuracy"])
     with pytest.raises(ValueError, match=r"none the x 'trial', got \['accuracy', 'accuracy'\]"):
-        gather_sweep(points(), "trial", ["accuracy", "accuracy"])
+        gathered(points(), "trial", ["accuracy", "accuracy"])
     with pytest.raises(ValueError, match=r"got \[\]"):
-        gather_sweep(points(), "trial", [])
+        gathered(points(), "trial", [])
     with pytest.raises(ValueError, match="a row must have numbers of window_ms and accuracy, got none"):
-        gather_sweep(points()[5:], "window_ms", ["accuracy"])
+        gathered(points()[5:], "window_ms", ["accuracy"])

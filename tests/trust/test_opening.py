@@ -22,7 +22,7 @@ from dse import registry, trust
 from dse.cli import main
 from dse.cli.commands import commands_by_name
 from dse.config import ConfigError, load_space
-from dse.dashboard.study import page_server
+from dse.dashboard.site import page_server
 from dse.deploy import bundle
 from dse.deploy.verify import export_targets, target_named
 from dse.testing.targets import small_bundle, small_recordings

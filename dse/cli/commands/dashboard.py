@@ -9,7 +9,6 @@ from dse.cli.answer import Answer
 from dse.cli.numbers import draws, port
 from dse.cli.options import add_hardware, add_repeats
 from dse.config import ConfigError, Fault
-from dse.dashboard.study import PageRequest, load_definition, page_server, write_page
 
 GROUP = "choose"
 HELP = "serve the page of a study, also while it runs, or write it as one HTML file"
@@ -51,6 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def answer(arguments: argparse.Namespace) -> Answer:
     """Write the page and return its path, or serve it until Ctrl-C."""
+    from dse.dashboard.study import PageRequest, load_definition, write_page
+
     faults = []
     if arguments.html:
         conflicting = [name for name in ("port", "host") if getattr(arguments, name) is not None]
@@ -70,6 +71,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         return Answer([{"page": str(path)}], text=str(path))
 
     from dse.dashboard.serve import LOOPBACK, PORT
+    from dse.dashboard.site import page_server
 
     host, number = arguments.host or LOOPBACK, PORT if arguments.port is None else arguments.port
     with page_server(Path(arguments.results), host, number, request) as server:

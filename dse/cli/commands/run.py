@@ -13,7 +13,6 @@ from dse.cli.fronts import front
 from dse.cli.numbers import positive
 from dse.cli.options import add_space, load
 from dse.cli.stopping import by_signals
-from dse.dashboard.study import write_page
 
 if TYPE_CHECKING:
     from dse.study.results import Study
@@ -82,6 +81,8 @@ def answer(arguments: argparse.Namespace) -> Answer:
 def _page(study: Study) -> str:
     """Write the page of a study and return a note about it; an error leaves the study finished."""
     try:
+        from dse.dashboard.study import write_page
+
         return f"page: {write_page(study)}"
     except Exception as error:  # a page gathers every table and figure; no error of theirs may fail the run
         why = str(error) or type(error).__name__

@@ -1,0 +1,158 @@
+"""The page of a study on a server, read again as the study goes on; details and bundles of its designs."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+import pandas
+
+from dse import store, trust
+from dse.dashboard.details import gather_details
+from dse.dashboard.live import Live, Page, stamp
+from dse.dashboard.serve import Download, Note, Refused, Server, Site
+from dse.dashboard.study import PageRequest, checked, page_of, progress_of, with_recordings
+from dse.dashboard.verdicts import folder_of
+from dse.deploy.bundle import BundleError, read
+from dse.deploy.export import export
+from dse.deploy.targets import TargetError
+from dse.store import StoreError
+from dse.study import notes, results
+from dse.study.results import Study
+
+_NO_TRIAL = "The study has no finished trial of this number."
+_NO_TARGET = "A target of the search space cannot be written on the machine that serves this page."
+_KNOWS_LABELS = "This design cannot be deployed: its encoder reads the labels of the recordings."
+_CHANGED = "The study has changed since this point was evaluated; reload the page."
+_DAMAGED = "This design cannot be exported: an artefact is damaged, or the disk is full."
+
+
+def page_server(folder: Path, host: str, port: int, request: PageRequest | None = None) -> Server:
+    """Return a server of the page of a study; the study may have no finished trial yet.
+
+    Raises:
+        ConfigError: a hardware profile does not exist or is wrong.
+        StoreError: the folder holds no study, or there is nothing to sample.
+        OSError: the host is not an address of this machine, or the port is in use.
+    """
+    if not (folder / "search_space.yaml").is_file():
+        raise StoreError(f"{folder}: is not the folder of a study: there is no search_space.yaml")
+    study = Study(folder)
+    study.load_plugins()
+    site = StudySite(study, checked(study, request or PageRequest()))
+    needed = [folder / name for name in ("search_space.yaml", "trials.parquet", "points.parquet")]
+    going_on = [folder / name for name in ("journal.log", "artefacts", store.WARNINGS, notes.FILE)]
+    live = Live(site.read, needed, going_on, site.waiting, lambda: store.is_held(folder))
+    return Server(live, host, port, site, trust.token(str(folder.resolve())))
+
+
+class StudySite(Site):
+    """The page of a study, and the designs of the tables that it read last."""
+
+    def __init__(self, study: Study, request: PageRequest) -> None:
+        """Gather the page of a study without trials; the tables are read by `read`."""
+        self._study, self._request = study, request
+        self._points = self._shown = pandas.DataFrame()
+        self._page = self._empty = page_of(study, None, request)
+        self._stamps: dict[str, object] = {}
+        self._notes: list[dict[str, Any]] = []
+
+    def read(self) -> Page:
+        """Return the page; a part whose file has not changed is the same object as before."""
+        # Trials end all the time; the tables, and the part of the page made from them, change now and then.
+        if self._changed("trials.parquet", "points.parquet", "search_space.yaml", store.WARNINGS):
+            try:
+                study = results.open(self._study.folder)
+                self._points = study.points(self._request.hardware, self._request.repeats)
+                self._shown = with_recordings(study, self._points)
+                self._page = page_of(study, self._shown, self._request)
+            except BaseException:
+                self._stamps.clear()
+                raise
+        if self._changed(notes.FILE):
+            self._notes = notes.plain(self._study.folder)
+        return {**self._page, **progress_of(self._study.folder), "design_notes": self._notes}
+
+    def _changed(self, *names: str) -> bool:
+        """Return whether one of some files has changed since this was asked last."""
+        now = {name: stamp(self._study.folder / name) for name in names}
+        has = any(name not in self._stamps or self._stamps[name] != at for name, at in now.items())
+        self._stamps |= now
+        return has
+
+    def waiting(self) -> Page:
+        """Return the page before the first trial has ended."""
+        return {**self._empty, **progress_of(self._study.folder)}
+
+    def write(self, note: Note) -> None:
+        """Write a note; a refusal names no path."""
+        try:
+            notes.write(self._study.folder, *note)
+        except StoreError as error:
+            text = re.sub(rf"^{re.escape(str(self._study.folder))}(/[^:/]*)?: ", "", str(error))
+            raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
+
+    def details(self, trial: int) -> Page:
+        """Return the details of a trial that has finished."""
+        if "trial" not in self._shown:
+            raise Refused(HTTPStatus.NOT_FOUND, _NO_TRIAL)
+        try:
+            return gather_details(self._study, self._shown, trial, self._request.hardware)
+        except StoreError as error:
+            raise Refused(HTTPStatus.NOT_FOUND, _NO_TRIAL) from error
+
+    def bundle(self, trial: int, point: int, hardware: str) -> Download:
+        """Return the bundle of a design point as a zip file; nothing is written to the study.
+
+        It is that of the study's folder whose targets were run, if there is one; another holds the targets of
+        the search space, written and not verified. A refusal names no path.
+        """
+        rows = self._points
+        wanted: dict[str, object] = {"trial": trial, "point": point}
+        if hardware or "hardware" in rows:
+            wanted["hardware"] = hardware
+        for name, value in wanted.items():
+            rows = rows[rows[name] == value] if name in rows else rows.iloc[:0]
+        if len(rows) != 1:
+            raise Refused(HTTPStatus.NOT_FOUND, "The study has no such design point.")
+        name = f"trial_{trial}_point_{point}"
+        if (verified := folder_of(self._study.folder, trial, point, hardware)) is not None:
+            with contextlib.suppress(BundleError, OSError):  # a damaged one is made anew
+                read(verified)
+                return Download(f"{name}.zip", _zipped(verified, name))
+        row = {str(column): value for column, value in rows.iloc[0].items()}
+        with _refusing(), tempfile.TemporaryDirectory(prefix="dse-bundle-") as temporary:
+            folder = Path(temporary) / name
+            export(self._study, row, folder, self._study.space.get("targets", ()))
+            return Download(f"{name}.zip", _zipped(folder, name))
+
+
+@contextlib.contextmanager
+def _refusing() -> Iterator[None]:
+    """Refuse what cannot be exported, by its reason."""
+    try:
+        yield
+    except (ValueError, StoreError, OSError) as error:
+        reasons = ((TargetError, _NO_TARGET), (BundleError, _KNOWS_LABELS), (ValueError, _CHANGED))
+        text = next((text for kind, text in reasons if isinstance(error, kind)), _DAMAGED)
+        conflict = HTTPStatus.CONFLICT if text == _CHANGED else HTTPStatus.UNPROCESSABLE_ENTITY
+        raise Refused(conflict, text) from error
+
+
+def _zipped(folder: Path, name: str) -> bytes:
+    """Return a folder as a zip file, under a name; equal files give equal bytes."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+            entry = zipfile.ZipInfo(f"{name}/{path.relative_to(folder).as_posix()}")  # always dated 1980
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, path.read_bytes())
+    return packed.getvalue()
