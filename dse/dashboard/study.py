@@ -20,7 +20,7 @@ from dse.dashboard.write import filled, write_filled
 from dse.figures.front import numbers
 from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.on_chips import DRAWN
-from dse.report import gather_marks
+from dse.report.gather import gather_marks
 from dse.skyline import front
 from dse.skyline.compare import STUDY, Comparison
 from dse.skyline.goals import Goal
