@@ -122,6 +122,11 @@ class Choice(NamedTuple):
         return self.chip.designs.iloc[self.design]
 
     @property
+    def name(self) -> str:
+        """Its family and trial."""
+        return f"{self.row['family']}, trial {self.row['trial']}"
+
+    @property
     def fits(self) -> bool:
         """Whether the chip can run and hold it."""
         return bool(self.chip.fits[self.design])
@@ -134,6 +139,14 @@ class Choice(NamedTuple):
     def median_uj(self, column: str = FLAT_OUT) -> float:
         """Return its median energy."""
         return float(self.chip.medians_uj(column)[self.design])
+
+    def over(self, other: Choice, column: str) -> tuple[Ratio, bool]:
+        """Return the ratio of its energy to that of a design on another chip, and whether both have values.
+
+        The figures of two chips are drawn independently: every draw of one meets every draw of the other.
+        """
+        factor = ratio(other.drawn_uj(column)[:, None], self.drawn_uj(column)[None, :])
+        return factor, self.chip.has_values and other.chip.has_values
 
 
 def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()) -> list[Chip]:
@@ -194,11 +207,3 @@ def ratio(energies_uj: Floats, other: Floats) -> Ratio:
         ratios = np.where(other == energies_uj, 1.0, other / energies_uj)
     median, low, high = np.quantile(ratios, QUANTILES, method="inverted_cdf")
     return Ratio(float(median), float(low), float(high), float(np.mean(ratios > 1)))
-
-
-def ratio_apart(energies_uj: Floats, other: Floats) -> Ratio:
-    """Return the ratio of two energies, (draw,) each, whose figures are drawn independently.
-
-    Every draw of one chip meets every draw of the other.
-    """
-    return ratio(energies_uj[:, None], other[None, :])

@@ -30,7 +30,6 @@ from dse.report.chips import (
     chips,
     common_level,
     ratio,
-    ratio_apart,
     reached,
 )
 from dse.report.designs import StudyTask, described
@@ -108,8 +107,11 @@ def _winner(
             sentences.append(f"it wins on {', '.join(titles)} too")
             continue
         rival = Choice(chip, design)
-        rows += _over_winner(part, winner, rival, titles)
-        sentences.append(f"the {', '.join(titles)} ({_name(rival)}) {_verdict(part, level, winner, rival)}")
+        if rival.fits:
+            over, has_values = ratio(winner.drawn_uj(), rival.drawn_uj()), chip.has_values
+            figures = [f"{title}: energy_uj over the winner's" for title in titles]
+            rows += [_ratio_row(part, rival, figure, over, has_values) for figure in figures]
+        sentences.append(f"the {', '.join(titles)} ({rival.name}) {_verdict(part, level, winner, rival)}")
     return rows, "; ".join(sentences)
 
 
@@ -131,15 +133,6 @@ def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[st
             title = name if designs[0] == winner else f"winner of {name}"
             titles.setdefault(designs[0], []).append(title)
     return titles
-
-
-def _over_winner(part: StudyTask, winner: Choice, rival: Choice, titles: Sequence[str]) -> list[Row]:
-    """Return the ratio of a rival's energy to the winner's; nothing if the rival does not fit."""
-    if not rival.fits:
-        return []
-    over_winner = ratio(winner.drawn_uj(), rival.drawn_uj())
-    figures = [f"{title}: energy_uj over the winner's" for title in titles]
-    return [_ratio_row(part, rival, figure, over_winner, winner.chip.has_values) for figure in figures]
 
 
 def _verdict(part: StudyTask, level: Level, winner: Choice, rival: Choice) -> str:
@@ -179,7 +172,9 @@ def _at_equal_accuracy(
     for column, how in _MODES.items():
         choices = cheapest(fitting, level.least, column)
         rows += [row for one in choices for row in _figures(part, one, "equal accuracy", column)]
-        rows += [_between(part, one, other, column) for one, other in combinations(choices, 2)]
+        for one, other in combinations(choices, 2):
+            figure = f"equal accuracy: {column} over that on {other.chip.name}"
+            rows.append(_ratio_row(part, one, figure, *one.over(other, column)))
         choices.sort(key=lambda one: one.median_uj(column))
         notes.append(f"{about}, {how}: {'; '.join(_order_sentences(choices, column))}")
         orders.append([one.chip.name for one in choices])
@@ -188,20 +183,12 @@ def _at_equal_accuracy(
     return rows, notes
 
 
-def _between(part: StudyTask, one: Choice, other: Choice, column: str) -> Row:
-    """Return the ratio of the energies on two chips."""
-    figure = f"equal accuracy: {column} over that on {other.chip.name}"
-    factor = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
-    return _ratio_row(part, one, figure, factor, one.chip.has_values and other.chip.has_values)
-
-
 def _order_sentences(choices: Sequence[Choice], column: str) -> list[str]:
     """Return the energies on some chips, cheapest first, with ratios to the one before and the first."""
-    sentences = [f"{one.chip.name} {_energy(one, column)}, {_name(one)}" for one in choices]
+    sentences = [f"{one.chip.name} {_energy(one, column)}, {one.name}" for one in choices]
     for before, one in enumerate(choices[1:]):
         for other in (choices[place] for place in dict.fromkeys((before, 0))):
-            factor = ratio_apart(other.drawn_uj(column), one.drawn_uj(column))
-            times = _compared(factor, one.chip.has_values and other.chip.has_values)
+            times = _compared(*one.over(other, column))
             sentences.append(f"{one.chip.name} over {other.chip.name}: {times}")
     return sentences
 
@@ -256,7 +243,7 @@ def _ratio_row(part: StudyTask, choice: Choice, figure: str, factor: Ratio, has_
 
 def _winner_sentence(part: StudyTask, choice: Choice) -> str:
     axes = described(choice.row)
-    design = f"{_name(choice)}: {axes}" if axes else _name(choice)
+    design = f"{choice.name}: {axes}" if axes else choice.name
     here = f"{choice.row['accuracy']:.3g} ± {accuracy_error(part, choice.row):.2g}"
     accuracy = f"accuracy {here}"
     value, low, high = (number(choice.row.get(x)) for x in column_names("accuracy_corrected"))
@@ -289,10 +276,6 @@ def _compared(factor: Ratio, has_value: bool) -> str:
     """Return a ratio of energies in words, and whether it exceeds the uncertainty."""
     how = "beyond" if factor.is_beyond else "within"
     return f"{_times(factor, has_value)}, more in {factor.share:.0%} of draws, {how} the uncertainty"
-
-
-def _name(choice: Choice) -> str:
-    return f"{choice.row['family']}, trial {choice.row['trial']}"
 
 
 def _short(value: float) -> str:

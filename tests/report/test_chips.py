@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -14,13 +15,13 @@ from dse.report.chips import (
     AT_PERIOD,
     FLAT_OUT,
     Chip,
+    Choice,
     Level,
     Ratio,
     accuracy_error,
     cheapest,
     common_level,
     ratio,
-    ratio_apart,
     reached,
 )
 from dse.report.designs import StudyTask
@@ -55,8 +56,12 @@ def test_energies_over_common_draws() -> None:
 
 def test_energies_over_draws_of_two_chips() -> None:
     # Of 4 pairs 4 / 2, 4 / 1, 1 / 2 and 1 / 1; draw by draw it would be 2 and 1.
-    assert ratio_apart(np.array([2.0, 1.0]), np.array([4.0, 1.0])) == (1.0, 0.5, 4.0, 0.5)
-    assert ratio_apart(np.array([2.0, 1.0]), np.array([2.0, 1.0])) == (1.0, 0.5, 2.0, 0.25), "not of one chip"
+    one, more, same = (
+        Choice(replace(chip("x", [(0.9, 5, 1)]), energies_uj={FLAT_OUT: np.array(drawn)[:, None]}), 0)
+        for drawn in ([2.0, 1.0], [4.0, 1.0], [2.0, 1.0])
+    )
+    assert more.over(one, FLAT_OUT) == ((1.0, 0.5, 4.0, 0.5), True)
+    assert same.over(one, FLAT_OUT)[0] == (1.0, 0.5, 2.0, 0.25), "not of one chip"
 
 
 def test_beyond_the_uncertainty_is_all_on_one_side() -> None:
