@@ -25,10 +25,11 @@ from dse.engine.network import layer_spikes
 from dse.engine.parameters import product
 from dse.measure.heads import head_sizes, output_labels
 from dse.models.snn.initialise import deployed, reach_rate
+from dse.models.snn.quantise import closest
 from dse.models.snn.respond import accuracy, batches_of, layers_of
 from dse.models.snn.trainee import Trainee
 from dse.models.snn.whiten import basis
-from dse.neurons import population_of
+from dse.neurons import parameters_of, population_of
 from dse.neurons.fixed_point import within_range
 from dse.neurons.response import response_norm
 from dse.records import Arithmetic, Array, Dataset, Floats, Ints, Layer, Network, Spikes
@@ -183,13 +184,19 @@ def train_outputs(
     last, (target, _) = replace(network.layers[-1], shared=None), trainee.rates[-1]
     shown = next(_batches(hidden, np.flatnonzero(np.isin(dataset.train, probe))))
     begun = readout(counts, targets, heads, order)
-    weights, reached = spiking(begun, last, network.arithmetic, shown, heads, target)
+    arithmetic: Arithmetic = "float32" if model.has_free_outputs else network.arithmetic
+    weights, reached = spiking(begun, last, arithmetic, shown, heads, target)
+    if model.has_free_outputs:
+        exponent = closest(weights, (counts.astype(np.float64) ** 2).mean(axis=0))
+        trainee.begun["exponent"] = np.array(exponent)
+        weights *= np.float32(2.0**exponent)
     trainee.rates[-1] = target, reached
     if len(model.hidden) in model.whitened_layers:
         trainee.begun[f"basis/{len(model.hidden)}"] = basis(counts)[0]
     trainee.begun["outputs"] = weights
     trainee.lay()
     (layer,) = trainee.member.layers[-1:]
+    last = replace(last, parameters=parameters_of(layer.population))
     alone = replace(
         trainee.member, layers=(replace(layer, learnt_decays="no"),), pool=None, hidden_spike_penalty=0.0
     )

@@ -28,6 +28,9 @@ from dse.neurons import Population
 from dse.neurons.fixed_point import HIGHEST_WEIGHT, WEIGHT_SCALE
 from dse.records import Array, Floats, Ints, Layer, Network
 
+FINEST = 8
+"""Largest exponent of a layer's thresholds and weights."""
+
 BITS = 8
 """Bits of a weight as trained."""
 
@@ -106,6 +109,20 @@ def finest(weights: Array, most: int) -> int:
     largest_magnitude = np.abs(weights).max(initial=0)
     fits = [k for k in range(most + 1) if largest_magnitude * 2.0**k <= HIGHEST_WEIGHT]
     return max(fits, default=0)
+
+
+def closest(weights: Array, squares: Floats) -> int:
+    """Return the exponent, 0 to `FINEST`, whose 8-bit weights change what neurons receive least.
+
+    Args:
+        weights: (input, neuron), clipped where 8 bits do not hold them.
+        squares: (input,) mean squared spikes of a sample.
+    """
+    errors = []
+    for k in range(FINEST + 1):
+        stored = np.rint(_in_steps(weights * 2.0**k)) / _STEPS / 2.0**k
+        errors.append((squares[:, None] * (stored - weights) ** 2).sum())
+    return int(np.argmin(errors))
 
 
 def exponents(network: Network, weight_bits: int) -> tuple[int, ...]:

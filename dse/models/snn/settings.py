@@ -13,6 +13,7 @@ import numpy as np
 from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
+from dse.models.snn.quantise import FINEST
 from dse.models.snn.regions import RINGS, regions_of
 from dse.models.training import Training
 from dse.neurons import LayerSpec, Neuron, cuba_lif
@@ -22,8 +23,6 @@ from dse.neurons.surrogate import Exponential, exponential
 from dse.records import Arithmetic, Floats, Ints
 from dse.registry import name_of, param
 
-FINEST = 8
-"""Largest exponent of a layer's thresholds and weights."""
 _USUAL = 3  # that of dithered layers for which it is chosen after the training
 
 
@@ -149,7 +148,9 @@ class Stack:
         high=FINEST,
         doc="of each layer, k: its thresholds and weights are 2**k times as large, which is the same network "
         "on a finer grid of 8-bit weights (1/32 of 2**-k). -1 (dithered layers): the largest k with which "
-        "8 bits hold the weights that were learnt, and 24 bits the states. Default: -1 if dithered, else 0",
+        "8 bits hold the weights that were learnt, and 24 bits the states; -1 (outputs that learn alone "
+        "first): that with which what 8 bits lose of the weights they begin with changes the drive least. "
+        "Default: -1 if dithered, else 0",
     )
     rounding: Literal["nearest", "dithered"] = param(
         "nearest",
@@ -260,10 +261,10 @@ class Stack:
                 f"threshold_exponents must have one exponent for each of the {n_layers} layers, got "
                 f"{list(exponents)}"
             )
-        if -1 in exponents[self.rounding == "dithered" :]:
+        if -1 in exponents[self.rounding == "dithered" : -1]:
             raise ValueError(
-                "threshold_exponents must be 0 or more for layers that are not dithered (the first one, with "
-                f"rounding dithered), got {list(exponents)}"
+                "threshold_exponents must be 0 or more for layers that are neither dithered (the first one, "
+                f"with rounding dithered) nor outputs, got {list(exponents)}"
             )
         if self.recurrent and self.is_free(0):
             raise ValueError(
@@ -282,7 +283,7 @@ class Stack:
         """Return the power of two by which a layer's thresholds and weights are scaled as it trains."""
         if self.is_free(depth):
             return FINEST
-        return self.threshold_exponents[depth] if self.threshold_exponents else 0
+        return max(0, self.threshold_exponents[depth]) if self.threshold_exponents else 0
 
     def is_dithered(self, depth: int) -> bool:
         """Return whether a layer trains without rounding, and is dithered afterwards."""
@@ -291,6 +292,11 @@ class Stack:
     def is_free(self, depth: int) -> bool:
         """Return whether a layer's exponent is chosen after the training."""
         return self.is_dithered(depth) and (self.threshold_exponents or (-1,))[0] == -1
+
+    @property
+    def has_free_outputs(self) -> bool:
+        """Whether the exponent of the outputs is chosen before they learn alone."""
+        return self.threshold_exponents[-1:] == (-1,) and self.arithmetic == "integer"
 
     @property
     def most_peak(self) -> float:

@@ -25,9 +25,9 @@ from dse.measure.heads import head_answers, head_sizes, head_targets, output_lab
 from dse.models.snn import contrasts, prune, whiten
 from dse.models.snn.augment import Augmentation
 from dse.models.snn.outputs import train_outputs
-from dse.models.snn.quantise import dithered, finer, finest
+from dse.models.snn.quantise import FINEST, dithered, finer, finest
 from dse.models.snn.respond import accuracy, batches_of, counts_of_layers, layers_of, respond_and_count
-from dse.models.snn.settings import FINEST, Stack
+from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged

@@ -14,6 +14,7 @@ from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn
 from dse.engine.parameters import lengths
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.initialise import Chooser, initialise, populations_of
+from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Training
 from dse.neurons.fixed_point import WEIGHT_SCALE
@@ -43,7 +44,9 @@ class Trainee:
     best: masters of the epoch that is kept, where it is the best on validation; None: none yet, or the last.
     soft: (sample, output) targets of the training samples, from a teacher; None: the labels.
     begun: what its layers began with that takes long to find: `chosen`, the neurons of a start by contrasts;
-        `outputs`, their weights after the epochs in which they learn alone; `basis/<layer>`.
+        `outputs`, their weights after the epochs in which they learn alone; `exponent`, that of their
+        thresholds where it is free; `basis/<layer>`.
+    output_exponent: by which their thresholds are scaled now, beyond that of the model.
     """
 
     number: int
@@ -69,6 +72,7 @@ class Trainee:
     best: Masters | None = None
     soft: Floats | None = None
     begun: dict[str, Array] = field(default_factory=dict)
+    output_exponent: int = 0
 
     @classmethod
     def start(
@@ -160,12 +164,19 @@ class Trainee:
     def lay(self) -> None:
         """Put what was found for its start into its layers."""
         *before, last = self.member.layers
+        finer_by = int(self.begun.get("exponent", 0)) - self.output_exponent
+        if finer_by:
+            population = finer(last.population, finer_by)
+            surrogate = self.model.surrogate(population.to_threshold, is_output=True)
+            last = replace(last, population=population, surrogate=surrogate)
+            self.output_exponent += finer_by
         if "outputs" in self.begun:
             weights = self.begun["outputs"]
-            step = _step(self.model, self.training, len(before))
+            unit, scale = _step(self.model, self.training, len(before))
+            step = unit, scale * 2.0**self.output_exponent
             norms = None if last.norm_unit is None else norm_units(weights, *step)
-            unit = units(weights, *step, last.shared)
-            last = replace(last, feed_forward=weights, unit=unit, norm_unit=norms)
+            of_weights = units(weights, *step, last.shared)
+            last = replace(last, feed_forward=weights, unit=of_weights, norm_unit=norms)
         bases = (self.begun.get(f"basis/{depth}") for depth in range(len(before) + 1))
         layers = (replace(x, basis=basis) for x, basis in zip([*before, last], bases, strict=True))
         self.member = replace(self.member, layers=tuple(layers))

@@ -302,3 +302,27 @@ def test_dropout_on_counts_that_move_together_is_recorded() -> None:
         health = fit(data, SNN(hidden=(15,)), training, rngs()).health
         assert 1 <= health["effective_rank"] < 2
         assert health["collinear_dropout"] == (dropout > 0)
+
+
+def test_a_free_exponent_of_the_outputs_fits_the_weights_they_begin_with_and_survives_a_pause() -> None:
+    data, model = toy(), SNN(hidden=(20,), loss=LOSS, whitened="output", threshold_exponents=(0, -1))
+    design = model, base(epochs=5, output_epochs=3)
+    whole = up_to(data, design, None)
+    rung = up_to(data, design, 4)
+    assert_same(up_to(data, design, None, rung.state), whole)
+    exponent = np.log2(
+        whole.network.layers[1].parameters["threshold"] / whole.network.layers[0].parameters["threshold"]
+    )
+    assert exponent == int(exponent) == int(rung.state["start/exponent"])
+    weights, squares = rung.state["start/outputs"] / 2.0**exponent, np.ones(20)
+    assert abs(closest(weights, squares) - exponent) <= 1
+    assert accuracy(whole, data) >= 0.9
+
+
+@pytest.mark.parametrize(("largest", "expected"), [(3.9, 0), (0.49, 3), (0.015, 8)])
+def test_the_closest_grid_holds_what_counts(largest: float, expected: int) -> None:
+    rng = np.random.default_rng(0)
+    weights = rng.uniform(-largest, largest, (50, 4))
+    assert closest(weights, np.ones(50)) == expected
+    weights[0] = 3.9  # of a neuron that hardly fires
+    assert closest(weights, np.r_[0.0, np.ones(49)]) == expected
