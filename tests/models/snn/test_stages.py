@@ -21,6 +21,7 @@ from dse.measure import heads
 from dse.models.snn import outputs
 from dse.models.snn.columns import Columns
 from dse.models.snn.family import SNN
+from dse.models.snn.quantise import closest
 from dse.models.snn.respond import batches_of, layers_of
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Span, Training
