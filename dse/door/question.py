@@ -8,10 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from dse.config.faults import known_names
-from dse.door import arguments
 from dse.registry import param
-from dse.skyline.constraints import ExpressionError
-from dse.study import pricing
 from dse.study.repeats import CHOICES, checked, over_repeats
 
 if TYPE_CHECKING:
@@ -78,6 +75,8 @@ class Question:
             TypeError: an unknown option, or one of another kind.
             ValueError: a number out of range.
         """
+        from dse.door import arguments
+
         known = [field.name for field in fields(cls)]
         if strange := [name for name in options if name not in known]:
             raise TypeError(f"unknown option '{strange[0]}'; {known_names(strange[0], known)}")
@@ -102,6 +101,9 @@ class Question:
             StoreError: a table is no study where one is needed, or a study is damaged.
             TableError: a table cannot be read.
         """
+        from dse.skyline.constraints import ExpressionError
+        from dse.study import pricing
+
         frames = pricing.tables(results, self.hardware)
         if self.repeats != "mean":
             if self.draws or self.confidence is not None:
