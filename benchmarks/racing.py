@@ -28,7 +28,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dse.config import SearchSpace, load_space
-from dse.config.settings import Racing
+from dse.config.search import Racing
 from dse.hardware.profile import load_all
 from dse.skyline.goals import checked_goals, costs_of
 from dse.skyline.pareto import hypervolume

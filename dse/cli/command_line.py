@@ -12,6 +12,7 @@ from dse import trust
 from dse.cli.answer import Answer, show
 from dse.cli.asking import trusts
 from dse.cli.commands import commands_by_name
+from dse.cli.fields import declare, made
 from dse.cli.stopping import INTERRUPTED
 from dse.config import ConfigError
 from dse.config.faults import known_names
@@ -39,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parsed = _parser().parse_args(words)
         left_out()  # forget those of an earlier call in this process
         with trust.answering(getattr(parsed, "trust", False) or trusts):
-            answer: Answer = parsed.answer(parsed)
+            answer: Answer = parsed.answer(made(parsed.cls, parsed) if parsed.cls else parsed)
         show(answer, parsed.command, getattr(parsed, "format", None))
         sys.stdout.flush()
     except KeyboardInterrupt as stopped:
@@ -101,8 +102,11 @@ def _parser() -> argparse.ArgumentParser:
         subparser = subparsers.add_parser(
             name, help=module.HELP, description=module.HELP, epilog=EXIT_CODES, allow_abbrev=False
         )
-        module.add_arguments(subparser)
+        if hasattr(module, "Arguments"):
+            declare(subparser, module.Arguments)
+        else:
+            module.add_arguments(subparser)
         if module.GROUP in ("search", "choose", "deploy"):
             subparser.add_argument("--trust", action="store_true", help=_TRUST)
-        subparser.set_defaults(answer=module.answer)
+        subparser.set_defaults(answer=module.answer, cls=getattr(module, "Arguments", None))
     return parser

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from dse import registry
 from dse.config.locate import hardware_names
-from dse.config.sections import COMPONENTS, SECTIONS, WITH_AXES, settings_class
+from dse.config.parts import COMPONENTS, WITH_AXES
+from dse.config.sections import SECTIONS, SETTINGS
 from dse.config.values import Key, bounds, echo, expected, keys_of
 from dse.registry import rule_of
 
@@ -63,7 +64,7 @@ def sections() -> list[Texts]:
         "model": "The classifier; `kind` names a component, `choice` lists several as an axis.",
         **_LISTS,
     }
-    listed = [{"section": name, "doc": docs.get(name) or _doc(settings_class(name))} for name in SECTIONS]
+    listed = [{"section": name, "doc": docs.get(name) or _doc(SETTINGS[name])} for name in SECTIONS]
     listed.append(
         {"section": _SAMPLERS, "doc": "Algorithms that propose designs; search.sampler selects one."}
     )
@@ -149,7 +150,7 @@ def _class(section: str) -> type:
 
         return Definition if section == "page" else FrontView
     if section not in _SCENE:
-        return settings_class(section)
+        return SETTINGS[section]
     from dse.scene.load import SceneFile
     from dse.scene.scene import Camera, Method, Variation
 

@@ -11,7 +11,7 @@ from dse.config.load import load_space
 from dse.config.locate import shipped_spaces
 from dse.config.resolved import Sections
 from dse.config.settings import ExecutionSettings
-from dse.config.space import DecisionGrid, Design, SearchSettings, SearchSpace
+from dse.config.space import DecisionGrid, Design, SearchSpace
 
 __all__ = [
     "Axis",
@@ -20,7 +20,6 @@ __all__ = [
     "Design",
     "ExecutionSettings",
     "Fault",
-    "SearchSettings",
     "SearchSpace",
     "Sections",
     "known_names",

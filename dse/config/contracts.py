@@ -23,7 +23,8 @@ from typing import (
 import numpy as np
 
 from dse import registry
-from dse.config.settings import Training
+from dse.config.parts import Part, Told, Written
+from dse.config.settings import Training, missing_package
 from dse.records import (
     Answers,
     Array,
@@ -274,6 +275,32 @@ class SamplerSettings(Protocol):
 
     requires: ClassVar[str] = ""
     """The package that the sampler imports, which the extra of the same name installs; '' for none."""
+
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield what a search space lacks for the sampler: packages, a number of designs, other axes.
+
+        Args:
+            part: section `search`.
+            space: as it is written.
+        """
+        (name,) = part.range("sampler")
+        if (axis := next((x for x in space.axes.values() if x.condition), None)) and not cls.conditional:
+            able = ", ".join(x for x, other in registry.known("search.samplers").items() if other.conditional)  # type: ignore[attr-defined]
+            text = f"cannot search {axis.name}, an axis that only some designs have; these can: {able}"
+            yield part.told("sampler", f"'{name}' {text}")
+        if space.is_run and cls.requires and (lack := missing_package(cls.requires, cls.requires)):
+            yield part.told("sampler", f"'{name}' {lack}")
+        if part.range("n_trials") == (None,):
+            yield part.told("n_trials", f"is required for sampler '{name}'")
+
+    def start(self, space: Any, directions: Sequence[str]) -> Any:
+        """Return the sampler (`dse.search.proposals.Sampler`) at the start of a search.
+
+        Args:
+            space: the `SearchSpace`.
+            directions: 'max' or 'min' of each objective.
+        """
 
 
 class LeastWork(NamedTuple):

@@ -8,24 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from dse import registry
-from dse.config import goals, parts
+from dse.config import names, parts, search
 from dse.config.contracts import Source
-from dse.config.delays import delay_faults
-from dse.config.evaluation import evaluation_faults
 from dse.config.faults import Fault, known_names
 from dse.config.locate import find_space, names_a_file
-from dse.config.parts import Part
-from dse.config.racing import racing_faults
-from dse.config.sections import FAMILIES, SECTIONS, front_end
-from dse.config.space import SearchSpace
-from dse.config.teacher import teacher_faults
+from dse.config.parts import FAMILIES, Part, Written
+from dse.config.sections import SECTIONS, SETTINGS, front_end
+from dse.config.space import DecisionGrid, SearchSpace
 from dse.config.values import INVALID, Report, construct, echo, read
 from dse.config.yaml_lines import Document, Raw, in_file_order, override, plain_document, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import Plugin, Rule
 
 REQUIRED = ("data", "task", "split", "model")
-_OBJECTIVES = (("accuracy", "max"), ("n_weights", "min"))
+_WITH_DEFAULTS = ("window", "training", "decision", "search", "execution")
+_OF_STUDY = ("decision", "precision", "search", "execution")
+_DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0], "step": 0.05}}
+_OBJECTIVES: tuple[tuple[str, str], ...] = (("accuracy", "max"), ("n_weights", "min"))
 _ENERGY = ("energy_uj", "min")
 _IN_PYTHON = "search space"  # where the faults of a mapping are
 _LONGEST_NAME = 200  # bytes of a study's folder; files beside it while it is written have longer names
@@ -93,52 +92,22 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     if check_data and "data" in sections:
         for section, message in _data_faults(sections, data["data"], source.parent):
             report((section, *_named_in(message, data[section])), message)
-    axes = {name: axis for part in sections.values() for name, axis in part.axes.items()}
-    decision = goals.decision(data.get("decision"), report)
-    precision = goals.precision(data["precision"], report) if "precision" in data else None
-    hardware = goals.hardware(data.get("hardware"), report, source.parent)
-    targets = goals.targets(data["targets"], report) if "targets" in data else ()
-    limits = goals.limits(data["limits"], axes, hardware, targets, report) if "limits" in data else None
-    if "model" in sections and sections["model"].good:
-        goals.check_neurons(hardware, sections["model"], report, source.parent)
-        goals.check_steps(sections, report)
-    split = sections.get("split")
-    has_test = "test" in data or split is None or not split.good or split.fixed.has_test
-    evaluation = sections.get("evaluation")
-    good = evaluation is None or evaluation.good  # otherwise its objectives are not known to be at fault
-    objectives: tuple[tuple[str, str], ...] = ()
-    if "objectives" in data and good:
-        evaluated = None if evaluation is None else evaluation.fixed
-        objectives = goals.objectives(
-            data["objectives"], hardware, report, has_test=has_test, evaluation=evaluated
-        )
-    elif good:
-        objectives = (*_OBJECTIVES, *([_ENERGY] if hardware else []))
-    k_fold = split.fixed.k_fold if split is not None and split.good else None
-    folds = None if k_fold is None else k_fold.k
-    execution = goals.execution(data.get("execution"), report, check_device=check_data)
-    search = goals.search(
-        data.get("search"),
-        axes,
-        report,
-        folds,
-        check_packages=check_data,
-        base=source.parent if check_data else None,
-        is_shared=execution is not None and execution.storage is not None,
+    hardware = names.hardware(data.get("hardware"), report, source.parent)
+    written = Written(sections, hardware, source.parent, check_data)
+    for path, message in written.faults():
+        report(path, message)
+    targets = names.targets(data.get("targets"), report)
+    limits = (
+        names.limits(data["limits"], written.axes, hardware, targets, report) if "limits" in data else None
     )
-    if search is not None and search.racing is not None:
-        for path, text in racing_faults(search.racing, sections):
-            report(path, text)
-    if execution is not None and execution.storage is not None and search is not None:
-        if search.racing is not None:
-            text = "is not for search.racing: designs race against all others of one coordinator"
-            report(("execution", "storage"), f"execution.storage {text}")
-    for message in [] if execution is None else _device_faults(execution.device, sections.get("model")):
-        report(("execution", "device"), message)
-    if execution is not None:
-        for path, text in delay_faults(sections, hardware, execution.device, source.parent):
-            report(path, text)
-    if faults or decision is None or search is None or execution is None:
+    split, evaluation = sections.get("split"), sections.get("evaluation")
+    objectives = (*_OBJECTIVES, *([_ENERGY] if hardware else []))
+    if "objectives" in data and (evaluation is None or evaluation.good):  # or they may be right
+        has_test = "test" in data or split is None or not split.good or split.fixed.has_test
+        objectives = names.objectives(
+            data["objectives"], hardware, report, has_test=has_test, evaluation=evaluation
+        )
+    if faults:
         return None
     return SearchSpace(
         study=study,
@@ -147,14 +116,14 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         targets=targets,
         limits=limits,
         source=source,
-        parts={name: sections[name] for name in SECTIONS if name in sections},
-        axes=axes,
-        decision=decision,
+        parts={name: part for name, part in sections.items() if name not in _OF_STUDY},
+        axes=written.axes,
+        decision=DecisionGrid.of(sections["decision"]),
         hardware=hardware,
         objectives=objectives,
-        search=search,
-        execution=execution,
-        precision=precision,
+        search=sections["search"].fixed,
+        execution=sections["execution"].fixed,
+        precision=sections["precision"].fixed if "precision" in sections else None,
     )
 
 
@@ -189,71 +158,50 @@ def _plugins(raw: Raw, source: Path, report: Report) -> tuple[Plugin, ...] | Non
 
 
 def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
-    """Read the sections data .. training, in that order."""
-    sections: dict[str, Part] = {}
-    recordings, kind = None, ""
+    """Read the sections that are components or settings."""
+    found: dict[str, Part] = {}
+    recordings = needed = None
     if "data" in data:
         recordings = parts.component_class(("data",), data["data"], report)
     if recordings is not None:
-        sections["data"] = parts.component(("data",), recordings, data["data"], report)
-        kind = sections["data"].kind
-    if "task" in data:
-        sections["task"] = parts.task(data["task"], report)
-    sections["window"] = parts.settings("window", data.get("window"), report)
-    if "split" in data:
-        sections["split"] = parts.settings("split", data["split"], report)
-    if "evaluation" in data:
-        sections["evaluation"] = parts.settings("evaluation", data["evaluation"], report)
-    if recordings is not None and "test" in data:
-        sections["test"] = parts.test_file(recordings, kind, data["test"], report)
-    needed = None if recordings is None else front_end(recordings)
-    if recordings is not None and needed != "preprocessing" and "preprocessing" in data:
-        report(("preprocessing",), f"section 'preprocessing' does not apply to {kind} recordings")
-    if needed == "preprocessing" or (recordings is None and "preprocessing" in data):
-        sections["preprocessing"] = parts.settings("preprocessing", data.get("preprocessing"), report)
-    if needed == "encoder" and "encoder" not in data:
-        report((), f"section 'encoder' is required for {kind} recordings")
+        needed = front_end(recordings)
+        found["data"] = parts.component(("data",), recordings, data["data"], report)
+        kind = found["data"].kind
+        if "test" in data:
+            found["test"] = parts.test_file(recordings, kind, data["test"], report)
+        if needed != "preprocessing" and "preprocessing" in data:
+            report(("preprocessing",), f"section 'preprocessing' does not apply to {kind} recordings")
+        if needed == "encoder" and "encoder" not in data:
+            report((), f"section 'encoder' is required for {kind} recordings")
     for section in FAMILIES:
         family = parts.family(section, data[section], report) if section in data else None
         if family is not None:
-            sections[section] = family
-    sections["training"] = parts.settings("training", data.get("training"), report)
-    if sections["training"].good:
-        for path, message in teacher_faults(sections["training"]):
-            report(path, message)
-    for message in _event_faults(sections):
-        report(("preprocessing", "every_event"), message)
-    for path, message in evaluation_faults(sections):
-        report(path, message)
-    return sections
+            found[section] = family
+    given = {*data, *_WITH_DEFAULTS} - {"preprocessing"}
+    if needed == "preprocessing" or (recordings is None and "preprocessing" in data):
+        given.add("preprocessing")
+    for section, cls in SETTINGS.items():
+        if section not in given:
+            continue
+        raw = data.get(section)
+        if section == "decision":
+            raw = _grid(raw)
+        if section == "search":
+            axes = Written(found, (), Path(), False).axes
+            shared = found["execution"].values.get("storage") is not None
+            raw = search.with_defaults(raw, axes.values(), search.folds(found), is_shared=shared)
+        found[section] = parts.settings(section, cls, raw, report)
+    if "task" in found:
+        found["task"] = parts.with_name(found["task"])
+    return {name: found[name] for name in SECTIONS if name in found}
 
 
-def _event_faults(sections: Mapping[str, Part]) -> list[str]:
-    """Return a sentence for each model that cannot take every event of the preprocessing as a spike."""
-    preprocessing, model = sections.get("preprocessing"), sections.get("model")
-    if preprocessing is None or model is None or "encoder" in sections:
-        return []
-    axis = preprocessing.axes.get("preprocessing.every_event")
-    values = (preprocessing.values.get("every_event"),) if axis is None else axis.values or ()
-    if True not in values:
-        return []
-    return [
-        f"preprocessing.every_event must be false for model {part.kind} without an encoder, which takes one "
-        "spike per channel and bin, got true"
-        for part in (model.entries or {model.kind: model}).values()
-        if not getattr(part.cls, "takes_events", False)
-    ]
-
-
-def _device_faults(device: str, model: Part | None) -> list[str]:
-    """Return a sentence for each model that trains on the CPU alone, where the device is another."""
-    if device == "cpu" or model is None:
-        return []
-    return [
-        f"execution.device must be cpu for model {part.kind}, got {device}"
-        for part in (model.entries or {model.kind: model}).values()
-        if getattr(part.cls, "cpu_only", False)
-    ]
+def _grid(raw: Raw) -> Raw:
+    """Return section `decision` with its defaults; a list is a choice."""
+    if not isinstance(raw, dict | None):
+        return raw
+    keys = {**_DECISION, **(raw or {})}
+    return {key: {"choice": value} if isinstance(value, list) else value for key, value in keys.items()}
 
 
 def _data_faults(sections: Mapping[str, Part], raw: Raw, base: Path) -> list[tuple[str, str]]:

@@ -1,18 +1,24 @@
-"""One section of the file -> its values, with its axes apart; all rules of its class checked."""
+"""One section of the file -> its values, with its axes apart; all rules of its class checked.
+
+A rule between sections belongs to the component that needs it: a class may have a class method
+`faults(part, space)`, which yields what other sections of a search space (`Written`) lack for its own.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path as Folder
 from typing import Any
 
+from dse import registry
 from dse.config.axes import Axis, is_axis, parse_axis
+from dse.config.chips import Chip, chips
 from dse.config.faults import known_names
-from dse.config.sections import COMPONENTS, WITH_AXES, components, settings_class
 from dse.config.values import (
     INVALID,
     Hint,
@@ -28,10 +34,20 @@ from dse.config.values import (
     plain,
     read,
     read_fields,
+    read_object,
     read_written,
 )
 from dse.config.yaml_lines import Path, Raw
 from dse.registry import Rule, elsewhere, rule_of
+
+COMPONENTS = {"data": "recordings", "encoder": "encoders", "model": "models"}
+"""Section of a search space -> section of the registry whose components its `kind` names."""
+FAMILIES = ("encoder", "model")
+"""Sections whose component may be an axis."""
+WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")
+
+Told = tuple[Path, str]
+"""Where a mistake is, and the sentence about it."""
 
 # Cross-field rules are tried on at most this many combinations of a section's own axes.
 _MOST_COMBINATIONS = 1000
@@ -44,6 +60,7 @@ class Part:
     kind: name of the component; '' where the section is one dataclass.
     good: nothing in it was at fault; otherwise the keys at fault are missing.
     entries: kind -> its part where the section is a choice of several components; `values` is empty then.
+    path: of the section, with the kind where it is one of a choice.
     """
 
     cls: type
@@ -52,6 +69,28 @@ class Part:
     axes: dict[str, Axis]
     good: bool
     entries: dict[str, Part] = field(default_factory=dict)
+    path: Path = ()
+
+    @property
+    def each(self) -> tuple[Part, ...]:
+        """The components of the section: itself, or those that it is a choice of."""
+        return tuple(self.entries.values()) or (self,)
+
+    def range(self, key: str) -> tuple[Any, ...]:
+        """Return the values that a key has in some design, of a range its ends; empty: none is right."""
+        axis = next((axis for axis in self.axes.values() if axis.place[1] == key), None)
+        if axis is not None:
+            return axis.extremes()
+        return (self.values[key],) if key in self.values else ()
+
+    def told(self, key: str, text: str) -> Told:
+        """Return what is wrong with a key, given the sentence after its name."""
+        path = (*self.path, key)
+        return path, f"{dotted(path)} {text}"
+
+    def blamed(self, message: str) -> Told:
+        """Return what an error of the section's class is about: the key that its sentence begins with."""
+        return blamed(message, {*self.values, *(axis.place[1] for axis in self.axes.values())}, self.path)
 
     def built(self, varied: Values) -> Any:
         """Return the object of the section, given the values of the keys that vary.
@@ -68,21 +107,40 @@ class Part:
 
     def components(self, section: str) -> list[str]:
         """Return the names of the components of a section that its keys name, in any design."""
-        fields = {one.name: rule_of(one) for one in dataclasses.fields(self.cls)} if self.kind else {}
+        return [name for rule, names in self._named() if rule.component == section for name in names]
+
+    def classes(self) -> list[type]:
+        """Return the class of the section and those of the components that its keys name, in any design."""
+        return [self.cls, *(cls for _, named in self._named() for cls in named.values())]
+
+    def _named(self) -> Iterator[tuple[Rule, dict[str, type]]]:
         values = self.values | {axis.place[1]: axis for axis in self.axes.values()}
-        return [
-            name
-            for key, rule in fields.items()
-            if rule.component == section
-            for name in components_named(values.get(key), rule)
-        ]
+        for one in dataclasses.fields(self.cls):
+            if (rule := rule_of(one)).component and one.name in values:
+                yield rule, components_named(values[one.name], rule)
+
+    def corners(self) -> Iterator[Values]:
+        """Yield the values at every corner of the section's axes; of very many axes not all."""
+        keys = [axis.place[1] for axis in self.axes.values()]
+        ends = [[axis.wrapped(value) for value in axis.extremes()] for axis in self.axes.values()]
+        for combination in itertools.islice(itertools.product(*ends), _MOST_COMBINATIONS):
+            yield dict(zip(keys, combination, strict=True))
 
     def at_ends(self) -> Iterator[Any]:
         """Yield the objects of the section at every corner of its axes, where its class takes the values."""
-        keys = [axis.place[1] for axis in self.axes.values()]
-        for combination in combinations(self.axes.values()):
+        for varied in self.corners():
             with contextlib.suppress(ValueError):
-                yield self.built(dict(zip(keys, combination, strict=True)))
+                yield self.built(varied)
+
+    def refusals(self) -> list[str]:
+        """Return what its class refuses, a sentence each, at every corner of its axes."""
+        messages: dict[str, None] = {}
+        for varied in self.corners() if any(hasattr(x, "__post_init__") for x in self.classes()) else ():
+            try:
+                self.built(varied)
+            except ValueError as error:
+                messages.setdefault(str(error))
+        return list(messages)
 
     def to_plain(self) -> dict[str, Raw]:
         """Return the section as it is written in YAML, with every default."""
@@ -91,31 +149,77 @@ class Part:
         return kind | {key: plain(value) for key, value in self.values.items()} | axes
 
 
-def settings(section: str, raw: Raw, report: Report) -> Part:
+@dataclass(frozen=True)
+class Written:
+    """A search space as it is written, which the rules between its sections look at.
+
+    parts: section -> what is written there.
+    hardware: profiles, or their files.
+    base: folder of the search space, which files are relative to.
+    is_run: whether what a run needs must be there: packages, a device, folders.
+    """
+
+    parts: Mapping[str, Part]
+    hardware: tuple[str, ...]
+    base: Folder
+    is_run: bool
+
+    @cached_property
+    def axes(self) -> dict[str, Axis]:
+        """The axes of the designs, by dotted name, in the order of the sections."""
+        varied = [part.axes for name, part in self.parts.items() if name in WITH_AXES]
+        return {name: axis for axes in varied for name, axis in axes.items()}
+
+    def each(self, section: str) -> tuple[Part, ...]:
+        """Return the components that a section may be; empty without the section."""
+        return self.parts[section].each if section in self.parts else ()
+
+    def range(self, section: str, key: str) -> tuple[Any, ...]:
+        """Return the values that a key of a section has in some design, of a range its ends."""
+        return tuple(value for part in self.each(section) for value in part.range(key))
+
+    @cached_property
+    def chips(self) -> list[Chip]:
+        """The hardware whose profile is found and whose kind is known."""
+        return list(chips(self.hardware, self.base))
+
+    def faults(self) -> Iterator[Told]:
+        """Yield what the rules of all components say about other sections."""
+        for part in (one for name in self.parts for one in self.each(name)):
+            for cls in part.classes():
+                if rules := getattr(cls, "faults", None):
+                    yield from rules(part, self)
+        for chip in self.chips:
+            yield from chip.kind.faults(chip, self)
+
+
+def settings(section: str, cls: type, raw: Raw, report: Report) -> Part:
     """Read a section that is one dataclass."""
-    cls = settings_class(section)
-    one = read_or_axis if section in WITH_AXES else read_fixed
+    one = read_or_axis if section in (*WITH_AXES, "decision") else read_fixed
     return _apart((section,), cls, "", *read_fields(cls, raw, (section,), report, one), report)
 
 
-def component_class(path: Path, raw: Raw, report: Report) -> type | None:
+def component_class(
+    path: Path, raw: Raw, report: Report, known: Mapping[str, type] | None = None
+) -> type | None:
     """Return the class that `kind` of a section names; None after a fault.
 
     Args:
         path: the section, and the kind where it is one of a choice.
         raw: the section or the entry of its choice, as written.
         report: called with (path, sentence) for every mistake.
+        known: components by name; None: those of the section.
     """
-    section = str(path[0])
-    known = components(section)
+    name = str(path[0]) if known is None else dotted(path)
+    known = registry.known(COMPONENTS[name]) if known is None else known
     if not isinstance(raw, dict):
-        report(path, f"{section} must be a mapping with a kind, got {echo(raw)}")
+        report(path, f"{name} must be a mapping with a kind, got {echo(raw)}")
     elif "kind" not in raw:
-        report(path, f"{section}.kind is required; {known_names('', known)}")
+        report(path, f"{name}.kind is required; {known_names('', known)}")
     elif not isinstance(raw["kind"], str) or raw["kind"] not in known:
         kind = raw["kind"]
-        where = elsewhere(COMPONENTS[section], str(kind))
-        text = f"unknown {section}.kind {echo(kind)}{where}; {known_names(str(kind), known)}"
+        where = elsewhere(COMPONENTS.get(name, ""), str(kind))
+        text = f"unknown {name}.kind {echo(kind)}{where}; {known_names(str(kind), known)}"
         report((*path, "kind"), text)
     else:
         return known[raw["kind"]]
@@ -135,6 +239,16 @@ def component(path: Path, cls: type, raw: Raw, report: Report) -> Part:
     keys = {key: value for key, value in raw.items() if key != "kind"}
     one = read_or_axis if path[0] in WITH_AXES else read_fixed
     return _apart(path, cls, raw["kind"], *read_fields(cls, keys, path, report, one), report)
+
+
+def named(path: Path, raw: Raw, known: Mapping[str, type], report: Report) -> Any:
+    """Return the component that a key holds, given its name or a mapping with a kind; None after a fault."""
+    keys = {"kind": raw} if isinstance(raw, str) else raw
+    cls = component_class(path, keys, report, known)
+    if cls is None or not isinstance(keys, dict):
+        return None
+    own = {key: value for key, value in keys.items() if key != "kind"}
+    return read_object(cls, own, path, report, read_fixed)
 
 
 def family(section: str, raw: Raw, report: Report) -> Part | None:
@@ -177,7 +291,7 @@ def family(section: str, raw: Raw, report: Report) -> Part | None:
         for kind, part in parts.items()
         for name, axis in part.axes.items()
     }
-    return Part(object, "", {}, {kinds.name: kinds} | axes, good, parts)
+    return Part(object, "", {}, {kinds.name: kinds} | axes, good, parts, (section,))
 
 
 def _entry(section: str, raw: Raw, place: Path, of_several: bool, report: Report) -> Part | None:
@@ -208,9 +322,8 @@ def test_file(cls: type, kind: str, raw: Raw, report: Report) -> Part:
     return Part(cls, "", values, {}, good)
 
 
-def task(raw: Raw, report: Report) -> Part:
-    """Read `task`; without a name it is called after the columns of its target."""
-    part = settings("task", raw, report)
+def with_name(part: Part) -> Part:
+    """Return section `task`; without a name it is called after the columns of its target."""
     if not part.good or part.values["name"]:
         return part
     axis = part.axes.get("task.target")
@@ -222,11 +335,13 @@ def task(raw: Raw, report: Report) -> Part:
 
 def target_name(target: Raw, *, joint: bool) -> str:
     """Return the name of a target: its columns, joined by + if each is reported too, else by |."""
-    parts = target if isinstance(target, tuple | list) else (target,)
-    columns = (
-        part["column"] if isinstance(part, Mapping) else getattr(part, "column", part) for part in parts
-    )
-    return ("+" if joint else "|").join(map(str, columns))
+    return ("+" if joint else "|").join(target_columns(target))
+
+
+def target_columns(target: Raw) -> list[str]:
+    """Return the columns of a target, as it is read or as an axis holds it."""
+    entries = target if isinstance(target, tuple | list) else (target,)
+    return [str(x["column"] if isinstance(x, Mapping) else getattr(x, "column", x)) for x in entries]
 
 
 def read_fixed(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:
@@ -249,10 +364,11 @@ def _apart(path: Path, cls: type, kind: str, values: Values, good: bool, report:
     """Return a part with its axes apart from its values; the class must accept them together."""
     varied = _conditioned(cls, {key: value for key, value in values.items() if isinstance(value, Axis)})
     fixed = {key: value for key, value in values.items() if key not in varied}
-    messages = _refusals(cls, fixed, varied) if good else []
+    part = Part(cls, kind, fixed, {axis.name: axis for axis in varied.values()}, good, path=path)
+    messages = part.refusals() if good else []
     for message in messages:
         report(*blamed(message, values, path))
-    return Part(cls, kind, fixed, {axis.name: axis for axis in varied.values()}, good and not messages)
+    return dataclasses.replace(part, good=False) if messages else part
 
 
 def _conditioned(cls: type, varied: dict[str, Axis]) -> dict[str, Axis]:
@@ -271,20 +387,3 @@ def _conditioned(cls: type, varied: dict[str, Axis]) -> dict[str, Axis]:
         key: dataclasses.replace(axis, condition=conditions.get(key, axis.condition))
         for key, axis in varied.items()
     }
-
-
-def combinations(axes: Iterable[Axis]) -> Iterator[tuple[Raw, ...]]:
-    """Return the values at every corner of some axes; of very many axes not all."""
-    extremes = [[axis.wrapped(value) for value in axis.extremes()] for axis in axes]
-    return itertools.islice(itertools.product(*extremes), _MOST_COMBINATIONS)
-
-
-def _refusals(cls: type, fixed: Values, varied: dict[str, Axis]) -> list[str]:
-    """Return the objections of a class to its values, tried at every corner of the section's axes."""
-    messages: dict[str, None] = {}
-    for combination in combinations(varied.values()):
-        try:
-            construct(cls, fixed | dict(zip(varied, combination, strict=True)))
-        except ValueError as error:
-            messages.setdefault(str(error))
-    return list(messages)

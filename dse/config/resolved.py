@@ -12,7 +12,7 @@ from dse.config.contracts import PLACES, Encoder, Family, Source
 from dse.config.faults import ConfigError, Fault
 from dse.config.sections import SECTIONS, SETTINGS
 from dse.config.settings import Evaluation, Preprocessing, Split, Task, Training, Window
-from dse.config.values import Report, Values, dotted, plain, read_object
+from dse.config.values import Report, Values, dotted, plain, read_object, refuse
 from dse.config.yaml_lines import Path as Keys
 from dse.config.yaml_lines import Raw
 
@@ -135,7 +135,7 @@ class Sections:
             section = getattr(self, name) if name in _FITTED else None
             if section is None:
                 raise ValueError(f"a design without section '{name}' has nothing fitted in it")
-            changed[name] = read_object(type(section), plain(section) | dict(keys), (name,), _refuse)
+            changed[name] = read_object(type(section), plain(section) | dict(keys), (name,), refuse)
         return dataclasses.replace(self, **changed)
 
     def fitted_since(self, before: Sections) -> dict[str, dict[str, Raw]]:
@@ -152,13 +152,8 @@ def _read(name: str, raw: Raw, report: Report) -> parts.Part | None:
     if name in _COMPONENTS:
         component_cls = parts.component_class((name,), raw, report)
         return None if component_cls is None else parts.component((name,), component_cls, raw, report)
-    if name == "task":
-        return parts.task(raw, report)
     if name in SETTINGS:
-        return parts.settings(name, raw, report)
+        part = parts.settings(name, SETTINGS[name], raw, report)
+        return parts.with_name(part) if name == "task" else part
     report((name,), f"unknown section '{dotted((name,))}'")
     return None
-
-
-def _refuse(path: Keys, text: str) -> None:
-    raise ValueError(text)

@@ -13,17 +13,11 @@ from collections.abc import Mapping
 from typing import Any, Literal, Union, get_args, get_origin
 
 from dse import registry
-from dse.config.goals import AUTO
 from dse.config.load import REQUIRED
 from dse.config.locate import hardware_names
-from dse.config.sections import (
-    COMPONENTS,
-    FAMILIES,
-    SECTIONS,
-    WITH_AXES,
-    settings_class,
-)
-from dse.config.settings import Search
+from dse.config.parts import COMPONENTS, FAMILIES, WITH_AXES
+from dse.config.search import AUTO
+from dse.config.sections import SECTIONS, SETTINGS
 from dse.config.values import Hint, is_list, keys_of
 from dse.registry import Rule
 
@@ -39,7 +33,7 @@ _SCALARS: dict[object, str] = {
 
 def json_schema() -> Schema:
     """Return the schema, made from the components that are registered."""
-    lists = ("hardware", "targets", "objectives", "limits", "search")
+    lists = ("hardware", "targets", "objectives", "limits")
     sections = {name: _section(name) for name in SECTIONS if name not in lists}
     objectives = [
         text for name, column in registry.columns().items() for text in (name, f"{name}:{column.direction}")
@@ -52,7 +46,7 @@ def json_schema() -> Schema:
     sections["hardware"] = _listed({"anyOf": [{"enum": hardware_names()}, profile_file]})
     sections["targets"] = _listed({"enum": list(registry.known("targets"))})
     sections["limits"] = _listed({"type": "string"})
-    sections["search"] = _search()
+    sections["search"]["properties"]["sampler"]["enum"].insert(0, AUTO)
     about = {
         "study": {"type": "string"},
         "seed": {"type": "integer", "minimum": 0},
@@ -93,7 +87,7 @@ def _families(name: str) -> Schema:
 
 def _section(name: str) -> Schema:
     if name not in COMPONENTS and name != "test":
-        return _object(settings_class(name), axes=name in WITH_AXES, listed=name == "decision")
+        return _object(SETTINGS[name], axes=name in WITH_AXES, listed=name == "decision")
     known = registry.known(COMPONENTS["data" if name == "test" else name])
     options = []
     for kind, cls in known.items():
@@ -103,18 +97,6 @@ def _section(name: str) -> Schema:
         options.append(schema)
     bare = [kind for kind, option in zip(known, options, strict=True) if option["required"] == ["kind"]]
     return {"anyOf": [*options, {"enum": bare}] if name in FAMILIES else options}
-
-
-def _search() -> Schema:
-    schema = _object(Search)
-    for cls in registry.known("search.samplers").values():
-        schema["properties"] |= _object(cls)["properties"]
-    folders = (
-        "folders of earlier studies, whose trials inform the search; equal designs are not trained again"
-    )
-    schema["properties"]["from"] = {**_listed({"type": "string"}), "description": folders}
-    schema["properties"]["sampler"] = {"enum": [AUTO, *registry.known("search.samplers")]}
-    return schema
 
 
 def _object(cls: type, *, axes: bool = False, listed: bool = False) -> Schema:

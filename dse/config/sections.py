@@ -9,15 +9,14 @@ from __future__ import annotations
 import typing
 from collections.abc import Mapping
 
-from dse import registry
 from dse.config.contracts import Source
+from dse.config.search import Search
 from dse.config.settings import (
     Decision,
     Evaluation,
     ExecutionSettings,
     Precision,
     Preprocessing,
-    Search,
     Split,
     Task,
     Training,
@@ -25,9 +24,6 @@ from dse.config.settings import (
 )
 from dse.records import FrontEnd
 
-# Sections whose component may be an axis.
-FAMILIES = ("encoder", "model")
-COMPONENTS = {"data": "recordings", "encoder": "encoders", "model": "models"}
 SETTINGS: Mapping[str, type] = {
     "task": Task,
     "window": Window,
@@ -37,8 +33,8 @@ SETTINGS: Mapping[str, type] = {
     "training": Training,
     "decision": Decision,
     "precision": Precision,
-    "search": Search,
     "execution": ExecutionSettings,
+    "search": Search,
 }
 # In the order of a file; `test` holds keys of `data`; `hardware`, `targets`, `objectives` are lists of
 # names, `limits` is one of conditions.
@@ -47,17 +43,6 @@ SECTIONS = (
     *("training", "decision", "precision", "hardware", "targets", "objectives", "limits", "search"),
     "execution",
 )
-WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")
-
-
-def settings_class(section: str) -> type:
-    """Return the dataclass of a section that has no `kind`."""
-    return SETTINGS[section]
-
-
-def components(section: str) -> dict[str, type]:
-    """Return the components that `kind` of a section may name."""
-    return registry.known(COMPONENTS[section])
 
 
 def front_end(source: type[Source]) -> FrontEnd | None:

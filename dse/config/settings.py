@@ -5,19 +5,27 @@ Other packages apply the settings: windows and splits in `dse.recordings`, train
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Hashable, Mapping
+import re
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from importlib.util import find_spec
+from typing import Any, Literal
+from urllib.parse import urlsplit
 
-from dse.config.bounds import MOST_EPOCHS, MOST_SAMPLES, MOST_TRIALS
-from dse.config.device import DEVICES
+from dse import registry
+from dse.config.bounds import MOST_EPOCHS, MOST_SAMPLES
+from dse.config.faults import known_names
+from dse.config.parts import Part, Told, Written, named, target_columns
+from dse.config.values import echo, refuse
 from dse.config.yaml_lines import Raw
 from dse.registry import param
 
+DEVICES = ("cpu", "cuda")
 POLARITIES = ("split", "merge", "ignore_off", "ignore_on")
 
-
+_STORAGE = re.compile(r"(postgresql|sqlite)://.")
 CUT_COLUMNS = ("recording", "window")
 """Label columns of the windows that recordings are cut into (`window.cut_steps`)."""
 
@@ -101,22 +109,17 @@ class Window:
 class Stratified:
     """A random draw of the same fraction of every class."""
 
-    validation: float = param(
-        doc="fraction of every class", low=0, low_open=True, high=1, high_open=True, axis=False
-    )
+    validation: float = param(doc="fraction of every class", low=0, low_open=True, high=1, high_open=True)
     test: float | Mapping[str, Raw] = param(
         0.0,
         doc="fraction of every class, or column -> value or values, of a test set that is given",
         low=0,
         high=1,
         high_open=True,
-        axis=False,
     )
-    seed: int = param(0, doc="seed of the random split", low=0, axis=False)
+    seed: int = param(0, doc="seed of the random split", low=0)
     group: str | None = param(
-        None,
-        doc="label column; recordings of one value stay together, fractions as near as that allows",
-        axis=False,
+        None, doc="label column; recordings of one value stay together, fractions as near as that allows"
     )
 
 
@@ -127,8 +130,8 @@ class KFold:
     The test set is the same in all folds.
     """
 
-    k: int = param(10, doc="number of folds", low=2, axis=False)
-    group: str | None = param(None, doc="label column; recordings of one value are in one part", axis=False)
+    k: int = param(10, doc="number of folds", low=2)
+    group: str | None = param(None, doc="label column; recordings of one value are in one part")
     test: float | Mapping[str, Raw] | None = param(
         None,
         doc="fraction of every class, or column -> value or values, of a separate test set",
@@ -136,14 +139,10 @@ class KFold:
         low_open=True,
         high=1,
         high_open=True,
-        axis=False,
     )
-    seed: int = param(1, doc="seed of the random split", low=0, axis=False)
+    seed: int = param(1, doc="seed of the random split", low=0)
     fold: int = param(
-        0,
-        doc="fold that validates; a study validates repeat r of a design on fold r modulo k",
-        low=0,
-        axis=False,
+        0, doc="fold that validates; a study validates repeat r of a design on fold r modulo k", low=0
     )
 
     def __post_init__(self) -> None:
@@ -156,8 +155,8 @@ class KFold:
 class LeaveOut:
     """One group validates, the rest trains."""
 
-    column: str = param(doc="label column that defines the groups", axis=False)
-    value: Raw = param(doc="value of the group that is left out", axis=False)  # noqa: RUF009
+    column: str = param(doc="label column that defines the groups")
+    value: Raw = param(doc="value of the group that is left out")  # noqa: RUF009
 
 
 @dataclass(frozen=True)
@@ -165,26 +164,22 @@ class Split:
     """How recordings are split: by label values (`train`, `validation`, `test`) or by another key."""
 
     train: Mapping[str, Raw] | None = param(
-        None, doc="training set: mapping from label column to value or list of values", axis=False
+        None, doc="training set: mapping from label column to value or list of values"
     )
     validation: Mapping[str, Raw] | None = param(
-        None, doc="validation set: mapping from label column to value or list of values", axis=False
+        None, doc="validation set: mapping from label column to value or list of values"
     )
     test: Mapping[str, Raw] | None = param(
-        None, doc="test set: mapping from label column to value or list of values", axis=False
+        None, doc="test set: mapping from label column to value or list of values"
     )
     stratified: Stratified | None = param(  # noqa: RUF009
-        None,
-        doc="random split with the same fraction of every class; keys validation, test, seed, group",
-        axis=False,
+        None, doc="random split with the same fraction of every class; keys validation, test, seed, group"
     )
     k_fold: KFold | None = param(  # noqa: RUF009
-        None,
-        doc="cross-validation: one fold validates, the others train; keys k, group, test, seed",
-        axis=False,
+        None, doc="cross-validation: one fold validates, the others train; keys k, group, test, seed"
     )
     leave_out: LeaveOut | None = param(  # noqa: RUF009
-        None, doc="one group validates, all others train; keys column, value", axis=False
+        None, doc="one group validates, all others train; keys column, value"
     )
 
     def __post_init__(self) -> None:
@@ -221,14 +216,11 @@ class Split:
 class Groups:
     """The values of a label column, which are left out of training in turn."""
 
-    column: str = param(doc="label column that defines the groups", axis=False)
+    column: str = param(doc="label column that defines the groups")
     folds: int | None = param(
-        None,
-        doc="number of folds that the values are dealt to (default: one fold per value)",
-        low=2,
-        axis=False,
+        None, doc="number of folds that the values are dealt to (default: one fold per value)", low=2
     )
-    seed: int = param(1, doc="seed of the folds", low=0, axis=False)
+    seed: int = param(1, doc="seed of the folds", low=0)
 
 
 @dataclass(frozen=True)
@@ -243,14 +235,12 @@ class Evaluation:
         "Validation recordings without room for every shift are left out; n_shifted counts the rest, and "
         "accuracy_unshifted is of their unmoved windows. A run's shifts.npz has the accuracy at each shift",
         unit="steps",
-        axis=False,
     )
     leave_out: str | Groups | tuple[str | Groups, ...] | None = param(  # noqa: RUF009
         None,
         doc="label column, `{column: NAME, folds: N, seed: S}`, or a list of these: each fold of its values "
         "is left out of training once, and its validation recordings are answered: column accuracy_unseen, "
         "and accuracy_unseen_NAME for each label column. The folds are shared out among search.repeats",
-        axis=False,
     )
 
     def __post_init__(self) -> None:
@@ -264,6 +254,34 @@ class Evaluation:
         for key, entries in (("shifts", self.shifts or ()), ("leave_out", [x.column for x in self.groups])):
             if twice := [x for i, x in enumerate(entries) if x in entries[:i]]:
                 raise ValueError(f"evaluation.{key} must hold each entry once, got {twice[0]!r} twice")
+
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield what the windows, the columns and the split lack for shifts and groups."""
+        if not part.good:
+            return
+        evaluation: Evaluation = part.fixed
+        if evaluation.shifts is not None:
+            if None in space.range("window", "n_steps"):
+                text = "needs window.n_steps: a window of a whole recording has no room to move"
+                yield part.told("shifts", text)
+            if any(space.range("preprocessing", "rate_floor_hz")):
+                text = "needs preprocessing.rate_floor_hz 0: the floor reads steps around a window"
+                yield part.told("shifts", text)
+        predicted = [x for target in space.range("task", "target") for x in target_columns(target)]
+        known = [name for data in space.each("data") if data.good for name in data.fixed.columns]
+        if known and any(space.range("window", "cut_steps")):
+            known += CUT_COLUMNS
+        for name in (groups.column for groups in evaluation.groups):
+            if known and name not in known:
+                text = f"must be among data.columns, got '{name}'; {known_names(name, known)}"
+                yield part.told("leave_out", text)
+            elif name in predicted:
+                yield part.told(
+                    "leave_out", f"must not be the target, got '{name}', which task.target predicts"
+                )
+        if evaluation.groups and any(space.range("split", "k_fold")):
+            yield part.told("leave_out", "needs a split without k_fold, whose folds the repeats are")
 
     @property
     def groups(self) -> tuple[Groups, ...]:
@@ -352,6 +370,16 @@ class Preprocessing:
                 f"time_ms must end at least 0.001 ms after it begins, got [{self.time_ms[0]:g}, "
                 f"{self.time_ms[1]:g}]"
             )
+
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield the models that cannot take every event as a spike."""
+        if "encoder" in space.parts or True not in part.range("every_event"):
+            return
+        for model in space.each("model"):
+            if not getattr(model.cls, "takes_events", False):
+                text = "without an encoder, which takes one spike per channel and bin, got true"
+                yield part.told("every_event", f"must be false for model {model.kind} {text}")
 
     @property
     def bin_us(self) -> int:
@@ -445,9 +473,7 @@ class Training:
         "drawn in every epoch; needs dilation_keeps_label (spiking networks)",
     )
     dilation_keeps_label: bool = param(
-        False,
-        doc="true: you state that the label depends neither on speed nor on duration",
-        axis=False,
+        False, doc="true: you state that the label depends neither on speed nor on duration", axis=False
     )
     channel_shift: int = param(
         0,
@@ -513,6 +539,31 @@ class Training:
                 f"output_epochs must be at most epochs ({self.epochs}), got {self.output_epochs}"
             )
 
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield crops without jitter, and what is wrong with teachers."""
+        if max(part.range("crops"), default=1) > 1 and not max(
+            space.range("window", "jitter_steps"), default=1
+        ):
+            yield part.told("crops", "needs window.jitter_steps > 0, got 0")
+        told: list[Told] = []
+        is_axis = bool(part.axes.get("training.teacher"))
+        for index, teacher in enumerate(part.range("teacher")):
+            path = ("training", "teacher", *(("choice", index) if is_axis else ()))
+            if teacher is not None:
+                named(path, teacher, teachers(), lambda where, text: told.append((where, text)))
+        yield from told
+
+    def teaching(self) -> Any:
+        """Return the family that the training learns from, a `Teacher`; None: from labels alone.
+
+        Raises:
+            ValueError: no family of that name can teach, or it refuses its keys.
+        """
+        if self.teacher is None or not self.teacher_weight:
+            return None
+        return named(("training", "teacher"), self.teacher, teachers(), refuse)
+
     @property
     def augmentation(self) -> tuple[Hashable, ...]:
         """How training windows are changed; empty: not at all."""
@@ -530,6 +581,11 @@ class Training:
         if self.lr_schedule == "cosine":
             return rate * rising * (1 + math.cos(math.pi * epoch / length)) / 2
         return rate * rising * self.lr_factor ** (int(epoch) // self.lr_every)
+
+
+def teachers() -> dict[str, Any]:
+    """Return the families that networks can learn from, by name (`dse.config.contracts.Teacher`)."""
+    return {name: cls for name, cls in registry.known("models").items() if hasattr(cls, "scores")}
 
 
 @dataclass(frozen=True)
@@ -567,17 +623,23 @@ class Decision:
         axis=False,
     )
 
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield ranges that are no grid, and outputs beside numbers."""
+        for axis in part.axes.values():
+            if axis.values is None:
+                text = "is evaluated on a grid, so its range needs a step"
+                yield ("decision", axis.place[1], "range"), f"{axis.name} {text}"
+            elif any(isinstance(value, Mapping) for value in axis.values):
+                yield part.told(axis.place[1], "must be integers, or up_to and step alone")
+
 
 @dataclass(frozen=True)
 class Precision:
     """Weights of fewer bits and pruned weights, evaluated on trained spiking networks (default: none)."""
 
     weight_bits: tuple[int, ...] = param(
-        doc="bits per weight, with one scale per layer; networks train with 8",
-        unit="bits",
-        low=2,
-        high=8,
-        axis=False,
+        doc="bits per weight, with one scale per layer; networks train with 8", unit="bits", low=2, high=8
     )
     pruned: tuple[float, ...] = param(
         (0.0,),
@@ -585,7 +647,6 @@ class Precision:
         low=0,
         high=1,
         high_open=True,
-        axis=False,
     )
     within: float = param(
         0.02,
@@ -593,118 +654,19 @@ class Precision:
         "front of their task and family",
         low=0,
         high=1,
-        axis=False,
-    )
-
-    @property
-    def settings(self) -> tuple[tuple[int, float], ...]:
-        """Every (bits, pruned) but the one that is trained: 8 bits and nothing pruned."""
-        return tuple((b, p) for b in self.weight_bits for p in self.pruned if (b, p) != (8, 0.0))
-
-
-@dataclass(frozen=True)
-class Racing:
-    """Which designs stop before their last epoch: those that others are ahead of."""
-
-    rungs: tuple[int, ...] = param(
-        doc="epochs after which each design is measured, and stops or goes on; rising", low=1, axis=False
-    )
-    eta: float = param(
-        3.0,
-        doc="of the designs at a rung one in so many goes on, the best front first, and two per objective at "
-        "least; less loses less of the front",
-        low=1,
-        low_open=True,
-        axis=False,
-    )
-    audit: int = param(
-        4,
-        doc="stopped designs, drawn at random, that are trained to the end at last: what racing has lost",
-        low=0,
-        axis=False,
     )
 
     def __post_init__(self) -> None:
-        """Check the order of the rungs."""
-        if not self.rungs or list(self.rungs) != sorted(set(self.rungs)):
-            raise ValueError(f"rungs must be at least one number of epochs, rising, got {list(self.rungs)}")
+        """Check that there is something to evaluate."""
+        for key in ("weight_bits", "pruned"):
+            if not getattr(self, key):
+                raise ValueError(f"{key} must hold at least one value, got []")
 
-
-@dataclass(frozen=True)
-class Stop:
-    """Conditions that end a search before all designs are trained; looked at after each batch."""
-
-    cpu_hours: float | None = param(
-        None, doc="CPU hours of all trainings", unit="h", low=0, low_open=True, axis=False
-    )
-    wall_hours: float | None = param(
-        None, doc="hours of all sessions", unit="h", low=0, low_open=True, axis=False
-    )
-    front_gain_per_hour: float | None = param(
-        None,
-        doc="least gain of the front's hypervolume over the last hour, from the second hour of a session on",
-        unit="%",
-        low=0,
-        low_open=True,
-        axis=False,
-    )
-    pick_unchanged_for: int | None = param(
-        None, doc="designs since the best one in the first objective", low=1, axis=False
-    )
-
-
-@dataclass(frozen=True)
-class Search:
-    """How designs are proposed and how often each is trained; a sampler adds its own keys."""
-
-    sampler: str = param(
-        "",
-        doc="a component of search.samplers (default: grid if every axis is a choice or has a step, "
-        "otherwise tpe), or auto: grid where n_trials covers it, sobol below 12 designs, else tpe",
-        axis=False,
-    )
-    n_trials: int | None = param(
-        None, doc="number of designs to train (default: the whole grid)", low=1, axis=False
-    )
-    batch: int | None = param(
-        None,
-        doc="number of designs proposed at a time (default: the whole grid for sampler grid without "
-        "execution.storage, otherwise 8)",
-        low=1,
-        high=MOST_TRIALS,
-        axis=False,
-    )
-    repeats: int | None = param(
-        None,
-        doc="trainings of each design, each with its own seed (default: 1, or one per fold of split.k_fold)",
-        low=1,
-        axis=False,
-    )
-    repeats_on_front: int = param(
-        1, doc="trainings of each design on the front of its task and family", low=1, axis=False
-    )
-    front_undecided: tuple[float, float] | None = param(
-        None,
-        doc="repeat, up to repeats_on_front times, only designs whose probability of being on the front lies "
-        "between these two, the most undecided first (default: all designs on the front)",
-        low=0,
-        high=1,
-        axis=False,
-    )
-    front_trainings: int | None = param(
-        None, doc="further trainings for front_undecided in all (default: no limit)", low=1, axis=False
-    )
-    racing: Racing | None = param(  # noqa: RUF009
-        None,
-        doc="stop designs early: keys rungs, eta, audit (default: all designs train to the end)",
-        axis=False,
-    )
-    stop: Stop | None = param(  # noqa: RUF009
-        None,
-        doc="cpu_hours, wall_hours, front_gain_per_hour (%), pick_unchanged_for (designs): the first that is "
-        "reached ends the search",
-        axis=False,
-    )
+    @property
+    def settings(self) -> tuple[tuple[int, float], ...]:
+        """Every (bits, pruned) but the one that is trained, 8 bits and nothing pruned; each once, rising."""
+        pairs = {(b, p) for b in self.weight_bits for p in self.pruned}
+        return tuple(sorted(pairs - {(8, 0.0)}))
 
 
 @dataclass(frozen=True)
@@ -715,41 +677,27 @@ class ExecutionSettings:
         "loky",
         choices=("loky", "dask"),
         doc="workers on this machine (loky), or of a Dask cluster (dask, extra dask)",
-        axis=False,
     )
     address: str | None = param(
-        None,
-        doc="with dask: scheduler, e.g. tcp://node1:8786 (default: a cluster on this machine)",
-        axis=False,
+        None, doc="with dask: scheduler, e.g. tcp://node1:8786 (default: a cluster on this machine)"
     )
-    scheduler_file: str | None = param(
-        None, doc="with dask: file that a scheduler wrote, instead of address", axis=False
-    )
+    scheduler_file: str | None = param(None, doc="with dask: file that a scheduler wrote, instead of address")
     storage: str | None = param(
         None,
         doc="database in which several coordinators, each with its own --results folder, share the designs "
         "of the study: postgresql://user@host/database (extra postgresql) or sqlite:///file (default: one "
         "coordinator)",
-        axis=False,
     )
-    jobs: int = param(
-        1, doc="number of worker processes; a Dask scheduler that runs has its own", low=1, axis=False
-    )
-    threads: int = param(
-        1, doc="CPU threads of each process; they share the samples of a batch", low=1, axis=False
-    )
+    jobs: int = param(1, doc="number of worker processes; a Dask scheduler that runs has its own", low=1)
+    threads: int = param(1, doc="CPU threads of each process; they share the samples of a batch", low=1)
     device: str = param(
-        "cpu",
-        choices=DEVICES,
-        doc="device for training; with cuda all processes share the first GPU",
-        axis=False,
+        "cpu", choices=DEVICES, doc="device for training; with cuda all processes share the first GPU"
     )
     checkpoint_s: float = param(
         60.0,
         doc="time between two checkpoints of a training, from which it goes on if it is killed",
         unit="s",
         low=0,
-        axis=False,
     )
     memory_gib: float | None = param(
         None,
@@ -758,5 +706,58 @@ class ExecutionSettings:
         unit="GiB",
         low=0,
         low_open=True,
-        axis=False,
     )
+
+    def __post_init__(self) -> None:
+        """Check that Dask is told where it runs at most once."""
+        named = [key for key in ("address", "scheduler_file") if getattr(self, key) is not None]
+        if named and self.backend != "dask":
+            raise ValueError(f"{named[0]} needs execution.backend dask, got {self.backend}")
+        if len(named) == 2:
+            raise ValueError("scheduler_file must be absent where execution.address says the same")
+
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield devices that are not there or that no model trains on, and what a database is not for."""
+        for device in part.range("device"):
+            if space.is_run and (lack := missing(device)):
+                yield part.told("device", f"{device} {lack}")
+            for model in space.each("model") if device != "cpu" else ():
+                if getattr(model.cls, "cpu_only", False):
+                    yield part.told("device", f"must be cpu for model {model.kind}, got {device}")
+        for storage in filter(None, part.range("storage")):
+            password = None
+            with contextlib.suppress(ValueError):  # of a place that is no URL: the database will say so
+                password = urlsplit(storage).password
+            if _STORAGE.match(storage) is None:
+                text = f"must begin with postgresql:// or sqlite:///, got {echo(storage)}"
+                yield part.told("storage", text)
+            elif password is not None:
+                text = "must not hold a password, as it is stored with the study: use PGPASSWORD or ~/.pgpass"
+                yield part.told("storage", text)
+            if any(space.range("search", "racing")):
+                text = "is not for search.racing: designs race against all others of one coordinator"
+                yield part.told("storage", text)
+
+
+def missing(device: str) -> str | None:
+    """Return what a device lacks here, as the end of a sentence; None if it can be used.
+
+    A check of the CPU imports no library.
+    """
+    if device == "cpu":
+        return None
+    if lack := missing_package("torch", "torch"):
+        return lack
+    import torch
+
+    if not torch.cuda.is_available():
+        return "needs a CUDA device, but torch finds none; execution.device: cpu needs none"
+    return None
+
+
+def missing_package(package: str, extra: str) -> str | None:
+    """Return that a package of an extra is not installed, as the end of a sentence; None where it is."""
+    if find_spec(package) is not None:
+        return None
+    return f"needs the package {package}, which is not installed: pip install 'dse[{extra}]'"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import cast
@@ -14,8 +14,9 @@ from dse.config.axes import Axis, Branching, branchings, n_combinations
 from dse.config.contracts import Source
 from dse.config.parts import Part, target_name
 from dse.config.resolved import Sections
+from dse.config.search import Search
 from dse.config.sections import SECTIONS
-from dse.config.settings import Evaluation, ExecutionSettings, Precision, Racing, Split, Stop
+from dse.config.settings import Evaluation, ExecutionSettings, Precision, Reach, Split
 from dse.config.values import Values, as_tuple, echo, plain
 from dse.config.yaml_lines import Raw, dump
 from dse.registry import Plugin
@@ -38,6 +39,18 @@ class DecisionGrid:
     phi_step: int | None = None
     read_out_every_ms: float | None = None
 
+    @classmethod
+    def of(cls, part: Part) -> DecisionGrid:
+        """Return the grid of section `decision`."""
+        phi, theta = part.range("phi"), part.range("theta")
+        step = phi[0].step if isinstance(phi[0], Reach) else None
+        return cls(
+            phi=np.unique(np.asarray(phi if step is None else (), dtype=np.int64)),
+            theta=np.unique(np.asarray(theta, dtype=np.float64)),
+            phi_step=step,
+            read_out_every_ms=part.values["read_out_every_ms"],
+        )
+
     def to_plain(self) -> dict[str, Raw]:
         """Return the parameters as they are written in YAML; keys that are not set are left out."""
         phi: Raw = self.phi.tolist()
@@ -46,42 +59,6 @@ class DecisionGrid:
         every_ms = self.read_out_every_ms
         every: dict[str, Raw] = {} if every_ms is None else {"read_out_every_ms": every_ms}
         return {"phi": phi, "theta": self.theta.tolist(), **every}
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """How designs are proposed and how often each is trained.
-
-    sampler: name in section `search.samplers`; options: its own keys.
-    n_trials: designs to train; None: the whole grid.
-    batch: designs proposed at a time.
-    repeats, repeats_on_front: trainings of every design, and of those on the front at the end.
-    front_undecided: probabilities of being on the front between which a design is repeated; None: on it.
-    front_trainings: most trainings for that.
-    racing: when designs stop early; None: never.
-    stop: what ends the search early; None: nothing.
-    warm: folders of earlier studies (`from`), relative to the search space, whose trials inform the search.
-    """
-
-    sampler: str
-    n_trials: int | None
-    batch: int
-    repeats: int
-    repeats_on_front: int
-    racing: Racing | None = None
-    front_undecided: tuple[float, float] | None = None
-    front_trainings: int | None = None
-    options: Mapping[str, Raw] = field(default_factory=dict)
-    stop: Stop | None = None
-    warm: tuple[str, ...] = ()
-
-    def to_plain(self) -> dict[str, Raw]:
-        """Return the settings as they are written in YAML; what is not set is left out."""
-        names = ("sampler", "n_trials", "batch", "repeats", "repeats_on_front")
-        always: dict[str, Raw] = {name: getattr(self, name) for name in names}
-        given = ("front_undecided", "front_trainings", "racing", "stop")
-        optional = {x: plain(value) for x in given if (value := getattr(self, x)) is not None}
-        return always | optional | ({"from": list(self.warm)} if self.warm else {}) | dict(self.options)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -107,7 +84,7 @@ class SearchSpace:
     decision: DecisionGrid
     hardware: tuple[str, ...]
     objectives: tuple[tuple[str, str], ...]
-    search: SearchSettings
+    search: Search
     execution: ExecutionSettings
     precision: Precision | None = None
     plugins: tuple[Plugin, ...] = ()

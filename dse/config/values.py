@@ -156,7 +156,7 @@ def keys_of(cls: type, written: Mapping[str, Raw] | None = None) -> dict[str, Ke
     keys: dict[str, Key] = {}
     for name, field in _fields(cls).items():
         rule = rule_of(field)
-        added = {name: Key(_hints(cls)[name], rule, _default(field))}
+        added = {name: Key(_hints(cls)[field.name], rule, _default(field))}
         if rule.component:
             components = registry.known(rule.component)
             default = functools.partial(str, rule.component_name) if rule.component_name else None
@@ -266,11 +266,11 @@ def construct(cls: type[T], values: Values) -> T:
         if rule.component:
             component = registry.known(rule.component)[value]
             own = (key for key in keys_of(component, values) if key in values)
-            fields[name] = construct(component, {key: values[key] for key in own})
-        elif _holds_dataclass(hint := _hints(described)[name]):
-            fields[name] = read(plain(value), hint, rule, (name,), _refuse)
+            fields[field.name] = construct(component, {key: values[key] for key in own})
+        elif _holds_dataclass(hint := _hints(described)[field.name]):
+            fields[field.name] = read(plain(value), hint, rule, (name,), refuse)
         else:
-            fields[name] = value
+            fields[field.name] = value
     return cls(**fields)
 
 
@@ -371,7 +371,7 @@ def plain(value: Raw) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         keys: dict[str, Raw] = {}
         for name, field in _fields(type(value)).items():
-            inner, section = getattr(value, name), rule_of(field).component
+            inner, section = getattr(value, field.name), rule_of(field).component
             keys |= (
                 {name: registry.name_of(section, inner), **plain(inner)} if section else {name: plain(inner)}
             )
@@ -385,7 +385,8 @@ def plain(value: Raw) -> Any:
 
 @functools.cache
 def _fields(cls: type) -> dict[str, dataclasses.Field[Any]]:
-    return {field.name: field for field in dataclasses.fields(cls) if field.init}
+    """Return key -> field; `from_` is the field of key `from`, which is a word of Python."""
+    return {field.name.removesuffix("_"): field for field in dataclasses.fields(cls) if field.init}
 
 
 @functools.cache
@@ -410,7 +411,8 @@ def _holds_dataclass(hint: Hint) -> bool:
     return dataclasses.is_dataclass(hint) or any(map(_holds_dataclass, get_args(hint)))
 
 
-def _refuse(path: Path, text: str) -> None:
+def refuse(path: Path, text: str) -> None:
+    """Raise a ValueError: a `Report` for values that are right unless a caller is wrong."""
     raise ValueError(text)
 
 

@@ -122,6 +122,13 @@ def in_file_order(faults: Iterable[Fault]) -> ConfigError:
     return ConfigError(sorted(dict.fromkeys(faults), key=lambda fault: (fault.line == 0, fault.line)))
 
 
+def error_of(source: pathlib.Path, faults: Iterable[str]) -> ConfigError:
+    """Return sentences about a file as faults, each on the line of the key that it begins with."""
+    document = read_document(source, {})
+    keys = ((tuple(re.split("[ :]", text, maxsplit=1)[0].split(".")), text) for text in faults)
+    return in_file_order(document.fault(key, text) for key, text in keys)
+
+
 def parse(text: str, name: str) -> Document:
     """Read one YAML document; syntax errors and duplicate keys become faults of `name`."""
     document = Document({}, {(): (name, 1)})

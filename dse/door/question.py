@@ -8,38 +8,64 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from dse.config.faults import known_names
-from dse.door import arguments
-from dse.skyline.constraints import ExpressionError
-from dse.study import pricing
-from dse.study.repeats import checked, over_repeats
+from dse.registry import param
+from dse.study.repeats import CHOICES, checked, over_repeats
 
 if TYPE_CHECKING:
     import pandas
+
+MOST_DRAWS = 100_000
 
 
 @dataclass(frozen=True)
 class Question:
     """What is asked of design points, beside objectives and budgets.
 
-    hardware: profiles, by name or file, to compute costs on; empty: those of the study.
-    oversize: admit designs that do not fit their hardware; their costs are as if it were larger.
-    contacts_per_hour: inferences per hour, for columns power_mw and battery_h.
-    battery_mwh: capacity of the battery.
-    targets: names of targets, for columns ram_bytes and cycles; points that none can hold are left out.
-    repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
-    confidence: fraction of the samples of recordings, seeds and uncertain numbers in which a point must be on
-        the front (and a pick within all budgets).
-    draws: number of samples; a front has columns front_share and front_probability then.
+    Its fields are options of the command line and of Python (`dse.open(folder).skyline(hardware="mcu_m4")`).
     """
 
-    hardware: tuple[str, ...] = ()
-    oversize: bool = False
-    contacts_per_hour: float | None = None
-    battery_mwh: float | None = None
-    targets: tuple[str, ...] = ()
-    repeats: str = "mean"
-    confidence: float | None = None
-    draws: int | None = None
+    hardware: tuple[str, ...] = param(
+        (),
+        doc="compute costs on this hardware profile (name or YAML file); nothing is retrained; repeatable",
+    )
+    oversize: bool = param(
+        False, doc="admit designs that do not fit their hardware, priced as if it were larger"
+    )
+    contacts_per_hour: float | None = param(
+        None,
+        low=0,
+        doc="inferences per hour; adds the column power_mw, mean power at the sensor's step period, idle "
+        "time included",
+    )
+    battery_mwh: float | None = param(
+        None,
+        low=0,
+        doc="battery capacity in mWh; adds the column battery_h, battery life in hours (needs "
+        "--contacts-per-hour)",
+    )
+    targets: tuple[str, ...] = param((), doc="leave out what none of these targets can hold")
+    repeats: str = param(
+        "mean",
+        choices=CHOICES,
+        doc="of a design that was trained several times (seeds, folds): means of all its runs (default), or "
+        "every number of its last run, or of the one with the least accuracy",
+    )
+    confidence: float | None = param(
+        None,
+        low=0,
+        low_open=True,
+        high=1,
+        doc="keep points that are on the front, and picks within all budgets at once, in at least this "
+        "fraction of the samples of recordings, seeds and the chip's uncertain numbers, e.g. 0.9",
+    )
+    draws: int | None = param(
+        None,
+        low=1,
+        high=MOST_DRAWS,
+        doc="sample N times what is uncertain: column front_share is the fraction of samples of the chip's "
+        "numbers in which a point stays non-dominated, column front_probability also varies recordings and "
+        "seeds (default: 200 if --confidence or a condition asks for them, else none)",
+    )
 
     @classmethod
     def of(cls, **options: Any) -> Self:
@@ -49,6 +75,8 @@ class Question:
             TypeError: an unknown option, or one of another kind.
             ValueError: a number out of range.
         """
+        from dse.door import arguments
+
         known = [field.name for field in fields(cls)]
         if strange := [name for name in options if name not in known]:
             raise TypeError(f"unknown option '{strange[0]}'; {known_names(strange[0], known)}")
@@ -73,6 +101,9 @@ class Question:
             StoreError: a table is no study where one is needed, or a study is damaged.
             TableError: a table cannot be read.
         """
+        from dse.skyline.constraints import ExpressionError
+        from dse.study import pricing
+
         frames = pricing.tables(results, self.hardware)
         if self.repeats != "mean":
             if self.draws or self.confidence is not None:

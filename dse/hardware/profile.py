@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, get_args
@@ -16,8 +17,10 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 
 from dse import registry, seeds
+from dse.config.chips import Chip
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.locate import hardware_names, names_a_file, shipped_profiles
+from dse.config.parts import Told, Written
 from dse.config.values import Report, echo, read_fields, read_object
 from dse.config.yaml_lines import Document, Raw, in_file_order, parse
 from dse.config.yaml_lines import Path as Keys
@@ -26,6 +29,8 @@ from dse.records import Floats, Operations, Workload
 from dse.registry import param
 
 KINDS = "hardware.kinds"
+_DELAYS = ("max_delay", "max_axonal_delay")
+"""Keys of models that give synapses delays of their own."""
 
 Evidence = Literal[
     "measured",
@@ -107,6 +112,27 @@ class Profile(ABC):
 
     any_neuron: ClassVar[bool] = False
     delays_synapses: ClassVar[bool] = True
+
+    @classmethod
+    def faults(cls, chip: Chip, space: Written) -> Iterator[Told]:
+        """Yield that a chip of this kind runs no design of a search space: its neurons, or delayed synapses.
+
+        Args:
+            chip: as its file says.
+            space: as it is written.
+        """
+        models, known = space.each("model"), registry.known("neurons")
+        if not (models and space.parts["model"].good):
+            return
+        where, name = ("hardware", chip.place), f"hardware '{chip.name}'"
+        neurons = [part.components("neurons") for part in models]
+        needed = list(dict.fromkeys(itertools.chain(*neurons)))
+        programmed = all(getattr(known[x], "programmed", False) for x in needed)
+        if all(neurons) and programmed and chip.is_fixed:
+            yield where, f"{name} cannot run neuron {' or '.join(needed)}: its neurons cannot be programmed"
+        least = [max((min(part.range(key) or (0,)), key) for key in _DELAYS) for part in models]
+        if not cls.delays_synapses and all(delay for delay, _ in least):
+            yield where, f"{name} cannot delay synapses (model.{min(least)[1]} {min(least)[0]})"
 
     @classmethod
     def numbers(cls) -> Mapping[str, Figure]:

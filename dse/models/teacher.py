@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from dse.config.contracts import FitRequest, Teacher, trains_in_cohorts
-from dse.config.teacher import teacher_of
 from dse.engine.goal import is_label
 from dse.measure.heads import head_sizes, head_slices, output_labels, softmax
 from dse.models.training import Generators, Training
@@ -62,7 +61,7 @@ class Teachers:
             ValueError: the teacher cannot be trained on these data.
             TrainingDiverged: its training failed.
         """
-        teacher = teacher_of(training)
+        teacher = training.teaching()
         if teacher is None:
             return None
         data, train = self._dataset, self._dataset.train

@@ -54,7 +54,7 @@ def can_meet(limit: str, row: Row) -> bool:
     """Return whether a design can meet a limit.
 
     Args:
-        limit: a condition that `dse.config.goals.limits` accepts.
+        limit: a condition that `dse.config.names.limits` accepts.
         row: what is known of the design.
     """
     return _verdict(parse(limit), row).may

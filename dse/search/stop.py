@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.config.settings import Stop
+from dse.config.search import Stop
 from dse.records import Floats
 
 _HOUR_S = 3600.0

@@ -66,7 +66,7 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
             and not key.startswith("precision")
             and key not in ("targets", "limits")
             and not key.startswith("search.stop")
-            and not (key == "search.batch" and space.search.sampler == "grid")
+            and not (key == "search.batch" and space.search.sampler_name == "grid")
         ]
         faults += [
             Fault(str(file), 0, f"differs from {copy}, which {folder} was started with; {_HINT}")

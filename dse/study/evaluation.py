@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from dse.config import SearchSpace
-from dse.config.evaluation import evaluation_error
 from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Evaluation
+from dse.config.yaml_lines import error_of
 from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, groups
 from dse.recordings.splits import split
@@ -56,7 +56,7 @@ def previewed(space: SearchSpace, first: Sections, recordings: Recordings) -> di
         except RecordingError as error:
             faults[str(error)] = None
     if faults:
-        raise evaluation_error(space.source, list(faults))
+        raise error_of(space.source, faults)
     row: dict[str, object] = {"evaluation": list(dict.fromkeys(sentences))} if sentences else {}
     if folds:
         n_trials = space.search.n_trials or space.n_designs or 0

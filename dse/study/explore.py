@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from dse import registry, store
+from dse import store
 from dse.audit import record
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.bounds import MOST_TRIALS
-from dse.config.device import missing
+from dse.config.settings import missing
 from dse.config.space import Design
 from dse.dataset import cache
 from dse.hardware.profile import Profile, load_all
@@ -262,9 +262,7 @@ def _search(
         ConfigError: a condition to stop is reached before anything is trained.
     """
     settings = space.search
-    sampler: Sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
-        space, [direction for _, direction in space.objectives]
-    )
+    sampler: Sampler = settings.sampler.start(space, [direction for _, direction in space.objectives])
     excluding = None if before is None else Excluding(space, ledger, runs, before, sampler)
     if excluding is not None:
         sampler = excluding.sampler
@@ -530,7 +528,7 @@ class Excluding:
         known = self._recorded
         for design, why in self.sampler.refused:
             if design_key(design) not in known:
-                if len(known) >= _MOST_RECORDED and self._space.search.sampler == "grid":
+                if len(known) >= _MOST_RECORDED and self._space.search.sampler_name == "grid":
                     return
                 known.add(design_key(design))
                 self._ledger.exclude(number, design, why)

@@ -29,7 +29,6 @@ from dse.config.contracts import (
     trains_in_cohorts,
 )
 from dse.config.resolved import LeftOut, Sections
-from dse.config.teacher import teacher_of
 from dse.dataset.cache import mark_used
 from dse.dataset.files import read_meta
 from dse.hardware.profile import Profile
@@ -202,7 +201,7 @@ def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
     shape = data.spikes.n_channels, n_outputs, data.n_steps
     workspace = sizes.workspace_bytes(*shape, training, threads)
     cost = sizes.cost(*shape, n_events, data.train.size, training)
-    teacher: Family | None = teacher_of(training)
+    teacher: Family | None = training.teaching()
     if teacher is not None and trains_in_cohorts(teacher):
         larger = placed(teacher, data.positions)
         workspace += larger.memory_bytes(*shape, training) + larger.workspace_bytes(*shape, training, threads)

@@ -54,9 +54,7 @@ def ask(space: SearchSpace, results: str | Path, n: int) -> tuple[list[tuple[int
         runs = Runs(space, folder, profiles, workers, Silent())
         runs.recall(ledger.entries)
         settings = space.search
-        sampler: Sampler = registry.known("search.samplers")[settings.sampler](**settings.options).start(
-            space, [direction for _, direction in space.objectives]
-        )
+        sampler: Sampler = settings.sampler.start(space, [direction for _, direction in space.objectives])
         excluding = None
         if space.limits is not None:
             excluding = Excluding(space, ledger, runs, KnownBefore(space, profiles, runs.shape), sampler)

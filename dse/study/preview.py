@@ -6,15 +6,14 @@ import contextlib
 import itertools
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from dse import dataset
+from dse import dataset, registry
 from dse.config import SearchSpace
 from dse.config.chips import chips
 from dse.config.contracts import placed, trains_in_cohorts
-from dse.config.goals import programmed_neurons
 from dse.config.resolved import Sections
 from dse.dataset import cache
 from dse.recordings.files import locate
@@ -58,7 +57,7 @@ def preview(space: SearchSpace) -> dict[str, object]:
         **{f"{section}_designs": n_designs_of_each(space, section) for section in space.choices},
         "trained": n_trials,
         "runs": n_trials * space.search.repeats,
-        "sampler": space.search.sampler,
+        "sampler": space.search.sampler_name,
         # Where phi follows the outputs of each run, the number is not known before.
         **({"design_points": points} if space.decision.phi_step is None else {}),
         **_unpriced(space),
@@ -89,7 +88,9 @@ def _path_of(space: SearchSpace) -> Path | None:
 
 def _unpriced(space: SearchSpace) -> dict[str, object]:
     """Return which neurons no chip of the search space can run; nothing where each has one."""
-    neurons = programmed_neurons(space.parts["model"])
+    known: dict[str, Any] = registry.known("neurons")
+    named = (name for part in space.parts["model"].each for name in part.components("neurons"))
+    neurons = [name for name in dict.fromkeys(named) if getattr(known[name], "programmed", False)]
     if not neurons or not space.hardware:
         return {}
     fixed = [chip for chip in chips(space.hardware, space.source.parent) if chip.is_fixed]

@@ -25,7 +25,7 @@ import numpy as np
 from dse import seeds, store
 from dse.config import SearchSpace
 from dse.config.expressions import named_columns
-from dse.config.settings import Racing
+from dse.config.search import Racing
 from dse.hardware.profile import Profile
 from dse.records import Floats
 from dse.search.racing import best

@@ -20,8 +20,8 @@ from typing import Any, TypeVar
 
 from dse import dataset, seeds, store
 from dse.config import ConfigError, Fault, SearchSpace
-from dse.config.evaluation import evaluation_error
 from dse.config.resolved import Sections
+from dse.config.yaml_lines import error_of
 from dse.dataset import cache
 from dse.dataset.shape import Shape
 from dse.hardware.profile import Profile
@@ -504,7 +504,7 @@ class Runs:
         """Raise what the recordings say against section `evaluation`, with its places in the file."""
         texts = dict.fromkeys(text for failure in failures for text in failure.message.split("\n"))
         if faults := [text for text in texts if text.startswith("evaluation.")]:
-            raise evaluation_error(self._space.source, faults)
+            raise error_of(self._space.source, faults)
 
     def _folds(
         self, data: _Data, members: Iterable[_Member]

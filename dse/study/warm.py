@@ -49,7 +49,7 @@ def earlier_trials(space: SearchSpace) -> list[Earlier]:
     now = json.loads(json.dumps(space.to_plain()))
     trials: list[Earlier] = []
     faults = []
-    for name in space.search.warm:
+    for name in space.search.from_:
         folder = (space.source.parent / name).resolve()
         try:
             then = plain_space(folder / "search_space.yaml")

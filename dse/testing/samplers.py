@@ -10,8 +10,9 @@ import numpy as np
 
 from dse import seeds
 from dse.config.axes import Axis
+from dse.config.search import Search
 from dse.config.settings import ExecutionSettings
-from dse.config.space import DecisionGrid, Design, SearchSettings, SearchSpace
+from dse.config.space import DecisionGrid, Design, SearchSpace
 from dse.search.proposals import Sampler
 from dse.testing.expect import expect, expect_component
 
@@ -96,6 +97,6 @@ def _space() -> SearchSpace:
         decision=DecisionGrid(np.array([0]), np.array([0.5])),
         hardware=(),
         objectives=(("accuracy", "max"), ("n_weights", "min")),
-        search=SearchSettings(sampler="", n_trials=None, batch=BATCH, repeats=1, repeats_on_front=1),
+        search=Search(batch=BATCH),
         execution=ExecutionSettings(),
     )

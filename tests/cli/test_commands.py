@@ -220,12 +220,14 @@ def test_another_search_space_in_the_same_folder(results: Path, capsys: Captured
     assert "training.epochs is 2, but" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("jobs", ["0", "two", "-1"])
-def test_jobs_must_be_a_number(tmp_path: Path, capsys: Captured, jobs: str) -> None:
+@pytest.mark.parametrize(
+    ("jobs", "fault"), [("0", ">= 1, got 0"), ("two", "an integer, got 'two'"), ("-1", ">= 1, got -1")]
+)
+def test_jobs_must_be_a_number(tmp_path: Path, capsys: Captured, jobs: str, fault: str) -> None:
     with pytest.raises(SystemExit) as caught:
         main(["run", str(write_space(tmp_path)), f"--jobs={jobs}"])
     assert caught.value.code == 2
-    assert f"must be an integer >= 1, got '{jobs}'" in capsys.readouterr().err
+    assert f"argument --jobs: must be {fault}" in capsys.readouterr().err
 
 
 def test_skyline_of_a_table(table: Path, capsys: Captured) -> None:

@@ -190,8 +190,8 @@ def test_a_taken_port_is_one_line(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--port", "70000"], "must be an integer from 0 to 65535, got '70000'"),
-        (["--port", "-1"], "must be an integer from 0 to 65535"),
+        (["--port", "70000"], "must be in [0, 65535], got 70000"),
+        (["--port", "-1"], "must be in [0, 65535], got -1"),
         (["--host", "192.0.2.1", "--port", "0"], "192.0.2.1:0: Cannot assign requested address\n"),
         (
             ["--html", "page.html", "--port", "1"],

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from dse.config import ConfigError, device, load_space
+from dse.config import ConfigError, load_space, settings
 from dse.study import explore
 from tests.spaces import write_space
 
@@ -19,7 +19,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: pip install
 @pytest.fixture
 def no_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    monkeypatch.setattr(device, "find_spec", lambda name: name)
+    monkeypatch.setattr(settings, "find_spec", lambda name: name)
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def test_no_device(no_gpu: None, path: Path) -> None:
 
 
 def test_no_package(no_gpu: None, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(device, "find_spec", lambda name: None)
+    monkeypatch.setattr(settings, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"20: execution\.device cuda needs the package torch, which"):
         load_space(path, check_data=True)
 
@@ -56,8 +56,8 @@ def test_a_sampler_that_needs_a_package(
     from dse.cli import main
 
     path = write_space(tmp_path, ("sampler: grid, batch: 2", "sampler: gp, n_trials: 4"))
-    assert load_space(path, check_data=True).search.sampler == "gp"
-    monkeypatch.setattr(device, "find_spec", lambda name: None)
+    assert load_space(path, check_data=True).search.sampler_name == "gp"
+    monkeypatch.setattr(settings, "find_spec", lambda name: None)
     assert main([command, str(path)]) == 2
     fault = "search.sampler 'gp' needs the package torch, which is not installed: pip install 'dse[torch]'"
     assert capsys.readouterr().err.splitlines() == [f"{path}:19: {fault}"]
@@ -86,6 +86,8 @@ def test_the_command_line(no_gpu: None, path: Path, capsys: Any) -> None:
 
 
 def test_the_cpu_imports_no_library() -> None:
-    code = "import sys; from dse.config.device import missing; print(missing('cpu'), 'torch' in sys.modules)"
+    code = (
+        "import sys; from dse.config.settings import missing; print(missing('cpu'), 'torch' in sys.modules)"
+    )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert answer.stdout.split() == ["None", "False"]

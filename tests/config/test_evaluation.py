@@ -58,7 +58,7 @@ def test_accuracies_of_the_section_are_objectives(tmp_path: Path) -> None:
             "{leave_out: [sped, fabric]}",
             [],
             [
-                "13: evaluation.leave_out: no column 'sped' among data.columns; known: fabric, speed, "
+                "13: evaluation.leave_out must be among data.columns, got 'sped'; known: fabric, speed, "
                 "repetition. Did you mean 'speed'?",
                 "13: evaluation.leave_out must not be the target, got 'fabric', which task.target predicts",
             ],

@@ -199,7 +199,7 @@ def test_the_gaussian_process_says_which_samplers_can(tmp_path: Path) -> None:
 def test_the_gaussian_process_takes_kinds_without_axes(tmp_path: Path) -> None:
     gp = {"search": "{sampler: gp, n_trials: 4}", "encoder": "loud_of_a_test"}
     space = loaded(tmp_path, **gp, model="{choice: [snn, near_of_a_test]}")
-    assert (space.search.sampler, space.n_designs) == ("gp", 4)
+    assert (space.search.sampler_name, space.n_designs) == ("gp", 4)
 
 
 @pytest.mark.parametrize(

@@ -4,16 +4,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
-from dse.config import ConfigError, goals, load_space
+from dse.config import ConfigError, load_space, names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.schema import json_schema
-from tests.spaces import write_space
+from dse.config.search import automatic
+from tests.spaces import faults_of, write_space
 
 
 def read(raw: Any, base: Path) -> tuple[tuple[str, ...], list[str]]:
     faults: list[str] = []
-    found = goals.hardware(raw, lambda path, text: faults.append(f"{path}: {text}"), base)
+    found = names.hardware(raw, lambda path, text: faults.append(f"{path}: {text}"), base)
     return found, faults
 
 
@@ -70,32 +72,33 @@ def test_the_schema_knows_names_and_files() -> None:
     assert [is_hardware_file(name) for name in ("mine.yaml", "../x.yml", "op_4.6_0.9")] == [True, True, False]
 
 
-def decision(raw: Any) -> tuple[Any, list[str]]:
-    faults: list[str] = []
-    grid = goals.decision(raw, lambda path, text: faults.append(text))
-    return (None if grid is None else grid.to_plain()), faults
+def with_decision(folder: Path, written: str) -> Path:
+    """Write the small search space with a section `decision`, which is line 16."""
+    return write_space(folder, ("{phi: [0, 2], theta: {range: [0.25, 0.75], step: 0.25}}", written))
 
 
-def test_phi_may_reach_as_far_as_the_outputs() -> None:
-    written = {"phi": {"up_to": "outputs", "step": 5}, "theta": [0.5], "read_out_every_ms": 100.0}
-    assert decision(written) == (written, [])
-    assert decision({"phi": {"up_to": "outputs"}})[0]["phi"] == {"up_to": "outputs", "step": 25}
-    assert set(decision({})[0]) == {"phi", "theta"}
+def test_phi_may_reach_as_far_as_the_outputs(tmp_path: Path) -> None:
+    written = "{phi: {up_to: outputs, step: 5}, theta: [0.5], read_out_every_ms: 100}"
+    assert load_space(with_decision(tmp_path, written)).decision.to_plain() == yaml.safe_load(written)
+    step = load_space(with_decision(tmp_path, "{phi: {up_to: outputs}}")).decision.to_plain()["phi"]
+    assert step == {"up_to": "outputs", "step": 25}
+    assert set(load_space(with_decision(tmp_path, "{}")).decision.to_plain()) == {"phi", "theta"}
 
 
 @pytest.mark.parametrize(
-    ("raw", "fault"),
+    ("written", "fault"),
     [
-        ({"phi": {"up_to": "inputs"}}, "unknown decision.phi.up_to 'inputs'; known: outputs"),
-        ({"phi": {"up_to": "outputs", "step": 0}}, "decision.phi.step must be >= 1, got 0"),
-        ({"phi": {"step": 5}}, "decision.phi.up_to is required"),
-        ({"phi": [0, {"up_to": "outputs"}]}, "decision.phi must be integers, or up_to and step alone"),
-        ({"read_out_every_ms": 0}, "decision.read_out_every_ms must be > 0, got 0"),
+        ("{phi: {up_to: inputs}}", "unknown decision.phi.up_to 'inputs'; known: outputs"),
+        ("{phi: {up_to: outputs, step: 0}}", "decision.phi.step must be >= 1, got 0"),
+        ("{phi: {step: 5}}", "decision.phi.up_to is required"),
+        ("{phi: [0, {up_to: outputs}]}", "decision.phi must be integers, or up_to and step alone"),
+        ("{theta: {range: [0, 1]}}", "decision.theta is evaluated on a grid, so its range needs a step"),
+        ("{read_out_every_ms: 0}", "decision.read_out_every_ms must be > 0, got 0"),
     ],
 )
-def test_what_is_no_decision_grid(raw: Any, fault: str) -> None:
-    grid, [found] = decision(raw)
-    assert grid is None and found.startswith(fault)
+def test_what_is_no_decision_grid(tmp_path: Path, written: str, fault: str) -> None:
+    [found] = faults_of(with_decision(tmp_path, written))
+    assert found.startswith(f"16: {fault}")
 
 
 @pytest.mark.parametrize(
@@ -113,12 +116,12 @@ def test_what_is_no_decision_grid(raw: Any, fault: str) -> None:
 def test_auto_chooses_by_the_number_of_designs(
     n_designs: int | None, n_trials: int | None, sampler: str
 ) -> None:
-    assert goals.automatic(n_designs, n_trials) == sampler
+    assert automatic(n_designs, n_trials) == sampler
 
 
 def test_a_study_states_the_sampler_that_auto_chose(tmp_path: Path) -> None:
     path = write_space(tmp_path, ("sampler: grid, batch: 2", "sampler: auto, n_trials: 3"))
     space = load_space(path)
-    assert (space.search.sampler, space.to_plain()["search"]["sampler"]) == ("sobol", "sobol")
+    assert (space.search.sampler_name, space.to_plain()["search"]["sampler"]) == ("sobol", "sobol")
     whole = load_space(path, {"search.n_trials": "6"})
-    assert (whole.search.sampler, whole.search.batch) == ("grid", 6)
+    assert (whole.search.sampler_name, whole.search.batch) == ("grid", 6)

@@ -13,7 +13,7 @@ import yaml
 
 from dse import registry
 from dse.config import ConfigError, SearchSpace, Sections, load_space, shipped_spaces
-from dse.config.sections import components, front_end
+from dse.config.sections import front_end
 from dse.config.settings import Task, Training
 from dse.recordings import EventSource
 from dse.recordings.scene import Trials
@@ -34,7 +34,7 @@ def test_a_file_without_faults(tmp_path: Path) -> None:
     assert space.decision.phi.dtype == np.int64
     assert space.objectives == (("accuracy", "max"), ("n_weights", "min"))
     assert space.hardware == ("loihi1_silicon",)
-    assert (space.search.sampler, space.search.n_trials, space.search.batch) == ("grid", None, 2)
+    assert (space.search.sampler_name, space.search.n_trials, space.search.batch) == ("grid", None, 2)
     assert space.execution.jobs == 1
     assert space.parts["task"].fixed == Task("fabric", joint=False, name="fabric")
     assert "hidden" not in space.parts["model"].values
@@ -176,7 +176,7 @@ def test_listing_faults_imports_no_heavy_library(tmp_path: Path) -> None:
         (
             "sampler: grid",
             "sampler: gird",
-            "19: unknown sampler 'gird'; known: ",
+            "19: unknown search.sampler 'gird'; known: ",
         ),
         ("sampler: grid", "sampler: tpe", "19: search.n_trials is required for sampler 'tpe'"),
         (
@@ -391,8 +391,8 @@ def test_a_task_is_called_after_its_columns(tmp_path: Path, target: str, name: s
 
 def test_the_sampler_depends_on_the_axes_unless_it_is_named(tmp_path: Path) -> None:
     path = write_space(tmp_path, ("{sampler: grid, batch: 2}", "{n_trials: 4}"))
-    assert load_space(path).search.sampler == "grid"
-    assert load_space(path, {"model.true_rate": "{range: [0.1, 0.9]}"}).search.sampler == "tpe"
+    assert load_space(path).search.sampler_name == "grid"
+    assert load_space(path, {"model.true_rate": "{range: [0.1, 0.9]}"}).search.sampler_name == "tpe"
 
 
 def test_an_unknown_name_lists_the_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -446,7 +446,7 @@ def pair() -> str:
 def test_rules_between_keys_hold_for_every_choice(tmp_path: Path, pair: str) -> None:
     model = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
     good = write_space(tmp_path, (model, f"{{kind: {pair}, low: {{choice: [1, 4]}}}}"))
-    assert pair in components("model")
+    assert pair in registry.known("models")
     assert load_space(good).axes["model.low"].values == (1, 4)
     bad = write_space(
         tmp_path, (model, f"{{kind: {pair}, low: {{range: [1, 7], step: 2}}, high: {{choice: [9, 6]}}}}")

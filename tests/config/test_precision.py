@@ -29,7 +29,7 @@ def test_every_setting_but_the_trained_one(tmp_path: Path) -> None:
     path = with_section(tmp_path, "{weight_bits: [8, 2, 4, 2], pruned: [0.5, 0]}")
     found = load_space(path).precision
     assert found is not None
-    assert (found.weight_bits, found.pruned, found.within) == ((2, 4, 8), (0.0, 0.5), 0.02)
+    assert (found.weight_bits, found.pruned, found.within) == ((8, 2, 4, 2), (0.5, 0.0), 0.02)
     assert found.settings == ((2, 0.0), (2, 0.5), (4, 0.0), (4, 0.5), (8, 0.5))
 
 

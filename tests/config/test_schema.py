@@ -7,8 +7,9 @@ from typing import Any
 
 from dse import registry
 from dse.config.locate import shipped_folder, shipped_spaces
+from dse.config.parts import COMPONENTS, FAMILIES, WITH_AXES
 from dse.config.schema import json_schema
-from dse.config.sections import COMPONENTS, FAMILIES, SECTIONS, WITH_AXES, components, settings_class
+from dse.config.sections import SECTIONS, SETTINGS
 from dse.registry import Rule, rule_of
 from tests.installed import needs_papers
 
@@ -44,15 +45,15 @@ def test_it_has_every_key_of_every_component() -> None:
     for section in COMPONENTS:
         options = [option for option in one_of(section) if "properties" in option]
         by_kind = {option["properties"]["kind"]["const"]: option for option in options}
-        assert by_kind.keys() == components(section).keys()
+        assert by_kind.keys() == registry.known(COMPONENTS[section]).keys()
         for kind, option in by_kind.items():
-            fields = dataclasses.fields(components(section)[kind])
+            fields = dataclasses.fields(registry.known(COMPONENTS[section])[kind])
             inner = [cls for field in fields for cls in components_of(rule_of(field)).values()]
             names = {field.name for field in (*fields, *itertools.chain(*map(dataclasses.fields, inner)))}
             assert set(option["properties"]) == {"kind", *names}
             assert "kind" in option["required"]
     for section in ("task", "window", "training", "execution"):
-        names = {field.name for field in dataclasses.fields(settings_class(section))}
+        names = {field.name for field in dataclasses.fields(SETTINGS[section])}
         assert set(properties[section]["properties"]) == names
 
 

@@ -15,7 +15,9 @@ from dse.registry import rule_of
 
 def read(raw: dict[str, Any]) -> tuple[parts.Part, list[str]]:
     faults: list[str] = []
-    found = parts.settings("preprocessing", raw, lambda path, text: faults.append(f"{dotted(path)}: {text}"))
+    found = parts.settings(
+        "preprocessing", Preprocessing, raw, lambda path, text: faults.append(f"{dotted(path)}: {text}")
+    )
     return found, faults
 
 
@@ -153,7 +155,7 @@ def test_a_bin_is_whole_microseconds():
 )
 def test_changes_of_training_windows_that_cannot_be(keys: dict[str, Any], fault: str) -> None:
     faults: list[str] = []
-    parts.settings("training", keys, lambda path, text: faults.append(f"{dotted(path)}: {text}"))
+    parts.settings("training", Training, keys, lambda path, text: faults.append(f"{dotted(path)}: {text}"))
     (found,) = faults
     assert found.startswith(f"training.{next(iter(keys))}") and f"training.{fault}" in found
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from dse.config import Sections, load_space
-from dse.config.teacher import teacher_of
 from dse.models.counts.mlp import MLP
 from dse.models.snn.family import SNN
 from dse.search.space import index_of
@@ -34,18 +33,18 @@ def test_a_name_a_mapping_and_an_axis_of_both(tmp_path: Path) -> None:
         sections = space.resolve(design)
         again = Sections.from_plain(sections.to_plain(), "again")
         assert again.training == sections.training
-        teachers.append(teacher_of(sections.training))
+        teachers.append(sections.training.teaching())
     assert teachers == [None, MLP(), SNN(hidden=(30, 20))]
 
 
 @pytest.mark.parametrize(
     ("teacher", "fault"),
     [
-        ("mpl", "unknown training.teacher 'mpl'; known: columns, mlp, snn. Did you mean 'mlp'?"),
-        ("knn", "training.teacher must give probabilities of classes (columns, mlp, snn), got knn"),
+        ("mpl", "unknown training.teacher.kind 'mpl'; known: columns, mlp, snn. Did you mean 'mlp'?"),
+        ("knn", "unknown training.teacher.kind 'knn'; known: columns, mlp, snn"),
         ("7", "training.teacher must be text or a mapping or null, got 7"),
-        ("{hidden: 300}", "training.teacher must have a kind: columns, mlp, snn"),
-        ("{kind: 3}", "unknown training.teacher 3; known: columns, mlp, snn"),
+        ("{hidden: 300}", "training.teacher.kind is required; known: columns, mlp, snn"),
+        ("{kind: 3}", "unknown training.teacher.kind 3; known: columns, mlp, snn"),
         ("{kind: mlp, hiden: 300}", "unknown key 'training.teacher.hiden'; known: window_ms"),
         ("{kind: mlp, hidden: 0}", "training.teacher.hidden[0] must be >= 1, got 0"),
         (
@@ -54,7 +53,7 @@ def test_a_name_a_mapping_and_an_axis_of_both(tmp_path: Path) -> None:
         ),
         (
             "{choice: [mlp, mpl]}",
-            "unknown training.teacher 'mpl'; known: columns, mlp, snn. Did you mean 'mlp'?",
+            "unknown training.teacher.choice[1].kind 'mpl'; known: columns, mlp, snn. Did you mean 'mlp'?",
         ),
         ("{kind: snn, hidden: []}", "training.teacher.hidden must have 1 to 3 layers, got 0"),
     ],

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from dse.config.settings import Stop
+from dse.config.search import Stop
 from dse.search.stop import Spent, gained, reached, unchanged_for
 
 HOUR_S = 3600.0

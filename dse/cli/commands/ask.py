@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 
-from dse.cli.answer import Answer, add_format
-from dse.cli.numbers import positive
-from dse.cli.options import add_space, load
+from dse.cli.answer import Answer
+from dse.cli.fields import formats, option
+from dse.cli.options import InResults, load
 
 GROUP = "search"
 HELP = "print the design that the sampler proposes next, with its number, to be measured elsewhere"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    add_space(parser)
-    parser.add_argument("--n", type=positive, default=1, help="number of designs (default: 1)")
-    parser.add_argument(
-        "--results", default="results", metavar="DIR", help="folder for studies (default: results)"
-    )
-    add_format(parser)
+@dataclass(frozen=True, kw_only=True)
+class Arguments(InResults):
+    """The arguments."""
+
+    n: int = option("N", "number of designs (default: 1)", 1, low=1)
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Propose designs, write them to the study, and return them as YAML."""
     space = load(arguments)
     import yaml

@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
-from dse.cli.answer import FORMATS, Answer, add_format
+from dse.cli.answer import FORMATS, Answer
 from dse.cli.audits import audit_answer
-from dse.cli.options import add_space, load
+from dse.cli.fields import formats, option
+from dse.cli.options import OfSpace, load
 
 GROUP = "search"
 HELP = "find what could pass for skill in recordings and split: position in time, twins, sessions and others"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    add_space(parser)
-    parser.add_argument(
-        "--shifts",
-        type=int,
-        nargs="+",
-        default=[],
-        metavar="STEPS",
-        help="move windows by these steps, and print one row for each (default: an eighth of their length, "
-        "both ways)",
+@dataclass(frozen=True, kw_only=True)
+class Arguments(OfSpace):
+    """The arguments."""
+
+    shifts: tuple[int, ...] = option(
+        "STEPS",
+        "move windows by these steps, and print one row for each (default: an eighth of their length, both "
+        "ways)",
+        (),
     )
-    add_format(parser, FORMATS)
+    format: str | None = formats(FORMATS)
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Audit a search space, store the audit for `dse check` and `dse run`, and return its rows."""
     space = load(arguments)
     from dse.audit import audit, record

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
+from dataclasses import dataclass
 
-from dse.cli.answer import Answer, add_format, listing
-from dse.cli.options import add_space, load, overrides_of
+from dse.cli.answer import Answer, listing
+from dse.cli.fields import formats
+from dse.cli.options import OfSpace, load, overrides_of
 from dse.config import ConfigError, SearchSpace
 from dse.config.yaml_lines import in_file_order, read_document
 from dse.study.preview import is_large, preview
@@ -17,13 +18,14 @@ HELP = "check a search space without training: list every fault, or what a run w
 _BAD_INPUT = 2
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    add_space(parser)
-    add_format(parser)
+@dataclass(frozen=True, kw_only=True)
+class Arguments(OfSpace):
+    """The arguments."""
+
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return a preview of the study, or with `--json` its faults, which are printed on stderr too.
 
     Raises:
@@ -43,11 +45,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
     return Answer([row], doubts, text=listing([(name, _text(value)) for name, value in row.items()]))
 
 
-def _refuse(space: SearchSpace, arguments: argparse.Namespace) -> None:
+def _refuse(space: SearchSpace, arguments: Arguments) -> None:
     """Raise a ConfigError of all that a run would refuse, each with the line of its key."""
     if is_large(space):
         return
-    document = read_document(space.source, overrides_of(arguments))
+    document = read_document(space.source, overrides_of(arguments.set))
     faults = [document.fault(path, message) for path, message in refusals(space)]
     if faults:
         raise in_file_order(faults)

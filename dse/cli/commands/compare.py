@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import FORMATS, Answer, add_format
+from dse.cli.answer import FORMATS, Answer
+from dse.cli.fields import argument, formats, like, option
 from dse.cli.fronts import TELLING, columns, records
-from dse.cli.options import add_hardware
+from dse.door.question import Question
 
 if TYPE_CHECKING:
     from dse.skyline.goals import Goal
@@ -17,34 +18,24 @@ GROUP = "choose"
 HELP = "compare two studies: the joint front, the hypervolume of each, and gains within budgets"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    for name in ("first", "second"):
-        parser.add_argument(
-            name,
-            metavar=name.upper(),
-            help="folder of a study, or a CSV, Parquet or JSON table",
-        )
-    parser.add_argument(
-        "--objectives",
-        metavar="LIST",
-        help="e.g. accuracy:max,energy_uj:min (default: those of the studies, which must be the same)",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    first: str = argument("FIRST", "folder of a study, or a CSV, Parquet or JSON table")
+    second: str = argument("SECOND", "folder of a study, or a CSV, Parquet or JSON table")
+    objectives: str | None = option(
+        "LIST", "e.g. accuracy:max,energy_uj:min (default: those of the studies, which must be the same)"
     )
-    parser.add_argument(
-        "--where",
-        action="append",
-        default=[],
-        metavar="EXPR",
-        help='keep the points of both that meet this condition, e.g. "n_weights <= 100000"; repeatable',
+    where: tuple[str, ...] = option(
+        "EXPR", 'keep the points of both that meet this condition, e.g. "n_weights <= 100000"; repeatable', ()
     )
-    add_hardware(parser)
-    parser.add_argument(
-        "--html", type=Path, metavar="FILE", help="write the page of both, as one file that opens offline"
-    )
-    add_format(parser, FORMATS)
+    hardware: tuple[str, ...] = like(Question, "hardware")
+    html: Path | None = option("FILE", "write the page of both, as one file that opens offline")  # noqa: RUF009
+    format: str | None = formats(FORMATS)
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return a row per study, task and hardware, with the joint front and the gains as sections."""
     from dse.skyline.compare import STUDY
     from dse.skyline.goals import parse_goals

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import Answer, add_format, cell
-from dse.cli.numbers import MOST_DRAWS, positive
+from dse.cli.answer import Answer, cell
+from dse.cli.fields import argument, formats, option
 from dse.config import ConfigError, Fault
+from dse.door.question import MOST_DRAWS
 
 if TYPE_CHECKING:
     from dse.hardware.inference import Inference
@@ -22,30 +23,21 @@ HELP = "compute energy, time and cores of an inference on hardware from a worklo
 _DEFAULT = "loihi1_silicon"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument(
-        "workload", metavar="WORKLOAD", help="a YAML or JSON file: layers, n_steps, spikes, ..."
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    workload: str = argument("WORKLOAD", "a YAML or JSON file: layers, n_steps, spikes, ...")
+    hardware: tuple[str, ...] = option(
+        "NAME", "a profile's name or file; repeatable (default: loihi1_silicon)", ()
     )
-    parser.add_argument(
-        "--hardware",
-        action="append",
-        metavar="NAME",
-        help=f"a profile's name or file; repeatable (default: {_DEFAULT})",
-    )
-    parser.add_argument(
-        "--contacts-per-hour", type=float, metavar="N", help="inferences per hour; adds mean power"
-    )
-    parser.add_argument(
-        "--battery-mwh", type=float, metavar="M", help="battery capacity in mWh; adds battery life"
-    )
-    parser.add_argument(
-        "--draws", type=positive, metavar="N", help="sample the profile's uncertain numbers N times"
-    )
-    add_format(parser)
+    contacts_per_hour: float | None = option("N", "inferences per hour; adds mean power", low=0)
+    battery_mwh: float | None = option("M", "battery capacity in mWh; adds battery life", low=0)
+    draws: int | None = option("N", "sample the profile's uncertain numbers N times", low=1, high=MOST_DRAWS)
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return a row per hardware.
 
     Raises:
@@ -53,8 +45,10 @@ def answer(arguments: argparse.Namespace) -> Answer:
     """
     from dse.hardware.table import Duty
 
-    faults = _option_faults(arguments)
-    inference, profiles = _read(arguments.workload, arguments.hardware or [_DEFAULT], faults)
+    faults = []
+    if arguments.battery_mwh is not None and arguments.contacts_per_hour is None:
+        faults.append(Fault("--battery-mwh", 0, "needs --contacts-per-hour (0: always idle)"))
+    inference, profiles = _read(arguments.workload, list(arguments.hardware) or [_DEFAULT], faults)
     if faults or inference is None:
         raise ConfigError(faults)
     duty = None
@@ -65,19 +59,6 @@ def answer(arguments: argparse.Namespace) -> Answer:
     tables = [_text(profile, row) for profile, row in zip(profiles, rows, strict=True)]
     text = "\n\n".join([_inference_text(inference), *tables]) + "\n" * bool(notes)
     return Answer([row.columns() for row in rows], notes, text=text)
-
-
-def _option_faults(arguments: argparse.Namespace) -> list[Fault]:
-    faults = []
-    contacts, battery = arguments.contacts_per_hour, arguments.battery_mwh
-    for name, number in (("--contacts-per-hour", contacts), ("--battery-mwh", battery)):
-        if number is not None and not (math.isfinite(number) and number >= 0):
-            faults.append(Fault(name, 0, f"must be a finite number >= 0, got {number:g}"))
-    if arguments.draws is not None and arguments.draws > MOST_DRAWS:
-        faults.append(Fault("--draws", 0, f"must be at most {MOST_DRAWS}, got {arguments.draws}"))
-    if battery is not None and contacts is None:
-        faults.append(Fault("--battery-mwh", 0, "needs --contacts-per-hour (0: always idle)"))
-    return faults
 
 
 def _read(path: str, names: list[str], faults: list[Fault]) -> tuple[Inference | None, tuple[Profile, ...]]:

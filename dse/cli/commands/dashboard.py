@@ -2,53 +2,50 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
 from dse.cli.answer import Answer
-from dse.cli.numbers import draws, port
-from dse.cli.options import add_hardware, add_repeats
+from dse.cli.fields import argument, like, option
 from dse.config import ConfigError, Fault
+from dse.door.question import MOST_DRAWS, Question
 
 GROUP = "choose"
 HELP = "serve the page of a study, also while it runs, or write it as one HTML file"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("results", metavar="RESULTS", help="folder of a study")
-    parser.add_argument(
-        "--html",
-        type=Path,
-        metavar="FILE",
-        help="write the page to this file instead of serving it; the file opens without a server",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    results: str = argument("RESULTS", "folder of a study")
+    html: Path | None = option(  # noqa: RUF009
+        "FILE", "write the page to this file instead of serving it; the file opens without a server"
     )
-    parser.add_argument(
-        "--page",
-        metavar="PAGE",
-        default="study",
-        help="page definition (parts, axes, budgets): study (default), paper, deployment, or a YAML file",
+    page: str = option(
+        "PAGE",
+        "page definition (parts, axes, budgets): study (default), paper, deployment, or a YAML file",
+        "study",
     )
-    add_hardware(parser)
-    add_repeats(parser)
-    parser.add_argument(
-        "--draws",
-        type=draws,
-        default=0,
-        metavar="N",
-        help="sample recordings, seeds and the chip's uncertain numbers N times; points that are "
-        "non-dominated in few of the samples are drawn paler, and a slider leaves out the less certain ones",
+    hardware: tuple[str, ...] = like(Question, "hardware")
+    repeats: str = like(Question, "repeats")
+    draws: int = option(
+        "N",
+        "sample recordings, seeds and the chip's uncertain numbers N times; points that are non-dominated "
+        "in few of the samples are drawn paler, and a slider leaves out the less certain ones",
+        0,
+        low=1,
+        high=MOST_DRAWS,
     )
-    parser.add_argument("--port", type=port, metavar="N", help="TCP port (default: 8050; 0: any free port)")
-    parser.add_argument(
-        "--host",
-        metavar="NAME",
-        help="address to listen on (default: 127.0.0.1, this machine only); readers need the token in the "
+    port: int | None = option("N", "TCP port (default: 8050; 0: any free port)", low=0, high=65_535)
+    host: str | None = option(
+        "NAME",
+        "address to listen on (default: 127.0.0.1, this machine only); readers need the token in the "
         "printed URL",
     )
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Write the page and return its path, or serve it until Ctrl-C."""
     from dse.dashboard.study import PageRequest, load_definition, write_page
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 
-from dse.cli.answer import Answer, add_format, listing
+from dse.cli.answer import Answer, listing
+from dse.cli.fields import argument, flag, formats
 from dse.cli.glossary import columns
 from dse.cli.reference import keys, names, remarks, sections
 from dse.config import ConfigError, Fault, known_names
@@ -17,25 +18,20 @@ _COLUMNS = "columns"
 HELP = "document the sections, components and keys of search spaces, pages and scenes, with units and ranges"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("section", nargs="?", metavar="SECTION", help="e.g. model")
-    parser.add_argument(
-        "name",
-        nargs="?",
-        metavar="NAME",
-        help="a component of the section, e.g. snn; of hardware also a YAML file",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    section: str | None = argument("SECTION", "e.g. model", None)
+    name: str | None = argument(
+        "NAME", "a component of the section, e.g. snn; of hardware also a YAML file", None
     )
-    parser.add_argument(
-        "--schema", action="store_true", help="print the JSON Schema of search spaces, for editors"
-    )
-    parser.add_argument(
-        "--markdown", action="store_true", help="print all of it as one page of Markdown: docs/reference.md"
-    )
-    add_format(parser)
+    schema: bool = flag("print the JSON Schema of search spaces, for editors")
+    markdown: bool = flag("print all of it as one page of Markdown: docs/reference.md")
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return the sections, the components of one, or the keys of one component.
 
     Raises:
@@ -65,9 +61,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
     known = names(arguments.section)
     if arguments.name is None and known:
         return Answer(known, text=listing([(row["name"], row["doc"]) for row in known]))
-    is_file = arguments.section == "hardware" and is_hardware_file(arguments.name)
+    is_file = arguments.section == "hardware" and is_hardware_file(arguments.name or "")
     if known and not is_file:
-        _expect(arguments.section, arguments.name, [row["name"] for row in known])
+        _expect(arguments.section, str(arguments.name), [row["name"] for row in known])
     remarks_of_section = remarks(arguments.section, arguments.name)
     return Answer(keys(arguments.section, arguments.name), remarks_of_section, all_rows=True)
 

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import Answer
+from dse.cli.fields import argument, flag, formats
 
 GROUP = "search"
 HELP = "say what is damaged or missing in a study's folder and what it costs; repair what can be repaired"
 _DAMAGED = 1
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("results", metavar="RESULTS", help="folder of a study")
-    parser.add_argument(
-        "--repair",
-        action="store_true",
-        help="remove damaged runs, checkpoints and copies, or move them aside; write the journal and the "
-        "tables again. `dse run` trains what is missing then",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    results: str = argument("RESULTS", "folder of a study")
+    repair: bool = flag(
+        "remove damaged runs, checkpoints and copies, or move them aside; write the journal and the tables "
+        "again. `dse run` trains what is missing then"
     )
-    add_format(parser)
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return a row per damage; exit code 1 while there is some that is not repaired."""
     from dse.study.doctor import examine, repair
 

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
-from dse.cli.answer import Answer, add_format
-from dse.cli.options import add_space, load
+from dse.cli.answer import Answer
+from dse.cli.fields import argument, formats
+from dse.cli.options import InResults, load
 
 GROUP = "search"
 HELP = "train designs of your choice next; a running study begins them after its batch"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    add_space(parser)
-    parser.add_argument(
-        "designs",
-        metavar="FILE",
-        help="a YAML file: a mapping of axes to values, such as model.hidden: 40, or a list of these",
+@dataclass(frozen=True, kw_only=True)
+class Arguments(InResults):
+    """The arguments."""
+
+    designs: str = argument(
+        "FILE", "a YAML file: a mapping of axes to values, such as model.hidden: 40, or a list of these"
     )
-    parser.add_argument(
-        "--results", default="results", metavar="DIR", help="folder for studies (default: results)"
-    )
-    add_format(parser)
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Append the designs to the queue of the study, and return them."""
     space = load(arguments)
     from dse.study import queue

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import FORMATS, Answer
+from dse.cli.fields import argument, flag, formats, option
 from dse.cli.options import REPAIR
 
 if TYPE_CHECKING:
@@ -18,32 +19,27 @@ GROUP = "deploy"
 HELP = "run an exported classifier (bundle) on new recordings"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("bundle", metavar="BUNDLE", help="folder written by `dse pick --export`")
-    parser.add_argument(
-        "--data",
-        required=True,
-        metavar="FILE",
-        help="recordings in the format of the training data; a classifier trained on a scene also takes an "
-        "event file or a folder of event files",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    bundle: str = argument("BUNDLE", "folder written by `dse pick --export`")
+    data: str = option(
+        "FILE",
+        "recordings in the format of the training data; a classifier trained on a scene also takes an event "
+        "file or a folder of event files",
+        MISSING,
     )
-    parser.add_argument(
-        "--each",
-        action="store_true",
-        help="print one row per recording (its label and decision time) instead of the summary",
+    each: bool = flag("print one row per recording (its label and decision time) instead of the summary")
+    repair: bool = flag(REPAIR)
+    power: bool = flag(
+        "measure the power of this machine's processor, at rest and while it classifies; adds the columns "
+        "power_idle_w and power_w"
     )
-    parser.add_argument("--repair", action="store_true", help=REPAIR)
-    parser.add_argument(
-        "--power",
-        action="store_true",
-        help="measure the power of this machine's processor, at rest and while it classifies; adds the "
-        "columns power_idle_w and power_w",
-    )
-    add_format(parser, ("table", "json", "csv", "parquet"))
+    format: str | None = formats(FORMATS)
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return the measurements of the classifier on the recordings, or its answer to each."""
     from dse.deploy.evaluate import evaluate
 

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 
-from dse.cli.answer import Answer, add_format
-from dse.cli.options import add_targets
+from dse.cli.answer import Answer
+from dse.cli.fields import argument, formats, option
+from dse.cli.options import Verifying
 
 GROUP = "deploy"
 HELP = "write the classifier of a bundle for targets (C, microcontrollers, NIR, ...) and verify them by a run"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("bundle", metavar="BUNDLE", help="folder written by `dse pick --export`")
-    add_targets(parser, required=True)
-    parser.add_argument(
-        "--prefix",
-        metavar="NAME_",
-        help="of the names and files in C, so that several classifiers live in one program: texture_ gives "
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Verifying):
+    """The arguments."""
+
+    bundle: str = argument("BUNDLE", "folder written by `dse pick --export`")
+    target: tuple[str, ...] = option("NAME", "target to write (`dse describe targets`); repeatable", MISSING)
+    prefix: str | None = option(
+        "NAME_",
+        "of the names and files in C, so that several classifiers live in one program: texture_ gives "
         "texture_init and texture.h (default: that of the bundle, dse_ at first)",
     )
-    add_format(parser)
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return the verdict on every target; the bundle holds their files and verdicts then."""
     from dse.cli import verdicts
     from dse.deploy.verify import export_targets

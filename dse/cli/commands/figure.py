@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dse.cli.answer import Answer
-from dse.cli.options import add_set, overrides_of
+from dse.cli.fields import argument, option
+from dse.cli.options import overrides_of
 from dse.config import ConfigError, Fault, known_names
 
 _SIZES_PX = (50, 10_000)
@@ -23,36 +24,35 @@ HELP = "draw a figure of a study into a file (PDF, SVG, PNG, HTML or JSON); `dse
 SUFFIXES = (".pdf", ".svg", ".png", ".html", ".json")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("results", metavar="RESULTS", help="folder of a study")
-    parser.add_argument("figure", metavar="NAME", help="a figure, e.g. front")
-    parser.add_argument(
-        "--out",
-        required=True,
-        type=Path,
-        metavar="FILE",
-        help="file to write: .pdf, .svg or .png for print (needs `pip install 'dse[figures]'` and Chromium), "
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    results: str = argument("RESULTS", "folder of a study")
+    figure: str = argument("NAME", "a figure, e.g. front")
+    out: Path = option(  # noqa: RUF009
+        "FILE",
+        "file to write: .pdf, .svg or .png for print (needs `pip install 'dse[figures]'` and Chromium), "
         ".html (a page that works offline and saves SVG) or .json (plotly's own format)",
+        MISSING,
     )
-    parser.add_argument(
-        "--size",
-        metavar="WIDTHxHEIGHT",
-        help="size of a .pdf, .svg or .png: 85x60mm fits a column of most journals, 700x450 is in pixels of "
-        "1/96 inch (default: the figure's own, else 700x450); text has 8 pt",
+    size: str | None = option(
+        "WIDTHxHEIGHT",
+        "size of a .pdf, .svg or .png: 85x60mm fits a column of most journals, 700x450 is in pixels of 1/96 "
+        "inch (default: the figure's own, else 700x450); text has 8 pt",
     )
-    add_set(parser, "x=model.hidden; `dse describe figures NAME` lists the keys")
-    parser.add_argument(
-        "--plugin",
-        action="append",
-        default=[],
-        metavar="NAME",
-        dest="plugins",
-        help="load components from this module or .py file first; repeatable",
+    set: tuple[str, ...] = option(
+        "KEY=VALUE",
+        "replace the value of a key, e.g. x=model.hidden; `dse describe figures NAME` lists the keys; "
+        "repeatable",
+        (),
+    )
+    plugin: tuple[str, ...] = option(
+        "NAME", "load components from this module or .py file first; repeatable", ()
     )
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Draw the figure into the file.
 
     Raises:
@@ -69,11 +69,11 @@ def answer(arguments: argparse.Namespace) -> Answer:
     size_px = None if arguments.size is None else _size(arguments.size)
     study = open_study(arguments.results)
     try:
-        for name in arguments.plugins:
+        for name in arguments.plugin:
             load_plugin(name)
     except PluginError as error:
         raise _fault(str(error)) from None
-    figure = _figure(arguments.figure, overrides_of(arguments))
+    figure = _figure(arguments.figure, overrides_of(arguments.set))
     try:
         drawn: plotly.graph_objects.Figure = figure.draw(figure.gather(study))
     except ValueError as error:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import Answer
+from dse.cli.fields import argument, formats, option
 
 GROUP = "deploy"
 HELP = (
@@ -13,36 +14,32 @@ HELP = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("bundle", metavar="BUNDLE", help="the bundle whose module was trained on")
-    parser.add_argument(
-        "weights",
-        metavar="FILE",
-        nargs="?",
-        help="written by torch.save(module.state_dict(), FILE) (default: those that BUNDLE was made with)",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    bundle: str = argument("BUNDLE", "the bundle whose module was trained on")
+    weights: str | None = argument(
+        "FILE",
+        "written by torch.save(module.state_dict(), FILE) (default: those that BUNDLE was made with)",
+        None,
     )
-    parser.add_argument(
-        "--data",
-        metavar="RECORDINGS",
-        help="labelled recordings, as of `dse evaluate`; the new bundle's record is measured on them",
+    data: str | None = option(
+        "RECORDINGS", "labelled recordings, as of `dse evaluate`; the new bundle's record is measured on them"
     )
-    parser.add_argument("--out", metavar="DIR", help="folder of the new bundle")
-    parser.add_argument(
-        "--into",
-        metavar="RESULTS",
-        help="add a trial to the study that the bundle is from, measured on its recordings; its column "
-        "origin says what it was",
+    out: str | None = option("DIR", "folder of the new bundle")
+    into: str | None = option(
+        "RESULTS",
+        "add a trial to the study that the bundle is from, measured on its recordings; its column origin "
+        "says what it was",
     )
-    parser.add_argument(
-        "--hardware",
-        metavar="NAME",
-        help="compute costs on this profile (default: that of the bundle's record)",
+    hardware: str | None = option(
+        "NAME", "compute costs on this profile (default: that of the bundle's record)"
     )
-    add_format(parser)
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return the record of the new bundle, or the row of the new trial."""
     from dse.deploy.bundle import BundleError, read
     from dse.deploy.tuned import import_into, import_weights, with_weights
@@ -56,6 +53,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
         raise BundleError("--out needs FILE, the weights of the new bundle")
     notes, bundle = [], None
     if arguments.out:
+        assert arguments.weights and arguments.data  # as stated above
         bundle = import_weights(
             arguments.bundle, arguments.weights, arguments.data, arguments.out, arguments.hardware
         )

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import shlex
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import Answer, add_format, listing, wrapped
+from dse.cli.answer import Answer, listing, wrapped
 from dse.cli.asking import asked, is_person
-from dse.cli.numbers import amount
+from dse.cli.fields import argument, flag, formats, number, option
 from dse.recordings.table import UNITS_MS
 from dse.text import one_line
 
@@ -22,40 +22,32 @@ GROUP = "begin"
 HELP = "write a first search space for your recordings, and say what it assumes about them"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument(
-        "data",
-        metavar="DATA",
-        help="a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or a folder of event files",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    data: str = argument(
+        "DATA", "a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or a folder of event files"
     )
-    parser.add_argument("--label", metavar="COLUMN", help="label column to predict (default: guessed)")
-    parser.add_argument(
-        "--labels",
-        metavar="FILE",
-        help="file of the labels: a table or arrays (default: looked for beside DATA)",
+    label: str | None = option("COLUMN", "label column to predict (default: guessed)")
+    labels: str | None = option(
+        "FILE", "file of the labels: a table or arrays (default: looked for beside DATA)"
     )
-    parser.add_argument(
-        "--group",
-        metavar="COLUMN",
-        help="label column whose values stay in one part of the split, e.g. session (default: guessed)",
+    group: str | None = option(
+        "COLUMN", "label column whose values stay in one part of the split, e.g. session (default: guessed)"
     )
-    parser.add_argument(
-        "--step-ms", type=amount, metavar="N", help="sampling period in ms, if the file does not tell"
+    step_ms: float | None = option("N", "sampling period in ms, if the file does not tell", low=0)
+    time_unit: str | None = option(
+        "", "unit of the column of times (default: guessed)", choices=tuple(UNITS_MS)
     )
-    parser.add_argument(
-        "--time-unit", choices=tuple(UNITS_MS), help="unit of the column of times (default: guessed)"
-    )
-    parser.add_argument("--recording", metavar="COLUMN", help="column that tells recordings apart")
-    parser.add_argument("--signal", metavar="NAME", help="array of samples (default: the largest)")
-    parser.add_argument(
-        "--out", metavar="FILE", help="where to write (default: the name of DATA with .yaml, in this folder)"
-    )
-    parser.add_argument("--force", action="store_true", help="replace the file if it exists")
-    add_format(parser)
+    recording: str | None = option("COLUMN", "column that tells recordings apart")
+    signal: str | None = option("NAME", "array of samples (default: the largest)")
+    out: str | None = option("FILE", "where to write (default: the name of DATA with .yaml, in this folder)")
+    force: bool = flag("replace the file if it exists")
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Look at the data, write the search space, check it, and return what was assumed."""
     from dse.data import look as looking
     from dse.door import first
@@ -72,7 +64,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
     )
     look = looking.look(path, options)
     if look.lacks_step and (step_ms := asked("Sampling period in ms")):
-        look = dataclasses.replace(look, data=look.data | {"step_ms": amount(step_ms)}, lacks_step=False)
+        look = dataclasses.replace(
+            look, data=look.data | {"step_ms": number(step_ms, low=0)}, lacks_step=False
+        )
     seen = first.seen(path.name, look, out)
     label = arguments.label or _label(look, seen.likely)
     written = first.write(seen, label, arguments.group)

@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 
-from dse.cli.answer import Answer, add_format
-from dse.cli.numbers import amount
+from dse.cli.answer import FORMATS, Answer
+from dse.cli.fields import argument, formats, option
 
 GROUP = "deploy"
 HELP = "measure time and energy of an exported classifier on this machine: as a stream and as C"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("bundle", metavar="BUNDLE", help="folder written by `dse pick --export`")
-    parser.add_argument(
-        "--data",
-        metavar="RECORDINGS",
-        help="recordings in the format of the training data (default: random input spikes, 2 %% of channels "
-        "and steps)",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    bundle: str = argument("BUNDLE", "folder written by `dse pick --export`")
+    data: str | None = option(
+        "RECORDINGS",
+        "recordings in the format of the training data (default: random input spikes, 2 % of channels and "
+        "steps)",
     )
-    parser.add_argument(
-        "--rest", type=amount, default=5.0, metavar="S", help="time at rest in seconds (default: 5)"
-    )
-    add_format(parser, ("table", "json", "csv", "parquet"))
+    rest: float = option("S", "time at rest in seconds (default: 5)", 5.0, low=0)
+    format: str | None = formats(FORMATS)
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return one row per engine."""
     from dse.deploy.bundle import read
     from dse.deploy.measure import measure

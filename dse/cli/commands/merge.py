@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import Answer
+from dse.cli.fields import argument, formats, option
 
 GROUP = "search"
 HELP = "join two studies of one search space: equal designs once, with the repeats of both"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("first", metavar="A", help="folder of a study")
-    parser.add_argument("second", metavar="B", help="folder of another study")
-    parser.add_argument(
-        "--into", required=True, metavar="C", help="folder of the new study; its name is the study's"
-    )
-    add_format(parser)
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    first: str = argument("A", "folder of a study")
+    second: str = argument("B", "folder of another study")
+    into: str = option("C", "folder of the new study; its name is the study's", MISSING)
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Write the joint study and return how many designs and runs it has."""
     from dse.study.merge import merge
 

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import Answer
+from dse.cli.fields import argument, flag, formats
 
 GROUP = "choose"
 HELP = "write a note on a design, pin it, or list the notes of a study"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("results", metavar="RESULTS", help="folder of a study")
-    parser.add_argument(
-        "design", nargs="?", metavar="DESIGN", help="a trial such as 3, or a point of one such as 3.12"
-    )
-    parser.add_argument(
-        "text", nargs="?", metavar="TEXT", help="the note; '' removes it (without TEXT: the note stays)"
-    )
-    parser.add_argument("--pin", action=argparse.BooleanOptionalAction, help="list the design first")
-    add_format(parser)
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    results: str = argument("RESULTS", "folder of a study")
+    design: str | None = argument("DESIGN", "a trial such as 3, or a point of one such as 3.12", None)
+    text: str | None = argument("TEXT", "the note; '' removes it (without TEXT: the note stays)", None)
+    pin: bool | None = flag("list the design first", None)
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Write the note, if there is one, and return all notes of the study."""
     from dse.store import StoreError
     from dse.study import notes

@@ -2,61 +2,42 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
-from dse.cli.answer import FORMATS, Answer, add_format
+from dse.cli.answer import FORMATS, Answer
+from dse.cli.fields import argument, formats, hidden, option
 from dse.cli.fronts import TELLING, columns, records
-from dse.cli.numbers import draws, fraction
-from dse.cli.options import add_question, add_targets, question_of
+from dse.cli.options import Verifying, question_of
+from dse.door.question import Question
 
 GROUP = "choose"
 HELP = "pick the best design point that meets all budgets, and export it as a bundle"
 _NOTHING_FEASIBLE = 3
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument(
-        "results", metavar="RESULTS", help="folder of a study, or a CSV, Parquet or JSON table"
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Verifying, Question):
+    """The arguments."""
+
+    results: str = argument("RESULTS", "folder of a study, or a CSV, Parquet or JSON table")
+    budget: tuple[str, ...] = option(
+        "EXPR", 'condition that the pick must meet, e.g. "energy_uj<=50"; repeatable', ()
     )
-    parser.add_argument(
-        "--budget",
-        action="append",
-        default=[],
-        metavar="EXPR",
-        help='condition that the pick must meet, e.g. "energy_uj<=50"; repeatable',
+    maximise: str | None = option(
+        "COLUMN", "column to maximise (default: the first objective that is maximised; of a table, accuracy)"
     )
-    parser.add_argument(
-        "--maximise",
-        metavar="COLUMN",
-        help="column to maximise (default: the first objective that is maximised; of a table, accuracy)",
-    )
-    add_question(parser)
-    parser.add_argument(
-        "--confidence",
-        type=fraction,
-        metavar="P",
-        help="require confidence, e.g. 0.9: in 90 %% of the samples of recordings, seeds and the chip's "
-        "uncertain numbers the pick meets all budgets at once and is non-dominated",
-    )
-    parser.add_argument(
-        "--draws",
-        type=draws,
-        metavar="N",
-        help="number of samples for --confidence (default: 200)",
-    )
-    parser.add_argument(
-        "--export",
-        metavar="DIR",
-        help="write the picked design to this folder as a bundle; the page of the study shows those in "
+    export: str | None = option(
+        "DIR",
+        "write the picked design to this folder as a bundle; the page of the study shows those in "
         "RESULTS/bundles, with the verdicts on their targets",
     )
-    add_targets(parser)
-    add_format(parser, FORMATS)
+    target: tuple[str, ...] = option("NAME", "target to write (`dse describe targets`); repeatable", ())
+    format: str | None = formats(FORMATS)
+    targets: tuple[str, ...] = hidden(())
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return the picked row, or if no row meets every budget the nearest rows and by how much they miss."""
     from dse.door.choice import choose
     from dse.store import StoreError
@@ -66,7 +47,9 @@ def answer(arguments: argparse.Namespace) -> Answer:
         raise StoreError(f"{arguments.results}: only a design of a study's folder can be exported")
     if arguments.verify and not (arguments.target and arguments.export):
         raise StoreError("--verify needs --target NAME, the target to run, and --export DIR, its folder")
-    choice = choose(arguments.results, arguments.budget, arguments.maximise, question_of(arguments))
+    choice = choose(
+        arguments.results, arguments.budget, arguments.maximise, question_of(arguments, arguments.target)
+    )
     if choice.row is None:
         missed = [str(name) for name in choice.nearest.columns if str(name).startswith("missed ")]
         shown = [*columns(choice.nearest, choice.goals), *missed]

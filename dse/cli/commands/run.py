@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import FORMATS, Answer, add_format
+from dse.cli.answer import FORMATS, Answer
+from dse.cli.fields import flag, formats, option
 from dse.cli.fronts import front
-from dse.cli.numbers import positive
-from dse.cli.options import add_space, load
+from dse.cli.options import InResults, load
 from dse.cli.stopping import by_signals
 
 if TYPE_CHECKING:
@@ -23,23 +23,18 @@ _NOTHING_TRAINED = 1
 _NOT_ALL_TRAINED = 1
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    add_space(parser)
-    parser.add_argument(
-        "--results", default="results", metavar="DIR", help="folder for studies (default: results)"
+@dataclass(frozen=True, kw_only=True)
+class Arguments(InResults):
+    """The arguments."""
+
+    jobs: int | None = option(
+        "N", "number of worker processes (default: execution.jobs of the search space)", low=1
     )
-    parser.add_argument(
-        "--jobs",
-        type=positive,
-        metavar="N",
-        help="number of worker processes (default: execution.jobs of the search space)",
-    )
-    parser.add_argument("--quiet", action="store_true", help="print no progress on stderr")
-    add_format(parser, FORMATS)
+    quiet: bool = flag("print no progress on stderr")
+    format: str | None = formats(FORMATS)
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Train the designs that are not trained yet, write the page, and return the front."""
     space = load(arguments)
     from dse.study import explore

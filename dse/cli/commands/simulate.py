@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import dataclasses
 import os
@@ -12,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import Answer, add_format
-from dse.cli.numbers import positive
-from dse.cli.options import add_set, overrides_of
+from dse.cli.answer import Answer
+from dse.cli.fields import argument, flag, formats, option
+from dse.cli.options import overrides_of
 from dse.config import ConfigError, Fault
 from dse.study import progress
 
@@ -39,28 +38,24 @@ class _Summary:
     flags: Flags
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("scene", metavar="SCENE", help="a YAML file, or the name of a shipped scene")
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE.npz", help="write the events of the trials to this file"
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    scene: str = argument("SCENE", "a YAML file, or the name of a shipped scene")
+    out: Path | None = option("FILE.npz", "write the events of the trials to this file")  # noqa: RUF009
+    trials: str | None = option("FIRST:END", "trials to simulate, from FIRST to END - 1 (default: all)")
+    set: tuple[str, ...] = option(
+        "KEY=VALUE", "replace the value of a key, e.g. trials=2 or 'textures=[denim, wool]'; repeatable", ()
     )
-    parser.add_argument(
-        "--trials", metavar="FIRST:END", help="trials to simulate, from FIRST to END - 1 (default: all)"
-    )
-    add_set(parser, "trials=2 or 'textures=[denim, wool]'")
-    parser.add_argument(
-        "--jobs", type=positive, metavar="N", help="trials simulated in parallel (default: one per core)"
-    )
-    parser.add_argument(
-        "--figure", type=Path, metavar="PAGE.html", help="write a page that shows one trial to this file"
-    )
-    parser.add_argument("--trial", metavar="K", help="the trial that --figure shows (default: the first)")
-    parser.add_argument("--quiet", action="store_true", help="print no progress on stderr")
-    add_format(parser)
+    jobs: int | None = option("N", "trials simulated in parallel (default: one per core)", low=1)
+    figure: Path | None = option("PAGE.html", "write a page that shows one trial to this file")  # noqa: RUF009
+    trial: str | None = option("K", "the trial that --figure shows (default: the first)")
+    quiet: bool = flag("print no progress on stderr")
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Simulate, write the files, and return one row per texture.
 
     Raises:
@@ -69,7 +64,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     from dse.scene.checks import warnings
     from dse.scene.load import load_scene
 
-    scene = load_scene(arguments.scene, overrides_of(arguments))
+    scene = load_scene(arguments.scene, overrides_of(arguments.set))
     trials, shown = _choices(arguments, scene.n_trials)
     notes = warnings(scene)
     try:
@@ -91,7 +86,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     return Answer(_rows(scene, summaries), notes)
 
 
-def _choices(arguments: argparse.Namespace, n_trials: int) -> tuple[range, int]:
+def _choices(arguments: Arguments, n_trials: int) -> tuple[range, int]:
     """Return the trials to simulate and the one to show.
 
     Raises:
@@ -100,9 +95,9 @@ def _choices(arguments: argparse.Namespace, n_trials: int) -> tuple[range, int]:
     faults = []
     if arguments.out is None and arguments.figure is None:
         faults.append(Fault("dse simulate", 0, "needs --out FILE.npz, --figure PAGE.html, or both"))
-    for option, path, suffix in (("--out", arguments.out, ".npz"), ("--figure", arguments.figure, ".html")):
+    for name, path, suffix in (("--out", arguments.out, ".npz"), ("--figure", arguments.figure, ".html")):
         if path is not None:
-            faults += [Fault(f"{option} {path}", 0, fault) for fault in _place_faults(path, suffix)]
+            faults += [Fault(f"{name} {path}", 0, fault) for fault in _place_faults(path, suffix)]
     trials = _span(arguments.trials, n_trials)
     if trials is None:
         text = f"must be FIRST:END with 0 <= FIRST < END <= {n_trials}, the trials of the scene"

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import FORMATS, Answer, add_format
+from dse.cli.answer import FORMATS, Answer
+from dse.cli.fields import argument, flag, formats, hidden, option
 from dse.cli.fronts import front_answer
-from dse.cli.numbers import draws, fraction
-from dse.cli.options import add_question, question_of
+from dse.cli.options import question_of
+from dse.door.question import Question
 
 if TYPE_CHECKING:
     import pandas
 
-    from dse.door.question import Question
     from dse.skyline.goals import Goal
 
 _IN_MEMORY = 4_000_000  # rows of a table that is read whole
@@ -24,55 +24,33 @@ GROUP = "choose"
 HELP = "print the skyline: the non-dominated design points of studies or of any tables"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument(
-        "results",
-        nargs="+",
-        metavar="RESULTS",
-        help="folder of a study, or a CSV, Parquet or JSON table; several are concatenated",
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Question):
+    """The arguments."""
+
+    results: tuple[str, ...] = argument(
+        "RESULTS", "folder of a study, or a CSV, Parquet or JSON table; several are concatenated"
     )
-    parser.add_argument(
-        "--objectives",
-        metavar="LIST",
-        help="e.g. accuracy:max,energy_uj:min (default: the objectives of the study)",
+    objectives: str | None = option(
+        "LIST", "e.g. accuracy:max,energy_uj:min (default: the objectives of the study)"
     )
-    parser.add_argument(
-        "--where",
-        action="append",
-        default=[],
-        metavar="EXPR",
-        help='keep the points that meet this condition, e.g. "n_weights <= 100000 and phi > 2"; repeatable: '
-        "all must be met",
+    where: tuple[str, ...] = option(
+        "EXPR",
+        'keep the points that meet this condition, e.g. "n_weights <= 100000 and phi > 2"; repeatable: all '
+        "must be met",
+        (),
     )
-    parser.add_argument(
-        "--by",
-        metavar="COLUMN",
-        help="compute one front per value of this column, e.g. task; separate several columns by commas. "
-        "Costs on different hardware are never compared",
+    by: str | None = option(
+        "COLUMN",
+        "compute one front per value of this column, e.g. task; separate several columns by commas. Costs "
+        "on different hardware are never compared",
     )
-    add_question(parser)
-    parser.add_argument(
-        "--draws",
-        type=draws,
-        metavar="N",
-        help="sample N times what is uncertain: column front_share is the fraction of samples of the chip's "
-        "numbers in which a point stays non-dominated, column front_probability also varies recordings and "
-        "seeds (default: 200 if --confidence or a condition asks for them, else none)",
-    )
-    parser.add_argument(
-        "--confidence",
-        type=fraction,
-        metavar="P",
-        help="keep points that are on the front with at least this probability (column front_probability)",
-    )
-    parser.add_argument(
-        "--notes", action="store_true", help="show the notes on designs (`dse note`): columns note and pinned"
-    )
-    add_format(parser, FORMATS)
+    notes: bool = flag("show the notes on designs (`dse note`): columns note and pinned")
+    format: str | None = formats(FORMATS)
+    targets: tuple[str, ...] = hidden(())
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return the front of all the tables together."""
     from dse.door.front import ADDED, front_of
     from dse.skyline import blocks
@@ -102,11 +80,9 @@ def _with_notes(rows: pandas.DataFrame, results: Sequence[str]) -> pandas.DataFr
     return with_notes(rows, Path(results[0]))
 
 
-def _large(arguments: argparse.Namespace, question: Question) -> Path | None:
+def _large(arguments: Arguments, question: Question) -> Path | None:
     """Return the file of a table that is too large for memory, if its front needs nothing but its columns."""
     import pyarrow.parquet
-
-    from dse.door.question import Question
 
     path = Path(arguments.results[0])
     file = path / "points.parquet" if path.is_dir() else path

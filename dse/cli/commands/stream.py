@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import csv
 import json
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 from dse.cli.answer import Answer
-from dse.cli.numbers import positive
+from dse.cli.fields import argument, flag, option
 from dse.text import json_line, one_line
 
 if TYPE_CHECKING:
@@ -28,49 +28,34 @@ _COLUMNS = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("bundle", metavar="BUNDLE", help="folder written by `dse pick --export`")
-    parser.add_argument(
-        "file",
-        metavar="FILE",
-        nargs="?",
-        help="text, a line per sample (a number of every channel), step (0 or 1 of every channel) or event "
-        "(t_us x y polarity); an empty line ends a recording; -: standard input (default)",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    bundle: str = argument("BUNDLE", "folder written by `dse pick --export`")
+    file: str | None = argument(
+        "FILE",
+        "text, a line per sample (a number of every channel), step (0 or 1 of every channel) or event (t_us "
+        "x y polarity); an empty line ends a recording; -: standard input (default)",
+        None,
     )
-    parser.add_argument(
-        "--serial", metavar="PORT", help="read the lines from this serial port, e.g. /dev/ttyACM0"
-    )
-    parser.add_argument(
-        "--baud", type=positive, default=115_200, metavar="N", help="of the serial port (default: 115200)"
-    )
-    parser.add_argument(
-        "--data", metavar="RECORDINGS", help="play recordings in the format of the training data"
-    )
-    parser.add_argument(
-        "--realtime", action="store_true", help="play a file or recordings at their own pace, not at once"
-    )
-    parser.add_argument(
-        "--window",
+    serial: str | None = option("PORT", "read the lines from this serial port, e.g. /dev/ttyACM0")
+    baud: int = option("N", "of the serial port (default: 115200)", 115200, low=1)
+    data: str | None = option("RECORDINGS", "play recordings in the format of the training data")
+    realtime: bool = flag("play a file or recordings at their own pace, not at once")
+    window: Literal["once", "restart", "onset"] | None = option(
+        "",
+        "where windows begin: once, at --first; restart: the next with the step after an answer; onset: at "
+        "each onset of contact, by window.onset_threshold of the bundle (default: as in training: onset, or "
+        "restart; of --data: where `dse evaluate` has the window)",
         choices=("once", "restart", "onset"),
-        help="where windows begin: once, at --first; restart: the next with the step after an answer; onset: "
-        "at each onset of contact, by window.onset_threshold of the bundle (default: as in training: onset, "
-        "or restart; of --data: where `dse evaluate` has the window)",
     )
-    parser.add_argument(
-        "--every", type=positive, metavar="K", help="sliding windows: one begins every K steps of the input"
-    )
-    parser.add_argument(
-        "--first",
-        type=int,
-        default=0,
-        metavar="STEP",
-        help="step of the first window (default: 0)",
-    )
-    parser.add_argument("--json", action="store_true", help="print a JSON object per line (default: CSV)")
+    every: int | None = option("K", "sliding windows: one begins every K steps of the input", low=1)
+    first: int = option("STEP", "step of the first window (default: 0)", 0)
+    json: bool = flag("print a JSON object per line (default: CSV)")
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Print decisions as they fall; return what is left to say at the end of the input."""
     from dse.deploy.bundle import read
     from dse.deploy.sources import End
@@ -96,7 +81,7 @@ def answer(arguments: argparse.Namespace) -> Answer:
     return Answer([], notes, is_printed=True)
 
 
-def _windows(arguments: argparse.Namespace) -> Windows | None:
+def _windows(arguments: Arguments) -> Windows | None:
     from dse.deploy.stream import Windows
     from dse.recordings import RecordingError
 
@@ -114,7 +99,7 @@ def _windows(arguments: argparse.Namespace) -> Windows | None:
 
 
 def _decisions(
-    bundle: Bundle, arguments: argparse.Namespace, windows: Windows | None, files: ExitStack
+    bundle: Bundle, arguments: Arguments, windows: Windows | None, files: ExitStack
 ) -> Iterator[Decision | End]:
     from dse.deploy import sources
     from dse.deploy.stream import Stream

@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import Answer
+from dse.cli.fields import argument, formats, option
 from dse.config import ConfigError, Fault
 
 GROUP = "search"
 HELP = "record the values of a design of dse ask; the tables mark them as told"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("results", metavar="RESULTS", help="folder of a study")
-    parser.add_argument("trial", metavar="DESIGN", type=int, help="number that dse ask gave the design")
-    parser.add_argument(
-        "values",
-        metavar="COLUMN=VALUE",
-        nargs="*",
-        help="its values, such as accuracy=0.91 energy_uj=12.5; every objective of the study is needed",
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    results: str = argument("RESULTS", "folder of a study")
+    trial: int = argument("DESIGN", "number that dse ask gave the design")
+    values: tuple[str, ...] = argument(
+        "COLUMN=VALUE",
+        "its values, such as accuracy=0.91 energy_uj=12.5; every objective of the study is needed",
+        (),
     )
-    parser.add_argument("--failed", default="", metavar="REASON", help="the design has no values, and why")
-    add_format(parser)
+    failed: str = option("REASON", "the design has no values, and why", "")
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Record the values and return the row of the design."""
     told, faults = {}, []
     for text in arguments.values:

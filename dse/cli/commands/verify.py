@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 
-from dse.cli.answer import Answer, add_format
+from dse.cli.answer import Answer
+from dse.cli.fields import argument, formats, option
 
 GROUP = "deploy"
 HELP = "run the targets of a bundle on recordings and compare all decisions and spikes"
 _UNVERIFIED = 2
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("bundle", metavar="BUNDLE", help="folder with targets that `dse export` wrote")
-    parser.add_argument(
-        "--data", required=True, metavar="RECORDINGS", help="recordings in the format of the training data"
-    )
-    parser.add_argument(
-        "--target",
-        action="append",
-        metavar="NAME",
-        help="target to run (default: all of the bundle); repeatable",
-    )
-    add_format(parser)
+@dataclass(frozen=True, kw_only=True)
+class Arguments:
+    """The arguments."""
+
+    bundle: str = argument("BUNDLE", "folder with targets that `dse export` wrote")
+    data: str = option("RECORDINGS", "recordings in the format of the training data", MISSING)
+    target: tuple[str, ...] = option("NAME", "target to run (default: all of the bundle); repeatable", ())
+    format: str | None = formats()
 
 
-def answer(arguments: argparse.Namespace) -> Answer:
+def answer(arguments: Arguments) -> Answer:
     """Return the verdict on every target, beside that of the bundle."""
     from dse.cli import verdicts
     from dse.deploy.verify import verify

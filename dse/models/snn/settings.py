@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import ClassVar, Literal
 
 import numpy as np
 
+from dse.config.parts import Part, Told, Written
 from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
@@ -323,6 +324,44 @@ class Stack:
         if self.start == "contrasts":
             one = LayerSpec(1, False, self.steps_per_sample, step_ms / self.steps_per_sample)
             dc_gain(self.neuron.population(one, np.random.default_rng(0)), 1)
+
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield delays beyond the window, what a device cannot train, and steps that neurons cannot have."""
+        if not part.good:
+            return
+        (device,) = space.range("execution", "device") or ("cpu",)
+        lengths = space.range("window", "n_steps")
+        known = [n for n in lengths if n is not None]
+        of_inputs = [x for value in part.range("input_delays") for x in np.atleast_1d(value).tolist()]
+        if known and len(known) == len(lengths) and max(of_inputs, default=0) >= max(known):
+            text = f"must be below the steps of the window, {max(known)}: later spikes are lost"
+            yield part.told("input_delays", f"{text}, got {max(of_inputs)}")
+        steps = [n * min(part.range("steps_per_sample"), default=1) for n in known]
+        for key in ("max_delay", "max_axonal_delay"):
+            longest = max(part.range(key), default=0)
+            if longest and steps and longest >= min(steps):
+                text = f"must be below the network steps of the window, {min(steps)}: later spikes are lost"
+                yield part.told(key, f"{text}, got {longest}")
+            if longest and device != "cpu":
+                yield part.told(key, f"must be 0 on execution.device {device}, got {longest}")
+        learnt = [x for x in part.range("learnt_decays") if x != "no"]
+        if learnt and device != "cpu":
+            yield part.told("learnt_decays", f"must be no on execution.device {device}, got {learnt[0]}")
+        messages: dict[str, None] = {}
+        recordings = space.parts.get("preprocessing", space.parts.get("data"))
+        periods = (
+            {getattr(x, "step_ms", None) for x in recordings.at_ends()}
+            if recordings is not None and recordings.good
+            else ()
+        )
+        for stack, step_ms in product(part.at_ends(), filter(None, periods)):
+            for one in (stack, stack.neuron):
+                try:
+                    getattr(one, "check_step", lambda _: None)(step_ms)
+                except ValueError as error:
+                    messages.setdefault(str(error))
+        yield from (part.blamed(message) for message in messages)
 
     def check_channels(self, positions: Ints) -> None:
         """Check that there is a region for channels at (n_channels, 3) x, y and plane."""

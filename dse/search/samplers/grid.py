@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from dse.config.contracts import SamplerSettings
+from dse.config.parts import Part, Told, Written
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
 from dse.registry import register
@@ -18,6 +19,14 @@ from dse.search.space import design_at, index_of
 @dataclass(frozen=True)
 class Grid(SamplerSettings):
     """Every combination of the axes' values, in order; ranges need a step."""
+
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield the ranges without steps."""
+        for axis in space.axes.values():
+            if axis.values is None:
+                text = f"needs a step or a choice for the grid sampler, got {axis.to_plain()}"
+                yield (*axis.name.split("."), "range"), f"{axis.name} {text}"
 
     def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
         """Return the sampler.

@@ -1,0 +1,218 @@
+"""Section `search`: how designs are proposed, how often each is trained, and what ends the search."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+
+from dse import registry
+from dse.config.axes import Axis, n_combinations
+from dse.config.bounds import MOST_TRIALS
+from dse.config.contracts import SamplerSettings, has_rungs
+from dse.config.parts import Part, Told, Written
+from dse.config.settings import KFold
+from dse.config.values import plain
+from dse.config.yaml_lines import Raw
+from dse.registry import param
+
+AUTO = "auto"
+"""The sampler that is chosen by the number of designs."""
+_FEW = 12
+_BATCH = 8
+
+
+@dataclass(frozen=True)
+class Racing:
+    """Which designs stop before their last epoch: those that others are ahead of."""
+
+    rungs: tuple[int, ...] = param(
+        doc="epochs after which each design is measured, and stops or goes on; rising", low=1
+    )
+    eta: float = param(
+        3.0,
+        doc="of the designs at a rung one in so many goes on, the best front first, and two per objective at "
+        "least; less loses less of the front",
+        low=1,
+        low_open=True,
+    )
+    audit: int = param(
+        4,
+        doc="stopped designs, drawn at random, that are trained to the end at last: what racing has lost",
+        low=0,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the order of the rungs."""
+        if not self.rungs or list(self.rungs) != sorted(set(self.rungs)):
+            raise ValueError(f"rungs must be at least one number of epochs, rising, got {list(self.rungs)}")
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Conditions that end a search before all designs are trained; looked at after each batch."""
+
+    cpu_hours: float | None = param(None, doc="CPU hours of all trainings", unit="h", low=0, low_open=True)
+    wall_hours: float | None = param(None, doc="hours of all sessions", unit="h", low=0, low_open=True)
+    front_gain_per_hour: float | None = param(
+        None,
+        doc="least gain of the front's hypervolume over the last hour, from the second hour of a session on",
+        unit="%",
+        low=0,
+        low_open=True,
+    )
+    pick_unchanged_for: int | None = param(
+        None, doc="designs since the best one in the first objective", low=1
+    )
+
+    def __post_init__(self) -> None:
+        """Check that there is a condition."""
+        if all(value is None for value in vars(self).values()):
+            raise ValueError(f"search.stop must state at least one of {', '.join(vars(self))}")
+
+
+@dataclass(frozen=True)
+class Search:
+    """How designs are proposed and how often each is trained; a sampler adds its own keys."""
+
+    sampler: SamplerSettings = param(  # noqa: RUF009
+        "grid",
+        component="search.samplers",
+        doc="a component of search.samplers (default: grid if every axis is a choice or has a step, "
+        "otherwise tpe), or auto: grid where n_trials covers it, sobol below 12 designs, else tpe",
+    )
+    n_trials: int | None = param(None, doc="number of designs to train (default: the whole grid)", low=1)
+    batch: int = param(
+        _BATCH,
+        doc="number of designs proposed at a time (default: the whole grid for sampler grid without "
+        "execution.storage, otherwise 8)",
+        low=1,
+        high=MOST_TRIALS,
+    )
+    repeats: int = param(
+        1,
+        doc="trainings of each design, each with its own seed (default: 1, or one per fold of split.k_fold)",
+        low=1,
+    )
+    repeats_on_front: int = param(
+        1, doc="trainings of each design on the front of its task and family", low=1
+    )
+    front_undecided: tuple[float, float] | None = param(
+        None,
+        doc="repeat, up to repeats_on_front times, only designs whose probability of being on the front lies "
+        "between these two, the most undecided first (default: all designs on the front)",
+        low=0,
+        high=1,
+    )
+    front_trainings: int | None = param(
+        None, doc="further trainings for front_undecided in all (default: no limit)", low=1
+    )
+    racing: Racing | None = param(  # noqa: RUF009
+        None, doc="stop designs early: keys rungs, eta, audit (default: all designs train to the end)"
+    )
+    stop: Stop | None = param(  # noqa: RUF009
+        None,
+        doc="cpu_hours, wall_hours, front_gain_per_hour (%), pick_unchanged_for (designs): the first that is "
+        "reached ends the search",
+    )
+    from_: tuple[str, ...] = param(
+        (),
+        doc="folders of earlier studies, whose trials inform the search; equal designs are not trained again",
+    )
+
+    def __post_init__(self) -> None:
+        """Check the rules across keys."""
+        undecided = self.front_undecided
+        if undecided is not None and self.repeats_on_front <= self.repeats:
+            raise ValueError(
+                f"front_undecided needs search.repeats_on_front above search.repeats, {self.repeats}"
+            )
+        if undecided is not None and undecided[0] >= undecided[1]:
+            ends = f"[{undecided[0]:g}, {undecided[1]:g}]"
+            raise ValueError(f"front_undecided must be two probabilities, rising, got {ends}")
+        if self.front_trainings is not None and undecided is None:
+            raise ValueError("front_trainings needs search.front_undecided")
+
+    @property
+    def sampler_name(self) -> str:
+        """The name of the sampler."""
+        return registry.name_of("search.samplers", self.sampler)
+
+    def to_plain(self) -> dict[str, Raw]:
+        """Return the settings as they are written in YAML; what is not set is left out."""
+        return {key: value for key, value in plain(self).items() if value not in (None, ())}
+
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield earlier studies that are not there, and what folds, epochs and models lack for the search."""
+        (earlier,) = part.range("from") or ((),)
+        for index, name in enumerate(earlier):
+            where = ("search", "from", index)
+            if space.is_run and not (space.base / name / "search_space.yaml").is_file():
+                text = "must be the folder of a study, relative to the search space"
+                yield where, f"search.from: '{name}' {text}"
+            if name in earlier[:index]:
+                yield where, f"search.from: '{name}' is named twice"
+        if not part.good:
+            return
+        search, n_folds = part.fixed, folds(space.parts)
+        for key, n in (("repeats", search.repeats), ("repeats_on_front", search.repeats_on_front)):
+            if n_folds and n % n_folds and (key == "repeats" or n > search.repeats):
+                text = f"must be a multiple of split.k_fold.k = {n_folds}, one run per fold, got {n}"
+                yield part.told(key, text)
+        if search.racing is None:
+            return
+        epochs = min(space.range("training", "epochs"), default=math.inf)
+        for index, rung in enumerate(search.racing.rungs):
+            if rung >= epochs:
+                text = f"must be below training.epochs, {epochs}, got {rung}"
+                yield ("search", "racing", "rungs", index), f"search.racing.rungs {text}"
+        for model in space.each("model"):
+            if not has_rungs(model.cls):
+                text = f"needs models whose training can pause at a rung, which {model.kind} cannot"
+                yield part.told("racing", text)
+
+
+def folds(parts: Mapping[str, Part]) -> int:
+    """Return the number of folds of a cross-validation; 0 without one."""
+    split = parts.get("split")
+    k_fold: KFold | None = split.values.get("k_fold") if split is not None and split.good else None
+    return 0 if k_fold is None else k_fold.k
+
+
+def with_defaults(raw: Raw, axes: Collection[Axis], n_folds: int, *, is_shared: bool) -> Raw:
+    """Return section `search` as written, with the keys whose defaults follow from other sections.
+
+    Args:
+        raw: the section.
+        axes: of the search space.
+        n_folds: of a cross-validation, of which every repeat is one; 0 without.
+        is_shared: whether several coordinators divide the designs.
+    """
+    if not isinstance(raw, dict | None):
+        return raw
+    keys = {key: value for key, value in (raw or {}).items() if value is not None}
+    n_designs = n_combinations(axes)
+    name = keys.get("sampler", "tpe" if n_designs is None else "grid")
+    if name == AUTO:
+        name = automatic(n_designs, keys.get("n_trials"))
+    # A grid learns nothing from its results: designs that are proposed at once share the most passes.
+    whole = name == "grid" and "stop" not in keys and not is_shared
+    batch = min(n_designs or 1, MOST_TRIALS) if whole else _BATCH
+    return {"batch": batch, "repeats": n_folds or 1, **keys, "sampler": name}
+
+
+def automatic(n_designs: int | None, n_trials: Raw) -> str:
+    """Return the sampler that `auto` stands for.
+
+    A grid that is trained whole needs no sampler. Of the others, Sobol points lead while designs are few, and
+    TPE from then on (results/measurements.md, section Search).
+
+    Args:
+        n_designs: of the grid; None: there is none.
+        n_trials: as written; None: all.
+    """
+    n = n_trials if type(n_trials) is int else None
+    if n_designs is not None and (n is None or n >= n_designs):
+        return "grid"
+    return "sobol" if n is not None and n < _FEW else "tpe"
