@@ -55,7 +55,10 @@ ENTRY_POINTS = "dse.components"
 
 ELSEWHERE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "dse-papers": {
-        "figures": ("distances", "grid", "intervals", "intervals_by_sample", "lengths", "psth", "surface"),
+        "figures": (
+            *("distances", "grid", "histograms", "inputs", "intervals", "intervals_by_sample"),
+            *("lengths", "preprocessing", "psth", "surface"),
+        ),
         "models": ("cascade", "hots", "threshold_lif"),
         "reports": ("paper",),
     },

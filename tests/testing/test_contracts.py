@@ -55,7 +55,6 @@ SAMPLERS: dict[str, dict[str, Any]] = {
 }
 FIGURES: dict[str, dict[str, Any]] = {
     "grid": {"x": "model.hidden", "y": "window.n_steps"},
-    "trade": {"parameter": "model.hidden"},
     "energy": {"hardware": "loihi1_silicon"},
     "cores": {"hardware": "loihi1_silicon"},
     "sweep": {"x": "model.hidden"},

@@ -176,7 +176,6 @@ def test_its_components_keep_their_contracts(installed: Path) -> None:
             "--size must be WIDTHxHEIGHT, such as 85x60mm or 700x450, got '700'",
         ),
         (("bars", "--out", "x.pdf", "--size", "9x450"), "--size must have sides of 50 to 10000 pixels, got"),
-        (("histograms", "--out", "x.json"), "no trial recorded 'own/signatures' in weights.npz"),
         (("bars", "--out", "x.json", "--set", "colum=a"), "unknown key 'bars.colum'"),
         (("bars", "--out", "x.json", "--set", "column=[a"), "--set column: not valid YAML"),
         (("bars", "--out", "x.json", "--set", "column=none"), "figure bars: KeyError in line"),

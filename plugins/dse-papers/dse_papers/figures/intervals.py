@@ -16,9 +16,9 @@ import numpy as np
 from dse.encoders.receptors import FA_FALLING, FA_RISING, KINDS
 from dse.figures import Results, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
-from dse.figures.panels import chosen_classes
 from dse.records import Array, Dataset, Floats, Ints
 from dse.registry import param, register
+from dse_papers.figures.panels import chosen_classes
 
 if TYPE_CHECKING:
     import plotly.graph_objects

@@ -13,9 +13,9 @@ import numpy as np
 
 from dse.figures import Results, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
-from dse.figures.panels import chosen_classes, class_panels, task_labels
 from dse.records import Array, Dataset
 from dse.registry import param, register
+from dse_papers.figures.panels import chosen_classes, class_panels, task_labels
 
 if TYPE_CHECKING:
     import plotly.graph_objects

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dse.figures import preprocessing
-from dse.figures.preprocessing import InputsFigure, draw_rasters, gather_pooled, gather_stages
 from dse.preprocessing.stages import Stages
 from dse.records import Block
 from dse.testing.small import SmallStudy
+from dse_papers.figures import preprocessing
+from dse_papers.figures.preprocessing import InputsFigure, draw_rasters, gather_pooled, gather_stages
 
 
 def stages() -> Stages:

@@ -14,9 +14,9 @@ import numpy as np
 from dse import store
 from dse.figures import Results, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT
-from dse.figures.panels import MOST_COLUMNS, chosen_classes, class_panels
 from dse.records import Array, Parameters
 from dse.registry import param, register
+from dse_papers.figures.panels import MOST_COLUMNS, chosen_classes, class_panels
 
 if TYPE_CHECKING:
     import plotly.graph_objects

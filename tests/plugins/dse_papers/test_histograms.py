@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from dse import registry
-from dse.figures.histograms import draw_histograms, gather_histograms
 from dse.testing.small import SmallStudy
+from dse_papers.figures.histograms import draw_histograms, gather_histograms
 
 
 def learnt(scale: float = 1.0) -> dict[str, np.ndarray]:
