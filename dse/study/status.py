@@ -180,11 +180,11 @@ def status(folder: Path | str) -> Status:
 def _search(study: Study) -> _Search:
     space = study.space
     search: Mapping[str, Any] = space.get("search") or {}
-    for name in ("n_trials", "batch", "repeats", "repeats_on_front"):
+    for name in ("batch", "repeats", "repeats_on_front"):
         if name not in search:
             text = f"has no search.{name}, which a study writes with every default"
             raise StoreError(f"{study.folder / 'search_space.yaml'}: {text}")
-    n_trials = search["n_trials"]
+    n_trials = search.get("n_trials")  # none is written of a grid
     return _Search(
         n_trials=None if n_trials is None else int(n_trials),
         batch=int(search["batch"]),

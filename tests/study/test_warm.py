@@ -103,7 +103,7 @@ def test_a_search_stops_and_goes_on(search: Explore) -> None:
         ({"stop": {"cpu_hours": 0}}, "search.stop.cpu_hours must be > 0, got 0"),
         ({"stop": {}}, "search.stop must state at least one of cpu_hours, wall_hours"),
         ({"stop": {"cpu_hous": 1}}, "unknown key 'search.stop.cpu_hous'"),
-        ({"from": 3}, "search.from must be a list of folders of studies, got 3"),
+        ({"from": 3}, "search.from[0] must be text, got 3"),
         ({"from": ["a", "a"]}, "search.from: 'a' is named twice"),
     ],
 )

@@ -30,7 +30,7 @@ def trained() -> tuple[Bundle, Reference]:
     network = model.fit(data, TRAINING, rngs()).network
     assert isinstance(network, Network)
     thresholds = [int(x.parameters["threshold"]) for x in network.layers]
-    assert thresholds[0] > 160 and thresholds[1] == 320
+    assert thresholds[0] in [80 * 2**k for k in range(1, 9)] and thresholds[1] == 320
     levels = quantise(network.layers[0].weight)
     assert 0.02 < (levels != 0).mean() < 0.98
     fired = np.zeros((20, data.n_steps, 64), np.uint8)
