@@ -148,7 +148,7 @@ class Server(ThreadingHTTPServer):
         """Answer in a thread; the oldest connection makes room."""
         with self._opening:
             self._open[id(request)] = request
-            oldest = next(iter(self._open.values())) if len(self._open) > MOST_OPEN else None
+            oldest = self._open.pop(next(iter(self._open))) if len(self._open) > MOST_OPEN else None
         if oldest is not None:
             with contextlib.suppress(OSError):  # its thread sees that, and ends
                 oldest.shutdown(socket.SHUT_RDWR)

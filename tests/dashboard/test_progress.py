@@ -316,5 +316,5 @@ def test_a_search_space_as_a_user_writes_it_is_not_a_study_s(tmp_path):
     (tmp_path / "search_space.yaml").write_text(
         "objectives: ['accuracy:max']\nsearch: {batch: 2, repeats: 1}\n"
     )
-    with pytest.raises(StoreError, match=r"search_space\.yaml: has no search\.n_trials"):
+    with pytest.raises(StoreError, match=r"search_space\.yaml: has no search\."):
         gather_progress(tmp_path)

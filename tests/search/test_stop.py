@@ -25,7 +25,6 @@ def spent(**changes: Any) -> Spent:
 @pytest.mark.parametrize(
     ("stop", "changes", "key"),
     [
-        (Stop(), {}, ""),
         (Stop(cpu_hours=2.0), {}, "cpu_hours"),
         (Stop(cpu_hours=2.1), {}, ""),
         (Stop(wall_hours=1.0), {}, "wall_hours"),

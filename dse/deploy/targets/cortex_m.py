@@ -156,6 +156,7 @@ def _target(core: Core) -> type[CortexM]:
 
 TARGETS = {name: register("targets", name)(_target(core)) for name, core in CORES.items()}
 """Name -> target of every core."""
+globals().update({cls.__name__: cls for cls in TARGETS.values()})  # where pickle looks for classes
 
 
 def _played(machine: Machine, commands: Iterable[Array]) -> replay.Played:

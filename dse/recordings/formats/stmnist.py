@@ -26,6 +26,7 @@ VARIABLE = "spiketrain"
 SIDE = 10
 N_ROWS = SIDE * SIDE + 1
 
+_HEADER_BYTES = 128
 _LATEST_S = 1e12
 
 
@@ -41,8 +42,14 @@ class Stmnist:
         return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"))
 
     def frame(self, path: Path) -> tuple[int, int]:
-        """Return the taxels along x and y."""
-        with open_file(path):
+        """Return the taxels along x and y, of a file that holds a header.
+
+        Raises:
+            RecordingError: it is cut short in its header.
+        """
+        with open_file(path) as file:
+            if len(file.read(_HEADER_BYTES)) < _HEADER_BYTES:
+                raise RecordingError(f"{path.name}: must be a MATLAB v5 file, got a truncated header")
             return SIDE, SIDE
 
     def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:

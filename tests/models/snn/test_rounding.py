@@ -190,8 +190,8 @@ def test_a_start_moves_by_the_same_share_on_every_grid() -> None:
             {"rounding": "dithered", "regions": 3, "recurrent": True},
             "must be 0 or more where a recurrent layer",
         ),
-        ({"threshold_exponents": (-1, 1)}, "0 or more for layers that are not dithered"),
-        ({"rounding": "dithered", "regions": 3, "threshold_exponents": (-1, -1)}, "0 or more for layers"),
+        ({"threshold_exponents": (-1, 1)}, "0 or more for layers that are neither dithered"),
+        ({"hidden": (4, 4), "threshold_exponents": (0, -1, 1)}, "0 or more for layers that are neither"),
         ({"threshold_exponents": (1,)}, "one exponent for each of the 2 layers"),
         ({"threshold_exponents": (1, 8), "neuron": cuba_lif.CubaLif(threshold=20.0)}, "must be at most 6"),
         (
