@@ -356,7 +356,7 @@ F = TypeVar("F")
 class Rung:
     """A training that has not ended.
 
-    epochs: that it has trained.
+    epochs: that it has trained, or those asked for, where outputs that learn alone have had more.
     state: named arrays from which it goes on to the same bits, alone or in any cohort.
     outcome: what it would be if it ended here; None where nobody needs it.
     """

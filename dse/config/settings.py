@@ -382,6 +382,11 @@ class Preprocessing:
                 yield part.told("every_event", f"must be false for model {model.kind} {text}")
 
     @property
+    def step_ms(self) -> float:
+        """Duration of an input step: a bin."""
+        return self.bin_ms
+
+    @property
     def bin_us(self) -> int:
         """Width of a bin in whole microseconds."""
         return round(self.bin_ms * 1000)

@@ -21,6 +21,7 @@ LEVELS = "kind: snn, hidden: 4, regions: 3, start: contrasts"
             [f"regions must be at most the 2 places of the channels, got {n}" for n in (3, 6)],
         ),
         (f"{LEVELS}, voltage_decay: 0", ["start must be uniform for neurons whose potential has no limit"]),
+        ("kind: snn, hidden: 4, threshold_exponents: [0, -1]", ["for outputs that do not learn alone first"]),
         ("kind: snn, hidden: 4, regions: 5", ["regions must be a multiple of 3 rings, got 5"]),
         ("kind: snn, hidden: 4, threshold_exponents: [9, 0]", ["got 9"]),
         ("kind: snn, hidden: 4, threshold_exponents: [0, 8], threshold: 20", ["at most 6", "got 8"]),

@@ -108,7 +108,7 @@ def front_end(plan: Frame) -> str:
 
 
 def _send_on_delta(encoder: SendOnDeltaForm) -> str:
-    return filled(
+    return filled("numbers.c") + filled(
         "send_on_delta.c",
         rule=encoder.rule,
         **{f"is_{rule}": encoder.rule == rule for rule in ("value", "step", "level")},
@@ -130,7 +130,7 @@ def _receptors(plan: ReceptorsForm) -> str:
         "gain_fa": encoder.gain_fa,
         **{"A": A, "B": B, "C": C, "h": h, "half": 0.5 * h, "peak": PEAK_MV, "floor": FLOOR_MV},
     }
-    return filled(
+    return filled("numbers.c") + filled(
         "receptors.c",
         **{name: real(x) for name, x in numbers.items()},
         gain_sa=real(encoder.gain_sa) if encoder.sa else "",

@@ -10,8 +10,9 @@ one common rate differ in what they are compared with, so that counts tell more 
 
 Which candidates stay is found by the labels: a least-squares readout of the spike counts of all of them
 loses one neuron after the other, each time that whose loss raises the squared error least, minus the price
-of its spikes. Removing neuron j from a readout with weights W and inverse covariance P raises the error by
-|W_j|^2 / P_jj. Sums of counts are exact, and all others run in one order: the choice is the same everywhere.
+of its spikes. Removing neuron j from a readout with weights W raises the error by |W_j|^2 / P_jj, where P is
+the inverse of the second moments. Sums of counts are exact, and all others run in one order: the choice is
+the same everywhere.
 
 Source: Hassibi and Stork 1993, optimal brain surgeon, of a linear readout (REFERENCES.md).
 """
@@ -19,16 +20,18 @@ Source: Hassibi and Stork 1993, optimal brain surgeon, of a linear readout (REFE
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from dse.engine.events import Rows
-from dse.models.snn.whiten import LEAST_SPREAD
+from dse.engine.forward import Prepared
+from dse.models.snn.whiten import covariance, dot
 from dse.native.compiled import compiled
 from dse.neurons import Population
 from dse.neurons.response import dc_gain, response_norm
-from dse.records import Array, Floats, Ints
+from dse.records import Array, Bools, Floats, Ints
 
 CANDIDATES = 1024
 """Neurons to choose among, at least; four times as many as are kept, if that is more."""
@@ -36,7 +39,8 @@ NO_DRIVE = 1e-35
 """Weight of an input that does not drive a neuron: 0 would be no weight. Its square is 0 in float32."""
 _SHARES = 0.02, 0.95
 """Least and largest share of the time with a positive drive for which it exceeds the threshold."""
-_RIDGE = 0.003  # added to the covariance of scaled counts
+_RIDGE = 0.003  # added to the second moments of scaled counts
+_PEAK_SAMPLES = 256  # whose potentials are kept, a few at a time
 
 
 def candidates(
@@ -86,34 +90,62 @@ def mean_counts(rows: Rows, n_steps: int) -> Floats:
     return np.asarray(counts[:, :-1].reshape(-1, rows.n_inputs) / n_steps)
 
 
-def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float, out: Array) -> Ints:
+def needed(
+    layer: Prepared,
+    to_threshold: Floats | float,
+    windows: Callable[[int, int], Iterable[Rows]],
+    targets: Floats,
+    n_neurons: int,
+    price: float,
+    most_peak: float,
+) -> Ints:
+    """Return which candidates stay, (n_neurons,) increasing; first go those that leave the range of a state.
+
+    Args:
+        layer: the candidates as they run.
+        to_threshold: of their potentials, weight units.
+        windows: return the inputs of the first so many training samples (0: of all), so many at a time.
+        targets: (sample, output) as in `chosen`.
+        n_neurons: how many stay.
+        price: as in `chosen`.
+        most_peak: thresholds that potentials are to stay within, on some of the samples.
+    """
+    fired = [layer.forward(rows).fired.per_input() for rows in windows(0, 64)]
+    peaks = np.zeros(layer.n_neurons)
+    for rows in windows(_PEAK_SAMPLES, 8) if math.isfinite(most_peak) else ():
+        reached = np.abs(layer.forward(rows, keep_voltage=True).voltage).max(axis=(0, 1))
+        peaks = np.maximum(peaks, reached / to_threshold)
+    return chosen(np.concatenate(fired), targets, n_neurons, price, peaks > most_peak)
+
+
+def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float, out: Bools) -> Ints:
     """Return which neurons stay, (n_neurons,) increasing.
 
     Args:
         counts: (sample, candidate) spikes.
-        out: (candidate,) those that go first, whatever they tell.
         targets: (sample, output) 1 where an output stands for a label of the sample, else 0.
         n_neurons: how many stay.
         price: of a spike, in squared errors of a sample.
+        out: (candidate,) bool, those that go first, whatever they tell.
     """
     whole, n = counts.astype(np.float64), len(counts)
     totals = whole.sum(axis=0)
-    squares = whole.T @ whole  # exact in any order, like all sums of whole numbers
-    scales = 1 / (np.sqrt(n * np.diag(squares) - totals**2) / n + LEAST_SPREAD)
-    covariance = squares / n * scales[:, None] * scales
-    covariance[np.diag_indices_from(covariance)] += _RIDGE
+    scales, powers = covariance(counts)
+    powers[np.diag_indices_from(powers)] += _RIDGE
     share = targets.mean(axis=0)
-    with_targets = (whole.T @ targets - totals[:, None] * share) / n * scales[:, None]
+    with_targets = (
+        (whole.T @ targets - totals[:, None] * share) / n * scales[:, None]
+    )  # sums of whole numbers
     left = np.ones(len(scales), np.bool_)
     prices = np.where(out, np.inf, price * totals / n)
-    _remove(covariance, with_targets, left, len(scales) - n_neurons, prices)
+    _remove(powers, with_targets, left, len(scales) - n_neurons, prices)
     return np.flatnonzero(left)
 
 
 @compiled()
-def _remove(covariance: Array, with_targets: Array, left: Array, n_removed: int, prices: Array) -> None:
+def _remove(powers: Array, with_targets: Array, left: Array, n_removed: int, prices: Array) -> None:
     """Clear `left` of the neurons that a least-squares readout misses least, one after the other."""
-    inverse = _inverse(covariance)
+    inverse = _inverse(powers)
     n, n_outputs = with_targets.shape
     readout = np.zeros((n, n_outputs))
     for i in range(n):
@@ -148,29 +180,14 @@ def _inverse(matrix: Array) -> Array:
     lower, rows = np.zeros((n, n)), np.zeros((n, n))  # rows: those of the transposed inverse of `lower`
     for i in range(n):
         for j in range(i + 1):
-            rest = matrix[i, j] - _dot(lower[i, :j], lower[j, :j])
+            rest = matrix[i, j] - dot(lower[i, :j], lower[j, :j])
             lower[i, j] = math.sqrt(rest) if i == j else rest / lower[j, j]
     for j in range(n):
         rows[j, j] = 1 / lower[j, j]
         for i in range(j + 1, n):
-            rows[j, i] = -_dot(lower[i, j:i], rows[j, j:i]) / lower[i, i]
+            rows[j, i] = -dot(lower[i, j:i], rows[j, j:i]) / lower[i, i]
     out = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
-            out[i, j] = out[j, i] = _dot(rows[i, i:], rows[j, i:])
+            out[i, j] = out[j, i] = dot(rows[i, i:], rows[j, i:])
     return out
-
-
-@compiled()
-def _dot(x: Array, y: Array) -> float:
-    """Return the sum of x times y, as four sums side by side."""
-    a = b = c = d = 0.0
-    whole = x.size - x.size % 4
-    for k in range(0, whole, 4):
-        a += x[k] * y[k]
-        b += x[k + 1] * y[k + 1]
-        c += x[k + 2] * y[k + 2]
-        d += x[k + 3] * y[k + 3]
-    for k in range(whole, x.size):
-        a += x[k] * y[k]
-    return (a + b) + (c + d)

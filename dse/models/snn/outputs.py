@@ -23,7 +23,7 @@ from dse.engine.forward import prepare
 from dse.engine.goal import is_label
 from dse.engine.network import layer_spikes
 from dse.engine.parameters import product
-from dse.measure.heads import head_sizes, output_labels
+from dse.measure.heads import head_sizes, output_labels, softmax
 from dse.models.snn.initialise import deployed, reach_rate
 from dse.models.snn.quantise import closest
 from dse.models.snn.respond import accuracy, batches_of, layers_of
@@ -48,7 +48,7 @@ def hidden_spikes(network: Network, dataset: Dataset) -> Dataset:
 
     Args:
         network: its last layer does not run.
-        dataset: whose windows do not move.
+        dataset: its windows that are evaluated.
     """
     samples, layers = np.concatenate([dataset.train, dataset.validation]), layers_of(network)[:-1]
     counts, index = [np.zeros(0, np.int64)], [np.zeros(0, np.int32)]
@@ -113,8 +113,7 @@ def readout(counts: Ints, targets: Floats, heads: Sequence[int], rng: np.random.
         for batch in range(n_batches):
             part, step = order[batch * _READOUT_BATCH : (batch + 1) * _READOUT_BATCH], step + 1
             odds = product(white[part], weights)
-            powers = [np.exp(x - x.max(axis=1, keepdims=True)) for x in np.split(odds, ends, axis=1)]
-            shares = np.concatenate([x / x.sum(axis=1, keepdims=True) for x in powers], axis=1)
+            shares = np.concatenate([softmax(x) for x in np.split(odds, ends, axis=1)], axis=1)
             gradient = product(white[part].T, shares - targets[part])
             weights, first, second = adam(weights, gradient, first, second, step, rate)
     return product(matrix, weights)
@@ -126,7 +125,7 @@ def spiking(
     """Return the weights of spiking outputs, (input, neuron): those of a readout times one factor.
 
     Args:
-        weights: of the readout, (neuron, class).
+        weights: of the readout, (neuron, class), in log-odds per spike.
         last: the output neurons.
         arithmetic: of the network.
         rows: spikes of the layer below, as the outputs see them.

@@ -348,6 +348,10 @@ class Stack:
         learnt = [x for x in part.range("learnt_decays") if x != "no"]
         if learnt and device != "cpu":
             yield part.told("learnt_decays", f"must be no on execution.device {device}, got {learnt[0]}")
+        alone = min(space.range("training", "output_epochs"), default=0)
+        if not alone and any(-1 in x[-1:] for x in part.range("threshold_exponents")):
+            text = "must be 0 or more for outputs that do not learn alone first (training.output_epochs 0)"
+            yield part.told("threshold_exponents", f"{text}, got -1")
         messages: dict[str, None] = {}
         recordings = space.parts.get("preprocessing", space.parts.get("data"))
         periods = (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -101,38 +101,32 @@ def train(
     heads = head_sizes(dataset)
     targets = is_label(output_labels(dataset, counted), sum(heads))
     trainees, begun = [], [of_part(read(), "start") for read in span.states] or [{} for _ in designs]
-    for number, (design, found) in enumerate(zip(designs, begun, strict=True)):
+    for number, (design, start) in enumerate(zip(designs, begun, strict=True)):
         pool = design.model.pool(dataset.positions)
+
+        def windows(n_samples: int, size: int, pool: Ints | None = pool) -> Iterator[Rows]:
+            samples = counted[: n_samples or None]
+            for part in np.split(samples, range(size, samples.size, size)):
+                yield pooled(rows_of(dataset.spikes, part, dataset.start[part]), pool)
 
         def choose(
             weights: Floats,
             population: Population[Any],
             n: int,
             model: Stack = design.model,
-            found: Mapping[str, Array] = found,
-            pool: Ints | None = pool,
+            start: Mapping[str, Array] = start,
+            windows: Callable[[int, int], Iterator[Rows]] = windows,
         ) -> Ints:
-            if "chosen" in found:
-                return found["chosen"]
+            if "chosen" in start:
+                return start["chosen"]
             is_whole = model.arithmetic == "integer" and not model.is_dithered(0)
             matrix = quantise(weights) if is_whole else weights.astype(np.float32)
             layer = prepare(layer_weights(matrix, None, population), model.arithmetic)
-
-            def windows(samples: Ints, size: int) -> Iterator[Rows]:
-                for part in np.split(samples, range(size, samples.size, size)):
-                    yield pooled(rows_of(dataset.spikes, part, dataset.start[part]), pool)
-
-            fired = [layer.forward(rows).fired.per_input() for rows in windows(counted, PROBE_SAMPLES)]
-            peaks = np.zeros(matrix.shape[1])
-            if math.isfinite(model.most_peak):
-                for rows in windows(counted[: 4 * PROBE_SAMPLES], 8):
-                    reached = np.abs(layer.forward(rows, keep_voltage=True).voltage).max(axis=(0, 1))
-                    peaks = np.maximum(peaks, reached / population.to_threshold)
-            price, out = model.hidden_spike_penalty, peaks > model.most_peak
-            return contrasts.chosen(np.concatenate(fired), targets, n, price, out)
+            price, most_peak = model.hidden_spike_penalty, model.most_peak
+            return contrasts.needed(layer, population.to_threshold, windows, targets, n, price, most_peak)
 
         trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, heads, pool, choose))
-        trainees[-1].begun |= found
+        trainees[-1].begun |= start
         trainees[-1].lay()
         trainees[-1].seconds += clock.lap()
     teachers, live = Teachers(dataset, shared, device, threads), []

@@ -87,14 +87,17 @@ def eigen(matrix: Floats) -> tuple[Floats, Floats]:
 
 
 @compiled()
-def _dot(x: Array, y: Array) -> float:
-    """Return the sum of x times y, whose length is a multiple of 4, as four sums side by side."""
+def dot(x: Array, y: Array) -> float:
+    """Return the sum of x times y, as four sums side by side; what is left of the length joins the first."""
     a = b = c = d = 0.0
-    for k in range(0, x.size, 4):
+    whole = x.size - x.size % 4
+    for k in range(0, whole, 4):
         a += x[k] * y[k]
         b += x[k + 1] * y[k + 1]
         c += x[k + 2] * y[k + 2]
         d += x[k + 3] * y[k + 3]
+    for k in range(whole, x.size):
+        a += x[k] * y[k]
     return (a + b) + (c + d)
 
 
@@ -102,7 +105,7 @@ def _dot(x: Array, y: Array) -> float:
 def _squares(rows: Array) -> Array:
     out = np.empty(len(rows))
     for k in range(len(rows)):
-        out[k] = _dot(rows[k], rows[k])
+        out[k] = dot(rows[k], rows[k])
     return out
 
 
@@ -118,7 +121,7 @@ def _orthogonalise(rows: Array) -> None:
             for q in range(p + 1, n):
                 if min(squares[p], squares[q]) <= least:
                     continue
-                along = _dot(rows[p], rows[q])
+                along = dot(rows[p], rows[q])
                 if abs(along) <= _RIGHT * np.sqrt(squares[p] * squares[q]):
                     continue
                 turned = True
