@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -50,7 +51,7 @@ def labels_key() -> Any:
     )
 
 
-class FileSource:
+class FileSource(ABC):
     """Recordings of one file of named arrays or columns, with labels in it or in another.
 
     A component says which arrays it needs, how many recordings and taxels their shapes announce, and reads
@@ -66,9 +67,9 @@ class FileSource:
     def __post_init__(self) -> None:
         check_positions(self.positions)
 
+    @abstractmethod
     def _names(self) -> list[str]:
         """Return the arrays of the file that are needed beside labels."""
-        raise NotImplementedError
 
     def _count(self, shapes: arrays.Shapes) -> int | None:
         """Return the number of recordings; None where shapes do not tell."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -75,9 +76,9 @@ class _Samples(FileSource):
     def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
         return in_a_row(len(self.channels))
 
+    @abstractmethod
     def _series(self, values: Mapping[str, Array], path: Path) -> Rows:
         """Return what the rows of the table say."""
-        raise NotImplementedError
 
     def read(self, base: Path) -> Signals:
         """Return the recordings.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,7 +131,7 @@ class Dat(_Prophesee):
             yield from block_of(t_us, word & 0x3FFF, word >> 14 & 0x3FFF, word >> 28)
 
 
-class _Evt(_Prophesee):
+class _Evt(_Prophesee, ABC):
     """What EVT 2.0 and 3.0 share: words that hold an event, or what later ones leave out."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".raw",)
@@ -190,6 +191,7 @@ class _Evt(_Prophesee):
             )
             yield from block_of(t_us, x, y, polarity, is_stated)
 
+    @abstractmethod
     def _decoded(
         self, words: Ints, kind: Ints, highs: Ints, new: Bools, carried: dict[str, int]
     ) -> tuple[Ints, Ints, Ints, Ints, Bools]:
@@ -202,7 +204,6 @@ class _Evt(_Prophesee):
             new: (n,) bool, whether a word states another time high than before.
             carried: what words of the block before stated; updated.
         """
-        raise NotImplementedError
 
 
 @register("recordings.formats", "evt2")
