@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import functools
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from dse import registry
 from dse.config.faults import known_names
-from dse.config.values import keys_of
 from dse.figures import Results, draw
 
 if TYPE_CHECKING:
@@ -15,13 +15,16 @@ if TYPE_CHECKING:
 
 
 class Plots:
-    """The figures of a study; a figure's keys (`dse describe figures NAME`) are arguments of its method."""
+    """The figures of a study; a figure's keys (`dse describe figures NAME`) are arguments of its method.
+
+    A first argument without a name is the design: a trial's number or a row with one, such as `study.best()`.
+    """
 
     def __init__(self, results: Results) -> None:
         """Draw figures of these results."""
         self._results = results
 
-    def __getattr__(self, name: str) -> Callable[..., plotly.graph_objects.Figure]:
+    def __getattr__(self, name: str) -> functools.partial[plotly.graph_objects.Figure]:
         """Return what draws a figure.
 
         Raises:
@@ -31,30 +34,16 @@ class Plots:
         if name not in figures:
             where = registry.elsewhere("figures", name)
             raise AttributeError(f"unknown figure '{name}'{where}; {known_names(name, figures)}")
+        return functools.partial(self._drawn, name)
 
-        def drawn(design: Any = None, **keys: Any) -> plotly.graph_objects.Figure:
-            """Draw the figure.
+    def _drawn(self, name: str, design: Any = None, **keys: Any) -> plotly.graph_objects.Figure:
+        """Draw a figure.
 
-            Args:
-                design: a trial's number or a row with one, such as `study.best()`; None: the figure's
-                    default.
-                keys: of the figure.
-
-            Raises:
-                ValueError: the figure has no such key, or nothing to show.
-                TypeError: the design is something else, or the figure needs a key.
-            """
-            if design is not None:
-                keys = {"trial": _trial(design)} | keys
-            known = keys_of(figures[name])
-            if strange := [key for key in keys if key not in known]:
-                raise ValueError(f"figure {name} has no key '{strange[0]}'; {known_names(strange[0], known)}")
-            if lacks := [key for key, about in known.items() if about.default is None and key not in keys]:
-                raise TypeError(f"figure {name} needs {lacks[0]}: {known[lacks[0]].rule.doc}")
-            return draw(self._results, name, **keys)
-
-        drawn.__name__, drawn.__doc__ = name, figures[name].__doc__
-        return drawn
+        Raises:
+            ValueError: the figure has no such key, needs another one, or has nothing to show.
+            TypeError: the design is something else.
+        """
+        return draw(self._results, name, **({} if design is None else {"trial": _trial(design)}), **keys)
 
     def __dir__(self) -> list[str]:
         return sorted(registry.known("figures"))

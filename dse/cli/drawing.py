@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dse import registry
-from dse.config import ConfigError, Fault, known_names
-from dse.config.values import read_object
+from dse.config import ConfigError, Fault
 from dse.config.yaml_lines import Document, override
 
 if TYPE_CHECKING:
@@ -108,17 +107,16 @@ def _write(drawn: plotly.graph_objects.Figure, out: Path, size_px: tuple[int, in
 
 def _figure(name: str, settings: Mapping[str, str]) -> Figure[Any]:
     """Return the named figure with the keys of `--set`."""
-    figures: Mapping[str, type[Figure[Any]]] = registry.known("figures")
-    if name not in figures:
-        where = registry.elsewhere("figures", name)
-        raise _fault(f"unknown figure '{name}'{where}; {known_names(name, figures)}")
+    from dse import figures
+
     document = override(Document({}, {}), settings)
     faults = list(document.faults)
 
     def report(_: object, text: str) -> None:
         faults.append(Fault("dse figure", 0, text))
 
-    figure = read_object(figures[name], document.data, (name,), report)
+    assert isinstance(document.data, dict)  # as `override` leaves a mapping
+    figure = figures.named(name, document.data, report)
     if figure is None or faults:
         raise ConfigError(faults)
     return figure
