@@ -16,27 +16,27 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dse import data as data
     from dse import figures as figures
+    from dse.api.first import init as init
+    from dse.api.run import run as run
+    from dse.api.study import Study as Study
+    from dse.api.study import open as open
     from dse.config import ConfigError as ConfigError
     from dse.config import load_space as load_space
     from dse.deploy.evaluate import evaluate as evaluate
     from dse.deploy.export import export as export
     from dse.deploy.verify import verify as verify
-    from dse.door.first import init as init
-    from dse.door.run import run as run
-    from dse.door.study import Study as Study
-    from dse.door.study import open as open
 
 __version__ = "0.1.0"
 
 _home = {
     "ConfigError": "dse.config",
-    "Study": "dse.door.study",
+    "Study": "dse.api.study",
     "evaluate": "dse.deploy.evaluate",
     "export": "dse.deploy.export",
-    "init": "dse.door.first",
+    "init": "dse.api.first",
     "load_space": "dse.config",
-    "open": "dse.door.study",
-    "run": "dse.door.run",
+    "open": "dse.api.study",
+    "run": "dse.api.run",
     "verify": "dse.deploy.verify",
 }
 

@@ -120,7 +120,7 @@ class Rule:
     component_name: the component that is taken where the key is absent.
     """
 
-    doc: str
+    doc: str = ""
     unit: str = ""
     low: float | None = None
     high: float | None = None

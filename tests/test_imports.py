@@ -20,7 +20,7 @@ TREES = modules(PACKAGE)
 
 LAYERS = (
     ("cli", "testing"),
-    ("dashboard", "door"),
+    ("api", "dashboard"),
     ("deploy", "report"),
     ("study",),
     ("audit",),

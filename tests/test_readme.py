@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from dse.cli import main
-from dse.cli.command_line import commands_by_name
+from dse.cli.commands import GROUP_OF
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -83,7 +83,7 @@ def test_links_lead_somewhere():
 def test_shown_commands_exist():
     commands = shown_commands()
     assert {"run", "skyline", "pick", "evaluate"} <= set(commands)
-    assert set(commands) <= set(commands_by_name())
+    assert set(commands) <= set(GROUP_OF)
 
 
 def test_described_sections_exist(capsys):

@@ -1,7 +1,7 @@
 """The command line: `dse COMMAND`.
 
-A command is one module of `commands/`, and the module's name is the command's. It defines `GROUP` (one of
-`command_line.GROUPS`), `HELP`, `Arguments` (its fields: `dse.cli.fields`) and `answer(arguments) -> Answer`.
+A command is one function of a module of `commands/`, which lists it: its signature and docstring are the
+arguments and the help (`dse.cli.signature`), and it returns an `Answer`.
 Results go to stdout, progress and errors to stderr. Exit codes: 0 success, 1 nothing could be trained,
 2 bad input, 3 no design point meets the budgets, 130 stopped by Ctrl-C.
 """

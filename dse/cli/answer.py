@@ -20,6 +20,8 @@ from dse.text import json_line, lines, one_line
 if TYPE_CHECKING:
     import pandas
 
+    from dse.audit import Audit
+
 Row = Mapping[str, object]
 FORMATS = ("table", "json", "csv", "parquet")
 MOST_ROWS = 24
@@ -31,6 +33,10 @@ _PROSE = 20  # texts that are longer may be wrapped between words, to no less th
 _GAP = 2  # spaces between columns
 _OPTION = re.compile(r'--[\w-]+ "[^"]*"')  # is copied: a line break would spoil it
 _KEPT = "\0"
+_OF_AUDIT = (
+    *("task", "probe", "reader", "accuracy", "se", "chance", "without", "test"),
+    *("shortcut", "verdict", "remedy"),
+)
 
 
 @dataclass(frozen=True)
@@ -70,12 +76,12 @@ class Answer:
     sections: Mapping[str, Answer] = field(default_factory=dict)
 
 
-def add_format(parser: argparse.ArgumentParser, formats: Sequence[str] = ("table", "json")) -> None:
+def add_format(parser: argparse.ArgumentParser) -> None:
     """Add `--format` and its short form `--json`."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument(
         "--format",
-        choices=formats,
+        choices=FORMATS,
         help="output format (default: table on a terminal, otherwise text, or CSV of the table's columns); "
         "csv, parquet and json have every column",
     )
@@ -119,6 +125,13 @@ def show(answer: Answer, command: str, form: str | None) -> None:
         sys.stdout.buffer.write(buffer.getvalue())
     for note in answer.notes:
         print(one_line(note), file=sys.stderr)
+
+
+def audit_answer(audit: Audit) -> Answer:
+    """Return the rows of an audit; a terminal shows the task where there are several."""
+    several = len({row.task for row in audit.rows}) > 1
+    shown = [name for name in _OF_AUDIT if name != "task" or several]
+    return Answer([row.columns for row in audit.rows], audit.notes, shown, all_rows=True)
 
 
 def document(answer: Answer, command: str) -> str:

@@ -11,8 +11,8 @@ import dse
 from dse import trust
 from dse.cli.answer import Answer, show
 from dse.cli.asking import trusts
-from dse.cli.commands import commands_by_name
-from dse.cli.fields import declare, made
+from dse.cli.commands import GROUP_OF, function_of
+from dse.cli.signature import call, declare, summary
 from dse.cli.stopping import INTERRUPTED
 from dse.config import ConfigError
 from dse.config.faults import known_names
@@ -25,6 +25,7 @@ EXIT_CODES = (
     "130 stopped by Ctrl-C"
 )
 _TRUST = "run the code of plugins that the folder or search space names, now and whenever it is the same"
+_TRUSTING = ("search", "choose", "deploy")
 _BAD_INPUT = 2
 _RESUMABLE = "stopped; finished trials are kept, and the same command resumes the study"
 
@@ -33,14 +34,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        if words and not words[0].startswith("-") and words[0] not in commands_by_name():
-            known = known_names(words[0], commands_by_name())
+        if words and not words[0].startswith("-") and words[0] not in GROUP_OF:
+            known = known_names(words[0], GROUP_OF)
             print(f"dse: unknown command '{one_line(words[0])}'; {known}", file=sys.stderr)
             return _BAD_INPUT
-        parsed = _parser().parse_args(words)
+        parsed = parser(words[:1]).parse_args(words)
         left_out()  # forget those of an earlier call in this process
         with trust.answering(getattr(parsed, "trust", False) or trusts):
-            answer: Answer = parsed.answer(made(parsed.cls, parsed) if parsed.cls else parsed)
+            answer: Answer = call(parsed.function, parsed)
         show(answer, parsed.command, getattr(parsed, "format", None))
         sys.stdout.flush()
     except KeyboardInterrupt as stopped:
@@ -89,24 +90,22 @@ def _users_mistakes() -> tuple[type[Exception], ...]:
     )
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser of a command, or without one of all commands, for `dse --help`."""
+    outer = argparse.ArgumentParser(
         prog="dse",
         description="Design space exploration of spiking classifiers for touch.",
         epilog=EXIT_CODES,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"dse {dse.__version__}")
-    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, module in commands_by_name().items():
-        subparser = subparsers.add_parser(
-            name, help=module.HELP, description=module.HELP, epilog=EXIT_CODES, allow_abbrev=False
-        )
-        if hasattr(module, "Arguments"):
-            declare(subparser, module.Arguments)
-        else:
-            module.add_arguments(subparser)
-        if module.GROUP in ("search", "choose", "deploy"):
-            subparser.add_argument("--trust", action="store_true", help=_TRUST)
-        subparser.set_defaults(answer=module.answer, cls=getattr(module, "Arguments", None))
-    return parser
+    outer.add_argument("--version", action="version", version=f"dse {dse.__version__}")
+    commands = outer.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name in [word for word in words if word in GROUP_OF] or GROUP_OF:
+        function = function_of(name)
+        text = summary(function)
+        one = commands.add_parser(name, help=text, description=text, epilog=EXIT_CODES, allow_abbrev=False)
+        declare(one, function)
+        if GROUP_OF[name] in _TRUSTING:
+            one.add_argument("--trust", action="store_true", help=_TRUST)
+        one.set_defaults(function=function)
+    return outer

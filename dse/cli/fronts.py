@@ -127,7 +127,7 @@ def records(frame: pandas.DataFrame) -> list[dict[str, object]]:
 
 def columns(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> list[str]:
     """Return the columns in which designs differ, and the objectives with what stands beside them."""
-    from dse.door.front import measured
+    from dse.api.front import measured
 
     names = measured(rows, [name for name, _ in objectives])
     # An axis that only one family has is left out of a table of several; the other formats have every column.

@@ -68,7 +68,7 @@ _OTHERS = {
     "cycles": ("cycles", "predicted processor cycles per inference on a target"),
 }
 """Name -> unit and meaning."""
-_ENDINGS = {
+ENDINGS = {
     "_se": "standard error of the column before it",
     "_low": "lower end of the interval of an uncertain number",
     "_high": "upper end of the interval of an uncertain number",
@@ -79,27 +79,9 @@ _ENDINGS = {
 
 def columns() -> list[dict[str, str]]:
     """Return name, unit, better direction and meaning of every column."""
-    declared = [
-        {"name": name, "unit": column.unit, "better": column.direction, "doc": column.doc}
-        for name, column in registry.columns().items()
-    ]
-    known = {row["name"] for row in declared}
-    others = [
-        {"name": name, "unit": unit, "better": "", "doc": doc}
-        for name, (unit, doc) in _OTHERS.items()
-        if name not in known
-    ]
-    axes = {
-        "name": "model.hidden, ...",
-        "unit": "",
-        "better": "",
-        "doc": "axes of the search space",
-    }
-    endings = [{"name": f"..{end}", "unit": "", "better": "", "doc": doc} for end, doc in _ENDINGS.items()]
-    return [*others, *declared, axes, *endings]
-
-
-def is_explained(name: str) -> bool:
-    """Return whether a column, or the one that it belongs to, has a meaning here."""
-    names = {row["name"] for row in columns()}
-    return name in names or "." in name or any(name.removesuffix(end) in names for end in _ENDINGS)
+    declared = registry.columns()
+    rows = [(name, unit, "", doc) for name, (unit, doc) in _OTHERS.items() if name not in declared]
+    rows += [(name, column.unit, column.direction, column.doc) for name, column in declared.items()]
+    rows.append(("model.hidden, ...", "", "", "axes of the search space"))
+    rows += [(f"..{end}", "", "", doc) for end, doc in ENDINGS.items()]
+    return [dict(zip(("name", "unit", "better", "doc"), row, strict=True)) for row in rows]

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from dse.cli.glossary import columns
-from dse.cli.reference import Row, keys, names, remarks, sections
-from dse.config.bounds import BOUNDS
+from dse.cli.reference import LISTED, Row, keys, names, remarks, sections
 
 _TITLE = """# Reference
 
 `dse describe --markdown` writes this page from the declarations that the code itself reads.
 `dse describe SECTION NAME` prints a part of it.
 """
-_LISTED = ("targets", "objectives", "limits", "recordings.formats")
+_MARKS = str.maketrans({mark: f"\\{mark}" for mark in "\\|*_[]#~$"} | {"<": "&lt;", ">": "&gt;"})
 
 
 def markdown() -> str:
@@ -23,21 +21,16 @@ def markdown() -> str:
 
 def _lines() -> Iterator[str]:
     yield _TITLE
-    for section in (str(row["section"]) for row in sections()):
-        doc = next(row["doc"] for row in sections() if row["section"] == section)
+    for section, doc in (row.values() for row in sections()):
         yield from (f"## {section}", "", _text(doc), "")
         known = names(section)
-        if section in _LISTED:
+        if section in LISTED:
             yield from _table(known)
         elif known:
             for row in known:
                 yield from _component(section, row["name"], row["doc"])
         else:
             yield from _table(keys(section, None))
-    yield from ("## bounds", "", "How much work and memory a file may ask for.", "")
-    yield from _table([{"name": name, "most": most, "of": of} for name, (most, of) in BOUNDS.items()])
-    yield from ("## columns", "", "The columns of a study's tables.", "")
-    yield from _table(columns())
 
 
 def _component(section: str, name: str, doc: str) -> Iterator[str]:
@@ -67,10 +60,4 @@ def _table(rows: Iterable[Row]) -> Iterator[str]:
 def _text(value: object) -> str:
     """Return a text that Markdown shows as it is."""
     text = " ".join(str(value).split())
-    for mark in "\\|*_[]<>#~$":
-        text = (
-            text.replace(mark, f"\\{mark}")
-            if mark not in "<>"
-            else text.replace(mark, f"&{'lg'[mark == '>']}t;")
-        )
-    return text
+    return text.translate(_MARKS)

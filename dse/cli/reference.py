@@ -8,7 +8,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from dse import registry
-from dse.config.locate import hardware_names
+from dse.cli import glossary
+from dse.config.bounds import BOUNDS
+from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import COMPONENTS, WITH_AXES
 from dse.config.sections import SECTIONS, SETTINGS
 from dse.config.values import Key, bounds, echo, expected, keys_of
@@ -19,7 +21,33 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, object]
 Texts = dict[str, str]
-_LISTS = {
+_AFTER = {
+    "search.samplers": "Algorithms that propose designs; search.sampler selects one.",
+    "recordings.formats": "Formats of event files; data.format selects one (default: recognised from the "
+    "file).",
+    "neurons": "Neurons of spiking models; model.neuron selects one, whose keys stand beside it.",
+    "losses": "Losses of spiking models; model.loss selects one, whose keys stand beside it.",
+    "figures": "Figures of a study: `dse figure RESULTS NAME --out FILE`.",
+    "page": "Page definition of `dse dashboard --page FILE`: parts of the page and initial settings.",
+    "page.front": "The figure of the front on the page.",
+    "scene": "Scene file: simulated touch, used by data of kind scene.",
+    "scene.sensor": "Shipped sensors: the numbers of sensor and camera, each with its evidence.",
+    "scene.textures": "Shipped textures: numbers, each with its evidence.",
+    "scene.motions": "Velocity profiles; `kind` names a component.",
+    "scene.camera": "The event camera that watches the pins.",
+    "scene.variation": "how trials with the same texture, motion and force differ; standard deviations "
+    "unless stated",
+    "scene.method": "Steps of the simulation: a trade-off of speed and error.",
+    "bounds": "How much work and memory a file may ask for.",
+    "columns": "The columns of a study's tables.",
+}
+"""What is described after the sections of a search space."""
+_DOCS = {
+    "data": "The recordings; `kind` names a component.",
+    "test": "A separate test file or folder: the keys of data that differ for it.",
+    "encoder": "turns recordings into input spikes; required for sampled signals; `kind` names a "
+    "component, `choice` lists several as an axis",
+    "model": "The classifier; `kind` names a component, `choice` lists several as an axis.",
     "targets": "Forms of an exported classifier; `dse pick` has their memory, exact, and predicted cycles "
     "(columns ram_bytes, table_bytes, flash_bytes, cycles), and --export writes them.",
     "hardware": "Hardware profiles for energy and latency: shipped ones by name, or YAML files of your own.",
@@ -29,127 +57,82 @@ _LISTS = {
     "for certain. Of several hardware profiles or targets, one has to do. Axes, task and family may be "
     "named, and these columns, flash_bytes and ram_bytes with `targets: [cortex_m4]`:",
 }
-_SAMPLERS = "search.samplers"
-_FORMATS = "recordings.formats"
-_MOTIONS = "scene.motions"
-_FIGURES = "figures"
-_TARGETS = "targets"
-_OF_MODELS = {
-    "neurons": "Neurons of spiking models; model.neuron selects one, whose keys stand beside it.",
-    "losses": "Losses of spiking models; model.loss selects one, whose keys stand beside it.",
-}
-_PAGE = {
-    "page": "Page definition of `dse dashboard --page FILE`: parts of the page and initial settings.",
-    "page.front": "The figure of the front on the page.",
-}
-_SCENE = {
-    "scene": "Scene file: simulated touch, used by data of kind scene.",
-    "scene.sensor": "Shipped sensors: the numbers of sensor and camera, each with its evidence.",
-    "scene.textures": "Shipped textures: numbers, each with its evidence.",
-    _MOTIONS: "Velocity profiles; `kind` names a component.",
-    "scene.camera": "The event camera that watches the pins.",
-    "scene.variation": "how trials with the same texture, motion and force differ; standard deviations "
-    "unless stated",
-    "scene.method": "Steps of the simulation: a trade-off of speed and error.",
-}
+_COMPONENTS = (*COMPONENTS.values(), "search.samplers", "figures", "neurons", "losses", "scene.motions")
+_WITH_AXES = (*WITH_AXES, "neurons", "losses", "decision", "scene", "scene.motions")
+LISTED = ("targets", "objectives", "limits", "recordings.formats", "columns")
+"""Sections whose names have no keys of their own."""
 
 
 def sections() -> list[Texts]:
-    """Return name and meaning of the sections of a search space, then of a page, then of a scene."""
-    docs = {
-        "data": "The recordings; `kind` names a component.",
-        "test": "A separate test file or folder: the keys of data that differ for it.",
-        "encoder": "turns recordings into input spikes; required for sampled signals; `kind` names a "
-        "component, `choice` lists several as an axis",
-        "model": "The classifier; `kind` names a component, `choice` lists several as an axis.",
-        **_LISTS,
-    }
-    listed = [{"section": name, "doc": docs.get(name) or _doc(SETTINGS[name])} for name in SECTIONS]
-    listed.append(
-        {"section": _SAMPLERS, "doc": "Algorithms that propose designs; search.sampler selects one."}
-    )
-    listed.append(
-        {
-            "section": _FORMATS,
-            "doc": "Formats of event files; data.format selects one (default: recognised from the file).",
-        }
-    )
-    listed += [{"section": name, "doc": doc} for name, doc in _OF_MODELS.items()]
-    listed.append({"section": _FIGURES, "doc": "Figures of a study: `dse figure RESULTS NAME --out FILE`."})
-    return [*listed, *({"section": name, "doc": doc} for name, doc in {**_PAGE, **_SCENE}.items())]
+    """Return name and meaning of the sections of a search space, then of a page, a scene and of tables."""
+    docs = {name: _DOCS.get(name) or _doc(SETTINGS[name]) for name in SECTIONS} | _AFTER
+    return [{"section": name, "doc": doc} for name, doc in docs.items()]
 
 
 def names(section: str) -> list[Texts]:
     """Return the components of a section, or the names that a list may hold; empty if it has neither."""
+    if section == "columns":
+        return glossary.columns()
     if section == "objectives":
         return [
-            {
-                "name": name,
-                "direction": column.direction,
-                "unit": column.unit,
-                "doc": f"{column.direction}: {column.doc}",
-            }
-            for name, column in registry.columns().items()
+            {"name": name, "direction": x.direction, "unit": x.unit, "doc": f"{x.direction}: {x.doc}"}
+            for name, x in registry.columns().items()
         ]
     if section == "limits":
         before = {"exact": "known before training", "bound": "lower bound before training"}
         of_targets = registry.columns_of_targets().values()
         columns = registry.columns() | {name: x for known in of_targets for name, x in known.items()}
         return [
-            {"name": name, "unit": column.unit, "doc": f"{before[column.known]}: {column.doc}"}
-            for name, column in sorted(columns.items())
-            if column.known
+            {"name": name, "unit": x.unit, "doc": f"{before[x.known]}: {x.doc}"}
+            for name, x in sorted(columns.items())
+            if x.known
         ]
     if section == "hardware":
         from dse.hardware.profile import load
 
         return [{"name": name, "doc": load(name).doc} for name in hardware_names()]
-    if section == _TARGETS:
-        targets: Mapping[str, Any] = registry.known(section)
-        return [
-            {"name": name, "extra": target.extra, "doc": f"{target.label}: {_doc(target)}"}
-            for name, target in targets.items()
-        ]
-    if section == _FORMATS:
-        formats: Mapping[str, Any] = registry.known(section)
-        return [
-            {"name": name, "suffixes": " ".join(kind.suffixes), "doc": _doc(kind)}
-            for name, kind in formats.items()
-        ]
+    known: Mapping[str, Any] = registry.known(package) if (package := _package(section)) else {}
+    if section == "targets":
+        return [{"name": name, "extra": x.extra, "doc": f"{x.label}: {_doc(x)}"} for name, x in known.items()]
+    if section == "recordings.formats":
+        return [{"name": name, "suffixes": " ".join(x.suffixes), "doc": _doc(x)} for name, x in known.items()]
     if presets := _presets(section):
         return [{"name": name, "doc": preset.doc} for name, preset in presets.items()]
-    package = _package(section)
-    return (
-        [{"name": name, "doc": _doc(cls)} for name, cls in registry.known(package).items()] if package else []
-    )
+    return [{"name": name, "doc": _doc(cls)} for name, cls in known.items()]
 
 
 def keys(section: str, name: str | None) -> list[Row]:
     """Return the keys of a section or of a component: type, bounds, unit, default, meaning."""
+    if section == "bounds":
+        return [{"name": bound, "most": most, "of": of} for bound, (most, of) in BOUNDS.items()]
     if section == "hardware":
         return _figures(str(name))
-    if section in (*_LISTS, _FORMATS, _TARGETS):
+    if section in LISTED:
         return [row for row in names(section) if row["name"] == name]
     if presets := _presets(section):
         return _evidence(section, presets[str(name)])
     package = _package(section)
     cls = registry.known(package)[str(name)] if package else _class(section)
-    with_axes = section in (*WITH_AXES, *_OF_MODELS, "decision", "scene", _MOTIONS)
-    return [_row(name, key, with_axes) for name, key in keys_of(cls).items()]
+    return [_row(key_name, key, section in _WITH_AXES) for key_name, key in keys_of(cls).items()]
+
+
+def is_file(section: str, name: str | None) -> bool:
+    """Return whether a component is described from a file of the user's own."""
+    return section == "hardware" and is_hardware_file(name or "")
 
 
 def _package(section: str) -> str | None:
-    if section in (_SAMPLERS, _MOTIONS, _FIGURES, *_OF_MODELS):
-        return section
-    return COMPONENTS.get("data" if section == "test" else section)
+    """Return the section of the registry that holds the components of a section; None: it has none."""
+    package = COMPONENTS.get("data" if section == "test" else section, section)
+    return package if package in (*_COMPONENTS, "targets", "recordings.formats") else None
 
 
 def _class(section: str) -> type:
-    if section in _PAGE:
+    if section.startswith("page"):
         from dse.dashboard.definition import Definition, FrontView
 
         return Definition if section == "page" else FrontView
-    if section not in _SCENE:
+    if section in SETTINGS:
         return SETTINGS[section]
     from dse.scene.load import SceneFile
     from dse.scene.scene import Camera, Method, Variation
@@ -166,7 +149,7 @@ def _presets(section: str) -> Mapping[str, Preset]:
 
 def remarks(section: str, name: str | None) -> list[str]:
     """Return sentences about a component in addition to its keys: of a hardware profile, and of a target."""
-    if section == _TARGETS and name is not None:
+    if section == "targets" and name is not None:
         target: Any = registry.known(section)[name]
         extra = [f"needs pip install 'dse[{target.extra}]'"] if target.extra else []
         chip = getattr(target, "profile", "")

@@ -1,35 +1,32 @@
-"""Verdicts of targets as rows of a table."""
+"""Verdicts of targets as an answer."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import Row
+from dse.cli.answer import Answer, Row
 
 if TYPE_CHECKING:
     from dse.deploy.verdict import Verdict
     from dse.deploy.verify import Verified
 
-DRIFT = 4
+_DRIFT = 4
 """Exit code where a target that was faithful or equivalent is less."""
 
 
-def rows(verified: Mapping[str, Verified]) -> list[Row]:
-    """Return one row per target, with what its bundle states or stated."""
-    return [
-        {**row(name, each.verdict), "before": None if each.before is None else each.before.kind}
-        for name, each in verified.items()
-    ]
-
-
-def drifts(verified: Mapping[str, Verified]) -> list[str]:
-    """Return a sentence per target that was faithful or equivalent and is less."""
-    return [
+def answer(verified: Mapping[str, Verified], code: int = 0) -> Answer:
+    """Return a row per target, with what its bundle states or stated, and a sentence where it is less."""
+    drifts = [
         f"target {name} was {each.before.kind} and is {each.verdict.kind}: {each.verdict.reason}"
         for name, each in verified.items()
         if each.drifts and each.before is not None
     ]
+    rows = [
+        {**row(name, each.verdict), "before": None if each.before is None else each.before.kind}
+        for name, each in verified.items()
+    ]
+    return Answer(rows, drifts, code=_DRIFT if drifts else code)
 
 
 def row(name: str, verdict: Verdict) -> Row:

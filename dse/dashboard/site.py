@@ -70,7 +70,7 @@ class StudySite(Site):
         if self._changed("trials.parquet", "points.parquet", "search_space.yaml", store.WARNINGS):
             try:
                 study = results.open(self._study.folder)
-                self._points = study.points(self._request.hardware, self._request.repeats)
+                self._points = study.points(self._request.question.hardware, self._request.question.repeats)
                 self._shown = with_recordings(study, self._points)
                 self._page = page_of(study, self._shown, self._request)
             except BaseException:
@@ -104,7 +104,7 @@ class StudySite(Site):
         if "trial" not in self._shown:
             raise Refused(HTTPStatus.NOT_FOUND, _NO_TRIAL)
         try:
-            return gather_details(self._study, self._shown, trial, self._request.hardware)
+            return gather_details(self._study, self._shown, trial, self._request.question.hardware)
         except StoreError as error:
             raise Refused(HTTPStatus.NOT_FOUND, _NO_TRIAL) from error
 

@@ -26,6 +26,7 @@ from dse.skyline.compare import STUDY, Comparison
 from dse.skyline.goals import Goal
 from dse.store import StoreError
 from dse.study import health, held, notes, pricing, resampling
+from dse.study.question import Question
 from dse.study.results import Study
 
 LARGEST_BYTES = 7_800_000
@@ -39,16 +40,11 @@ class PageRequest:
     """The options of a page.
 
     definition: its parts and initial settings; None: `dashboards/study.yaml`.
-    n_draws: number of samples of recordings, seeds and the hardware's uncertain numbers, which show how
-        certain each point's place on the front is; 0: no samples.
-    hardware: names or files of profiles to price the points on; empty: the profiles of the study.
-    repeats: of a design with several runs, 'mean' of all, or the 'last' or 'worst' run alone.
+    question: which runs, chips and samples its points are of; without samples, none says how certain it is.
     """
 
     definition: Definition | None = None
-    n_draws: int = 0
-    hardware: tuple[str, ...] = ()
-    repeats: str = "mean"
+    question: Question = Question()  # noqa: RUF009 (frozen)
 
 
 def load_definition(folder: Path, name: str) -> Definition:
@@ -77,11 +73,11 @@ def write_page(study: Study, path: Path | None = None, request: PageRequest | No
         StoreError: a table or an artefact is damaged, or there is nothing to sample.
     """
     request = checked(study, request or PageRequest())
-    points = with_recordings(study, study.points(request.hardware, request.repeats))
+    points = with_recordings(study, study.points(request.question.hardware, request.question.repeats))
     page = page_of(study, points, request) | progress_of(study.folder)
     least, most = _ROOM_BYTES
     room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
-    details = packed_details(study, points, shown_first(page), room, request.hardware)
+    details = packed_details(study, points, shown_first(page), room, request.question.hardware)
     target = path or study.folder / "page.html"
     return write_filled("page", page | ({"details": details} if details else {}), target)
 
@@ -134,7 +130,7 @@ def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest)
     table = pandas.DataFrame() if points is None else _with_failures(study, points)
     audit = study.audit
     marks, lacks = _marks(study) if len(table) else ([], [])
-    if request.n_draws and len(table):
+    if request.question.draws and len(table):
         table = table.assign(**_certainty(study, table, request))
     page = gather_page(
         table,
@@ -148,10 +144,10 @@ def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest)
             *_of_runs(request),
         ],
         results=str(study.folder),
-        hardware=request.hardware,
+        hardware=request.question.hardware,
         definition=request.definition,
         marks=marks,
-        repeats=request.repeats,
+        repeats=request.question.repeats,
     )
     rows = [] if audit is None else [store.plain_cell(row.columns) for row in audit.rows]
     points_at = _written_at(study.folder / "points.parquet")
@@ -160,7 +156,7 @@ def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest)
 
 def _of_runs(request: PageRequest) -> list[str]:
     """Return a note if the numbers of a design are not the means of its runs."""
-    which = {"last": "last run", "worst": "run of least accuracy"}.get(request.repeats)
+    which = {"last": "last run", "worst": "run of least accuracy"}.get(request.question.repeats)
     return (
         [f"The numbers of a design are those of its {which} alone; details are of all runs."] if which else []
     )
@@ -203,11 +199,13 @@ def checked(study: Study, request: PageRequest) -> PageRequest:
         ConfigError: a profile does not exist or is wrong.
         StoreError: there is nothing to sample.
     """
-    pricing.profiles(study.folder, request.hardware)
-    if not request.n_draws:
+    pricing.profiles(study.folder, request.question.hardware)
+    if not request.question.draws:
         return request
-    if request.repeats != "mean":
-        raise StoreError(f"--repeats {request.repeats} is one run of each design: --draws samples all runs")
+    if request.question.repeats != "mean":
+        raise StoreError(
+            f"--repeats {request.question.repeats} is one run of each design: --draws samples all runs"
+        )
     names = {name for name, _ in study.objectives}
     if not names & {*DRAWN, *resampling.ACCURACIES}:
         text = (
@@ -215,7 +213,9 @@ def checked(study: Study, request: PageRequest) -> PageRequest:
             f"({', '.join(DRAWN)})"
         )
         raise StoreError(f"{study.folder}: {text}")
-    if not names & {*resampling.ACCURACIES} and not (request.hardware or study.space.get("hardware")):
+    if not names & {*resampling.ACCURACIES} and not (
+        request.question.hardware or study.space.get("hardware")
+    ):
         raise StoreError(f"{study.folder}: nothing to sample: the study has no hardware")
     return request
 
@@ -228,7 +228,13 @@ def _certainty(study: Study, table: pandas.DataFrame, request: PageRequest) -> d
     """
     among = front.comparable(table, study.objectives, by="task").rows
     shares, _ = resampling.certainty(
-        [study.folder], [table], request.hardware, study.objectives, request.n_draws, among, "task"
+        [study.folder],
+        [table],
+        request.question.hardware,
+        study.objectives,
+        request.question.draws or 0,
+        among,
+        "task",
     )
     return {name: share.reindex(table.index) for name, share in shares.items()}
 

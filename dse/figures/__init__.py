@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from dse import registry
+from dse.config.faults import known_names
+from dse.config.values import Report, read_object, refuse
 from dse.hardware.profile import Profile
 from dse.preprocessing.stages import Stages
 from dse.records import Array, Dataset
@@ -96,17 +98,30 @@ def hardware_key() -> Any:
     return param("", doc="hardware profile of the costs (default: the first of the study)", axis=False)
 
 
-def draw(results: Results, name: str, **keys: Any) -> plotly.graph_objects.Figure:
-    """Return a figure of a study, with the keys of its component.
+def named(name: str, keys: Mapping[str, Any], report: Report = refuse) -> Figure[Any] | None:
+    """Return a figure with its keys, as they are written or as Python has them; None after a fault.
 
-    Raises:
-        ValueError: no such figure, or it has nothing to show.
+    Args:
+        name: of the figure.
+        keys: of its component.
+        report: called with (path, sentence) for every mistake; absent: a `ValueError` is raised.
     """
     figures = registry.known("figures")
     if name not in figures:
         where = registry.elsewhere("figures", name)
-        raise ValueError(f"unknown figure '{name}'{where}; known: {', '.join(figures)}")
-    figure: Figure[Any] = figures[name](**keys)
+        report((), f"unknown figure '{name}'{where}; {known_names(name, figures)}")
+        return None
+    return read_object(figures[name], dict(keys), (name,), report)
+
+
+def draw(results: Results, name: str, **keys: Any) -> plotly.graph_objects.Figure:
+    """Return a figure of a study, with the keys of its component.
+
+    Raises:
+        ValueError: no such figure or key, or it has nothing to show.
+    """
+    figure = named(name, keys)
+    assert figure is not None  # else it was refused
     return figure.draw(figure.gather(results))
 
 

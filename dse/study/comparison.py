@@ -12,7 +12,8 @@ from dse import registry
 from dse.skyline.compare import Comparison, compare
 from dse.skyline.constraints import ExpressionError
 from dse.skyline.goals import Goal
-from dse.study import held, pricing
+from dse.study import held
+from dse.study.question import Question
 from dse.study.results import open as open_study
 
 if TYPE_CHECKING:
@@ -25,18 +26,15 @@ _RECORDINGS = ("data", "window", "split")
 def compare_studies(
     first: str | Path,
     second: str | Path,
-    objectives: Sequence[Goal] | None = None,
-    where: str | Sequence[str] | None = None,
-    hardware: Sequence[str] = (),
+    question: Question = Question(),  # noqa: B008 (frozen)
 ) -> tuple[Comparison, dict[str, pandas.DataFrame], list[Goal]]:
     """Compare two studies.
 
     Args:
         first: folder of a study, or CSV, Parquet or JSON table.
         second: the same.
-        objectives: None: those of the studies, which must be the same.
-        where: condition, or several, for the points of both.
-        hardware: profiles, by name or file, to compute costs on; empty: those of each study.
+        question: without objectives, those of the studies, which must be the same; conditions are for the
+            points of both.
 
     Returns:
         The comparison, the points that it is of by the name of their study, and the objectives.
@@ -47,8 +45,8 @@ def compare_studies(
         StoreError, TableError: one cannot be read.
     """
     paths = [Path(first), Path(second)]
-    goals = list(objectives) if objectives else _objectives(paths)
-    frames = pricing.tables(paths, list(hardware))
+    goals = question.goals(first) if question.objectives else _objectives(paths)
+    frames = question.points(paths)
     for path, frame in zip(paths, frames, strict=True):
         if lacks := [name for name, _ in goals if name not in frame or not frame[name].notna().any()]:
             raise ExpressionError(f"{path}: has no numbers of {lacks[0]}; both must have every objective")
@@ -61,7 +59,7 @@ def compare_studies(
         frames, note = _common(column, frames, names)
         notes += note
     tables = dict(zip(names, frames, strict=True))
-    result = compare(tables, goals, where)
+    result = compare(tables, goals, question.where)
     all_notes = [*_other_recordings(paths), *result.notes, *notes]
     return Comparison(result.summary, result.front, result.gains, all_notes), tables, goals
 

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from dse.cli import main
-from dse.cli.command_line import commands_by_name
+from dse.cli.commands import GROUP_OF
 from dse.config.sections import SECTIONS
 from dse.hardware.counter import MeasuredPower
 from dse.study import explore
@@ -176,7 +176,7 @@ def test_run_reports_when_nothing_could_be_trained(
     assert "1 of 1 designs failed; the first: the loss is NaN in epoch 1" in found["notes"]
 
 
-@pytest.mark.parametrize("module", ["dse.config", "dse.cli.options"])
+@pytest.mark.parametrize("module", ["dse.config", "dse.cli.signature"])
 def test_ctrl_c_before_a_command_begins_is_130_without_traceback(module: str) -> None:
     code = (
         "import signal, sys\n"
@@ -421,7 +421,7 @@ def test_help_and_version(capsys: Captured) -> None:
     for arguments in (
         ["--help"],
         ["--version"],
-        *([name, "--help"] for name in commands_by_name()),
+        *([name, "--help"] for name in GROUP_OF),
     ):
         with pytest.raises(SystemExit) as caught:
             main(arguments)

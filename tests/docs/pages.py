@@ -19,7 +19,7 @@ from pathlib import Path
 import yaml
 
 from dse.cli import main
-from dse.cli.command_line import _parser
+from dse.cli.command_line import parser
 
 _BLOCK = re.compile(
     r"(?:<!-- (?P<mark>file|not run): (?P<what>[^>]+) -->\n)?```(?P<language>\w+)[^\n]*\n(?P<text>.*?)^```$",
@@ -93,7 +93,7 @@ def syntax(text: str, language: str) -> None:
     for line in text.splitlines() if language == "sh" else []:
         program, *arguments = shlex.split(line, comments=True) or [""]
         if program == "dse":
-            _parser().parse_args(arguments)
+            parser(arguments[:1]).parse_args(arguments)
 
 
 def _commands(text: str) -> str:

@@ -25,7 +25,7 @@ import pytest
 import yaml
 
 from dse.cli import main
-from dse.cli.commands import run as run_command
+from dse.cli.commands import search
 from dse.study import workers
 from tests.in_process import Forked, InProcess
 
@@ -101,7 +101,7 @@ def run(folder: Path, executor: type[InProcess]) -> int:
     real = time.monotonic
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()):
         patch.setattr(workers, "Loky", executor)
-        patch.setattr(run_command, "_page", lambda study: "no page")
+        patch.setattr(search, "_page", lambda study: "no page")
         patch.setattr(os, "fsync", lambda handle: None)  # the machine goes on
         patch.setattr(time, "monotonic", lambda: _FASTER * real())
         return main(["run", str(folder / "killed.yaml"), "--results", str(folder), "--quiet"])

@@ -82,14 +82,14 @@ def test_no_block_has_no_front():
 
 
 def test_the_command_reads_a_large_file_in_blocks(tmp_path, monkeypatch, capsys):
-    from dse.cli.commands import skyline as command
+    from dse.api import front
 
     table(500, np.random.default_rng(1)).to_parquet(tmp_path / "points.parquet", index=False)
     arguments = ["skyline", str(tmp_path / "points.parquet"), "--where", "n_weights <= 2", "--format", "csv"]
     arguments += ["--objectives", "accuracy:max,energy_uj:min", "--by", "family"]
     assert main(arguments) == 0
     whole = capsys.readouterr().out
-    monkeypatch.setattr(command, "_IN_MEMORY", 100)
+    monkeypatch.setattr(front, "_IN_MEMORY", 100)
     monkeypatch.setattr(blocks, "BLOCK", 64)
     assert main(arguments) == 0
     captured = capsys.readouterr()

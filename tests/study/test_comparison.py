@@ -12,6 +12,7 @@ from dse.cli.command_line import main
 from dse.skyline.constraints import ExpressionError
 from dse.skyline.goals import Goal
 from dse.study.comparison import compare_studies
+from dse.study.question import Question
 from tests.dashboard.page import Page
 from tests.skyline.test_compare import FIRST, GOALS, SECOND
 
@@ -46,7 +47,7 @@ def written(tmp_path):
 )
 def test_what_cannot_be_compared_is_refused(written, second, objectives, text):
     with pytest.raises(ExpressionError) as raised:
-        compare_studies(written("a", FIRST), written("b", second), objectives)
+        compare_studies(written("a", FIRST), written("b", second), Question.of(objectives=objectives))
     assert text in str(raised.value)
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
+from dse.api.study import open as open_study
 from dse.cli.command_line import main
-from dse.door.study import open as open_study
 from dse.study import explore, results
 from dse.study.journal import read_journal
 from dse.study.results import Study

@@ -14,6 +14,7 @@ from dse.cli.command_line import main
 from dse.dashboard.study import PageRequest, write_page
 from dse.skyline.constraints import ExpressionError
 from dse.store import StoreError, run_folder
+from dse.study.question import Question
 from dse.study.record import load_record
 from dse.study.repeats import over_repeats
 from tests.page_data import held
@@ -52,7 +53,7 @@ def test_door_command_line_and_page_agree(study, capsys, tmp_path):
     assert main(["skyline", str(study.folder), "--repeats", "worst", "--format", "csv"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == len(front) + 1
-    path = write_page(study, tmp_path / "page.html", PageRequest(repeats="worst"))
+    path = write_page(study, tmp_path / "page.html", PageRequest(question=Question(repeats="worst")))
     page = held(path)
     assert page["columns"]["accuracy"]["values"] == pytest.approx(study.points(repeats="worst")["accuracy"])
     assert page["budgets"]["repeats"] == "worst"
@@ -71,7 +72,7 @@ def test_what_one_run_cannot_tell_is_refused(study, tmp_path):
     with pytest.raises(ExpressionError, match="repeats last is one run of each design"):
         study.pick(repeats="last", confidence=0.5)
     with pytest.raises(StoreError, match="--draws samples all runs"):
-        write_page(study, tmp_path / "page.html", PageRequest(n_draws=5, repeats="last"))
+        write_page(study, tmp_path / "page.html", PageRequest(question=Question(draws=5, repeats="last")))
     with pytest.raises(StoreError, match="repeats must be one of mean, last, worst, got 'best'"):
         study.skyline(repeats="best")
     with pytest.raises(StoreError, match="repeats must be one of"):

@@ -13,7 +13,7 @@ import pytest
 
 from dse import registry
 from dse.cli import main
-from dse.cli.commands.figure import _size
+from dse.cli.drawing import size_px
 from dse.figures import image
 from dse.testing import check_figure, check_objective
 from tests.spaces import write_space
@@ -145,7 +145,7 @@ def test_a_figure_for_print(
     monkeypatch.setenv("DSE_CHROMIUM", str(chromium_path))
     out = tmp_path / "bars.pdf"
     assert main(["figure", str(installed), "bars", "--out", str(out), "--size", "400x300"]) == 0
-    assert _size("85x60mm") == (321, 227), "1/96 inch each"
+    assert size_px("85x60mm") == (321, 227), "1/96 inch each"
     assert out.read_bytes().startswith(b"%PDF-")
 
 

@@ -20,7 +20,7 @@ import dse
 from benchmarks.structure import modules
 from dse import registry, trust
 from dse.cli import main
-from dse.cli.commands import commands_by_name
+from dse.cli.commands import GROUP_OF
 from dse.config import ConfigError, load_space
 from dse.dashboard.site import page_server
 from dse.deploy import bundle
@@ -114,7 +114,7 @@ def prepared(others: Others) -> None:
 
 
 def test_every_command_is_tried() -> None:
-    assert set(READ) == set(commands_by_name())
+    assert set(READ) == set(GROUP_OF)
 
 
 @pytest.mark.parametrize(("name", "command", "arguments", "code"), CASES)

@@ -1,17 +1,27 @@
-"""One module per command; `dse.cli` lists the names that it must define."""
+"""The commands, a module per group: a function each, which parses no text and answers with an `Answer`."""
 
 from __future__ import annotations
 
 import importlib
-import pkgutil
-from types import ModuleType
+import keyword
+from collections.abc import Callable
+from typing import Any
 
-GROUPS = ("begin", "search", "choose", "deploy", "look up")  # the order of `dse --help`
+GROUPS = {
+    "begin": ("init", "prepare"),
+    "search": ("ask", "audit", "check", "doctor", "enqueue", "merge", "run", "tell"),
+    "choose": ("compare", "dashboard", "figure", "note", "pick", "report", "skyline"),
+    "deploy": ("evaluate", "export", "import", "measure", "stream", "verify"),
+    "look_up": ("cost", "describe", "simulate"),
+}
+"""Module -> its commands, in the order of `dse --help`."""
+
+GROUP_OF = {name: group for group, names in GROUPS.items() for name in names}
+"""Command -> its module."""
 
 
-def commands_by_name() -> dict[str, ModuleType]:
-    """Return the modules of this package by the name of their command, in the order of `dse --help`."""
-    modules = {
-        name: importlib.import_module(f"{__name__}.{name}") for _, name, _ in pkgutil.iter_modules(__path__)
-    }
-    return dict(sorted(modules.items(), key=lambda item: (GROUPS.index(item[1].GROUP), item[0])))
+def function_of(name: str) -> Callable[..., Any]:
+    """Return the function of a command; only the module of its group is imported."""
+    module = importlib.import_module(f"{__name__}.{GROUP_OF[name]}")
+    function: Callable[..., Any] = getattr(module, f"{name}_" if keyword.iskeyword(name) else name)
+    return function

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.door import arguments
-from dse.door.choice import Choice, choose
-from dse.door.front import front_of
-from dse.door.plots import Plots
-from dse.door.question import Question
+from dse.api.choice import Choice, choose
+from dse.api.front import front_of
+from dse.api.plots import Plots
 from dse.skyline import front
 from dse.skyline.front import Skyline
 from dse.store import StoreError
 from dse.study import results
+from dse.study.question import Question, texts
 
 if TYPE_CHECKING:
     import optuna
@@ -78,16 +77,14 @@ class Study(results.Study):
             where: condition such as "n_weights <= 5000", or several.
             by: columns whose values have separate fronts, beside hardware and task.
             options: hardware, oversize, contacts_per_hour, battery_mwh, targets, repeats, confidence and
-                draws, as of `dse.door.question.Question`.
+                draws, as of `dse.study.question.Question`.
 
         Raises:
             ExpressionError: an unknown column, or a condition that cannot be read.
-            TypeError: an argument of another kind.
+            TypeError: an argument of another kind, or out of range.
         """
-        goals = self.objectives if objectives is None else arguments.goals(objectives)
-        conditions = arguments.texts(where, "where")
-        groups = [x.strip() for each in arguments.texts(by, "by") for x in each.split(",") if x.strip()]
-        return front_of([self.folder], goals, conditions, groups, Question.of(**options))
+        question = Question.of(objectives=objectives, where=where, by=by, **options)
+        return front_of([self.folder], question)
 
     def pick(self, budgets: str | Sequence[str] = (), maximise: str | None = None, **options: Any) -> Choice:
         """Return the best point within the budgets (`row`), or None and the nearest ones (`nearest`).
@@ -101,8 +98,10 @@ class Study(results.Study):
             ExpressionError: an unknown column, or a budget that cannot be read.
             TypeError: an argument of another kind.
         """
-        column = None if maximise is None else arguments.text(maximise, "maximise")
-        return choose(self.folder, arguments.texts(budgets, "budgets"), column, Question.of(**options))
+        columns = texts(maximise, "maximise")
+        return choose(
+            self.folder, texts(budgets, "budgets"), columns[0] if columns else None, Question.of(**options)
+        )
 
     def best(self, *budgets: str, **options: Any) -> pandas.Series[Any]:
         """Return the best point within the budgets: `study.best("n_weights <= 5000", hardware="mcu_m4")`.
@@ -116,7 +115,7 @@ class Study(results.Study):
             ExpressionError: as of `pick`.
             TypeError: as of `pick`.
         """
-        conditions = [text for each in budgets for text in arguments.texts(each, "budgets")]
+        conditions = [text for each in budgets for text in texts(each, "budgets")]
         return self.pick(conditions, **options).found
 
     def note(
@@ -142,7 +141,7 @@ class Study(results.Study):
             trial, point = notes.parse_design(str(design))
         else:
             trial, point = int(design["trial"]), int(design["point"])
-        notes.write(self.folder, trial, point, arguments.text(text, "text"), pinned)
+        notes.write(self.folder, trial, point, text, pinned)
 
     @property
     def notes(self) -> pandas.DataFrame:
@@ -179,10 +178,8 @@ class Study(results.Study):
         if not isinstance(given, results.Study | str | Path):
             raise TypeError(f"other must be a study or the path of one, got {other!r}")
         path = other.folder if isinstance(other, results.Study) else other
-        goals = None if objectives is None else arguments.goals(objectives)
-        conditions = arguments.texts(where, "where") or None
-        chips = arguments.texts(hardware, "hardware")
-        return compare_studies(self.folder, path, goals, conditions, chips)[0]
+        question = Question.of(objectives=objectives, where=where, hardware=hardware)
+        return compare_studies(self.folder, path, question)[0]
 
     def export(
         self,
@@ -195,7 +192,7 @@ class Study(results.Study):
         from dse.deploy.export import export
 
         row = {str(name): value for name, value in point.items()}
-        return export(self, row, folder, arguments.texts(targets, "targets"), recordings)
+        return export(self, row, folder, texts(targets, "targets"), recordings)
 
     @property
     def plot(self) -> Plots:

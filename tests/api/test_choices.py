@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 
 import dse
+from dse.api.choice import NothingFeasible
 from dse.cli import main
-from dse.door.choice import NothingFeasible
-from tests.door.test_door import SPACE, waves
+from tests.api.test_study import SPACE, waves
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"
 Captured = pytest.CaptureFixture[str]

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse.door.front import DRAWS, measured
-from dse.door.question import Question
-from dse.skyline.constraints import named_columns
+from dse.api.front import measured
+from dse.skyline.constraints import ExpressionError, named_columns
 from dse.skyline.goals import Goal
 from dse.skyline.pick import budgeted, pick, sure_pick
 from dse.store import StoreError
 from dse.study import corrected, health, held, pricing, resampling
+from dse.study.question import DRAWS, Question
 from dse.study.record import TOLD
 from dse.study.results import open as open_study
 
@@ -158,14 +158,17 @@ def choose(
     Args:
         results: folder of a study, or a CSV, Parquet or JSON table.
         budgets: conditions such as "energy_uj <= 50 and n_weights <= 150000".
-        maximise: column to maximise; None: the study's first objective that is maximised, or accuracy.
-        question: what else is asked; without `targets`, those of the study.
+        maximise: column to maximise; None: the first objective that is maximised, or accuracy.
+        question: what else is asked; its conditions count as budgets. Without `targets`, those of the study.
 
     Raises:
         ExpressionError: an unknown column, or a budget that cannot be read.
         StoreError: the study is damaged.
         BundleError: a target is unknown.
     """
+    if question.by:
+        raise ExpressionError("by must be absent from a pick, which is one design")
+    budgets = [*question.where, *budgets]
     folder, oversize, draws = Path(results), question.oversize, question.draws or DRAWS
     study = open_study(folder) if folder.is_dir() else None
     if question.targets and study is None:
@@ -178,7 +181,7 @@ def choose(
 
         points, on_target = on_targets(study, points, targets)
         remarks += on_target
-    objectives = study.objectives if study else []
+    objectives = question.goals(folder) if study or question.objectives else []
     maximise = maximise or next((name for name, way in objectives if way == "max"), "accuracy")
     ties = [goal for goal in objectives if goal.column != maximise and goal.column in points]
     goals = [Goal(maximise, "max"), *ties]

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from dse.api.study import Study
 from dse.config import SearchSpace, load_space
-from dse.door.study import Study
 from dse.study import explore
 
 

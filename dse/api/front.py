@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.door.question import Question
-from dse.skyline import front
+from dse.skyline import blocks, front
 from dse.skyline.admissible import meeting
 from dse.skyline.constraints import ExpressionError, conditions_of, named_columns
 from dse.skyline.front import Skyline
-from dse.skyline.goals import Goal
 from dse.study import corrected, held, resampling
+from dse.study.question import DRAWS, Question
 from dse.study.results import open as open_study
 
 if TYPE_CHECKING:
     import pandas
 
-DRAWS = 200
-"""Number of samples of recordings, seeds and uncertain numbers where it is not stated."""
+_IN_MEMORY = 4_000_000  # rows of a table that is read whole
 
 ADDED = ("target", "ram_bytes", "cycles", "power_mw", "battery_h", *resampling.CERTAINTY)
 """Columns of a front that are there because they were asked for."""
@@ -40,19 +39,13 @@ def measured(rows: pandas.DataFrame, names: Sequence[str]) -> list[str]:
 
 def front_of(
     results: Sequence[str | Path],
-    objectives: Sequence[Goal],
-    where: Sequence[str] = (),
-    by: Sequence[str] = (),
     question: Question = Question(),  # noqa: B008 (frozen)
 ) -> Skyline:
     """Return the non-dominated points, and notes on what was left out.
 
     Args:
         results: folders of studies, or CSV, Parquet or JSON tables, which are concatenated.
-        objectives: columns and directions.
-        where: conditions; those on front_share and front_probability hold for points of the front.
-        by: columns whose values have separate fronts, beside hardware and task.
-        question: what else is asked.
+        question: what is asked; conditions on front_share and front_probability hold for points of the front.
 
     Raises:
         ExpressionError: an unknown column or direction, a condition that cannot be read, or a confidence
@@ -61,9 +54,14 @@ def front_of(
     """
     import pandas
 
+    objectives, by = question.goals(results[0]), question.groups
+    if (large := _large(results, question)) is not None:
+        rows, notes = blocks.parquet_skyline(large, objectives, question.where, by)
+        lacking = corrected.lacking(rows, (name for name, _ in objectives))
+        return Skyline(rows, [*notes, *lacking, *held.remarks(Path(results[0]))])
     frames = question.points(results)
     frame = pandas.concat(frames, ignore_index=True)
-    conditions = conditions_of(where)
+    conditions = conditions_of(question.where)
     certain = [x for x in conditions if named_columns([x]) & set(resampling.CERTAINTY)]
     early = [x for x in conditions if x not in certain]
     if question.confidence is not None:
@@ -90,3 +88,19 @@ def front_of(
         rows, remarks = on_targets(open_study(results[0]), rows, question.targets)
         notes += remarks
     return Skyline(rows, notes)
+
+
+def _large(results: Sequence[str | Path], question: Question) -> Path | None:
+    """Return the file of a table that is too large for memory, if its front needs nothing but its columns."""
+    import pyarrow.parquet
+
+    path = Path(results[0])
+    file = path / "points.parquet" if path.is_dir() else path
+    asks = replace(question, objectives=None, where=(), by=()) != Question()
+    if len(results) > 1 or asks or file.suffix != ".parquet" or not file.is_file():
+        return None
+    try:
+        n_rows = pyarrow.parquet.read_metadata(file).num_rows
+    except (OSError, ValueError):  # the reader of tables says why
+        return None
+    return file if n_rows > _IN_MEMORY else None

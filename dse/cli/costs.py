@@ -1,92 +1,64 @@
-"""`dse cost`: the costs of an inference on hardware, from a workload file, without training."""
+"""Costs of an inference on hardware, from a workload file, without training: what `dse cost` does."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer, cell
-from dse.cli.fields import argument, formats, option
 from dse.config import ConfigError, Fault
-from dse.door.question import MOST_DRAWS
 
 if TYPE_CHECKING:
     from dse.hardware.inference import Inference
     from dse.hardware.profile import Profile
-    from dse.hardware.table import CostRow, Duty
-
-GROUP = "look up"
-HELP = "compute energy, time and cores of an inference on hardware from a workload file, without training"
-_DEFAULT = "loihi1_silicon"
+    from dse.hardware.table import CostRow
 
 
-@dataclass(frozen=True, kw_only=True)
-class Arguments:
-    """The arguments."""
-
-    workload: str = argument("WORKLOAD", "a YAML or JSON file: layers, n_steps, spikes, ...")
-    hardware: tuple[str, ...] = option(
-        "NAME", "a profile's name or file; repeatable (default: loihi1_silicon)", ()
-    )
-    contacts_per_hour: float | None = option("N", "inferences per hour; adds mean power", low=0)
-    battery_mwh: float | None = option("M", "battery capacity in mWh; adds battery life", low=0)
-    draws: int | None = option("N", "sample the profile's uncertain numbers N times", low=1, high=MOST_DRAWS)
-    format: str | None = formats()
-
-
-def answer(arguments: Arguments) -> Answer:
+def costs(
+    workload: str,
+    hardware: Sequence[str],
+    contacts_per_hour: float | None,
+    battery_mwh: float | None,
+    draws: int | None,
+) -> Answer:
     """Return a row per hardware.
 
     Raises:
         ConfigError: everything that is wrong with the workload, the profiles and the options.
     """
-    from dse.hardware.table import Duty
+    from dse.hardware.profile import load_all
+    from dse.hardware.table import Duty, cost_row
+    from dse.hardware.workload import load_inference
 
     faults = []
-    if arguments.battery_mwh is not None and arguments.contacts_per_hour is None:
+    if battery_mwh is not None and contacts_per_hour is None:
         faults.append(Fault("--battery-mwh", 0, "needs --contacts-per-hour (0: always idle)"))
-    inference, profiles = _read(arguments.workload, list(arguments.hardware) or [_DEFAULT], faults)
+    inference: Inference | None = None
+    profiles: tuple[Profile, ...] = ()
+    try:
+        inference = load_inference(workload)
+    except ConfigError as error:
+        faults += error.faults
+    try:
+        profiles = load_all(hardware, Path())
+    except ConfigError as error:
+        faults += error.faults
     if faults or inference is None:
         raise ConfigError(faults)
-    duty = None
-    if arguments.contacts_per_hour is not None:
-        duty = Duty(arguments.contacts_per_hour, arguments.battery_mwh)
-    rows = [_row(profile, inference, duty, arguments.draws) for profile in profiles]
+    duty = None if contacts_per_hour is None else Duty(contacts_per_hour, battery_mwh)
+    rows = []
+    for profile in profiles:
+        try:
+            rows.append(cost_row(profile, inference, duty, draws))
+        except ValueError as error:  # contacts overlap
+            fault = Fault("--contacts-per-hour", 0, f"{error} (on {profile.name})")
+            raise ConfigError([fault]) from None
     notes = [note for row in rows for note in _notes(row)]
     tables = [_text(profile, row) for profile, row in zip(profiles, rows, strict=True)]
     text = "\n\n".join([_inference_text(inference), *tables]) + "\n" * bool(notes)
     return Answer([row.columns() for row in rows], notes, text=text)
-
-
-def _read(path: str, names: list[str], faults: list[Fault]) -> tuple[Inference | None, tuple[Profile, ...]]:
-    """Return the workload and the profiles; their faults are appended to `faults`."""
-    from dse.hardware.profile import load_all
-    from dse.hardware.workload import load_inference
-
-    inference: Inference | None = None
-    profiles: tuple[Profile, ...] = ()
-    try:
-        inference = load_inference(path)
-    except ConfigError as error:
-        faults += error.faults
-    try:
-        profiles = load_all(names, Path())
-    except ConfigError as error:
-        faults += error.faults
-    return inference, profiles
-
-
-def _row(profile: Profile, inference: Inference, duty: Duty | None, n_draws: int | None) -> CostRow:
-    from dse.hardware.table import cost_row
-
-    try:
-        return cost_row(profile, inference, duty, n_draws)
-    except ValueError as error:  # contacts overlap
-        fault = Fault("--contacts-per-hour", 0, f"{error} (on {profile.name})")
-        raise ConfigError([fault]) from None
 
 
 def _notes(row: CostRow) -> list[str]:

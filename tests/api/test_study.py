@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import dse
-from dse.door.choice import NothingFeasible
+from dse.api.choice import NothingFeasible
 from dse.skyline.constraints import ExpressionError
 
 SPACE: dict[str, Any] = {
@@ -117,23 +117,25 @@ def test_figures_and_optuna(ran: Ran) -> None:
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda study: study.pick(3), TypeError, "budgets must be a text or a list of texts, got 3"),
-        (lambda study: study.pick([3]), TypeError, "budgets must be a text or a list of texts, got 3"),
-        (lambda study: study.pick("n_weights <= 3", maximise=3), TypeError, "maximise must be a text, got 3"),
-        (lambda study: study.pick(confidence=2), ValueError, r"confidence must be in \[0, 1\], got 2"),
-        (lambda study: study.pick(battery_mwh="big"), TypeError, "battery_mwh must be a number, got 'big'"),
+        (lambda study: study.pick(3), TypeError, "budgets"),
+        (lambda study: study.pick([3]), TypeError, "budgets"),
+        (lambda study: study.pick("n_weights <= 3", maximise=3), TypeError, "maximise"),
+        (lambda study: study.pick(confidence=2), TypeError, r"confidence must be in \(0, 1\], got 2"),
+        (lambda study: study.pick(battery_mwh="big"), TypeError, "battery_mwh must be a number.*, got 'big'"),
+        (lambda study: study.pick(hardwar="mcu_m4"), TypeError, "Did you mean 'hardware'"),
+        (lambda study: study.pick(by="task"), ExpressionError, "by must be absent"),
         (lambda study: study.pick("n_wights <= 3"), ExpressionError, "Did you mean 'n_weights'"),
         (lambda study: study.skyline(3), TypeError, "objectives must be like 'accuracy:max,energy_uj:min'"),
         (lambda study: study.skyline([3]), TypeError, "objectives must be pairs such as"),
-        (lambda study: study.skyline(where={}), TypeError, "where must be a text or a list of texts"),
+        (lambda study: study.skyline(where={}), TypeError, "where"),
         (
             lambda study: study.best("n_weights <= 0"),
             NothingFeasible,
             "the nearest misses n_weights<=0 by 16",
         ),
         (lambda study: study.plot.fornt(), AttributeError, "Did you mean 'front'"),
-        (lambda study: study.plot.front(z=1), ValueError, "figure front has no key 'z'; known: "),
-        (lambda study: study.plot.sweep(family="snn"), TypeError, "figure sweep needs x: "),
+        (lambda study: study.plot.front(z=1), ValueError, "unknown key 'front.z'; known: "),
+        (lambda study: study.plot.sweep(family="snn"), ValueError, "sweep.x is required: "),
         (lambda study: study.plot.confusion("a"), TypeError, "design must be a trial's number or a row"),
         (lambda study: dse.open(3), TypeError, "folder must be the path of a study's folder, got 3"),
         (lambda study: dse.run(3), TypeError, "a search space must be a YAML file, .* got int"),
@@ -159,7 +161,7 @@ def test_a_class_of_the_notebook_is_a_component_in_the_workers(tmp_path: Path) -
             from dse.config.contracts import Encoder
             from dse.encoders.send_on_delta import SendOnDelta
             from dse.registry import param, register
-            from tests.door.test_door import SPACE, waves
+            from tests.api.test_study import SPACE, waves
 
             @register("encoders", "louder")
             @dataclasses.dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""`dse simulate`: the trials of a scene as a file of events, and one of them as a page."""
+"""The trials of a scene as a file of events, and one of them as a page: what `dse simulate` does."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import contextlib
 import dataclasses
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer
-from dse.cli.fields import argument, flag, formats, option
-from dse.cli.options import overrides_of
 from dse.config import ConfigError, Fault
 from dse.study import progress
 
@@ -21,9 +19,6 @@ if TYPE_CHECKING:
     from dse.records import Block
     from dse.scene.scene import Scene
     from dse.scene.simulate import Flags
-
-GROUP = "look up"
-HELP = "simulate the trials of a scene; write their events to a file, and one trial as a page"
 
 _WARM_UP_MS = 100.0
 
@@ -38,24 +33,21 @@ class _Summary:
     flags: Flags
 
 
-@dataclass(frozen=True, kw_only=True)
-class Arguments:
-    """The arguments."""
+@dataclass(frozen=True)
+class Asked:
+    """What `dse simulate` is asked for; overrides: replaced keys of the scene."""
 
-    scene: str = argument("SCENE", "a YAML file, or the name of a shipped scene")
-    out: Path | None = option("FILE.npz", "write the events of the trials to this file")  # noqa: RUF009
-    trials: str | None = option("FIRST:END", "trials to simulate, from FIRST to END - 1 (default: all)")
-    set: tuple[str, ...] = option(
-        "KEY=VALUE", "replace the value of a key, e.g. trials=2 or 'textures=[denim, wool]'; repeatable", ()
-    )
-    jobs: int | None = option("N", "trials simulated in parallel (default: one per core)", low=1)
-    figure: Path | None = option("PAGE.html", "write a page that shows one trial to this file")  # noqa: RUF009
-    trial: str | None = option("K", "the trial that --figure shows (default: the first)")
-    quiet: bool = flag("print no progress on stderr")
-    format: str | None = formats()
+    scene: str
+    overrides: Mapping[str, str]
+    out: Path | None
+    trials: str | None
+    jobs: int | None
+    figure: Path | None
+    trial: str | None
+    quiet: bool
 
 
-def answer(arguments: Arguments) -> Answer:
+def simulate(asked: Asked) -> Answer:
     """Simulate, write the files, and return one row per texture.
 
     Raises:
@@ -64,47 +56,47 @@ def answer(arguments: Arguments) -> Answer:
     from dse.scene.checks import warnings
     from dse.scene.load import load_scene
 
-    scene = load_scene(arguments.scene, overrides_of(arguments.set))
-    trials, shown = _choices(arguments, scene.n_trials)
+    scene = load_scene(asked.scene, asked.overrides)
+    trials, shown = _choices(asked, scene.n_trials)
     notes = warnings(scene)
     try:
-        with progress.shown(not arguments.quiet) as meter:
+        with progress.shown(not asked.quiet) as meter:
             # Compiles the kernels first: the speeds below are those of simulation alone.
             _simulated(dataclasses.replace(scene, duration_ms=min(_WARM_UP_MS, scene.duration_ms)), shown)
-            if arguments.out is None:
+            if asked.out is None:
                 summaries = [_simulated(scene, shown)[1]]
             else:
-                summaries = _write(scene, trials, arguments.out, arguments.jobs or _cores(), meter)
+                summaries = _write(scene, trials, asked.out, asked.jobs or _cores(), meter)
                 notes += _empty(trials, summaries)
                 notes.append(
-                    f"to train on this file, write into a search space: {_data_section(scene, arguments.out)}"
+                    f"to train on this file, write into a search space: {_data_section(scene, asked.out)}"
                 )
-            if arguments.figure is not None:
-                notes.append(f"page of trial {shown}: {_draw(scene, shown, arguments.figure)}")
+            if asked.figure is not None:
+                notes.append(f"page of trial {shown}: {_draw(scene, shown, asked.figure)}")
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; no incomplete file was written") from None
     return Answer(_rows(scene, summaries), notes)
 
 
-def _choices(arguments: Arguments, n_trials: int) -> tuple[range, int]:
+def _choices(asked: Asked, n_trials: int) -> tuple[range, int]:
     """Return the trials to simulate and the one to show.
 
     Raises:
         ConfigError: with what is wrong with --out, --figure, --trials and --trial.
     """
     faults = []
-    if arguments.out is None and arguments.figure is None:
+    if asked.out is None and asked.figure is None:
         faults.append(Fault("dse simulate", 0, "needs --out FILE.npz, --figure PAGE.html, or both"))
-    for name, path, suffix in (("--out", arguments.out, ".npz"), ("--figure", arguments.figure, ".html")):
+    for name, path, suffix in (("--out", asked.out, ".npz"), ("--figure", asked.figure, ".html")):
         if path is not None:
             faults += [Fault(f"{name} {path}", 0, fault) for fault in _place_faults(path, suffix)]
-    trials = _span(arguments.trials, n_trials)
+    trials = _span(asked.trials, n_trials)
     if trials is None:
         text = f"must be FIRST:END with 0 <= FIRST < END <= {n_trials}, the trials of the scene"
-        faults.append(Fault(f"--trials {arguments.trials}", 0, text))
+        faults.append(Fault(f"--trials {asked.trials}", 0, text))
     first = trials[0] if trials else 0
-    shown = arguments.trial if arguments.trial is not None else str(first)
-    if arguments.trial is not None and arguments.figure is None:
+    shown = asked.trial if asked.trial is not None else str(first)
+    if asked.trial is not None and asked.figure is None:
         faults.append(Fault(f"--trial {shown}", 0, "needs --figure, whose trial it selects"))
     elif not (shown.isascii() and shown.isdigit() and int(shown) < n_trials):
         faults.append(Fault(f"--trial {shown}", 0, f"must be one of the trials 0 to {n_trials - 1}"))
@@ -157,10 +149,10 @@ def _write(scene: Scene, trials: range, path: Path, jobs: int, meter: progress.P
 
 
 def _simulated(scene: Scene, k: int) -> tuple[Block, _Summary]:
-    from dse.scene import simulate
+    from dse.scene import simulate as simulating
 
     began = time.thread_time()
-    block, flags = simulate.simulated(scene, k)
+    block, flags = simulating.simulated(scene, k)
     texture = scene.textures[scene.cell(k)[0]].name
     return block, _Summary(texture, len(block.t_us), time.thread_time() - began, flags)
 
@@ -226,7 +218,7 @@ def _draw(scene: Scene, k: int, path: Path) -> Path:
     """
     from dse.dashboard.trial import write_trial_page
     from dse.figures.trial import gather_trial
-    from dse.scene import simulate
+    from dse.scene import simulate as simulating
     from dse.scene.trial import mean_force
 
     texture, motion, _, repetition = scene.cell(k)
@@ -235,8 +227,8 @@ def _draw(scene: Scene, k: int, path: Path) -> Path:
         f"{mean_force(scene, k):.3g} N, repetition {repetition}"
     )
     # The step of the physics: at a coarser one, slips and events would not coincide.
-    paths = simulate.pin_paths(scene, k, scene.method.friction_step_ms)
-    view = gather_trial(simulate.events(scene, k), paths, scene.sensor.frame_px, name)
+    paths = simulating.pin_paths(scene, k, scene.method.friction_step_ms)
+    view = gather_trial(simulating.events(scene, k), paths, scene.sensor.frame_px, name)
     try:
         return write_trial_page(view, path)
     except OSError as error:

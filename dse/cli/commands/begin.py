@@ -1,0 +1,124 @@
+"""Commands that begin: a first search space for recordings, and public recordings."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from dse.cli.answer import Answer, listing, wrapped
+from dse.cli.asking import asked, is_person
+from dse.cli.signature import Amount, number
+from dse.recordings.table import UNITS_MS
+from dse.registry import Rule
+from dse.text import one_line
+
+if TYPE_CHECKING:
+    from dse.data.look import Look
+
+
+def init(
+    data: str,
+    *,
+    label: str | None = None,
+    labels: str | None = None,
+    group: str | None = None,
+    step_ms: Amount = None,
+    time_unit: Annotated[str | None, Rule(choices=tuple(UNITS_MS))] = None,
+    recording: str | None = None,
+    signal: str | None = None,
+    out: str | None = None,
+    force: bool = False,
+    format: str | None = None,
+) -> Answer:
+    """Write a first search space for your recordings, and say what it assumes about them.
+
+    Args:
+        data: a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or a folder of event files.
+        label (COLUMN): label column to predict (default: guessed).
+        labels (FILE): file of the labels: a table or arrays (default: looked for beside DATA).
+        group (COLUMN): label column whose values stay in one part of the split, e.g. session (default:
+            guessed).
+        step_ms: sampling period in ms, if the file does not tell.
+        time_unit: unit of the column of times (default: guessed).
+        recording (COLUMN): column that tells recordings apart.
+        signal (NAME): array of samples (default: the largest).
+        out (FILE): where to write (default: the name of DATA with .yaml, in this folder).
+        force: replace the file if it exists.
+    """
+    from dse.api import first
+    from dse.data import look as looking
+
+    path = Path(data)
+    place = first.place_of(path, out, force)
+    options = looking.Options(
+        step_ms=step_ms or None,
+        time_unit=time_unit,
+        labels=labels,
+        signal=signal,
+        recording=recording,
+        base=place.parent,
+    )
+    look = looking.look(path, options)
+    if look.lacks_step and (text := asked("Sampling period in ms")):
+        look = dataclasses.replace(look, data=look.data | {"step_ms": number(text, low=0)}, lacks_step=False)
+    seen = first.seen(path.name, look, place)
+    written = first.write(seen, label or _label(look, seen.likely), group)
+    row = written.row
+    parts = ", ".join(f"{row[part]} {part}" for part in ("train", "validation", "test") if part in row)
+    n = f"{row['designs']} designs, {seen.recordings.n_recordings} recordings"
+    lines = [
+        *listing([("-", sentence) for sentence in written.assumed]).splitlines(),
+        wrapped(f"{place}: {n}{f' ({parts})' if parts else ''}"),
+        f"next: dse audit {shlex.quote(str(place))}",
+        f"      dse run {shlex.quote(str(place))}",
+    ]
+    return Answer([row], list(written.assumed) if format == "json" else (), text="\n".join(lines))
+
+
+def _label(look: Look, likely: str) -> str:
+    """Return the label column that is asked for where there is a person to ask, else the likely one."""
+    names = list(look.n_values)
+    if len(names) < 2 or not is_person():
+        return likely
+    print(listing([(name, f"{look.n_values[name]} values") for name in names]), file=sys.stderr)
+    while (name := asked("Label column to predict", likely)) not in names:
+        print(one_line(f"must be one of {', '.join(names)}, got '{name}'"), file=sys.stderr)
+    return name
+
+
+def prepare(set: str | None = None, source: Path | None = None, *, out: Path | None = None) -> Answer:
+    """Convert public recordings, as their authors publish them, to what the shipped search spaces read.
+
+    Args:
+        set (SET): name of a set (without one: list all).
+        source: folder with the authors' files.
+        out (DIR): folder of recordings, where search spaces look files up (default: $DSE_DATA).
+    """
+    from dse.recordings import RecordingError
+    from dse.recordings import prepare as preparing
+
+    if set is None:
+        rows = [
+            {
+                "set": name,
+                "file": one.file,
+                "origin": one.origin,
+                "licence": one.licence or "none stated",
+                "converted from": ", ".join(one.files),
+            }
+            for name, one in preparing.sets().items()
+        ]
+        return Answer(rows, all_rows=True)
+    if source is None:
+        raise RecordingError(f"prepare {set} needs SOURCE, the folder with the authors' files")
+    folder = out or os.environ.get("DSE_DATA")
+    if not folder:
+        raise RecordingError("prepare needs --out DIR, or DSE_DATA, the folder of recordings")
+    written = preparing.prepare(set, source, Path(folder))
+    answers = {True: "yes", False: "no, other recordings", None: "in no search space"}
+    rows = [{"file": str(one.path), "as in the published results": answers[one.published]} for one in written]
+    return Answer(rows)

@@ -1,0 +1,282 @@
+"""Commands that choose among design points, and show them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from dse import registry
+from dse.cli.answer import Answer
+from dse.cli.signature import Texts, Without
+from dse.config import ConfigError, Fault
+from dse.registry import Rule
+from dse.study.question import MOST_DRAWS, Question
+
+_NOTHING_FEASIBLE = 3
+
+
+def reports() -> dict[str, str]:
+    """Return the options of section `reports`, with help; those of plugins that are not installed too."""
+    missing = {
+        name: f"needs plugin {plugin}"
+        for plugin, sections in registry.ELSEWHERE.items()
+        for name in sections.get("reports", ())
+    }
+    installed: Mapping[str, Any] = registry.known("reports")
+    return missing | {name: component.about for name, component in installed.items()}
+
+
+def compare(
+    first: str,
+    second: str,
+    *,
+    objectives: str | None = None,
+    where: Texts = (),
+    hardware: Texts = (),
+    html: Path | None = None,
+) -> Answer:
+    """Compare two studies: the joint front, the hypervolume of each, and gains within budgets.
+
+    Args:
+        first: folder of a study, or a CSV, Parquet or JSON table.
+        second: folder of a study, or a CSV, Parquet or JSON table.
+        objectives (LIST): e.g. accuracy:max,energy_uj:min (default: those of the studies, which must be the
+            same).
+        html (FILE): write the page of both, as one file that opens offline.
+    """
+    from dse.cli.fronts import TELLING, columns, records
+    from dse.skyline.compare import STUDY
+    from dse.study.comparison import compare_studies
+
+    question = Question(objectives=objectives, where=where, hardware=hardware)
+    compared, tables, goals = compare_studies(first, second, question)
+    notes = list(compared.notes)
+    if html:
+        from dse.dashboard.study import write_comparison
+
+        notes.append(f"page: {write_comparison(compared, tables, goals, html)}")
+    front = compared.front
+    essential = [name for name in (STUDY, "trial", *(name for name, _ in goals)) if name in front]
+    shown = [STUDY, *columns(front, goals)]
+    return Answer(
+        records(compared.summary),
+        notes,
+        essential=[STUDY, "on_joint_front", "hypervolume"],
+        telling=TELLING,
+        sections={
+            "Joint front": Answer(records(front), columns=shown, essential=essential, telling=TELLING),
+            "Best within a budget": Answer(records(compared.gains), all_rows=True),
+        },
+    )
+
+
+def dashboard(
+    results: str,
+    *,
+    html: Path | None = None,
+    page: str = "study",
+    hardware: Texts = (),
+    repeats: Literal["mean", "last", "worst"] = "mean",
+    draws: Annotated[int | None, Rule(low=1, high=MOST_DRAWS)] = None,
+    port: Annotated[int | None, Rule(low=0, high=65_535)] = None,
+    host: str | None = None,
+) -> Answer:
+    """Serve the page of a study, also while it runs, or write it as one HTML file.
+
+    Args:
+        html (FILE): write the page to this file instead of serving it; the file opens without a server.
+        page: page definition (parts, axes, budgets): study (default), paper, deployment, or a YAML file.
+        repeats: of a design that was trained several times: means of all its runs (default), or every number
+            of its last run, or of the one with the least accuracy.
+        draws: sample recordings, seeds and the chip's uncertain numbers N times; points that are
+            non-dominated in few of the samples are drawn paler, and a slider leaves out less certain ones.
+        port: TCP port (default: 8050; 0: any free port).
+        host (NAME): address to listen on (default: 127.0.0.1, this machine only); readers need the token in
+            the printed URL.
+    """
+    from dse.dashboard.study import PageRequest, load_definition, write_page
+
+    faults = []
+    if html:
+        text = "applies to a served page and cannot be combined with --html"
+        served = {"port": port, "host": host}
+        faults += [Fault(f"--{name}", 0, text) for name, given in served.items() if given is not None]
+    try:
+        definition = load_definition(Path(results), page)
+    except ConfigError as error:
+        faults += error.faults
+    if faults:
+        raise ConfigError(faults)
+    request = PageRequest(definition, Question(hardware=hardware, repeats=repeats, draws=draws))
+    if html:
+        from dse.study import results as studies
+
+        path = write_page(studies.open(results), html, request)
+        return Answer([{"page": str(path)}], text=str(path))
+
+    from dse.dashboard.serve import LOOPBACK, PORT
+    from dse.dashboard.site import page_server
+
+    with page_server(Path(results), host or LOOPBACK, PORT if port is None else port, request) as server:
+        print(f"{server.url}  (stop with Ctrl-C)", flush=True)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            pass  # the usual way to stop the server
+    return Answer([], text="stopped")
+
+
+def figure(
+    results: str, name: str, *, out: Path, size: str | None = None, set: Texts = (), plugin: Texts = ()
+) -> Answer:
+    """Draw a figure of a study into a file (PDF, SVG, PNG, HTML or JSON); `dse describe figures` lists them.
+
+    Args:
+        name: a figure, e.g. front.
+        out (FILE): file to write: .pdf, .svg or .png for print (needs `pip install 'dse[figures]'` and
+            Chromium), .html (a page that works offline and saves SVG) or .json (plotly's own format).
+        size (WIDTHxHEIGHT): size of a .pdf, .svg or .png: 85x60mm fits a column of most journals, 700x450 is
+            in pixels of 1/96 inch (default: the figure's own, else 700x450); text has 8 pt.
+        set (KEY=VALUE): replace the value of a key, e.g. x=model.hidden; `dse describe figures NAME` lists
+            the keys; repeatable.
+        plugin (NAME): load components from this module or .py file first; repeatable.
+    """
+    from dse.cli import drawing
+    from dse.cli.spaces import overrides_of
+
+    drawing.draw(results, name, out, drawing.size_px(size), overrides_of(set), plugin)
+    return Answer([{"figure": name, "file": str(out)}])
+
+
+def note(
+    results: str, design: str | None = None, text: str | None = None, *, pin: bool | None = None
+) -> Answer:
+    """Write a note on a design, pin it, or list the notes of a study.
+
+    Args:
+        design: a trial such as 3, or a point of one such as 3.12.
+        text: the note; '' removes it (without TEXT: the note stays).
+        pin: list the design first.
+    """
+    from dse.store import StoreError
+    from dse.study import notes
+
+    folder = Path(results)
+    if not (folder / "search_space.yaml").is_file():
+        raise StoreError(f"{folder}: is not the folder of a study: there is no search_space.yaml")
+    listed = notes.of(folder)
+    if design is None and pin is not None:
+        raise StoreError("--pin needs a DESIGN")
+    if design is not None:
+        trial, point = notes.parse_design(design)
+        before = next((x for x in listed if (x.trial, x.point) == (trial, point)), None)
+        if text is None and pin is None:
+            listed = [before] if before else []
+        else:
+            kept, pinned = (before.text, before.pinned) if before else ("", False)
+            listed = notes.write(
+                folder, trial, point, kept if text is None else text, pinned if pin is None else pin
+            )
+    rows = [{"design": x.design, "pinned": x.pinned, "note": x.text, "written": x.at} for x in listed]
+    return Answer(rows, [] if rows else ["no notes"], all_rows=True)
+
+
+def pick(
+    results: str,
+    *,
+    budget: Texts = (),
+    maximise: str | None = None,
+    question: Annotated[Question, Without(["objectives", "where", "by", "targets"])],
+    target: Texts = (),
+    export: str | None = None,
+    verify: str | None = None,
+) -> Answer:
+    """Pick the best design point that meets all budgets, and export it as a bundle.
+
+    Args:
+        results: folder of a study, or a CSV, Parquet or JSON table.
+        budget (EXPR): condition that the pick must meet, e.g. "energy_uj<=50"; repeatable.
+        maximise (COLUMN): column to maximise (default: the first objective that is maximised; of a table,
+            accuracy).
+        export (DIR): write the picked design to this folder as a bundle; the page of the study shows those in
+            RESULTS/bundles, with the verdicts on their targets.
+
+    Returns:
+        The picked row, or if no row meets every budget the nearest rows and by how much they miss.
+    """
+    from dse.api.choice import choose
+    from dse.cli.fronts import TELLING, columns, records
+    from dse.store import StoreError
+
+    if export and not Path(results).is_dir():
+        raise StoreError(f"{results}: only a design of a study's folder can be exported")
+    if verify and not (target and export):
+        raise StoreError("--verify needs --target NAME, the target to run, and --export DIR, its folder")
+    choice = choose(results, budget, maximise, replace(question, targets=target))
+    if choice.row is None:
+        missed = [str(name) for name in choice.nearest.columns if str(name).startswith("missed ")]
+        shown = [*columns(choice.nearest, choice.goals), *missed]
+        known = ("trial", *(name for name, _ in choice.goals), *missed)
+        essential = [name for name in known if name in shown]
+        rows = records(choice.nearest)
+        return Answer(rows, choice.notes, shown, essential, TELLING, code=_NOTHING_FEASIBLE)
+    if not export:
+        return Answer([dict(choice)], choice.notes, list(choice.shown))
+    from dse.cli import verdicts
+
+    bundle = choice.export(export, recordings=verify)
+    of_targets = [verdicts.row(name, verdict) for name, verdict in bundle.targets.items()]
+    sections = {"targets": Answer(of_targets)} if of_targets else {}
+    notes = [*choice.notes, f"bundle: {export}"]
+    return Answer([dict(choice)], notes, list(choice.shown), sections=sections)
+
+
+def report(
+    results: Texts,
+    *,
+    system: str | None = None,
+    out: Path | None = None,
+    hardware: Texts = (),
+    **published: Annotated[str | None, reports],
+) -> Answer:
+    """Compare spiking with other families, chips with each other, and studies with published systems.
+
+    Args:
+        results: folders of studies, or a folder that contains some.
+        system (LETTERS): print only the rows of these published systems, by their letters in the report, e.g.
+            A or DE.
+        out (FOLDER): with --paper, also write a folder: the comparison, figures (needs
+            `pip install 'dse[figures]'` and Chromium) and the tables of the studies.
+        hardware (NAME): compare this hardware profile (name or YAML file) with others; repeatable (default:
+            the profiles of each study).
+        published: components of section `reports`, an option each.
+    """
+    from dse.cli import reporting
+
+    return reporting.report(results, system, out, hardware, published)
+
+
+def skyline(
+    results: Texts, *, question: Annotated[Question, Without(["targets"])], notes: bool = False
+) -> Answer:
+    """Print the skyline: the non-dominated design points of studies or of any tables.
+
+    Args:
+        results: folder of a study, or a CSV, Parquet or JSON table; several are concatenated.
+        notes: show the notes on designs (`dse note`): columns note and pinned.
+    """
+    from dse.api.front import ADDED, front_of
+    from dse.cli.fronts import front_answer
+
+    rows, remarks = front_of(results, question)
+    beside = list(ADDED)
+    if notes:
+        from dse.store import StoreError
+        from dse.study.notes import with_notes
+
+        if len(results) > 1 or not Path(results[0]).is_dir():
+            raise StoreError(f"{results[-1]}: --notes needs one study's folder")
+        rows, beside = with_notes(rows, Path(results[0])), [*beside, "pinned", "note"]
+    return front_answer(rows, question.goals(results[0]), remarks, beside)

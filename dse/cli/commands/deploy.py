@@ -1,0 +1,200 @@
+"""Commands about exported classifiers: bundles, their targets, new recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from dse.cli.answer import Answer
+from dse.cli.signature import Count, Positive, Texts
+from dse.registry import Rule
+
+if TYPE_CHECKING:
+    from dse.deploy.evaluate import Evaluation
+
+_REST_S = 5.0
+"""Time for which the power at rest is measured."""
+_UNVERIFIED = 2
+
+
+def evaluate(
+    bundle: str, *, data: str, each: bool = False, repair: bool = False, power: bool = False
+) -> Answer:
+    """Run an exported classifier (bundle) on new recordings.
+
+    Args:
+        data (FILE): recordings in the format of the training data; a classifier trained on a scene also takes
+            an event file or a folder of event files.
+        each: print one row per recording (its label and decision time) instead of the summary.
+        power: measure the power of this machine's processor, at rest and while it classifies; adds the
+            columns power_idle_w and power_w.
+    """
+    from dse.deploy import evaluate as evaluating
+
+    evaluation = evaluating.evaluate(bundle, data, repair=repair, rest_s=_REST_S if power else None)
+    rows = evaluation.answers if each else [evaluation.columns]
+    notes = [*_by_class(evaluation), *(f"warning: {note}" for note in evaluation.notes)]
+    if evaluation.power is not None:
+        unmeasured = evaluation.power.reason
+        notes.append(f"power: {unmeasured or 'of the processor, with everything else that runs on it'}")
+    return Answer(rows, notes)
+
+
+def _by_class(evaluation: Evaluation) -> list[str]:
+    """Return one sentence per class that has labelled recordings, worst first."""
+    sentences = []
+    for true, row in enumerate([] if evaluation.confusion is None else evaluation.confusion):
+        if total := int(row.sum()):
+            wrong = [(int(n), evaluation.classes[k]) for k, n in enumerate(row) if k != true and n]
+            confused = ", ".join(f"{n} as {name}" for n, name in sorted(wrong, key=lambda x: -x[0]))
+            text = f"{evaluation.classes[true]}: {int(row[true])} of {total} correct"
+            sentences.append((row[true] / total, f"{text}; {confused}" if confused else text))
+    return [text for _, text in sorted(sentences, key=lambda x: x[0])]
+
+
+def export(bundle: str, *, target: Texts, verify: str | None = None, prefix: str | None = None) -> Answer:
+    """Write the classifier of a bundle for targets (C, microcontrollers, NIR, ...) and verify them by a run.
+
+    Args:
+        prefix (NAME_): of the names and files in C, so that several classifiers live in one program: texture_
+            gives texture_init and texture.h (default: that of the bundle, dse_ at first).
+
+    Returns:
+        The verdict on every target; the bundle holds their files and verdicts then.
+    """
+    from dse.cli import verdicts
+    from dse.deploy.verify import export_targets
+
+    return verdicts.answer(export_targets(bundle, target, verify, prefix))
+
+
+def import_(
+    bundle: str,
+    weights: str | None = None,
+    *,
+    data: str | None = None,
+    out: str | None = None,
+    into: str | None = None,
+    hardware: str | None = None,
+) -> Answer:
+    """Put weights that were trained on in torch (bundle.as_module()) back: a new bundle, measured and priced.
+
+    Args:
+        bundle: the bundle whose module was trained on.
+        weights (FILE): written by torch.save(module.state_dict(), FILE) (default: those that BUNDLE was made
+            with).
+        data (RECORDINGS): labelled recordings, as of `dse evaluate`; the new bundle's record is measured on
+            them.
+        out (DIR): folder of the new bundle.
+        into (RESULTS): add a trial to the study that the bundle is from, measured on its recordings; its
+            column origin says what it was.
+        hardware (NAME): compute costs on this profile (default: that of the bundle's record).
+    """
+    from dse.deploy.bundle import BundleError, read
+    from dse.deploy.tuned import import_into, import_weights, with_weights
+    from dse.native.extras import require_torch
+
+    if bool(data) != bool(out):
+        raise BundleError("--data, the recordings to measure on, and --out, the new bundle, need each other")
+    if not (out or into):
+        raise BundleError("import needs --data RECORDINGS and --out DIR, or --into RESULTS")
+    if out and not weights:
+        raise BundleError("--out needs FILE, the weights of the new bundle")
+    old = None
+    if out and weights and data:
+        old = import_weights(bundle, weights, data, out, hardware)
+    notes = [f"bundle: {out}"] if out else []
+    if not into:
+        assert old is not None  # as stated above
+        shown = (
+            *("trial", "phi", "theta", "read_out_ms", "accuracy"),
+            *("decision_latency_ms", "n_weights", "energy_uj"),
+        )
+        columns = [name for name in shown if old.record.get(name) is not None]
+        return Answer([dict(old.record)], notes, columns)
+    old = old or read(bundle)
+    if weights and not out:
+        require_torch("importing a torch module")
+        old = with_weights(old, Path(weights))
+    from dse.store import plain_cell
+    from dse.study.results import open as open_study
+
+    trial = import_into(old, into)
+    trials = open_study(into).trials
+    [row] = trials[trials["trial"] == trial].to_dict("records")
+    plain = {str(name): plain_cell(x) for name, x in row.items()}
+    columns = [name for name in ("trial", "origin", "accuracy", "accuracy_se", "energy_uj") if name in plain]
+    return Answer([plain], [*notes, f"trial {trial} of {into}"], columns)
+
+
+def measure(bundle: str, *, data: str | None = None, rest: Annotated[float, Rule(low=0)] = _REST_S) -> Answer:
+    """Measure time and energy of an exported classifier on this machine: as a stream and as C.
+
+    Args:
+        data (RECORDINGS): recordings in the format of the training data (default: random input spikes, 2 % of
+            channels and steps).
+        rest: time at rest in seconds (default: 5).
+    """
+    from dse.deploy import measure as measuring
+    from dse.deploy.bundle import read
+
+    times = measuring.measure(read(bundle), data, max(rest, 0.1))
+    notes = [
+        f"{x.engine}: {'energy_uj is empty: ' if 'counter' in x.reason else ''}{x.reason}"
+        for x in times
+        if x.reason
+    ]
+    return Answer([each.columns for each in times], notes)
+
+
+def stream(
+    bundle: str,
+    file: str | None = None,
+    *,
+    serial: str | None = None,
+    baud: Positive = 115_200,
+    data: str | None = None,
+    realtime: bool = False,
+    window: Literal["once", "restart", "onset"] | None = None,
+    every: Count = None,
+    first: int = 0,
+    json: bool = False,
+) -> Answer:
+    """Decide as samples or events arrive: from a pipe, a file, a serial port or recordings.
+
+    Args:
+        file: text, a line per sample (a number of every channel), step (0 or 1 of every channel) or event
+            (t_us x y polarity); an empty line ends a recording; -: standard input (default).
+        serial (PORT): read the lines from this serial port, e.g. /dev/ttyACM0.
+        baud: of the serial port (default: 115200).
+        data (RECORDINGS): play recordings in the format of the training data.
+        realtime: play a file or recordings at their own pace, not at once.
+        window: where windows begin: once, at --first; restart: the next with the step after an answer; onset:
+            at each onset of contact, by window.onset_threshold of the bundle (default: as in training: onset,
+            or restart; of --data: where `dse evaluate` has the window).
+        every: sliding windows: one begins every so many steps of the input.
+        first: step of the first window (default: 0).
+        json: print a JSON object per line (default: CSV).
+    """
+    from dse.cli import streaming
+
+    source = streaming.Source(file, serial, baud, data, realtime)
+    return streaming.stream(bundle, source, streaming.windows(window, every, first), json)
+
+
+def verify(bundle: str, *, data: str, target: Texts = ()) -> Answer:
+    """Run the targets of a bundle on recordings and compare all decisions and spikes.
+
+    Args:
+        bundle: folder with targets that `dse export` wrote.
+        target (NAME): target to run (default: all of the bundle); repeatable.
+
+    Returns:
+        The verdict on every target, beside that of the bundle.
+    """
+    from dse.cli import verdicts
+    from dse.deploy import verify as verifying
+
+    verified = verifying.verify(bundle, data, target)
+    unverified = any(each.verdict.kind == "not verified" for each in verified.values())
+    return verdicts.answer(verified, code=_UNVERIFIED if unverified else 0)

@@ -1,0 +1,43 @@
+"""The search space that a command names, with values replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from dse.config import ConfigError, Fault, SearchSpace, load_space
+
+
+def load(space: str, replaced: Iterable[str], repair: bool) -> SearchSpace:
+    """Return a search space; its data files and hardware profiles are checked too.
+
+    Args:
+        space: a YAML file, or the name of a shipped search space.
+        replaced: KEY=VALUE each.
+        repair: whether damaged event files are repaired.
+
+    Raises:
+        ConfigError: every fault.
+    """
+    from dse.hardware.profile import load_all
+
+    overrides = overrides_of(replaced) | ({"data.repair": "true"} if repair else {})
+    loaded = load_space(space, overrides, check_data=True)
+    load_all(loaded.hardware, loaded.source.parent)
+    return loaded
+
+
+def overrides_of(texts: Iterable[str]) -> dict[str, str]:
+    """Return key -> value of each `--set`.
+
+    Raises:
+        ConfigError: every `--set` that is not KEY=VALUE.
+    """
+    overrides, faults = {}, []
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals:
+            faults.append(Fault(f"--set {text}", 0, "must be KEY=VALUE"))
+        overrides[key.strip()] = value
+    if faults:
+        raise ConfigError(faults)
+    return overrides
