@@ -132,8 +132,8 @@ def closest(weights: Array, squares: Floats, most: int = FINEST) -> int:
 def compensated(weights: Array, moments: Floats) -> Floats:
     """Return 8-bit weights, (input, neuron) float32, whose errors cancel in what neurons receive.
 
-    Inputs are rounded one after the other, those of most power first; the weights of the others take over
-    what a rounding, or a clipping, changes in the drive, as far as they fire together.
+    Inputs are rounded one after the other, first those whose weights 8 bits clip, then those of most power;
+    the weights of the others take over what that changes in the drive, as far as they fire together.
     Source: Frantar et al. 2023, optimal brain quantisation of layers (REFERENCES.md).
 
     Args:
@@ -142,8 +142,9 @@ def compensated(weights: Array, moments: Floats) -> Floats:
     """
     power = np.diag(moments)
     damped = moments + _DAMPING * (power.mean() if power.any() else 1.0) * np.eye(len(power))
-    steps = _in_steps(weights)
-    _round_in_turn(steps, inverse(damped), np.argsort(-power, kind="stable"))
+    steps = weights.astype(np.float64) * _STEPS
+    clipped = np.abs(steps - np.clip(steps, -128, 127)).max(axis=1)
+    _round_in_turn(steps, inverse(damped), np.lexsort((-power, -clipped)))
     return np.asarray(steps / _STEPS, np.float32)
 
 
