@@ -11,9 +11,12 @@ import argparse
 import functools
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
@@ -21,18 +24,24 @@ from dse import dataset, seeds
 from dse.config.load import load_space
 from dse.dataset.cache import opened_root
 from dse.engine.losses.spike_rate import SpikeRate
+from dse.models.snn import contrasts, outputs
 from dse.models.training import FitRequest
 from dse.records import Dataset, Outcome, Response
 
 SPACE = Path(__file__).resolve().parent.parent / "search_spaces" / "texture_profile_contrasts.yaml"
 JOINT = {"epochs": 8, "output_epochs": 0, "learning_rate": 0.01, "hidden_lr_factor": 0.05}
 AFTERWARDS = {**JOINT, "epochs": 16, "output_epochs": 8, "output_learning_rate": 0.05}
-ROWS: dict[str, dict[str, Any]] = {
+ROUNDED = {"compensated": lambda weights, _: weights}
+ROWS: dict[str, dict[Any, Any]] = {
     "all parts": {},
     "start uniform": {"start": "uniform"},
     "start uniform, 6084 free weights, rounded": {
         "start": "uniform", "regions": 0, "rounding": "nearest", "threshold_exponents": (0, 3),
     },
+    "no contrasts near those that stay": {contrasts: {"_ROUNDS": 0}},
+    "outputs share no drive": {outputs: {"_COMMON": ()}},
+    "roundings compensate nothing": {outputs: ROUNDED},
+    "none of the three": {contrasts: {"_ROUNDS": 0}, outputs: {"_COMMON": (), **ROUNDED}},
     "outputs not whitened": {"whitened": "none"},
     "weight norm of the outputs, not whitened": {"whitened": "none", "weight_norm": True, "regions": 0,
                                                  "rounding": "nearest", "start": "uniform",
@@ -90,13 +99,23 @@ def loaded(task: str, hidden: int, n_trials: int) -> tuple[Dataset, Any]:
 
 
 def trainings(
-    data: Dataset, sections: Any, changes: dict[str, Any], n_seeds: int
+    data: Dataset, sections: Any, changes: dict[Any, Any], n_seeds: int
 ) -> Iterator[tuple[float, float, float, float, bool]]:
     """Yield accuracy, hidden spikes of a sample, peak, CPU seconds and overflow of a training per seed."""
     model, training = sections.model, sections.training
-    of_model = {k: v for k, v in changes.items() if hasattr(model, k)}
-    of_training = {k: v for k, v in changes.items() if k not in of_model}
+    of_modules = {k: v for k, v in changes.items() if isinstance(k, ModuleType)}
+    of_model = {k: v for k, v in changes.items() if k not in of_modules and hasattr(model, k)}
+    of_training = {k: v for k, v in changes.items() if k not in of_modules and k not in of_model}
     model, training = replace(model, **of_model), replace(training, **of_training)
+    with ExitStack() as without:
+        for module, values in of_modules.items():
+            without.enter_context(mock.patch.multiple(module, **values))
+        yield from _seeds(data, model, training, n_seeds)
+
+
+def _seeds(
+    data: Dataset, model: Any, training: Any, n_seeds: int
+) -> Iterator[tuple[float, float, float, float, bool]]:
     for seed in range(1, n_seeds + 1):
         began = time.process_time()
         rngs = functools.partial(seeds.generator, seed, {})

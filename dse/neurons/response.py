@@ -31,23 +31,29 @@ def response_norm(population: Population[Any], n_neurons: int, n_steps: int) -> 
     return np.asarray(np.sqrt(total))
 
 
+def constant_response(population: Population[Any], n_neurons: int, n_steps: int) -> Floats:
+    """Return the potential after so many steps of a constant input of 1, no neuron firing, (neuron,)."""
+    calculus = NumpyCalculus("ideal")
+    state, drive = population.initial_state((2, n_neurons), calculus), np.zeros((2, n_neurons))
+    drive[1] = _IMPULSE
+    for _ in range(n_steps):
+        state, potential, _ = population.step(state, drive, calculus)
+    return np.asarray((potential[1] - potential[0]) / _IMPULSE, np.float64)
+
+
 def dc_gain(population: Population[Any], n_neurons: int) -> Floats:
     """Return the potential that a constant input of 1 per step ends at, no neuron firing, (neuron,).
 
     Raises:
         ValueError: it has no limit, or none above rest.
     """
-    calculus = NumpyCalculus("ideal")
-    state, drive = population.initial_state((2, n_neurons), calculus), np.zeros((2, n_neurons))
-    drive[1] = _IMPULSE
-    before, steps = np.zeros(n_neurons), 64
-    while steps <= _LONGEST:
-        for _ in range(steps):
-            state, potential, _ = population.step(state, drive, calculus)
-        gain = np.asarray((potential[1] - potential[0]) / _IMPULSE, np.float64)
+    before: Floats = np.zeros(n_neurons)
+    n_steps = 64
+    while n_steps <= _LONGEST:
+        gain = constant_response(population, n_neurons, n_steps)
         if (gain > 0).all() and np.allclose(gain, before, rtol=1e-6, atol=0):
             return gain
-        before, steps = gain, 2 * steps
+        before, n_steps = gain, 2 * n_steps
     raise ValueError(
         "start must be uniform for neurons whose potential has no limit above rest under a constant "
         "input, got contrasts"

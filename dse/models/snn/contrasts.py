@@ -2,17 +2,17 @@
 
 A candidate is excited by one input and inhibited by another, in units of the inputs' mean spikes:
 
-    drive(t) = x_a(t) / <x_a> - s * x_b(t) / <x_b>,    s uniform in [0, 1)
+    drive(t) = x_a(t) / <x_a> - s * x_b(t) / <x_b>,    s in [0, 1]
 
 Its weights are scaled so that the drive, averaged over as many steps as the neuron remembers, exceeds the
-threshold for a share of the time. These shares are spread evenly on a logarithmic scale. Drives that follow
-one common rate differ in what they are compared with, so that counts tell more than that rate.
+threshold for a share of the time. Drives that follow one common rate differ in what they are compared with,
+so that counts tell more than that rate.
 
 Which candidates stay is found by the labels: a least-squares readout of the spike counts of all of them
 loses one neuron after the other, each time that whose loss raises the squared error least, minus the price
 of its spikes. Removing neuron j from a readout with weights W raises the error by |W_j|^2 / P_jj, where P is
-the inverse of the second moments. Sums of counts are exact, and all others run in one order: the choice is
-the same everywhere.
+the inverse of the second moments. Candidates close to those that stayed then compete with them, a few times.
+Sums of counts are exact, and all others run in one order: the choice is the same everywhere.
 
 Source: Hassibi and Stork 1993, optimal brain surgeon, of a linear readout (REFERENCES.md).
 """
@@ -21,62 +21,167 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from dse.engine.events import Rows
 from dse.engine.forward import Prepared
-from dse.models.snn.whiten import covariance, dot
+from dse.models.snn.whiten import covariance, inverse
 from dse.native.compiled import compiled
-from dse.neurons import Population
+from dse.neurons import Population, taken
 from dse.neurons.response import dc_gain, response_norm
 from dse.records import Array, Bools, Floats, Ints
 
-CANDIDATES = 1024
-"""Neurons to choose among, at least; four times as many as are kept, if that is more."""
 NO_DRIVE = 1e-35
 """Weight of an input that does not drive a neuron: 0 would be no weight. Its square is 0 in float32."""
-_SHARES = 0.02, 0.95
-"""Least and largest share of the time with a positive drive for which it exceeds the threshold."""
+_CANDIDATES = 1024  # to choose among at first, at least; four times as many as are kept, if that is more
+_ROUNDS = 4  # of candidates close to those that stayed: twice as many, or half of the first ones
+_SHARES = (
+    0.02,
+    0.95,
+)  # least and largest share of the time with a positive drive that lies above the threshold
+_NEAR = 0.2, 0.5  # of the share of an inhibition, and of the logarithm of the time: half the width
+_OTHER = 0.3  # of those close by, how many are inhibited by another input
 _RIDGE = 0.003  # added to the second moments of scaled counts
-_PEAK_SAMPLES = 256  # whose potentials are kept, a few at a time
+_PEAK_SAMPLES = 512  # whose potentials are kept, a few at a time
 
 
-def candidates(
-    rows: Rows, population: Population[Any], n_neurons: int, most_below: float, rng: np.random.Generator
-) -> Floats:
-    """Return the weights of candidates, (input, neuron), of inputs that fire in the rows.
+@dataclass(frozen=True)
+class Contrasts:
+    """What neurons compare, (neuron,) each.
+
+    excited, inhibited: number of the input, among those that fire.
+    share: of the mean of the inhibiting input, in that of the exciting one.
+    time: share of the time with a positive drive for which it exceeds the threshold.
+    neuron: which of the layer's neurons it is: they can differ.
+    """
+
+    excited: Ints
+    inhibited: Ints
+    share: Floats
+    time: Floats
+    neuron: Ints
+
+    @classmethod
+    def drawn(cls, n_inputs: int, n: int, n_neurons: int, rng: np.random.Generator) -> Contrasts:
+        """Draw candidates: inputs in turn, times spread evenly on a logarithmic scale."""
+        turn, excited = np.divmod(np.arange(n), n_inputs)
+        low, high = np.log(_SHARES)
+        time = np.exp(low + (turn + 0.5) / -(-n // n_inputs) * (high - low))
+        inhibited = _another(excited, n_inputs, rng)
+        return cls(excited, inhibited, rng.random(n), time, np.arange(n) % n_neurons)
+
+    def near(self, n_inputs: int, n: int, rng: np.random.Generator) -> Contrasts:
+        """Draw candidates that differ little from some of these."""
+        of = self[rng.integers(self.share.size, size=n)]
+        other = np.where(rng.random(n) < _OTHER, _another(of.excited, n_inputs, rng), of.inhibited)
+        share = np.clip(of.share + rng.uniform(-_NEAR[0], _NEAR[0], n), 0, 1)
+        time = np.clip(of.time * np.exp(rng.uniform(-_NEAR[1], _NEAR[1], n)), *_SHARES)
+        return Contrasts(of.excited, other, share, time, of.neuron)
+
+    def __getitem__(self, which: Ints) -> Contrasts:
+        return Contrasts(*(getattr(self, f.name)[which] for f in fields(self)))
+
+    def __add__(self, other: Contrasts) -> Contrasts:
+        return Contrasts(*(np.append(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)))
+
+
+def _another(inputs: Ints, n_inputs: int, rng: np.random.Generator) -> Ints:
+    """Draw an input for each, not itself if there are several."""
+    return (inputs + rng.integers(1, max(2, n_inputs), inputs.size)) % n_inputs
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What decides which candidates stay.
+
+    run: return the spikes of candidates on training samples, (sample, candidate), and whether each leaves the
+        range of a state, (candidate,), given their weights and neurons.
+    targets: (sample, output) 1 where an output stands for a label of the sample, else 0.
+    price: of a spike, in squared errors of a sample.
+    made: what was chosen before, as returned by `found`; None: nothing yet.
+    """
+
+    run: Callable[[Floats, Population[Any]], tuple[Ints, Bools]]
+    targets: Floats
+    price: float
+    made: Floats | None = None
+
+
+class Drives:
+    """Weights of contrasts of one layer.
 
     Args:
         rows: input spikes of a probe batch.
-        population: the candidates.
-        n_neurons: how many.
-        most_below: thresholds by which their mean potentials may lie below rest, where no reset ends it; the
-            weights of those that would lie lower are scaled down.
-        rng: draws pairs and shares.
+        population: the layer's neurons.
+        n_neurons: how many they are.
+        most_below: thresholds by which mean potentials may lie below rest, where no reset ends it; weights of
+            a neuron that would lie lower are scaled down.
     """
-    gain = dc_gain(population, n_neurons)
-    memory = float(np.median((gain / response_norm(population, n_neurons, rows.n_steps)) ** 2))
-    seen = mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
-    weights = np.full((rows.n_inputs, n_neurons), NO_DRIVE)
-    active = np.flatnonzero(seen.any(axis=0))
-    n_rounds = -(-n_neurons // max(1, active.size))
-    means = seen.mean(axis=0)
-    for j in range(n_neurons if active.size else 0):
-        turn, place = divmod(j, active.size)
-        a, b = active[place], active[(place + rng.integers(1, max(2, active.size))) % active.size]
-        share = rng.random()
-        drive = seen[:, a] / means[a] - (share if b != a else 0.0) * seen[:, b] / means[b]
-        above = np.sort(drive)[::-1]
-        low, high = np.log(_SHARES)
-        of_time = math.exp(low + (turn + 0.5) / n_rounds * (high - low)) * np.count_nonzero(above > 0)
-        least = above[min(int(of_time), above.size - 1)]
-        unit = max(least if least > 0 else above[0], -drive.min() / most_below)
-        weights[a, j] = 1 / (means[a] * unit)
-        if b != a:
-            weights[b, j] = -share / (means[b] * unit)
-    return np.asarray(weights * (population.to_threshold / gain))
+
+    def __init__(self, rows: Rows, population: Population[Any], n_neurons: int, most_below: float) -> None:
+        self.population, self.most_below = population, most_below
+        self.gain = dc_gain(population, n_neurons)
+        norm = response_norm(population, n_neurons, rows.n_steps)
+        memory = float(np.median((self.gain / norm) ** 2))
+        seen = mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
+        self.n_inputs, self.active = rows.n_inputs, np.flatnonzero(seen.any(axis=0))
+        self.means = seen.mean(axis=0)[self.active]
+        self.seen = seen[:, self.active] / self.means
+
+    def weights(self, contrasts: Contrasts) -> Floats:
+        """Return weights, (input, neuron), of inputs that fire in the rows."""
+        n = contrasts.share.size
+        weights = np.full((self.n_inputs, n), NO_DRIVE)
+        for j in range(n if self.active.size else 0):
+            a, b = contrasts.excited[j], contrasts.inhibited[j]
+            share = contrasts.share[j] if b != a else 0.0
+            drive = self.seen[:, a] - share * self.seen[:, b]
+            above = np.sort(drive)[::-1]
+            least = above[min(int(contrasts.time[j] * np.count_nonzero(above > 0)), above.size - 1)]
+            unit = max(least if least > 0 else above[0], -drive.min() / self.most_below)
+            if b != a:
+                weights[self.active[b], j] = -share / (self.means[b] * unit)
+            weights[self.active[a], j] = 1 / (self.means[a] * unit)
+        scale = np.broadcast_to(self.population.to_threshold / self.gain, self.gain.shape)
+        return np.asarray(weights * scale[contrasts.neuron])
+
+
+def found(
+    drives: Drives, n_neurons: int, rng: np.random.Generator, choice: Choice
+) -> tuple[Floats, Population[Any], Floats]:
+    """Return the weights of a first layer, (input, neuron), its neurons, and the choice to store.
+
+    Args:
+        drives: of its neurons.
+        n_neurons: how many.
+        rng: draws the candidates; it moves as far whether or not the choice was made before.
+        choice: what decides which stay.
+    """
+    own, size = np.random.default_rng(rng.integers(2**63)), max(1, drives.active.size)
+    if choice.made is not None:
+        excited, inhibited, share, time, neuron = choice.made
+        whole = np.int64
+        stay = Contrasts(excited.astype(whole), inhibited.astype(whole), share, time, neuron.astype(whole))
+    else:
+        copies = -(-max(_CANDIDATES, 4 * n_neurons) // n_neurons)
+        stay = Contrasts.drawn(size, copies * n_neurons, n_neurons, own)
+        counts, out = _run(drives, stay, choice)
+        for turn in range(_ROUNDS + 1):
+            kept = chosen(counts, choice.targets, n_neurons, choice.price, out)
+            stay, counts, out = stay[kept], counts[:, kept], out[kept]
+            if turn < _ROUNDS:
+                near = stay.near(size, max(_CANDIDATES // 2, 2 * n_neurons), own)
+                fired, leaves = _run(drives, near, choice)
+                stay, counts, out = stay + near, np.hstack([counts, fired]), np.append(out, leaves)
+    stored = np.array([getattr(stay, f.name) for f in fields(stay)], np.float64)
+    return drives.weights(stay), taken(drives.population, stay.neuron), stored
+
+
+def _run(drives: Drives, contrasts: Contrasts, choice: Choice) -> tuple[Ints, Bools]:
+    return choice.run(drives.weights(contrasts), taken(drives.population, contrasts.neuron))
 
 
 def mean_counts(rows: Rows, n_steps: int) -> Floats:
@@ -90,32 +195,26 @@ def mean_counts(rows: Rows, n_steps: int) -> Floats:
     return np.asarray(counts[:, :-1].reshape(-1, rows.n_inputs) / n_steps)
 
 
-def needed(
+def fired(
     layer: Prepared,
     to_threshold: Floats | float,
     windows: Callable[[int, int], Iterable[Rows]],
-    targets: Floats,
-    n_neurons: int,
-    price: float,
     most_peak: float,
-) -> Ints:
-    """Return which candidates stay, (n_neurons,) increasing; first go those that leave the range of a state.
+) -> tuple[Ints, Bools]:
+    """Return the spikes of candidates, (sample, candidate), and which leave the range of a state.
 
     Args:
         layer: the candidates as they run.
         to_threshold: of their potentials, weight units.
         windows: return the inputs of the first so many training samples (0: of all), so many at a time.
-        targets: (sample, output) as in `chosen`.
-        n_neurons: how many stay.
-        price: as in `chosen`.
         most_peak: thresholds that potentials are to stay within, on some of the samples.
     """
-    fired = [layer.forward(rows).fired.per_input() for rows in windows(0, 64)]
+    counts = [layer.forward(rows).fired.per_input() for rows in windows(0, 64)]
     peaks = np.zeros(layer.n_neurons)
     for rows in windows(_PEAK_SAMPLES, 8) if math.isfinite(most_peak) else ():
         reached = np.abs(layer.forward(rows, keep_voltage=True).voltage).max(axis=(0, 1))
         peaks = np.maximum(peaks, reached / to_threshold)
-    return chosen(np.concatenate(fired), targets, n_neurons, price, peaks > most_peak)
+    return np.concatenate(counts), peaks > most_peak
 
 
 def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float, out: Bools) -> Ints:
@@ -145,13 +244,13 @@ def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float, out: Boo
 @compiled()
 def _remove(powers: Array, with_targets: Array, left: Array, n_removed: int, prices: Array) -> None:
     """Clear `left` of the neurons that a least-squares readout misses least, one after the other."""
-    inverse = _inverse(powers)
+    inverted = inverse(powers)
     n, n_outputs = with_targets.shape
     readout = np.zeros((n, n_outputs))
     for i in range(n):
         for k in range(n):
             for c in range(n_outputs):
-                readout[i, c] += inverse[i, k] * with_targets[k, c]
+                readout[i, c] += inverted[i, k] * with_targets[k, c]
     for _ in range(n_removed):
         least, worst = np.inf, -1
         for j in range(n):
@@ -159,35 +258,15 @@ def _remove(powers: Array, with_targets: Array, left: Array, n_removed: int, pri
                 squared = 0.0
                 for c in range(n_outputs):
                     squared += readout[j, c] ** 2
-                missed = squared / inverse[j, j] - prices[j]
+                missed = squared / inverted[j, j] - prices[j]
                 if worst < 0 or missed < least:
                     least, worst = missed, j
         left[worst] = False
-        row = inverse[worst].copy()
+        row = inverted[worst].copy()
         for i in range(n):
             if left[i]:
                 factor = row[i] / row[worst]
                 for k in range(n):
-                    inverse[i, k] -= factor * row[k]
+                    inverted[i, k] -= factor * row[k]
                 for c in range(n_outputs):
                     readout[i, c] -= factor * readout[worst, c]
-
-
-@compiled()
-def _inverse(matrix: Array) -> Array:
-    """Return the inverse of a symmetric positive definite matrix, by Cholesky's factors."""
-    n = len(matrix)
-    lower, rows = np.zeros((n, n)), np.zeros((n, n))  # rows: those of the transposed inverse of `lower`
-    for i in range(n):
-        for j in range(i + 1):
-            rest = matrix[i, j] - dot(lower[i, :j], lower[j, :j])
-            lower[i, j] = math.sqrt(rest) if i == j else rest / lower[j, j]
-    for j in range(n):
-        rows[j, j] = 1 / lower[j, j]
-        for i in range(j + 1, n):
-            rows[j, i] = -dot(lower[i, j:i], rows[j, j:i]) / lower[i, i]
-    out = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            out[i, j] = out[j, i] = dot(rows[i, i:], rows[j, i:])
-    return out

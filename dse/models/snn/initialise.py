@@ -14,20 +14,16 @@ from dse.engine.delays import running
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
 from dse.engine.shared import copies_of, expanded
-from dse.models.snn.contrasts import CANDIDATES, candidates
+from dse.models.snn.contrasts import Choice, Drives, found
 from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
-from dse.neurons import LayerSpec, Population, taken, tiled
+from dse.neurons import LayerSpec, Population, tiled
 from dse.neurons.fixed_point import quantise, within_range
 from dse.neurons.response import response_norm
 from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
 _BURSTS = 3.0  # of how much mean potentials are exceeded by bursts
-
-Chooser = Callable[[Floats, Population[Any], int], Ints]
-"""Return which of some candidates for a first layer stay, given their weights (input, neuron), their neurons
-and how many are to stay."""
 
 
 def populations_of(
@@ -106,29 +102,13 @@ def _arriving(rows: Rows, shared: Ints | None) -> float:
     return float(reached[rows.index].sum())
 
 
-def _contrasts(
-    rows: Rows,
-    model: Stack,
-    population: Population[Any],
-    n: int,
-    rng: np.random.Generator,
-    choose: Chooser | None,
-) -> tuple[Floats, Population[Any], Ints]:
-    """Return the weights of a first layer of contrasts, its neurons, and which candidates they were."""
-    copies = -(-max(CANDIDATES, 4 * n) // n)
-    many = tiled(population, copies)
-    weights = candidates(rows, many, copies * n, model.most_peak / _BURSTS, rng)
-    picked = np.arange(n) if choose is None else choose(weights, many, n)
-    return weights[:, picked], taken(many, picked), picked
-
-
 @dataclass(frozen=True)
 class Start:
     """Master weights, (input, neuron), and per layer the target spike rate and the one reached.
 
     delays: master delays, (input, neuron) float32; None where synapses have none.
     populations: the layers' neurons.
-    chosen: which candidates of a start by contrasts the first layer is; None: another start.
+    chosen: what a first layer of contrasts compares, as stored; None: another start.
     """
 
     feed_forward: list[Floats]
@@ -136,7 +116,7 @@ class Start:
     rates: list[tuple[float, float]]
     delays: list[Floats | None]
     populations: list[Population[Any]]
-    chosen: Ints | None = None
+    chosen: Floats | None = None
 
 
 def initialise(
@@ -147,7 +127,7 @@ def initialise(
     rng: np.random.Generator,
     n_heads: int = 1,
     of_delays: np.random.Generator | None = None,
-    choose: Chooser | None = None,
+    choice: Choice | None = None,
 ) -> Start:
     """Draw weights and scale each layer, as deployed, until it fires at a given rate on a probe batch.
 
@@ -168,7 +148,7 @@ def initialise(
         n_heads: of the output, each with one neuron that is to fire.
         of_delays: draws delays, of synapses uniform in [0, model.max_delay], of axons in [0, 1); None: there
             are none.
-        choose: candidates of a start by contrasts; None: the first ones stay.
+        choice: of the neurons of a start by contrasts; None: there is no such start.
     """
     populations, picked = list(populations), None
     feed_forward: list[Floats] = []
@@ -178,10 +158,10 @@ def initialise(
     sharing = model.sharing(n_outputs)
     within = within_range if model.arithmetic == "integer" else np.asarray
     for depth, n in enumerate((*model.hidden, n_outputs)):
-        is_contrasts = depth == 0 and model.start == "contrasts"
-        if is_contrasts:
-            contrasts, population, picked = _contrasts(rows, model, populations[0], n, rng, choose)
-            populations[0] = population
+        is_contrasts = choice is not None and depth == 0 and model.start == "contrasts"
+        if choice is not None and is_contrasts:
+            drives = Drives(rows, populations[0], n, model.most_peak / _BURSTS)
+            contrasts, populations[0], picked = found(drives, n, rng, choice)
         population = populations[depth]
         cells = max(1, rows.n_samples * rows.n_steps)
         unit = population.to_threshold / response_norm(population, n, rows.n_steps)

@@ -5,7 +5,8 @@ epoch reads them: its work grows with hidden spikes, whatever the inputs are.
 
 Outputs begin as a softmax readout: weights with which the spike counts of the hidden neurons, times these
 weights, are the log-odds of the classes. One factor then makes the most active output of each head fire at
-the mean of the target rates.
+the mean of the target rates. All outputs share a drive beside it that changes no difference of log-odds and
+lifts them over what they leak: below, their counts would not follow the readout.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -24,14 +26,15 @@ from dse.engine.goal import is_label
 from dse.engine.network import layer_spikes
 from dse.engine.parameters import product
 from dse.measure.heads import head_sizes, output_labels, softmax
+from dse.models.snn.contrasts import mean_counts
 from dse.models.snn.initialise import deployed, reach_rate
-from dse.models.snn.quantise import closest
+from dse.models.snn.quantise import FINEST, closest, compensated
 from dse.models.snn.respond import accuracy, batches_of, layers_of
 from dse.models.snn.trainee import Trainee
-from dse.models.snn.whiten import basis
-from dse.neurons import parameters_of, population_of
+from dse.models.snn.whiten import basis, inverse
+from dse.neurons import Population, parameters_of, population_of
 from dse.neurons.fixed_point import within_range
-from dse.neurons.response import response_norm
+from dse.neurons.response import constant_response, response_norm
 from dse.records import Arithmetic, Array, Dataset, Floats, Ints, Layer, Network, Spikes
 
 _BATCH = 1024  # samples whose hidden spikes are read at once
@@ -39,6 +42,8 @@ _READOUT_EPOCHS = 30
 _READOUT_BATCH = 32
 _READOUT_STEP = 0.02  # of Adam, in log-odds per count that is white
 _READOUT_POWER = 1.0  # a readout follows directions of less power, in scaled counts, the less
+_COMMON = 1.0, 2.0, 4.0, 8.0  # mean drives to share, in those that would just make an output fire
+_EVEN_RIDGE = 0.01  # added to the second moments of scaled mean counts where the drive is made even
 
 
 def hidden_spikes(network: Network, dataset: Dataset) -> Dataset:
@@ -154,6 +159,73 @@ def spiking(
     return within((gain * weights).astype(np.float32)), found
 
 
+def lifted(
+    weights: Floats, last: Layer, arithmetic: Arithmetic, rows: Rows, targets: Floats, heads: Sequence[int]
+) -> Floats:
+    """Return weights of spiking outputs with the common drive that answers most samples rightly, or none.
+
+    Args:
+        weights: (input, neuron).
+        last: the output neurons.
+        arithmetic: of the network.
+        rows: spikes of the layer below, as the outputs see them.
+        targets: (sample, output) probabilities of the classes.
+        heads: classes of each head.
+    """
+    population = population_of(last.neuron, last.parameters)
+    delay = None if last.delay is None else last.delay.T
+    ends = np.cumsum(heads)[:-1]
+    even, best = even_drive(population, len(targets.T), rows), (-1.0, weights)
+    for common in (0.0, *_COMMON):
+        matrix = (weights + common * even[:, None]).astype(np.float32)
+        (one,) = deployed([matrix], [None], [population], arithmetic, [delay])
+        counts = prepare(one, arithmetic).forward(rows).fired.per_input()
+        parts = zip(np.split(counts, ends, axis=1), np.split(targets, ends, axis=1), strict=True)
+        right = float(np.mean([c.argmax(axis=1) == t.argmax(axis=1) for c, t in parts]))
+        best = max(best, (right, matrix), key=lambda x: x[0])
+    return best[1]
+
+
+def peak_of(weights: Floats, last: Layer, arithmetic: Arithmetic, rows: Rows) -> float:
+    """Return the largest potential of spiking outputs, above or below rest, in thresholds.
+
+    Args: as in `lifted`.
+    """
+    population = population_of(last.neuron, last.parameters)
+    delay = None if last.delay is None else last.delay.T
+    (one,) = deployed([weights.astype(np.float32)], [None], [population], arithmetic, [delay])
+    voltage = prepare(one, arithmetic).forward(rows, keep_voltage=True).voltage
+    return float((np.abs(voltage).max(axis=(0, 1)) / population.to_threshold).max(initial=0.0))
+
+
+def even_drive(population: Population[Any], n_neurons: int, rows: Rows) -> Floats:
+    """Return weights of the layer below, (neuron,), whose drive is as even in time as its spikes allow.
+
+    Its mean is that which would just make the mean of some neurons fire.
+
+    Args:
+        population: the neurons.
+        n_neurons: how many.
+        rows: spikes of the layer below.
+    """
+    seen = short_counts(population, n_neurons, rows)
+    scale = 1 / np.maximum(np.sqrt((seen**2).mean(axis=0)), np.finfo(np.float32).tiny)
+    scaled = seen * scale
+    powers = product(scaled.T, scaled) / len(seen)
+    powers[np.diag_indices_from(powers)] += _EVEN_RIDGE
+    even = scale * product(inverse(powers), scaled.mean(axis=0)[:, None])[:, 0]
+    drive = float((seen @ even).mean())
+    unit = np.mean(population.to_threshold / constant_response(population, n_neurons, rows.n_steps))
+    return np.asarray(even * (unit / drive if drive > 0 else 0.0))
+
+
+def short_counts(population: Population[Any], n_neurons: int, rows: Rows) -> Floats:
+    """Return mean spikes per step of a layer below, (stretch, neuron), in stretches that neurons remember."""
+    response = constant_response(population, n_neurons, rows.n_steps)
+    memory = float(np.median((response / response_norm(population, n_neurons, rows.n_steps)) ** 2))
+    return mean_counts(rows, min(max(1, round(memory)), rows.n_steps))
+
+
 def train_outputs(
     trainee: Trainee,
     network: Network,
@@ -185,8 +257,14 @@ def train_outputs(
     begun = readout(counts, targets, heads, order)
     arithmetic: Arithmetic = "float32" if model.has_free_outputs else network.arithmetic
     weights, reached = spiking(begun, last, arithmetic, shown, heads, target)
+    some = order.permutation(n)[:_BATCH]
+    seen = next(_batches(hidden, some))
+    weights = lifted(weights, last, arithmetic, seen, targets[some], heads)
+    short = short_counts(population_of(last.neuron, last.parameters), sum(heads), seen)
+    moments = product(short.T, short) / len(short)
     if model.has_free_outputs:
-        exponent = closest(weights, (counts.astype(np.float64) ** 2).mean(axis=0))
+        most = min(FINEST, model.most_exponent(peak_of(weights, last, arithmetic, shown)))
+        exponent = closest(weights, (counts.astype(np.float64) ** 2).mean(axis=0), most)
         trainee.begun["exponent"] = np.array(exponent)
         weights *= np.float32(2.0**exponent)
     trainee.rates[-1] = target, reached
@@ -196,9 +274,8 @@ def train_outputs(
     trainee.lay()
     (layer,) = trainee.member.layers[-1:]
     last = replace(last, parameters=parameters_of(layer.population))
-    alone = replace(
-        trainee.member, layers=(replace(layer, learnt_decays="no"),), pool=None, hidden_spike_penalty=0.0
-    )
+    at_rest = replace(layer, learnt_decays="no")
+    alone = replace(trainee.member, layers=(at_rest,), pool=None, hidden_spike_penalty=0.0)
     engine = engines.start([alone], min(training.batch_size, n), hidden.n_steps, device, threads)
     n_batches = -(-n // training.batch_size)
     resting = (counts.mean() / hidden.n_steps,) * len(model.hidden)
@@ -212,7 +289,10 @@ def train_outputs(
             trainee.absorb(replace(report, fired=(*resting, *report.fired)), part.size, epoch)
             if trainee.diverged:
                 return
-        trainee.begun["outputs"] = weights = engine.masters(0).feed_forward[0]
+        weights = engine.masters(0).feed_forward[0]
+        if network.arithmetic == "integer":
+            weights = compensated(weights, moments)
+        trainee.begun["outputs"] = weights
         at_start = trainee.at_start
         masters = replace(at_start, feed_forward=(*at_start.feed_forward[:-1], weights))
         trainee.end_epoch(masters, epoch, n)

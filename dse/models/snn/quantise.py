@@ -24,6 +24,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from dse.models.snn.prune import largest
+from dse.models.snn.whiten import inverse
+from dse.native.compiled import compiled
 from dse.neurons import Population
 from dse.neurons.fixed_point import HIGHEST_WEIGHT, WEIGHT_SCALE
 from dse.records import Array, Floats, Ints, Layer, Network
@@ -38,6 +40,7 @@ P = TypeVar("P", bound=Population[Any])
 
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _STEPS = WEIGHT_SCALE // 2  # 8-bit steps in a weight of 1
+_DAMPING = 0.001  # added to the power of every input, in the mean of the powers
 _ROUNDS_TO_0 = np.float32(0.5 / _STEPS)  # the largest magnitude that 8 bits round to 0: half to even
 
 
@@ -111,18 +114,60 @@ def finest(weights: Array, most: int) -> int:
     return max(fits, default=0)
 
 
-def closest(weights: Array, squares: Floats) -> int:
-    """Return the exponent, 0 to `FINEST`, whose 8-bit weights change what neurons receive least.
+def closest(weights: Array, squares: Floats, most: int = FINEST) -> int:
+    """Return the exponent, 0 to `most`, whose 8-bit weights change what neurons receive least.
 
     Args:
         weights: (input, neuron), clipped where 8 bits do not hold them.
         squares: (input,) mean squared spikes of a sample.
+        most: exponent that states leave room for.
     """
     errors = []
-    for k in range(FINEST + 1):
+    for k in range(most + 1):
         stored = np.rint(_in_steps(weights * 2.0**k)) / _STEPS / 2.0**k
         errors.append((squares[:, None] * (stored - weights) ** 2).sum())
     return int(np.argmin(errors))
+
+
+def compensated(weights: Array, moments: Floats) -> Floats:
+    """Return 8-bit weights, (input, neuron) float32, whose errors cancel in what neurons receive.
+
+    Inputs are rounded one after the other, first those whose weights 8 bits clip, then those of most power;
+    the weights of the others take over what that changes in the drive, as far as they fire together.
+    Source: Frantar et al. 2023, optimal brain quantisation of layers (REFERENCES.md).
+
+    Args:
+        weights: (input, neuron).
+        moments: (input, input) mean products of the inputs' spikes in a short time.
+    """
+    power = np.diag(moments)
+    damped = moments + _DAMPING * (power.mean() if power.any() else 1.0) * np.eye(len(power))
+    steps = weights.astype(np.float64) * _STEPS
+    clipped = np.abs(steps - np.clip(steps, -128, 127)).max(axis=1)
+    _round_in_turn(steps, inverse(damped), np.lexsort((-power, -clipped)))
+    return np.asarray(steps / _STEPS, np.float32)
+
+
+@compiled()
+def _round_in_turn(steps: Array, inverted: Array, order: Array) -> None:
+    """Round weights in steps in place; `inverted` is consumed."""
+    n, n_neurons = steps.shape
+    left = np.ones(n, np.bool_)
+    for j in order:
+        left[j] = False
+        missed = np.empty(n_neurons)
+        for c in range(n_neurons):
+            whole = min(max(np.rint(steps[j, c]), -128.0), 127.0)
+            missed[c] = (steps[j, c] - whole) / inverted[j, j]
+            steps[j, c] = whole
+        row = inverted[j].copy()
+        for i in range(n):
+            if left[i]:
+                for c in range(n_neurons):
+                    steps[i, c] -= missed[c] * row[i]
+                factor = row[i] / row[j]
+                for k in range(n):
+                    inverted[i, k] -= factor * row[k]
 
 
 def exponents(network: Network, weight_bits: int) -> tuple[int, ...]:

@@ -301,12 +301,19 @@ class Stack:
 
     @property
     def most_peak(self) -> float:
-        """Thresholds that potentials of a start by contrasts are to stay within: most of a state's range."""
-        if self.arithmetic != "integer":
-            return math.inf
+        """Thresholds that potentials of a start by contrasts are to stay within: half of a state's range."""
         exponent = _USUAL if self.is_free(0) else self.exponent(0)
+        return max(1.0, self._range / 2.0**exponent)
+
+    @property
+    def _range(self) -> float:
+        """Half the range of a state, in thresholds of exponent 0: other samples reach further."""
         threshold: float = getattr(self.neuron, "threshold", 1.0)
-        return max(1.0, STATE_LIMIT / STATE_SCALE / threshold / 2.0**exponent * 0.7)
+        return STATE_LIMIT / STATE_SCALE / threshold * 0.5 if self.arithmetic == "integer" else math.inf
+
+    def most_exponent(self, peak: float) -> int:
+        """Return the largest exponent, at least 0, with which so many thresholds stay in half its range."""
+        return max(0, math.floor(math.log2(self._range / peak))) if peak > 0 else FINEST
 
     @property
     def has_kernel(self) -> bool:

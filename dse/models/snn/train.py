@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +33,7 @@ from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.neurons import Population, cuba_lif, name_of_population, parameters_of
 from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
-from dse.records import Array, Dataset, Floats, Ints, Layer, Network, Outcome, Response, Spikes
+from dse.records import Array, Bools, Dataset, Floats, Ints, Layer, Network, Outcome, Response, Spikes
 from dse.seeds import move_to, position
 
 PROBE_SAMPLES = 64
@@ -109,23 +109,19 @@ def train(
             for part in np.split(samples, range(size, samples.size, size)):
                 yield pooled(rows_of(dataset.spikes, part, dataset.start[part]), pool)
 
-        def choose(
+        def run(
             weights: Floats,
             population: Population[Any],
-            n: int,
             model: Stack = design.model,
-            start: Mapping[str, Array] = start,
             windows: Callable[[int, int], Iterator[Rows]] = windows,
-        ) -> Ints:
-            if "chosen" in start:
-                return start["chosen"]
+        ) -> tuple[Ints, Bools]:
             is_whole = model.arithmetic == "integer" and not model.is_dithered(0)
             matrix = quantise(weights) if is_whole else weights.astype(np.float32)
             layer = prepare(layer_weights(matrix, None, population), model.arithmetic)
-            price, most_peak = model.hidden_spike_penalty, model.most_peak
-            return contrasts.needed(layer, population.to_threshold, windows, targets, n, price, most_peak)
+            return contrasts.fired(layer, population.to_threshold, windows, model.most_peak)
 
-        trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, heads, pool, choose))
+        choice = contrasts.Choice(run, targets, design.model.hidden_spike_penalty, start.get("chosen"))
+        trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, heads, pool, choice))
         trainees[-1].begun |= start
         trainees[-1].lay()
         trainees[-1].seconds += clock.lap()

@@ -13,7 +13,8 @@ from dse.engine.events import Rows, pooled
 from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
 from dse.engine.parameters import lengths
 from dse.engine.shared import copies_of, distinct
-from dse.models.snn.initialise import Chooser, initialise, populations_of
+from dse.models.snn.contrasts import Choice
+from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Training
@@ -43,9 +44,9 @@ class Trainee:
     last: masters of the last epoch, whose delays and decays belong to `mean`.
     best: masters of the epoch that is kept, where it is the best on validation; None: none yet, or the last.
     soft: (sample, output) targets of the training samples, from a teacher; None: the labels.
-    begun: what its layers began with that takes long to find: `chosen`, the neurons of a start by contrasts;
-        `outputs`, their weights after the epochs in which they learn alone; `exponent`, that of their
-        thresholds where it is free; `basis/<layer>`.
+    begun: what its layers began with that takes long to find: `chosen`, what neurons of a start by contrasts
+        compare; `outputs`, their weights after the epochs in which they learn alone; `exponent`, that of
+        their thresholds where it is free; `basis/<layer>`.
     output_exponent: by which their thresholds are scaled now, beyond that of the model.
     """
 
@@ -83,7 +84,7 @@ class Trainee:
         step_ms: float,
         heads: tuple[int, ...],
         pool: Ints | None,
-        choose: Chooser,
+        choice: Choice,
     ) -> Trainee:
         """Draw a design's neurons and weights.
 
@@ -94,7 +95,7 @@ class Trainee:
             step_ms: duration of an input step.
             heads: classes of each head.
             pool: of each input (`Stack.pool`).
-            choose: candidates of a start by contrasts.
+            choice: of the neurons of a start by contrasts.
         """
         model, training, rngs = design
         populations = populations_of(model, sum(heads), step_ms, rngs("time constants"))
@@ -107,7 +108,7 @@ class Trainee:
             rngs("initialisation"),
             len(heads),
             of_delays,
-            choose,
+            choice,
         )
 
         def slower(depth: int) -> np.float32:

@@ -19,6 +19,8 @@ and eigenvectors come from Jacobi rotations (`eigen`), not from a library that p
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from dse.native.compiled import compiled
@@ -99,6 +101,26 @@ def dot(x: Array, y: Array) -> float:
     for k in range(whole, x.size):
         a += x[k] * y[k]
     return (a + b) + (c + d)
+
+
+@compiled()
+def inverse(matrix: Array) -> Array:
+    """Return the inverse of a symmetric positive definite matrix, by Cholesky's factors."""
+    n = len(matrix)
+    lower, rows = np.zeros((n, n)), np.zeros((n, n))  # rows: those of the transposed inverse of `lower`
+    for i in range(n):
+        for j in range(i + 1):
+            rest = matrix[i, j] - dot(lower[i, :j], lower[j, :j])
+            lower[i, j] = math.sqrt(rest) if i == j else rest / lower[j, j]
+    for j in range(n):
+        rows[j, j] = 1 / lower[j, j]
+        for i in range(j + 1, n):
+            rows[j, i] = -dot(lower[i, j:i], rows[j, j:i]) / lower[i, i]
+    out = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            out[i, j] = out[j, i] = dot(rows[i, i:], rows[j, i:])
+    return out
 
 
 @compiled()

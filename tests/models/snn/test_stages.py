@@ -10,10 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from benchmarks.ours import rows_of
 from dse.cli import main
 from dse.engine.events import delayed, gather
+from dse.engine.forward import prepare
 from dse.engine.goal import is_label
+from dse.engine.layers import weights as layer_weights
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.network import layer_spikes
 from dse.engine.parameters import lengths
@@ -21,12 +26,14 @@ from dse.measure import heads
 from dse.models.snn import outputs
 from dse.models.snn.columns import Columns
 from dse.models.snn.family import SNN
-from dse.models.snn.quantise import closest
+from dse.models.snn.quantise import closest, compensated
 from dse.models.snn.respond import batches_of, layers_of
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Span, Training
+from dse.neurons import cuba_lif, parameters_of
+from dse.neurons.response import constant_response
 from dse.neurons.xylo_lif import XyloLif
-from dse.records import Dataset, Network, Outcome
+from dse.records import Dataset, Layer, Network, Outcome
 from dse.testing.small import spikes_of
 from tests.joint_data import joint
 from tests.models.snn.test_train import SHARED, alone, assert_same, own, settled, together
@@ -87,8 +94,11 @@ def test_a_result_is_bitwise_the_same_alone_and_in_any_cohort_and_with_any_threa
     assert_same(settled(threaded), settled(whole[1]))  # type: ignore[arg-type]
 
 
-def test_the_outputs_begin_with_a_readout_at_the_rate_of_their_targets() -> None:
+def test_the_outputs_begin_with_a_readout_at_the_rate_of_their_targets(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """With no step to speak of, the network ends as the readout of its counts, times one factor."""
+    monkeypatch.setattr(outputs, "_COMMON", ())
     data, model = toy(), SNN(hidden=(20,), loss=LOSS, arithmetic="float32", true_rate=0.3)
     end = up_to(data, (model, base(learning_rate=1e-9)), None)
     assert accuracy(end, data) >= 0.9
@@ -168,7 +178,7 @@ def test_whitened_weights_tell_classes_apart_that_a_common_rate_hides() -> None:
     target = np.arange(240) % 4
     share = np.full((240, 16), 0.12)
     for i in range(240):
-        share[i, target[i] * 4 : target[i] * 4 + 4] *= 1.35
+        share[i, target[i] * 4 : target[i] * 4 + 4] *= 1.2
     share *= np.exp(rng.normal(0, 0.6, 240))[:, None]
     data = toy(n_channels=16, n_steps=120, n=240)
     spikes = spikes_of(rng.random((240, 120, 16)) < np.minimum(share, 0.9)[:, None], 5.0)
@@ -327,3 +337,52 @@ def test_the_closest_grid_holds_what_counts(largest: float, expected: int) -> No
     assert closest(weights, np.ones(50)) == expected
     weights[0] = 3.9  # of a neuron that hardly fires
     assert closest(weights, np.r_[0.0, np.ones(49)]) == expected
+
+
+@settings(deadline=None, max_examples=30)
+@given(seed=st.integers(0, 2**30), n=st.integers(2, 40), n_neurons=st.integers(1, 5))
+def test_roundings_of_inputs_that_fire_together_cancel(seed: int, n: int, n_neurons: int) -> None:
+    rng = np.random.default_rng(seed)
+    common = rng.uniform(0, 2, (500, 2))
+    seen = common @ rng.uniform(0, 1, (2, n)) + rng.normal(0, 0.02, (500, n))
+    weights = rng.normal(0, 0.5, (n, n_neurons)).astype(np.float32)
+    weights[0] = 5.0  # beyond 8 bits
+    found = compensated(weights, seen.T @ seen / 500)
+    np.testing.assert_array_equal(found * 32, np.clip(np.rint(found * 32), -128, 127))
+    plain = np.clip(np.rint(weights * 32), -128, 127) / 32
+
+    def missed(stored: np.ndarray) -> float:
+        return float(((seen @ (stored - weights)) ** 2).sum())
+
+    assert missed(found) <= missed(plain) * 2 + 1e-9
+    if n >= 20:
+        assert missed(found) < 0.3 * missed(plain)
+    np.testing.assert_array_equal(compensated(plain.astype(np.float32), np.eye(n)), plain)
+    np.testing.assert_array_equal(compensated(plain.astype(np.float32), np.zeros((n, n))), plain)
+
+
+def test_outputs_are_lifted_where_their_leak_hides_what_they_compare() -> None:
+    """Of inputs of 100 and 120 spikes, the difference alone stays below the threshold of a leaky neuron."""
+    rng = np.random.default_rng(0)
+    label = np.arange(60) % 2
+    rates = np.where(np.stack([label == 0, label == 1], axis=1), 0.12, 0.1)
+    rows = rows_of((rng.random((60, 1000, 2)) < rates[:, None]).astype(np.uint8))
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
+    even = outputs.even_drive(neurons, 2, rows)
+    drive = outputs.short_counts(neurons, 2, rows) @ even
+    threshold = neurons.to_threshold / constant_response(neurons, 2, 1000)
+    np.testing.assert_allclose(drive.mean(), threshold.mean(), rtol=1e-9)
+    weights = np.array([[1.0, -1.0], [-1.0, 1.0]]) * threshold.mean() * 2
+    last = Layer(np.zeros((2, 2), np.float32), None, parameters_of(neurons))
+    targets = np.eye(2)[label]
+    found = outputs.lifted(weights, last, "float32", rows, targets, (2,))
+    np.testing.assert_allclose((found - weights)[:, 0], (found - weights)[:, 1], rtol=1e-5)
+    assert (found - weights).min() > 0
+
+    def right(matrix: np.ndarray) -> float:
+        ran = prepare(layer_weights(matrix.astype(np.float32), None, neurons), "float32").forward(rows)
+        return float((ran.fired.per_input().argmax(axis=1) == label).mean())
+
+    assert right(found) >= right(weights) + 0.1
+    silent = rows_of(np.zeros((3, 50, 2), np.uint8))
+    np.testing.assert_array_equal(outputs.even_drive(neurons, 2, silent), 0)
