@@ -84,8 +84,7 @@ class Search:
     n_trials: int | None = param(None, doc="number of designs to train (default: the whole grid)", low=1)
     batch: int = param(
         _BATCH,
-        doc="number of designs proposed at a time (default: the whole grid for sampler grid without "
-        "execution.storage, otherwise 8)",
+        doc="number of designs proposed at a time (default: the whole grid for sampler grid, otherwise 8)",
         low=1,
         high=MOST_TRIALS,
     )
@@ -180,14 +179,13 @@ def folds(parts: Mapping[str, Part]) -> int:
     return 0 if k_fold is None else k_fold.k
 
 
-def with_defaults(raw: Raw, axes: Collection[Axis], n_folds: int, *, is_shared: bool) -> Raw:
+def with_defaults(raw: Raw, axes: Collection[Axis], n_folds: int) -> Raw:
     """Return section `search` as written, with the keys whose defaults follow from other sections.
 
     Args:
         raw: the section.
         axes: of the search space.
         n_folds: of a cross-validation, of which every repeat is one; 0 without.
-        is_shared: whether several coordinators divide the designs.
     """
     if not isinstance(raw, dict | None):
         return raw
@@ -197,7 +195,7 @@ def with_defaults(raw: Raw, axes: Collection[Axis], n_folds: int, *, is_shared: 
     if name == AUTO:
         name = automatic(n_designs, keys.get("n_trials"))
     # A grid learns nothing from its results: designs that are proposed at once share the most passes.
-    whole = name == "grid" and "stop" not in keys and not is_shared
+    whole = name == "grid" and "stop" not in keys
     batch = min(n_designs or 1, MOST_TRIALS) if whole else _BATCH
     return {"batch": batch, "repeats": n_folds or 1, **keys, "sampler": name}
 

@@ -19,7 +19,6 @@ from dse.study.results import plain_space
 _HINT = "change it back, or use another study name or --results folder"
 # Recordings are compared by their contents, run by run (dse.study.runs), not by their paths.
 _UNFINISHED = ("checkpoints", "racing", "front_repeats.json")  # of trainings that have begun
-_MAY_DIFFER = ("study", "search.n_trials", "search.batch", "search.stop", "search.from", "targets", "limits")
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
@@ -155,17 +154,6 @@ def changes(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]
         return [] if before == now else [(name, before, now)]
     keys = dict.fromkeys([*before, *now])
     return [c for k in keys for c in changes(before.get(k), now.get(k), f"{name}.{k}" if name else str(k))]
-
-
-def changes_elsewhere(before: Any, now: Any) -> list[tuple[str, Any, Any]]:
-    """Return the changes between search spaces of two folders whose studies may not become one."""
-    return [
-        (key, old, new)
-        for key, old, new in changes(before, now)
-        if not key.startswith(_MAY_DIFFER)
-        and key not in _PLACES
-        and (not key.startswith("execution.") or key == "execution.device")
-    ]
 
 
 def _count(n_trials: int | None) -> float:

@@ -15,7 +15,6 @@ from dse.audit import record
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.bounds import MOST_TRIALS
 from dse.config.settings import missing
-from dse.config.space import Design
 from dse.dataset import cache
 from dse.hardware.profile import Profile, load_all
 from dse.recordings import PLACES, RecordingError
@@ -40,7 +39,6 @@ from dse.study.record import RunRecord
 from dse.study.resampling import front_probabilities
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
-from dse.study.shared import SharedStudy
 from dse.study.status import session_hours
 from dse.study.workers import Workers
 
@@ -109,26 +107,19 @@ def run(
         runs.forget_checkpoints()
         took = _Took(space, folder, ledger, runs, earlier)
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
-        shared = None
-        if space.execution.storage is not None:
-            shared = at_the_end.enter_context(SharedStudy(space, folder))
-            _resume(shared, ledger, runs, before)
         try:
             with workers:
                 race = Race(space, folder, profiles, runs, report) if space.search.racing else None
-                stopped = _search(space, ledger, runs, results_tables, report, before, race, took, shared)
+                stopped = _search(space, ledger, runs, results_tables, report, before, race, took)
                 if race is not None:
                     for text in race.audit(ledger.entries, results_tables.refresh, results_tables.points):
                         report.note(text)
                     runs.forget_checkpoints(of_stopped=True)
-                if shared is not None:
-                    _note_the_rest(space, shared, report)
-                elif space.search.front_undecided is None:
+                if space.search.front_undecided is None:
                     _repeat_front(space, ledger, runs, results_tables, report)
                 else:
                     _repeat_undecided(space, folder, ledger, runs, results_tables, report)
-                if shared is None:
-                    _round_front(space, ledger, runs, results_tables)
+                _round_front(space, ledger, runs, results_tables)
         except KeyboardInterrupt:
             runs.recall(ledger.entries)  # a run may have finished that no worker has reported yet
             results_tables.write()
@@ -251,7 +242,6 @@ def _search(
     before: KnownBefore | None,
     race: Race | None,
     took: _Took,
-    shared: SharedStudy | None,
 ) -> str:
     """Propose, train and report batch by batch; the ledger replaces proposals of earlier sessions.
 
@@ -270,8 +260,6 @@ def _search(
         sampler.inform([x.design for x in took.earlier], [values_of(space, x.records) for x in took.earlier])
     number, n_before = 0, 0
     while True:
-        if shared is not None:
-            _learn(shared, sampler, excluding, report, settings.repeats)
         if excluding is not None:
             excluding.begin(number)
         entries = _of_batch(ledger, number)
@@ -282,22 +270,19 @@ def _search(
             pass  # the sampler has no part in this batch
         elif not entries or not any(e.is_reported for e in entries):
             # A process that died while asking left part of a batch; the sampler proposes the same one again.
-            n_left = _n_trials(space) - n_before - len(entries) if shared is None else shared.n_left()
+            n_left = _n_trials(space) - n_before - len(entries)
             n_missing = min(settings.batch - len(entries), n_left)
             if n_missing > 0 and not entries and (why := took.stop(number)):
                 return why
             if n_missing > 0:
                 known = {design_key(e.design) for e in ledger.entries if not e.excluded}  # `dse ask` too
-                if shared is None:
-                    proposed = sampler.ask(len(entries) + n_missing)
-                    new = [d for d in proposed if design_key(d) not in known][:n_missing]
-                else:
-                    new = _claimed(shared, sampler, before, known, n_missing)
+                proposed = sampler.ask(len(entries) + n_missing)
+                new = [d for d in proposed if design_key(d) not in known][:n_missing]
                 with ledger.together():
                     if excluding is not None:
                         excluding.record(number)
                     ledger.ask(number, new)
-                if len(new) < n_missing and shared is None:
+                if len(new) < n_missing:
                     report.note(
                         "the sampler found no further designs; the study has "
                         f"{n_before + len(entries) + len(new)}"
@@ -305,9 +290,6 @@ def _search(
                 entries = _of_batch(ledger, number)
         if not entries and not any(e.enqueued for e in ledger.batch(number)):
             return ""
-        if shared is not None and not (entries := _held(shared, ledger, runs, number)):
-            number += 1
-            continue
         if n := sum(took.over(entry) for entry in entries if not entry.is_reported):
             report.note(f"{n} run{'s' * (n > 1)} of earlier studies taken over")
         if race is None:
@@ -323,87 +305,10 @@ def _search(
                     missed = None if excluding is None or values is None else excluding.missed(entry, records)
                     ledger.tell(entry.trial, values, missed, _at_rungs(space, records), stopped=stopped)
         ended = _of_batch(ledger, number)
-        for entry in ended if shared is not None else ():
-            if not runs.is_untrained(entry.trial):
-                assert shared is not None
-                shared.report(entry.design, entry.values, _missed(before, runs, entry))
         if excluding is not None:
             excluding.end(number, ended)
         sampler.tell([e.design for e in ended], [e.values for e in ended])
         number, n_before = number + 1, n_before + len(ended)
-
-
-def _resume(shared: SharedStudy, ledger: Ledger, runs: Runs, before: KnownBefore | None) -> None:
-    """Share what the journal of this coordinator says, which may have died before it told the others."""
-    entries = [entry for entry in ledger.entries if not entry.excluded]
-    shared.resume(entry.design for entry in entries)
-    for entry in entries:
-        if entry.is_reported and not runs.is_untrained(entry.trial):
-            shared.report(entry.design, entry.values, _missed(before, runs, entry))
-
-
-def _missed(before: KnownBefore | None, runs: Runs, entry: Entry) -> Mapping[str, float]:
-    """Return limit -> by how much a trained design misses it."""
-    if before is None or entry.values is None:
-        return {}
-    return before.violations(entry.design, runs.of(entry.trial))
-
-
-def _learn(
-    shared: SharedStudy, sampler: Sampler, excluding: Excluding | None, report: Progress, repeats: int
-) -> None:
-    """Let the sampler know what other coordinators have begun and ended."""
-    for one in shared.elsewhere():
-        if excluding is not None and one.values is not None:
-            excluding.sampler.judge(one.design, one.violations)
-        sampler.tell([one.design], [one.values])
-        report.expect(-repeats if one.is_new else 0)
-
-
-def _claimed(
-    shared: SharedStudy, sampler: Sampler, before: KnownBefore | None, known: set[str], n: int
-) -> list[Design]:
-    """Return about n designs that no other coordinator trains: first those that one has left behind."""
-    left = [design for design in shared.free() if design_key(design) not in known]
-    left = [design for design in left if before is None or before.exclusion(design) is None]
-    designs = shared.claim(left[:n])
-    while len(designs) < n and shared.n_left() and (proposed := sampler.ask(n - len(designs))):
-        designs += shared.claim([design for design in proposed if design_key(design) not in known])
-    return [dict(design) for design in designs]
-
-
-def _held(shared: SharedStudy, ledger: Ledger, runs: Runs, number: int) -> list[Entry]:
-    """Return the designs of a batch after leaving out those that another coordinator has claimed first."""
-    entries = _of_batch(ledger, number)
-    waiting = [e for e in entries if not e.is_reported and not runs.of(e.trial)]
-    held = {design_key(x) for x in shared.claim([e.design for e in waiting], beyond_the_last=True)}
-    for entry in waiting:
-        if design_key(entry.design) not in held:
-            why = Exclusion("another coordinator of the study trains it", (), {})
-            ledger.exclude_proposed(entry.trial, why)
-    return _of_batch(ledger, number)
-
-
-def _note_the_rest(space: SearchSpace, shared: SharedStudy, report: Progress) -> None:
-    """Say what a coordinator leaves to others, and to the study that they are merged to."""
-    if n := shared.n_in_training_elsewhere():
-        report.note(
-            f"other coordinators train {n} design{'s' * (n > 1)}; if one of them ends early, the same "
-            "command trains what it leaves"
-        )
-    of_front = [
-        key
-        for key, is_set in (
-            ("search.repeats_on_front", space.search.repeats_on_front > space.search.repeats),
-            ("precision", space.precision is not None),
-        )
-        if is_set
-    ]
-    if of_front:
-        report.note(
-            f"{' and '.join(of_front)}: for the front of all coordinators; `dse merge` their folders, and "
-            "run that study without execution.storage"
-        )
 
 
 class _Took:

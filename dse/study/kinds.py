@@ -12,7 +12,7 @@ from dse import store
 from dse.audit import record as audit
 from dse.config import ConfigError
 from dse.hardware.profile import load, names
-from dse.study import environment, held, notes, pricing, saved_views, tables
+from dse.study import environment, held, notes, pricing, tables
 from dse.study.contents import AUDIT, Contents, rounds_in, set_aside
 from dse.study.record import IMPORTED
 from dse.study.results import plain_space
@@ -193,7 +193,6 @@ FILES = (
     File(audit.FILE, lambda _, path: audit.read(path), "the audit, until `dse audit` is run again",
          _REMOVED, _remove),
     File(notes.FILE, lambda _, path: notes.read(path), "notes and pins on designs", ASIDE, _aside),
-    File(saved_views.FILE, lambda _, path: saved_views.read(path), "saved views of the page", ASIDE, _aside),
     File("queue/*_*.json", _queued, "a design that was asked for", ASIDE, _aside),
     File("plugins/*.py", _plugin, "the copy, not the original", _REMOVED, _remove, _plugins),
     File("racing/[0-9]*.json", rounds_in, "when designs of a batch stopped",
