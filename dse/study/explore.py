@@ -27,12 +27,12 @@ from dse.seeds import design_key
 from dse.study import decisions, environment, imported, points, precision, pricing, queue, warm
 from dse.study import tables as both
 from dse.study import trials as tables
-from dse.study.claim import claim
+from dse.study.claim import FRONT_REPEATS, claim
 from dse.study.executors import loky
 from dse.study.fronts import fronts
-from dse.study.journal import Entry
 from dse.study.known import Group, KnownBefore
-from dse.study.ledger import Ledger
+from dse.study.ledger import Entry, Ledger
+from dse.study.mended import opened
 from dse.study.progress import Progress, shown
 from dse.study.racing import Race
 from dse.study.record import RunRecord
@@ -92,14 +92,14 @@ def run(
         contextlib.ExitStack() as at_the_end,
     ):
         store.sweep(folder)
-        for note in [*pricing.check(profiles, folder), *claim(space, folder)]:
+        book, notes = opened(folder, space)
+        at_the_end.enter_context(book)
+        for note in [*notes, *pricing.check(profiles, folder), *claim(space, book)]:
             report.note(note)
-        _keep_audit(space, folder)
-        ledger = Ledger(folder / "journal.log", space)
-        for note in ledger.notes:
-            report.note(note)
+        _keep_audit(space, book)
+        ledger = Ledger(book)
         workers = at_the_end.enter_context(_workers(space, n_workers, folder))
-        runs = Runs(space, folder, profiles, workers, report)
+        runs = Runs(space, book, profiles, workers, report)
         results_tables = _Tables(space, folder, runs, profiles, ledger, on_trial)
         before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
         runs.recall(ledger.entries)
@@ -109,7 +109,7 @@ def run(
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:
-                race = Race(space, folder, profiles, runs, report) if space.search.racing else None
+                race = Race(space, folder, profiles, runs, report, book) if space.search.racing else None
                 stopped = _search(space, ledger, runs, results_tables, report, before, race, took)
                 if race is not None:
                     for text in race.audit(ledger.entries, results_tables.refresh, results_tables.points):
@@ -118,7 +118,7 @@ def run(
                 if space.search.front_undecided is None:
                     _repeat_front(space, ledger, runs, results_tables, report)
                 else:
-                    _repeat_undecided(space, folder, ledger, runs, results_tables, report)
+                    _repeat_undecided(space, ledger, runs, results_tables, report)
                 _round_front(space, ledger, runs, results_tables)
         except KeyboardInterrupt:
             runs.recall(ledger.entries)  # a run may have finished that no worker has reported yet
@@ -170,11 +170,11 @@ def _places(space: SearchSpace) -> list[Path]:
     return places
 
 
-def _keep_audit(space: SearchSpace, folder: Path) -> None:
+def _keep_audit(space: SearchSpace, book: store.Book) -> None:
     """Store the last audit of the search space with the study, if there is one that can be read."""
     with contextlib.suppress(OSError, RuntimeError, RecordingError, store.StoreError):
         if (audit := record.last(space, cache.usual_root())) is not None:
-            record.write(audit, folder / record.FILE)
+            book.keep(record.DOCUMENT, record.plain(audit))
 
 
 class _Tables:
@@ -337,18 +337,18 @@ class _Took:
 
     def enqueued(self, number: int, report: Progress, before: KnownBefore | None) -> None:
         """Make a batch of the designs that the user asked for and that are not in the study yet."""
-        waiting = queue.waiting(self._space, self._folder)
+        waiting = queue.waiting(self._space, self._ledger.book)
         if not waiting:
             return
         known = {
             design_key(entry.design): entry.trial for entry in self._ledger.entries if not entry.excluded
         }
         with self._ledger.together():
-            for path, design in waiting:
+            for place, design in waiting:
                 key = None if design is None else design_key(design)
                 why = None if before is None or design is None else before.exclusion(design)
                 if design is None or key is None:
-                    report.note(f"{path}: holds no design of this search space; it is left out")
+                    report.note("an enqueued design is none of this search space; it is left out")
                 elif key in known:
                     report.note(f"an enqueued design is trial {known[key]} already")
                 elif why is not None:
@@ -356,8 +356,7 @@ class _Took:
                 else:
                     self._ledger.ask(number, [design], enqueued=True)
                     known[key] = len(self._ledger.entries) - 1
-        for path, _ in waiting:  # after the journal is written: a design is never lost between both
-            store.remove(path)
+                self._ledger.book.drop("queue", "place = ?", place)
 
     def over(self, entry: Entry) -> int:
         """Take over the runs of a design that an earlier study has trained; return how many."""
@@ -479,7 +478,6 @@ def _repeat_front(
 
 def _repeat_undecided(
     space: SearchSpace,
-    folder: Path,
     ledger: Ledger,
     runs: Runs,
     results_tables: _Tables,
@@ -489,11 +487,11 @@ def _repeat_undecided(
 
     Each round is on the disk before it is trained, so that an interruption changes no later one.
     """
-    search, path = space.search, folder / "front_repeats.json"
+    search, book = space.search, ledger.book
     assert search.front_undecided is not None
     low, high = search.front_undecided
     step = space.split.k_fold.k if space.split.k_fold is not None else 1
-    rounds: list[dict[str, Any]] = list((store.read_or_remove(path, report.note) or {"rounds": []})["rounds"])
+    rounds: list[dict[str, Any]] = book.document(FRONT_REPEATS, [])
     while True:
         repeats = {int(trial): n for one in rounds for trial, n in one["repeats"].items()}
         for n in sorted(set(repeats.values())):
@@ -502,7 +500,7 @@ def _repeat_undecided(
             runs.complete(again, n, results_tables.refresh)
         spent = sum(n - search.repeats for n in repeats.values())
         results_tables.write()
-        probability = front_probabilities(folder, results_tables.points(), space.objectives)
+        probability = front_probabilities(book.folder, results_tables.points(), space.objectives)
         undecided = sorted(
             (abs(p - (low + high) / 2), trial) for trial, p in probability.items() if low <= p <= high
         )
@@ -519,7 +517,7 @@ def _repeat_undecided(
         chosen = short[: (len(short) + 1) // 2]  # what these show may decide the others
         shown = {str(trial): round(probability[trial], 4) for trial, _ in chosen}
         rounds.append({"repeats": {str(trial): n for trial, n in chosen}, "probability": shown})
-        store.write_json(path, {"rounds": rounds})
+        book.keep(FRONT_REPEATS, rounds)
 
 
 def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables) -> None:

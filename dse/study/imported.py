@@ -26,10 +26,10 @@ from dse.study.record import IMPORTED, RunRecord, load_record
 def records(folder: Path) -> dict[int, list[RunRecord]]:
     """Return trial number -> record, of every imported trial; damaged ones are left out."""
     found: dict[int, list[RunRecord]] = {}
-    for run in sorted(folder.glob("artefacts/9????/repeat_0")):
-        with contextlib.suppress(StoreError, ValueError):
-            if int(run.parent.name) >= IMPORTED and (record := load_record(run)) is not None:
-                found[record.trial] = [record]
+    for trial in store.runs_in(folder):
+        with contextlib.suppress(StoreError):
+            if trial >= IMPORTED and (record := load_record(store.run_file(folder, trial, 0))) is not None:
+                found[trial] = [record]
     return found
 
 
@@ -94,7 +94,7 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
             sections=sections,
             data=usual_root() / origin.data,
             base=base,
-            folder=store.run_folder(folder, trial, 0),
+            folder=store.run_file(folder, trial, 0),
             phi=tuple(space.decision.phi.tolist()),
             theta=tuple(space.decision.theta.tolist()),
             hardware=tuple(profiles),
@@ -110,5 +110,7 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
         )
         assert isinstance(validation, Response)
         jobs.publish(run, Outcome(network, validation, test, {}), loaded)
+        with store.Book(folder, writes=True) as book:
+            store.note_files(book, [run.folder])
         tables.write_again(folder)
     return trial

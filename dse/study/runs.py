@@ -33,7 +33,7 @@ from dse.search import cohorts
 from dse.store import Damaged, StoreError
 from dse.study import checkpoints, jobs, precision
 from dse.study.executors.work import Failure
-from dse.study.journal import Entry
+from dse.study.ledger import Entry
 from dse.study.progress import Progress
 from dse.study.record import RunRecord, is_stopped, load_record
 from dse.study.workers import Workers
@@ -78,19 +78,19 @@ class Runs:
     def __init__(
         self,
         space: SearchSpace,
-        folder: Path,
+        book: store.Book,
         profiles: Sequence[Profile],
         workers: Workers,
         progress: Progress,
     ) -> None:
         self._space = space
-        self._folder = folder
+        self._book, self._folder = book, book.folder
         self._profiles = tuple(profiles)
         self._workers = workers
         self._progress = progress
         execution = space.execution
         self._budget = workers.memory_budget(execution.memory_gib, execution.device)
-        self._cache = _opened_cache(folder, progress)
+        self._cache = _opened_cache(book.folder, progress)
         self._records: dict[int, dict[int, RunRecord]] = {}  # trial -> repeat -> record
         self._data_keys: dict[tuple[str, int | None], str] = {}  # of designs, without models, and folds
         self._warned: set[str] = set()
@@ -156,7 +156,7 @@ class Runs:
             for repeat in range(max(self._space.search.repeats, self._space.search.repeats_on_front)):
                 if self._has(entry.trial, repeat):
                     continue
-                folder = store.run_folder(self._folder, entry.trial, repeat)
+                folder = store.run_file(self._folder, entry.trial, repeat)
                 try:
                     record = load_record(folder)
                     if record is not None and not _is_of(entry, self._space.seed, record):
@@ -164,13 +164,26 @@ class Runs:
                 except Damaged as error:
                     what = str(error).removesuffix(f"; {store.REMEDY}")
                     self._progress.note(f"{what}; this run is repeated")
-                    store.remove(folder)
+                    self._forget(folder)
                     continue
-                if record is not None and (record.needs_bytes or math.inf) <= self._budget:
-                    store.remove(folder)
-                elif record is not None:
+                if record is None or (record.needs_bytes or math.inf) <= self._budget:
+                    self._forget(folder)
+                else:
                     self._check_data(record)
+                    if record.stopped_at_epoch is None or entry.trial not in self._going_on:
+                        self._note(folder)  # else another one takes its place
                     self._records.setdefault(entry.trial, {})[repeat] = record
+
+    def _note(self, run: Path) -> None:
+        """Let the book know a run that is as it should be, unless it does."""
+        if not store.known_as(run):
+            store.note_files(self._book, [run])
+
+    def _forget(self, run: Path) -> None:
+        """Remove a run, if it is there, and let the book know; another one may take its place then."""
+        store.remove(run)
+        if store.known_as(run):
+            store.note_files(self._book, [run])
 
     def forget_checkpoints(self, *, of_stopped: bool = False) -> None:
         """Remove the checkpoints of runs that have finished or failed, or stopped at a rung."""
@@ -195,12 +208,19 @@ class Runs:
             if not self._has(trial, repeat) and self._is_paused(trial, repeat, epochs):
                 at_rung = self._paused[trial, repeat, epochs]
                 stopped = dataclasses.replace(at_rung, numbers=None, stopped_at_epoch=epochs, reason=reason)
-                store.save_run(store.run_folder(self._folder, trial, repeat), stopped.to_plain(), {})
+                run = store.run_file(self._folder, trial, repeat)
+                store.save_run(run, stopped.to_plain(), {})
+                self._note(run)
                 self._keep(stopped)
 
     def train_on(self, trials: Iterable[int]) -> None:
         """Let trials train to their ends that racing stopped; each keeps its record until it has another."""
         self._going_on = set(trials)
+        with self._book.together():  # another run takes the place of each
+            for record in (record for trial in self._going_on for record in self.of(trial)):
+                if record.stopped_at_epoch is not None:
+                    run = store.run_file(self._folder, record.trial, record.repeat)
+                    self._book.drop("file", "name = ?", run.relative_to(self._folder).as_posix())
         records = (record for trial in self._going_on for record in self.of(trial))
         self._progress.expect(sum(record.stopped_at_epoch is not None for record in records))
 
@@ -331,6 +351,9 @@ class Runs:
                 if failed is not None:
                     at = f"trial {job.run.trial} at {weight_bits} bits, {pruned:g} pruned"
                     self._progress.note(f"precision: {at} failed: {failed.reason}")
+                else:
+                    path = precision.file_of(job.run.folder, (weight_bits, pruned))
+                    store.note_files(self._book, [path])
                 done += 1
                 self._progress.doing(f"precision: {done} of {n_settings} evaluations")
                 after_each()
@@ -347,7 +370,7 @@ class Runs:
                 if not record.finished:
                     continue
                 repeat = record.repeat
-                folder = store.run_folder(self._folder, entry.trial, repeat)
+                folder = store.run_file(self._folder, entry.trial, repeat)
                 if why := precision.refusal(folder):
                     left_out[f"{record.sections['model']['kind']} {why}"] = None
                 elif missing := precision.missing(folder, settings):
@@ -418,7 +441,7 @@ class Runs:
         _stop_if_blameless(why)
         unfinished = []
         for run in runs:
-            if run.folder.is_dir() and not is_stopped(run.folder):  # the worker died after publishing it
+            if run.folder.is_file() and not is_stopped(run.folder):  # the worker died after publishing it
                 self._settle(run, None)
             elif not self._has(run.trial, run.repeat) and not self._is_paused(run.trial, run.repeat, until):
                 unfinished.append(run)
@@ -439,6 +462,7 @@ class Runs:
             return
         record = load_record(run.folder) if why is None else None
         if record is not None:
+            self._note(run.folder)
             self._keep(record)
         elif why is None and self._is_paused(run.trial, run.repeat, until):
             self._progress.doing(f"trial {run.trial} has trained {until} epochs")
@@ -470,8 +494,9 @@ class Runs:
             details=why.details,
             needs_bytes=needs_bytes,
         )
-        folder = store.run_folder(self._folder, number, repeat)
+        folder = store.run_file(self._folder, number, repeat)
         store.save_run(folder, record.to_plain(), {}, replaces=is_stopped(folder))
+        store.note_files(self._book, [folder])
         checkpoints.remove(self._folder, number, repeat)
         self._keep(record)
 
@@ -626,7 +651,7 @@ class Runs:
             sections=sections,
             data=data,
             base=self._space.source.parent,
-            folder=store.run_folder(self._folder, entry.trial, repeat),
+            folder=store.run_file(self._folder, entry.trial, repeat),
             phi=tuple(self._space.decision.phi.tolist()),
             theta=tuple(self._space.decision.theta.tolist()),
             hardware=self._profiles,
@@ -637,28 +662,23 @@ class Runs:
 
     def _warn(self, keys: Iterable[str]) -> None:
         """Print the warnings about data sets once, and store them with the study."""
-        path, known = self._folder / store.WARNINGS, self._known_warnings()
+        known = self._book.document(store.WARNINGS, [])
         warnings = [text for key in sorted(keys) for text in dataset.warnings(self._cache / key)]
         for text in dict.fromkeys(warnings):
             if text not in self._warned:
                 self._warned.add(text)
                 self._progress.note(f"warning: {text}")
         if set(warnings) - set(known):
-            store.write_json(path, list(dict.fromkeys([*known, *warnings])))
-
-    def _known_warnings(self) -> list[str]:
-        """Return the warnings that are stored; they are collected anew in place of a damaged file."""
-        known = store.read_or_remove(self._folder / store.WARNINGS, self._progress.note)
-        return known if isinstance(known, list) else []
+            self._book.keep(store.WARNINGS, list(dict.fromkeys([*known, *warnings])))
 
     def remark(self, sentences: Sequence[str], prefix: str) -> None:
         """Print sentences about the study, and store them as warnings in place of those with the prefix."""
-        path, known = self._folder / store.WARNINGS, self._known_warnings()
+        known = self._book.document(store.WARNINGS, [])
         for text in sentences:
             self._progress.note(f"warning: {text}")
         now = [*(text for text in known if not text.startswith(prefix)), *sentences]
         if now != known:
-            store.write_json(path, now)
+            self._book.keep(store.WARNINGS, now)
 
     def _check_data(self, record: RunRecord) -> None:
         if not record.data:

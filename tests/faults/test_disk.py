@@ -22,7 +22,7 @@ from pandas.testing import assert_frame_equal
 from dse import store
 from dse.cli import main
 from dse.config import SearchSpace, load_space
-from dse.study import explore, ledger, results
+from dse.study import environment, explore, results
 from dse.study.doctor import examine
 from dse.study.results import Study
 
@@ -35,7 +35,7 @@ def space(whole: Path) -> SearchSpace:
 
 
 def finished_runs(study: Path) -> dict[Path, tuple[int, int]]:
-    records = [(path, path.stat()) for path in study.glob("artefacts/*/repeat_*/record.json")]
+    records = [(path, path.stat()) for path in study.glob("runs/*.npz")]
     return {path: (status.st_ino, status.st_mtime_ns) for path, status in records}
 
 
@@ -195,7 +195,7 @@ def jumping(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             return cls.fromtimestamp(jump(), tz)
 
     monkeypatch.setattr(time, "time", jump)
-    monkeypatch.setattr(ledger, "datetime", Jumping)
+    monkeypatch.setattr(environment, "datetime", Jumping)
     yield
 
 

@@ -73,7 +73,7 @@ def test_only_one_process_holds_a_study(tmp_path: Path) -> None:
 
 
 def test_sweeping_removes_only_what_was_never_finished(tmp_path: Path) -> None:
-    store.save_run(store.run_folder(tmp_path, 0, 0), {"trial": 0}, {})
+    store.save_run(store.run_file(tmp_path, 0, 0), {"trial": 0}, {})
     left = [
         tmp_path / ".writing-points.parquet-12",
         tmp_path / "artefacts" / "00000" / ".writing-repeat_1-12" / "weights.npz",

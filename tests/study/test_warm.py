@@ -11,7 +11,7 @@ import pytest
 from dse import store
 from dse.config import ConfigError
 from dse.search.space import design_at
-from dse.store import read_record, run_folder
+from dse.store import read_record, run_file
 from dse.study import explore
 from dse.study.doctor import examine
 from dse.study.results import Study
@@ -47,7 +47,7 @@ def rows(study: Study) -> list[Any]:
 
 
 def taken(study: Study) -> list[Any]:
-    records = (read_record(run_folder(study.folder, trial, 0)) for trial in study.trials["trial"])
+    records = (read_record(run_file(study.folder, trial, 0)) for trial in study.trials["trial"])
     return [record.get("taken_from") for record in records]
 
 
@@ -55,7 +55,7 @@ def test_equal_designs_are_taken_over_and_not_trained_again(search: Explore, tmp
     search("first", model=model(4, 8))
     warm = search("second", model=model(4, 16), search={"sampler": "grid", "from": ["results/first"]})
     assert [x and (x["study"], x["trial"]) for x in taken(warm)] == [("first", 0), ("first", 1), None, None]
-    store.load_run(run_folder(warm.folder, 1, 0))  # whole, by its checksums
+    store.load_run(run_file(warm.folder, 1, 0))  # whole, by its checksums
     assert examine(warm.folder) == []
     assert rows(search("alone", model=model(4, 16))) == rows(warm)
 

@@ -19,8 +19,8 @@ class Arguments:
 
     results: str = argument("RESULTS", "folder of a study")
     repair: bool = flag(
-        "remove damaged runs, checkpoints and copies, or move them aside; write the journal and the tables "
-        "again. `dse run` trains what is missing then"
+        "remove damaged runs, checkpoints and copies, or move them aside; write the book and the "
+        "tables again; convert the folder of an earlier version. `dse run` trains what is missing then"
     )
     format: str | None = formats()
 

@@ -58,9 +58,9 @@ def test_a_users_neuron_goes_from_a_file_to_a_bundle(
     results = tmp_path / "results" / "adaptive"
     run("run", space, "--results", tmp_path / "results", "--quiet", "--trust", capsys=capsys)
     space.write_text(SPACE.replace("n_trials: 1", "n_trials: 2"), encoding="utf-8")
-    first = np.load(results / "artefacts" / "00000" / "repeat_0" / "weights.npz")["0/weight"]
+    first = np.load(results / "runs" / "00000-0.npz" / "weights.npz")["0/weight"]
     run("run", space, "--results", tmp_path / "results", "--quiet", capsys=capsys)  # trains what is missing
-    stored = np.load(results / "artefacts" / "00000" / "repeat_0" / "weights.npz")
+    stored = np.load(results / "runs" / "00000-0.npz" / "weights.npz")
     assert str(stored["0/neuron"]) == "adaptive"
     np.testing.assert_array_equal(stored["0/weight"], first)
     front = run("skyline", results, capsys=capsys)
