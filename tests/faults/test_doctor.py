@@ -172,7 +172,7 @@ def unreadable(path: Path) -> None:
 
 INSIDE = {f.__name__: f for f in (flip, cut, longer, zero, empty)}
 NEEDED = (
-    *(RUN, store.SPACE, store.BOOK, "trials.parquet", "points.parquet"),
+    *(RUN, store.SPACE, "trials.parquet", "points.parquet"),
     *("hardware/op_4.6_0.9.yaml", "plugins/0_mine.py"),
 )
 
@@ -282,6 +282,8 @@ LAST_RUNS = [f"runs/{trial:05d}-0.npz" for trial in range(6, 12)]
 STATE = "checkpoints/00005/runs/00011-0.npz"
 KINDS = {**INSIDE, "missing": store.remove}
 """What may happen to the content of a file."""
+OF_BOOK = {name: harm for name, harm in KINDS.items() if name not in ("flip", "longer")}
+"""What harms the book for sure: it has room that nobody reads."""
 NO_FILES = {x.__name__: x for x in (a_folder, a_pipe, a_dangling_link)}
 """What may lie in place of a file."""
 
@@ -297,7 +299,8 @@ WHOLE: dict[str, tuple[Plant, str]] = {
         name: (plant, name.split()[1])
         for name, plant in {
             **rotated(KINDS, NEEDED, len(KINDS)),
-            **rotated(NO_FILES, NEEDED, len(NO_FILES)),
+            **rotated(OF_BOOK, [store.BOOK], len(OF_BOOK)),
+            **rotated(NO_FILES, (*NEEDED, store.BOOK), len(NO_FILES)),
             **rotated(NO_FILES, ("page.html", ".lock"), 2),
             **rotated({"unreadable": unreadable}, (RUN, "points.parquet", store.BOOK, ".lock", "runs"), 1),
             **rotated({"a_pipe": a_pipe}, ("runs", "precision"), 1),
@@ -440,7 +443,7 @@ NOT_MENDED = ("a record of a newer schema",)
 """What another version of dse reads."""
 TOGETHER = (
     ("a run removed", "a stopped run removed", "the second run of a design removed"),
-    ("an audited run removed", "a precision cut", "flip study.sqlite"),
+    ("an audited run removed", "a precision cut", "zero study.sqlite"),
     ("a run renamed to another trial", "a book without its last trials", "tables swapped"),
     ("a book without a trial", "a_folder .lock", "a run of another seed"),
     ("a checkpoint of a finished run", "points without a row", "racing: all removed"),
