@@ -267,7 +267,7 @@ def test_a_sampler_that_has_no_other_designs_ends_the_search(tmp_path):
     assert gather_progress(made.path)["trials"]["total"] == 100
     made.ask(1, 3, at=6)
     assert gather_progress(made.path)["trials"]["total"] == 100
-    made.tell(3, at=7, state=3)
+    made.tell(3, at=7)
     assert gather_progress(made.path)["trials"]["total"] == 4
 
 
