@@ -6,6 +6,7 @@ import contextlib
 import errno
 import fcntl
 import hashlib
+import itertools
 import json
 import os
 import secrets
@@ -301,3 +302,16 @@ def checksum(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def set_aside(folder: Path, path: Path) -> None:
+    """Move what lies in a study's folder to beside where it lay, under a name that nothing reads."""
+    first, *rest = path.relative_to(folder).parts
+    for n in itertools.count():
+        top = folder / f"{first}.damaged{n or ''}"
+        place = top.joinpath(*rest)
+        if not os.path.lexists(place) and (not os.path.lexists(top) or top.is_dir()):
+            with explained(place):
+                place.parent.mkdir(parents=True, exist_ok=True)
+                path.replace(place)
+            return

@@ -7,7 +7,9 @@ journal, and each further thing a JSON file. Checkpoints are not taken over: the
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
+import re
 from collections.abc import Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -35,11 +37,25 @@ _OLD_FOLDERS = (_ARTEFACTS, "queue", "racing", "checkpoints")
 # Of the journal of Optuna: its operations, and the state of a trial that is not ended.
 _CREATE, _STATE, _INTERMEDIATE, _USER, _SYSTEM, _RUNNING, _PRUNED = 4, 6, 7, 8, 9, 0, 2
 _LIMIT = "constraints:"
+# The SHA-256 of a file with zeros for its digits, near the beginning of a JSON file.
+_SEAL = re.compile(rb"dse-sha256:([0-9a-f]{64})")
+_BEGINNING = 512
 
 
 def is_earlier(folder: Path) -> bool:
     """Return whether an earlier version wrote the folder of a study."""
     return any((folder / name).exists() for name in EARLIER)
+
+
+def damaged_runs(folder: Path) -> dict[Path, str]:
+    """Return folder of a run that cannot be taken over -> what is wrong with it, in words."""
+    faults = {}
+    for old in _old_runs(folder):
+        try:
+            _record(old)
+        except (StoreError, OSError, LookupError, ValueError, TypeError) as error:
+            faults[old] = f"is damaged ({str(error).splitlines()[0]})"
+    return faults
 
 
 def convert(folder: Path) -> list[str]:
@@ -51,12 +67,16 @@ def convert(folder: Path) -> list[str]:
     Raises:
         StoreError: the search space cannot be read, or the folder cannot be written.
     """
-    notes, runs = [], []
-    for old in sorted(folder.glob(f"{_ARTEFACTS}/*/repeat_*")):
-        try:
-            runs += _run(folder, old)
-        except (StoreError, OSError, LookupError, ValueError, TypeError) as error:
-            notes.append(f"{old}: is not taken over: {str(error).splitlines()[0]}")
+    damaged = damaged_runs(folder)
+    documents = (
+        *(folder / name for name in _OLD[1:]),
+        *folder.glob("queue/*.json"),
+        *folder.glob("racing/*.json"),
+    )
+    damaged |= {path: "is damaged" for path in documents if path.is_file() and _read(path) is None}
+    intact = [old for old in _old_runs(folder) if old not in damaged]
+    runs = [path for old in intact for path in _run(folder, old)]
+    notes = [f"{old}: {fault}; it is moved aside" for old, fault in damaged.items()]
     tables = {
         "study": [
             {"name": name, "content": content}
@@ -88,17 +108,23 @@ def convert(folder: Path) -> list[str]:
     for name in (held.TRIALS, held.POINTS):
         if (folder / name).is_file():
             _table(folder / name)
+    for old in damaged:
+        store.set_aside(folder, old)
     for name in (*_OLD, *_OLD_FOLDERS, ".notes.lock"):
         store.remove(folder / name)
     return notes
 
 
 def _read(path: Path, member: str | None = None) -> Any:
-    """Return the content of a sealed JSON file, or a member of it; None where there is none."""
-    if not path.is_file():
-        return None
+    """Return the content of a JSON file, or a member of it; None: there is none, or its seal is broken."""
+    content = path.read_bytes() if path.is_file() else b""
+    if (seal := _SEAL.search(content, 0, _BEGINNING)) is not None:
+        begin, end = seal.span(1)
+        blank = content[:begin] + b"0" * (end - begin) + content[end:]
+        if hashlib.sha256(blank).hexdigest().encode() != seal[1]:
+            return None
     with contextlib.suppress(ValueError):
-        document = json.loads(path.read_bytes())
+        document = json.loads(content)
         if isinstance(document, dict):
             document.pop("seal", None)
             document = document["rows"] if document.keys() == {"rows"} else document
@@ -111,22 +137,30 @@ def _arrays(path: Path) -> dict[str, Any]:
         return {name: archive[name] for name in archive.files}
 
 
-def _run(folder: Path, old: Path) -> list[Path]:
-    """Write the archive of a run, and its evaluations at other precisions; return the files.
+def _old_runs(folder: Path) -> list[Path]:
+    return sorted(folder.glob(f"{_ARTEFACTS}/*/repeat_*"))
+
+
+def _record(old: Path) -> dict[str, Any]:
+    """Return the record of a run whose files are what was written.
 
     Raises:
-        StoreError, OSError, LookupError, ValueError: the run is damaged.
+        StoreError, OSError, LookupError, ValueError, TypeError: they are not.
     """
-    record = _read(old / store.RECORD)
-    if (
-        record is None
-        or old.parent.name != f"{record['trial']:05d}"
-        or old.name != f"repeat_{record['repeat']}"
-    ):
-        raise ValueError("its record is damaged, or that of another run")
+    record: dict[str, Any] | None = _read(old / store.RECORD)
+    if record is None:
+        raise ValueError("its record cannot be read")
+    if (old.parent.name, old.name) != (f"{record['trial']:05d}", f"repeat_{record['repeat']}"):
+        raise ValueError("its record is that of another run")
     for name, digest in record["files"].items():
         if store.checksum(old / name) != digest:
             raise ValueError(f"{name} is not what was written")
+    return record
+
+
+def _run(folder: Path, old: Path) -> list[Path]:
+    """Write the archive of an intact run, and its evaluations at other precisions; return the files."""
+    record = _record(old)
     run = store.run_file(folder, record["trial"], record["repeat"])
     kept = {key: x for key, x in record.items() if key not in ("schema", "files")}
     store.save_run(run, kept, {name: _arrays(old / name) for name in record["files"]}, replaces=True)

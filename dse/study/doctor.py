@@ -198,7 +198,7 @@ def _access(study: _Study) -> Iterator[Damage]:
             except OSError as error:
                 mode, fault = needed, "" if path.exists() else f"leads nowhere ({error.strerror})"
             if fault and pattern != store.BOOK:  # which is mended as a whole
-                aside = partial(_set_aside, study.folder, path)
+                aside = partial(store.set_aside, study.folder, path)
                 yield Damage(study.name(path), fault, "what it should hold", ASIDE, aside)
             elif not fault and mode & needed != needed:
                 fault = f"may not be used: its permissions are {stat.S_IMODE(mode):03o}"
@@ -209,6 +209,9 @@ def _access(study: _Study) -> Iterator[Damage]:
 
 def _book(study: _Study) -> Iterator[Damage]:
     if convert.is_earlier(study.folder):
+        for run, fault in convert.damaged_runs(study.folder).items():
+            remedy = f"it is moved aside, to artefacts.damaged; {AGAIN} trains it again"
+            yield Damage(study.name(run), fault, "one run", remedy, partial(_mend, study))
         fault = "is missing: an earlier version of dse wrote the study"
         yield Damage(store.BOOK, fault, "nothing", "the folder is converted", partial(_mend, study))
     elif study.fault:
@@ -260,7 +263,7 @@ def _runs(study: _Study) -> Iterator[Damage]:
                 remedy = f"it is moved to {study.name(home)}, or aside if a run is there"
                 yield Damage(name, _said(found, run), "nothing", remedy, partial(_bring, study, run, home))
             elif store.named(run) is None:
-                aside = partial(_set_aside, study.folder, run)
+                aside = partial(store.set_aside, study.folder, run)
                 yield Damage(name, _said(found, run), "nothing", ASIDE, aside)
             elif isinstance(found, store.Damaged):
                 yield Damage(name, _said(found, run), "one run", again, remove)
@@ -291,7 +294,7 @@ def _home(study: _Study, run: Path) -> Path | None:
 
 def _bring(study: _Study, run: Path, home: Path) -> None:
     if os.path.lexists(home):
-        _set_aside(study.folder, run)
+        store.set_aside(study.folder, run)
     else:
         with store.explained(home):
             run.replace(home)
@@ -494,19 +497,6 @@ def _matches(folder: Path, pattern: str) -> list[Path]:
         return [folder / pattern] if os.path.lexists(folder / pattern) else []
     paths = sorted(folder.glob(pattern))
     return [path for path in paths if ".damaged" not in path.name and not store.is_temporary(path)]
-
-
-def _set_aside(folder: Path, path: Path) -> None:
-    """Move what lies in a study's folder to beside where it lay, under a name that nothing reads."""
-    first, *rest = path.relative_to(folder).parts
-    for n in itertools.count():
-        top = folder / f"{first}.damaged{n or ''}"
-        place = top.joinpath(*rest)
-        if not os.path.lexists(place) and (not os.path.lexists(top) or top.is_dir()):
-            with store.explained(place):
-                place.parent.mkdir(parents=True, exist_ok=True)
-                path.replace(place)
-            return
 
 
 _CHECKS: tuple[Callable[[_Study], Iterator[Damage]], ...] = (

@@ -10,6 +10,7 @@ import io
 import os
 import random
 import shutil
+import sqlite3
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -22,6 +23,7 @@ from pandas.testing import assert_frame_equal
 from dse import store
 from dse.cli import main
 from dse.config import SearchSpace, load_space
+from dse.store import book
 from dse.study import environment, explore, results
 from dse.study.doctor import examine
 from dse.study.results import Study
@@ -116,6 +118,12 @@ def make_read_only(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
         guard(os, "open", lambda flags, *_, **__: bool(flags & WRITES))
         for name in ("mkdir", "replace", "rename", "unlink", "rmdir", "truncate", "utime"):
             guard(os, name, lambda *_, **__: True)
+        connected = book._connected
+
+        def connected_to_read(path: Path, mode: str) -> sqlite3.Connection:  # as SQLite does of itself there
+            return connected(path, "mode=ro" if path.is_relative_to(folder) else mode)
+
+        monkeypatch.setattr(book, "_connected", connected_to_read)
 
     return refuse
 

@@ -386,8 +386,10 @@ WHOLE: dict[str, tuple[Plant, str]] = {
         "hardware/op_4.6_0.9.yaml",
     ),
 }
+OF_STATE = {name: harm for name, harm in INSIDE.items() if name != "longer"}
+"""What harms a checkpoint, whose archive may be followed by anything."""
 PAUSED: dict[str, tuple[Plant, str]] = {
-    **{f"{harm} state": (at(STATE, function), STATE) for harm, function in INSIDE.items()},
+    **{f"{harm} state": (at(STATE, function), STATE) for harm, function in OF_STATE.items()},
     "a checkpoint removed": (removed(STATE), "checkpoints/00002/runs/00011"),
     "a checkpoint of other epochs": (
         copied_away("checkpoints/00005", "checkpoints/00003"),
