@@ -75,7 +75,7 @@ def load_arrays(path: Path, names: Collection[str] | None = None) -> dict[str, A
     file, prefix = (path.parent, f"{path.stem}/") if is_part else (path, "")
     try:
         check_kind(file)
-        with np.load(file, allow_pickle=False) as archive:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             found = {x.removeprefix(prefix): x for x in archive.files if x.startswith(prefix) and x != RECORD}
             if is_part and not found:
                 raise damaged(path, "is missing")

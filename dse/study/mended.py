@@ -19,7 +19,7 @@ from dse.config import SearchSpace
 from dse.seeds import design_key
 from dse.store import Book, Damaged, StoreError
 from dse.store.book import salvaged
-from dse.study import convert, racing
+from dse.study import convert, held, racing
 from dse.study.ledger import Entry
 from dse.study.record import IMPORTED, RunRecord, load_record
 
@@ -100,6 +100,11 @@ def _mend(path: Path, search: Mapping[str, Any], *, is_foreign: bool) -> tuple[i
     known = {row["name"] for row in tables.setdefault("study", [])}
     documents = dict(raced(_records(folder), entries, search)) if search.get("racing") else {}
     tables["study"] += [{"name": k, "content": x} for k, x in documents.items() if k not in known]
+    files = {row["name"] for row in tables.get("file", ())}
+    for name in {held.TRIALS, held.POINTS} - files:
+        store.remove(
+            folder / name
+        )  # nothing tells any more whether it is what was written; it follows from runs
     _write_anew(path, tables)
     return len(entries), sum(entry.trial in intact for entry in entries)
 

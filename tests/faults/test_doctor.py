@@ -445,7 +445,8 @@ NOT_MENDED = ("a record of a newer schema",)
 """What another version of dse reads."""
 TOGETHER = (
     ("a run removed", "a stopped run removed", "the second run of a design removed"),
-    ("an audited run removed", "a precision cut", "zero study.sqlite"),
+    ("an audited run removed", "a precision cut"),
+    ("zero study.sqlite",),
     ("a run renamed to another trial", "a book without its last trials", "tables swapped"),
     ("a book without a trial", "a_folder .lock", "a run of another seed"),
     ("a checkpoint of a finished run", "points without a row", "racing: all removed"),
