@@ -1,7 +1,8 @@
 """The folder of a study, written so that a crash at any moment leaves either the old or the new, never half.
 
     results/<study>/
-        study.sqlite        the book (dse.store.book): designs, how they ended, notes, sessions, digests
+        study.sqlite        the book (dse.store.book): designs, how they ended, notes, sessions, digests;
+                            study.sqlite.copy is a copy of it
         search_space.yaml   what is explored, fully resolved
         runs/<trial>-<repeat>.npz   one training run: its record and arrays (dse.store.runs)
         precision/<trial>-<repeat>/   what it measured at other precisions (dse.study.precision)
@@ -31,6 +32,7 @@ from dse.store.arrays import (
 )
 from dse.store.book import (
     BOOK,
+    COPY,
     Book,
     digests,
     document,
@@ -49,6 +51,7 @@ from dse.store.errors import (
 from dse.store.files import (
     TEMPORARY,
     atomic,
+    back_up,
     checksum,
     exclusive,
     explained,
@@ -94,6 +97,7 @@ from dse.store.tables import (
 
 __all__ = [
     "BOOK",
+    "COPY",
     "DAMAGED_ARCHIVE",
     "ENVIRONMENT",
     "RECORD",
@@ -107,6 +111,7 @@ __all__ = [
     "Damaged",
     "StoreError",
     "atomic",
+    "back_up",
     "checksum",
     "damaged",
     "digests",

@@ -14,6 +14,9 @@ read on a read-only disk, and be shared over NFS with locks.
 
 A file that is replaced has two digests in the book until it is renamed into place, the one that it will have
 and the one that it has: so it is known at any moment.
+
+A copy of the book, `study.sqlite.copy`, is written whenever the tables are: one that a disk has damaged is
+restored from it (`dse.study.mended`).
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ from typing import Any
 from dse.store.errors import StoreError, check_kind, damaged, no_space, unreadable
 from dse.store.plain import plain
 
-BOOK = "study.sqlite"
+BOOK, COPY = "study.sqlite", "study.sqlite.copy"
 _WAIT_S = 60.0
 # Table -> its columns, and how many of these are the key. Other columns than numbers and texts hold JSON.
 _TABLES: Mapping[str, tuple[tuple[str, ...], int]] = {
@@ -56,7 +59,6 @@ _TABLES: Mapping[str, tuple[tuple[str, ...], int]] = {
     "file": (("name", "sha256", "before"), 1),
 }
 _JSON = frozenset({"content", "design", "objectives", "more"})
-_MOST_BAD = 20_000  # rows one after the other that cannot be read: the end of a damaged table
 
 
 class Book:
@@ -64,6 +66,7 @@ class Book:
 
     Args:
         folder: of the study.
+        name: of the file.
         writes: whether it is written; it is then made where there is none.
         is_checked: whether somebody has checked its structure already.
         is_session: whether many changes follow.
@@ -74,9 +77,15 @@ class Book:
     """
 
     def __init__(
-        self, folder: Path, *, writes: bool = False, is_checked: bool = False, is_session: bool = False
+        self,
+        folder: Path,
+        name: str = BOOK,
+        *,
+        writes: bool = False,
+        is_checked: bool = False,
+        is_session: bool = False,
     ) -> None:
-        self.folder, self.path = folder, folder / BOOK
+        self.folder, self.path = folder, folder / name
         self._depth, self._is_session = 0, is_session and _is_local(folder)
         if not writes or os.path.lexists(self.path):
             try:
@@ -113,7 +122,7 @@ class Book:
     def _check(self) -> None:
         """Check the structure of the file, unless this process has done so since it was last written."""
         with contextlib.suppress(OSError):
-            now: tuple[str | int, ...] = (str(self.path.absolute()), *_state(self.folder))
+            now: tuple[str | int, ...] = (str(self.path.absolute()), *_state(self.path))
             if now in _CHECKED:
                 return
             fault = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
@@ -209,6 +218,19 @@ class Book:
         """Remove rows of a table, all without a condition."""
         with self.together(), self._explained():
             self._db.execute(f"DELETE FROM {table} WHERE {where}", values)
+
+    def everything(self) -> dict[str, list[dict[str, Any]]]:
+        """Return table -> its rows.
+
+        Raises:
+            Damaged: a row is not what was written.
+        """
+        return {table: self.rows(table) for table in _TABLES}
+
+    def write_to(self, path: Path) -> None:
+        """Write all of it to another file, which is not there yet."""
+        with self._explained():
+            self._db.execute("VACUUM INTO ?", (str(path),))
 
     def document(self, name: str, default: Any = None) -> Any:
         """Return a document of the study, as JSON holds it; `default` where there is none."""
@@ -322,7 +344,7 @@ def digests(folder: Path) -> Mapping[str, tuple[str, ...]]:
     Empty where there is no book, or it cannot be read: what it says of the files is then not known.
     """
     try:
-        state = _state(folder)
+        state = _state(folder / BOOK)
         key = str(folder.absolute())
         if key not in _KNOWN or _KNOWN[key][0] != state:
             with Book(folder) as book:
@@ -336,7 +358,7 @@ def digests(folder: Path) -> Mapping[str, tuple[str, ...]]:
 def digests_of(folder: Path, name: str) -> tuple[str, ...]:
     """Return the digests that one file may have, as in `digests`; of a book that is being written, alone."""
     try:
-        state, known = _state(folder), _KNOWN.get(str(folder.absolute()))
+        state, known = _state(folder / BOOK), _KNOWN.get(str(folder.absolute()))
         if (known is not None and known[0] == state) or time.time_ns() - state[-1] > _RECENT_NS:
             return digests(folder).get(name, ())
         with Book(folder, is_checked=True) as book:
@@ -346,36 +368,15 @@ def digests_of(folder: Path, name: str) -> tuple[str, ...]:
     return _of_file(rows[0]) if rows else ()
 
 
-def _state(folder: Path) -> tuple[int, ...]:
+def _state(path: Path) -> tuple[int, ...]:
     """Return what differs when a book has been written; the last is when that was, in nanoseconds."""
-    status = (folder / BOOK).stat()
+    status = path.stat()
     state: tuple[int, ...] = (status.st_ino, status.st_size, status.st_mtime_ns)
     with contextlib.suppress(OSError):
-        log = (folder / f"{BOOK}-wal").stat()
+        log = path.with_name(f"{path.name}-wal").stat()
         state = (*state, log.st_ino, log.st_size, log.st_mtime_ns)
     return state
 
 
 def _of_file(row: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(filter(None, (row["sha256"], row["before"])))
-
-
-def salvaged(path: Path) -> dict[str, list[dict[str, Any]]]:
-    """Return the intact rows of a damaged book by table; none where it is no database any more."""
-    found: dict[str, list[dict[str, Any]]] = {name: [] for name in _TABLES}
-    if not path.is_file():
-        return found
-    with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
-        for table, (columns, _) in _TABLES.items():
-            query = f"SELECT rowid, {', '.join(columns)}, digest FROM {table} WHERE rowid >= ? ORDER BY rowid"
-            first, n_bad = 0, 0
-            while n_bad < _MOST_BAD:
-                try:
-                    for rowid, *cells, digest in database.execute(query, (first,)):
-                        first, n_bad = rowid + 1, 0
-                        if digest == _digest(table, cells):
-                            found[table].append(_row(columns, cells))
-                    break
-                except (sqlite3.Error, ValueError, TypeError, OverflowError):
-                    first, n_bad = first + 1, n_bad + 1  # of a page that cannot be read: the row after it
-    return found

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dse.store.book import BOOK, Book, digests_of
+from dse.store.book import BOOK, COPY, Book, digests_of
 from dse.store.errors import StoreError, check_kind, damaged, no_space, unreadable
 from dse.store.plain import plain
 
@@ -210,6 +210,16 @@ def noted(path: Path) -> Iterator[Path]:
     if home is not None:
         with Book(home, writes=True, is_checked=True) as book:
             book.put("file", [{"name": name, "sha256": digest, "before": ""}])
+
+
+def back_up(book: Book) -> None:
+    """Write the copy of a book.
+
+    Raises:
+        StoreError: the disk is full, read-only, or fails otherwise.
+    """
+    with published(book.folder / COPY) as temporary:
+        book.write_to(temporary)
 
 
 def _home(path: Path) -> tuple[Path | None, str]:

@@ -43,7 +43,8 @@ _TEXTS = (store.SPACE, "plugins/*.py", "hardware/*.yaml")
 _MOST_ROUNDS = 6  # of repairs: one may uncover what another hid
 _MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
 
-Repair = Callable[[], object]
+Repair = Callable[[], Sequence[str] | None]
+"""Repairs; returns what to say of it in sentences, if anything."""
 
 
 @dataclass(frozen=True)
@@ -159,8 +160,8 @@ def examine(folder: Path) -> list[Damage]:
     return list(found.values())
 
 
-def repair(folder: Path) -> list[Damage]:
-    """Repair what can be repaired; return what is left for `dse run` and for the user.
+def repair(folder: Path) -> tuple[list[Damage], list[str]]:
+    """Repair what can be repaired; return what is left for `dse run` and for the user, and what was done.
 
     Raises:
         StoreError: the study runs, or its folder cannot be written.
@@ -170,16 +171,18 @@ def repair(folder: Path) -> list[Damage]:
             damage.repair()  # what the lock needs
     with store.exclusive(folder):
         store.sweep(folder)
-        left = examine(folder)
+        left, notes = examine(folder), list[str]()
         for _ in range(_MOST_ROUNDS):
             for damage in left:
                 if damage.repair is not None:
                     with contextlib.suppress(ConfigError, StoreError):  # it is damaged yet, and listed again
-                        damage.repair()
+                        notes += damage.repair() or ()
             before, left = left, examine(folder)
             if [(x.file, x.fault) for x in before] == [(x.file, x.fault) for x in left]:
                 break
-    return left
+        with contextlib.suppress(StoreError), store.Book(folder, writes=True) as book:
+            store.back_up(book)
+    return left, notes
 
 
 def _access(study: _Study) -> Iterator[Damage]:
@@ -215,42 +218,18 @@ def _book(study: _Study) -> Iterator[Damage]:
         fault = "is missing: an earlier version of dse wrote the study"
         yield Damage(store.BOOK, fault, "nothing", "the folder is converted", partial(_mend, study))
     elif study.fault:
-        yield Damage(
-            store.BOOK,
-            study.fault,
-            "rows that no run names: notes, the queue, when designs were proposed",
-            f"it is written anew from its other rows and the records; {store.BOOK}.damaged is a copy",
-            partial(_mend, study),
-        )
+        remedy = f"it is restored from {store.COPY}; {store.BOOK}.damaged is what it was"
+        yield Damage(store.BOOK, study.fault, "what is newer than its copy", remedy, partial(_mend, study))
+    copy = study.folder / store.COPY
+    if os.path.lexists(copy) and (fault := mended.fault(study.folder, store.COPY)):
+        cost = "nothing" if not study.fault else "notes, the queue, and what racing decided"
+        yield Damage(store.COPY, fault, cost, "it is written again", partial(_mend, study))
 
 
-def _mend(study: _Study) -> None:
-    mended.opened(study.folder, study.space)[0].close()
-
-
-def _documents(study: _Study) -> Iterator[Damage]:
-    """What racing has written in the book, against the records of runs."""
-    search = study.space.get("search", {})
-    if study.fault or not search.get("racing"):
-        return
-    known = {f"racing/{batch:05d}": rounds for batch, rounds in study.rounds.items()}
-    audit = store.document(study.folder, racing.AUDIT)
-    records = {trial: [of[k] for k in sorted(of)] for trial, of in study.records.items() if trial < IMPORTED}
-    told = dict(mended.raced(records, study.entries, search))
-    faults = {
-        name: "is missing" for name in told if name not in known and (name != racing.AUDIT or not audit)
-    }
-    for name, rounds in known.items():
-        of_batch = {x.trial for x in study.entries if x.batch == int(name.removeprefix("racing/"))}
-        with_stops = {x for one in rounds for x in (*one["trials"], *(y["trial"] for y in one["stopped"]))}
-        if unknown := with_stops - of_batch:
-            faults[name] = f"names trial {min(unknown)}, which is not in its batch"
-    if audit and (unknown := set(audit["trials"]) - study.stops.keys()):
-        faults[racing.AUDIT] = f"names trial {min(unknown)}, which racing has not stopped"
-    for name, fault in faults.items():
-        remedy = f"it is written anew from the records, or by {AGAIN}"
-        again = partial(store.keep, study.folder, name, told.get(name))
-        yield Damage(f"{store.BOOK}/{name}", fault, "when designs stopped", remedy, again)
+def _mend(study: _Study) -> list[str]:
+    """Restore the book, and write its copy; return what was done, in sentences."""
+    with mended.opened(study.folder, study.space.get("search", {}).get("batch") or 1) as (_, notes):
+        return notes
 
 
 def _runs(study: _Study) -> Iterator[Damage]:
@@ -500,5 +479,5 @@ def _matches(folder: Path, pattern: str) -> list[Path]:
 
 
 _CHECKS: tuple[Callable[[_Study], Iterator[Damage]], ...] = (
-    *(_access, _book, _documents, _runs, _texts, _tables, _missing, _checkpoints, _recordings),
+    *(_access, _book, _runs, _texts, _tables, _missing, _checkpoints, _recordings),
 )

@@ -92,8 +92,7 @@ def run(
         contextlib.ExitStack() as at_the_end,
     ):
         store.sweep(folder)
-        book, notes = opened(folder, space)
-        at_the_end.enter_context(book)
+        book, notes = at_the_end.enter_context(opened(folder, space.search.batch))
         for note in [*notes, *pricing.check(profiles, folder), *claim(space, book)]:
             report.note(note)
         _keep_audit(space, book)
@@ -228,9 +227,10 @@ class _Tables:
         return points.points_table(self._space, self._folder, self._runs.trials(), self._profiles)
 
     def write(self) -> None:
-        """Write both tables, and the hardware profiles that costs are computed from."""
+        """Write both tables, the hardware profiles that costs are computed from, and the copy of the book."""
         runs = self._runs.trials() | imported.records(self._folder)
         both.write(self._space, self._folder, runs, self._profiles, self._ledger.entries)
+        store.back_up(self._ledger.book)
 
 
 def _search(

@@ -20,6 +20,7 @@ from dse.recordings import RecordingError
 from dse.records import Network, Outcome, Response
 from dse.store import StoreError
 from dse.study import jobs, pricing, tables
+from dse.study.mended import opened
 from dse.study.record import IMPORTED, RunRecord, load_record
 
 
@@ -77,7 +78,7 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
         raise StoreError(f"{folder}: the recordings of trial {origin.trial} are not found, or have changed")
     space, sections, base = source
     profiles = load_all(space.hardware, space.source.parent)
-    with store.exclusive(folder):
+    with store.exclusive(folder), opened(folder, space.search.batch) as (book, _):
         notes = pricing.check(profiles, folder)
         if notes:
             raise StoreError(notes[0])
@@ -110,7 +111,6 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
         )
         assert isinstance(validation, Response)
         jobs.publish(run, Outcome(network, validation, test, {}), loaded)
-        with store.Book(folder, writes=True) as book:
-            store.note_files(book, [run.folder])
+        store.note_files(book, [run.folder])
         tables.write_again(folder)
     return trial

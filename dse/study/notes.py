@@ -83,13 +83,15 @@ def write(folder: Path, trial: int, point: int | None, text: str, pinned: bool) 
     if not _has(folder, trial, point):
         design = f"trial {trial}" if point is None else f"point {point} of trial {trial}"
         raise store.StoreError(f"{folder}: has no {design}")
-    with store.Book(folder, writes=True) as book, book.together():
-        book.drop("note", "trial = ? AND point IS ?", trial, point)
-        if text or pinned:
-            at = datetime.now(UTC).isoformat(timespec="seconds")
-            book.put("note", [asdict(Note(trial, point, text, pinned, at))])
-        if len(book.rows("note")) > MOST:
-            raise store.StoreError(f"{folder}: a study has at most {MOST} notes")
+    with store.Book(folder, writes=True) as book:
+        with book.together():
+            book.drop("note", "trial = ? AND point IS ?", trial, point)
+            if text or pinned:
+                at = datetime.now(UTC).isoformat(timespec="seconds")
+                book.put("note", [asdict(Note(trial, point, text, pinned, at))])
+            if len(book.rows("note")) > MOST:
+                raise store.StoreError(f"{folder}: a study has at most {MOST} notes")
+        store.back_up(book)
     return of(folder)
 
 

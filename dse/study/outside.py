@@ -48,8 +48,7 @@ def ask(space: SearchSpace, results: str | Path, n: int) -> tuple[list[tuple[int
     earlier = warm.earlier_trials(space)
     with store.exclusive(folder), Workers(1) as workers, contextlib.ExitStack() as at_the_end:
         store.sweep(folder)
-        book, notes = opened(folder, space)
-        at_the_end.enter_context(book)
+        book, notes = at_the_end.enter_context(opened(folder, space.search.batch))
         notes += claim(space, book)
         ledger = Ledger(book)
         runs = Runs(space, book, profiles, workers, Silent())
@@ -95,9 +94,7 @@ def tell(folder: Path, trial: int, told: Mapping[str, float], failed: str = "") 
     plain_space(folder / store.SPACE)  # raises if it is none
     space = load_space(folder / store.SPACE)
     load_all(space.hardware, space.source.parent)
-    with store.exclusive(folder), contextlib.ExitStack() as at_the_end:
-        book, _ = opened(folder, space)
-        at_the_end.enter_context(book)
+    with store.exclusive(folder), opened(folder, space.search.batch) as (book, _):
         ledger = Ledger(book)
         entry = _asked(folder, ledger, trial)
         if not failed:

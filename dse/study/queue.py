@@ -11,7 +11,7 @@ from dse.config.space import Design
 from dse.config.values import echo
 from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.seeds import design_key
-from dse.store import Book, explained
+from dse.store import Book, back_up, explained
 from dse.study.warm import axis_value, on_axes
 
 
@@ -68,12 +68,14 @@ def add(folder: Path, designs: Sequence[Design]) -> None:
     """
     with explained(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with Book(folder, writes=True) as book, book.together():
-        rows = book.rows("queue")
-        known = {design_key(row["design"]) for row in rows}
-        place = 1 + max((row["place"] for row in rows), default=0)
-        new = [dict(design) for design in designs if design_key(design) not in known]
-        book.put("queue", [{"place": place + n, "design": design} for n, design in enumerate(new)])
+    with Book(folder, writes=True) as book:
+        with book.together():
+            rows = book.rows("queue")
+            known = {design_key(row["design"]) for row in rows}
+            place = 1 + max((row["place"] for row in rows), default=0)
+            new = [dict(design) for design in designs if design_key(design) not in known]
+            book.put("queue", [{"place": place + n, "design": design} for n, design in enumerate(new)])
+        back_up(book)
 
 
 def waiting(space: SearchSpace, book: Book) -> list[tuple[int, Design | None]]:

@@ -35,7 +35,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
 from dse import store
-from dse.config import ConfigError, load_space
+from dse.config import ConfigError
 from dse.config.faults import Fault
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
@@ -212,21 +212,22 @@ def record_of(folder: Path) -> Kind:
 
 
 def book_of(folder: Path) -> Kind:
-    study, space = _study(folder), load_space(folder / "tiny.yaml")
+    study = _study(folder)
     whole = (study / store.BOOK).read_bytes()
 
     def fuzz(data: st.DataObject, place: Path) -> None:
         target = place / "tiny"
         shutil.copytree(study / "runs", target / "runs")
-        (target / store.BOOK).write_bytes(spoilt(data, whole))
+        for name in (store.BOOK, store.COPY):
+            (target / name).write_bytes(spoilt(data, whole))
         read_entries(target)
         try:
-            opened(target, space)[0].close()
+            with opened(target):
+                pass
         except store.Damaged as error:
             raise AssertionError("a dead end") from error
-        book, notes = opened(target, space)
-        book.close()
-        assert notes == [], "it was mended already"
+        with opened(target) as (_, notes):
+            assert notes == [], "it was mended already"
 
     return fuzz
 

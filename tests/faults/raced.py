@@ -61,6 +61,7 @@ MOMENTS = {
     r"/runs/[^/]*": "a record",
     r"/precision/.*": "a precision",
     r"/(trials|points)\.parquet": "the tables",
+    r"/study\.sqlite\.copy": "the copy of the book",
 }
 """Pattern of a path in a study's folder -> what happens there."""
 

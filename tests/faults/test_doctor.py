@@ -223,11 +223,6 @@ def rewritten(name: str, change: Callable[[Any], Any]) -> Plant:
     return lambda study: rewrite(study / name, change)
 
 
-def kept(name: str, change: Callable[[Any], Any]) -> Plant:
-    """Return what changes a document of the book as if dse had written it."""
-    return lambda study: store.keep(study, name, change(store.document(study, name)))
-
-
 def retabled(name: str, change: Callable[[pd.DataFrame], pd.DataFrame]) -> Plant:
     """Return what changes a table as if dse had written it, with the note on what it was made from."""
 
@@ -300,7 +295,8 @@ WHOLE: dict[str, tuple[Plant, str]] = {
         for name, plant in {
             **rotated(KINDS, NEEDED, len(KINDS)),
             **rotated(OF_BOOK, [store.BOOK], len(OF_BOOK)),
-            **rotated(NO_FILES, (*NEEDED, store.BOOK), len(NO_FILES)),
+            **rotated({x: OF_BOOK[x] for x in OF_BOOK if x != "missing"}, [store.COPY], len(OF_BOOK) - 1),
+            **rotated(NO_FILES, (*NEEDED, store.BOOK, store.COPY), len(NO_FILES)),
             **rotated(NO_FILES, ("page.html", ".lock"), 2),
             **rotated({"unreadable": unreadable}, (RUN, "points.parquet", store.BOOK, ".lock", "runs"), 1),
             **rotated({"a_pipe": a_pipe}, ("runs", "precision"), 1),
@@ -361,19 +357,6 @@ WHOLE: dict[str, tuple[Plant, str]] = {
         "points.parquet",
     ),
     "tables of a run that has changed": (rewritten(RUN, lambda x: x | {"leak": ""}), "points.parquet"),
-    "racing: a batch removed": (kept("racing/00000", lambda _: None), f"{store.BOOK}/racing/00000"),
-    "racing: all removed": (
-        without_rows("study", "name GLOB 'racing/*'"),
-        f"{store.BOOK}/racing/00000",
-    ),
-    "racing: an unknown trial in the audit": (
-        kept("racing/audit", lambda x: x | {"trials": [9, 99]}),
-        f"{store.BOOK}/racing/audit",
-    ),
-    "racing: a finished design in the audit": (
-        kept("racing/audit", lambda x: x | {"trials": [3]}),
-        f"{store.BOOK}/racing/audit",
-    ),
     "a checkpoint beyond its rung": (of_trial(2, 9), "checkpoints/00009/runs/00002"),
     "a checkpoint of a finished run": (of_trial(3), "checkpoints/00002/runs/00003"),
     "a checkpoint of an unknown trial": (of_trial(40), "checkpoints/00002/runs/00040"),
@@ -446,10 +429,10 @@ NOT_MENDED = ("a record of a newer schema",)
 TOGETHER = (
     ("a run removed", "a stopped run removed", "the second run of a design removed"),
     ("an audited run removed", "a precision cut"),
-    ("zero study.sqlite",),
+    ("zero study.sqlite", "an audited run removed"),
     ("a run renamed to another trial", "a book without its last trials", "tables swapped"),
     ("a book without a trial", "a_folder .lock", "a run of another seed"),
-    ("a checkpoint of a finished run", "points without a row", "racing: all removed"),
+    ("a checkpoint of a finished run", "points without a row", "zero study.sqlite.copy"),
     ("runs swapped", "a changed byte of a trial"),
     ("all runs of a batch removed", "a precision removed", "a_folder trials.parquet"),
     ("missing study.sqlite", "a_pipe points.parquet"),

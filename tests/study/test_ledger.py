@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -85,11 +86,15 @@ def test_a_torn_book_is_written_anew_with_the_designs_of_all_runs(folder: Path, 
     path = folder / BOOK
     path.write_bytes(path.read_bytes()[:n_bytes])
     assert fault(folder)
-    book, [note] = opened(folder, {"search": {"batch": 2}})
-    book.close()
-    assert note.startswith(f"{path}: ") and f"the file before it is {BOOK}.damaged" in note
+    with opened(folder, 2) as (_, [note]):
+        assert note.startswith(f"{path}: ") and f"now {BOOK}.damaged" in note
+        assert (
+            "written anew with 2 trials" in note
+            and "notes, the queue and what racing decided are lost" in note
+        )
     assert [entry[:3] for entry in without_times(read_entries(folder))][:2] == [x[:3] for x in EXPECTED[:2]]
-    assert fault(folder) == "" and opened(folder, {"search": {"batch": 2}})[1] == []
+    with opened(folder, 2) as (_, notes):
+        assert fault(folder) == "" and notes == []
 
 
 def test_no_changed_bit_is_believed(folder: Path) -> None:
@@ -111,23 +116,32 @@ def test_no_changed_bit_is_believed(folder: Path) -> None:
     assert 0 < n_refused < 300
 
 
-def test_rows_that_are_intact_outlive_others(folder: Path) -> None:
-    recorded(folder)
+def changed_row(folder: Path) -> None:
     path = folder / BOOK
     path.write_bytes(path.read_bytes().replace(b"[0.5, 100.0, 1.5]", b"[0.6, 100.0, 1.5]"))
-    assert "a row of table trial is not what was written" in fault(folder)
-    opened(folder, {"search": {"batch": 2}})[0].close()
-    first, second, third = read_entries(folder)
-    assert (first.values, first.is_reported) == (None, False), "it is told again by the record of its run"
-    assert second.is_reported and third.batch == 1
 
 
-def test_designs_after_one_that_no_run_names_are_proposed_again(folder: Path) -> None:
+def without_a_row(folder: Path) -> None:
     with Book(folder, writes=True) as book:
         book.drop("trial", "trial = 1")
-    assert fault(folder) == "lacks a design"
-    opened(folder, {"search": {"batch": 2}})[0].close()
-    assert [entry.trial for entry in read_entries(folder)] == [0]
+
+
+@pytest.mark.parametrize(
+    "harm, told",
+    [(changed_row, "a row of table trial is not what was written"), (without_a_row, "lacks a design")],
+)
+def test_a_damaged_book_is_restored_from_its_copy(
+    folder: Path, harm: Callable[[Path], None], told: str
+) -> None:
+    with opened(folder) as (_, notes):
+        assert notes == []
+    before = read_entries(folder)
+    harm(folder)
+    assert told in fault(folder)
+    with opened(folder) as (_, [note]):
+        assert f"it is restored from {BOOK}.copy" in note
+    assert read_entries(folder) == before
+    assert fault(folder) == fault(folder, f"{BOOK}.copy") == ""
 
 
 def test_the_book_of_another_study_is_not_believed(
@@ -137,10 +151,12 @@ def test_the_book_of_another_study_is_not_believed(
     other = tmp_path_factory.mktemp("other")
     with Book(other, writes=True) as book:
         Ledger(book).ask(0, [DESIGNS[1], DESIGNS[0]])
-    (folder / BOOK).write_bytes((other / BOOK).read_bytes())
+        book.put("file", [{"name": f"runs/0000{n}-0.npz", "sha256": "0", "before": ""} for n in range(2)])
+    for name in (BOOK, f"{BOOK}.copy"):
+        (folder / name).write_bytes((other / BOOK).read_bytes())
     assert fault(folder) == "is the book of another study"
-    opened(folder, {"search": {"batch": 2}})[0].close()
-    assert [entry.design for entry in read_entries(folder)] == DESIGNS
+    with opened(folder, 2):
+        assert [entry.design for entry in read_entries(folder)] == DESIGNS
 
 
 def test_designs_of_several_kinds_have_their_own_axes(tmp_path: Path) -> None:

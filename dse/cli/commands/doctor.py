@@ -36,10 +36,10 @@ def answer(arguments: Arguments) -> Answer:
         return Answer([], text=f"{folder}: nothing is damaged")
     if not arguments.repair:
         mended = any(x.repair is not None for x in damages)
-        left, notes = damages, [f"`dse doctor {folder} --repair` repairs what it can"] if mended else []
+        left, notes = list(damages), [f"`dse doctor {folder} --repair` repairs what it can"] if mended else []
     else:
-        left = repair(folder)
+        left, notes = repair(folder)
         n_left = len({x.file for x in left} & {x.file for x in damages})
-        notes = [f"{len(damages) - n_left} of {len(damages)} repaired"]
+        notes += [f"{len(damages) - n_left} of {len(damages)} repaired"]
         notes += [f"not repaired: {x.file} {x.fault}; {x.remedy}" for x in left]
     return Answer(rows, notes, all_rows=True, code=_DAMAGED if left else 0)
