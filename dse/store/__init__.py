@@ -8,6 +8,7 @@
         precision/<trial>-<repeat>/   what it measured at other precisions (dse.study.precision)
         trials.parquet, points.parquet, page.html
         plugins/            copies of its plugins' files    hardware/   its hardware profiles
+        coordinators/       who works on it now (dse.study.coordinators)
         checkpoints/        where unfinished trainings stand (dse.study.checkpoints)
         bundles/<name>/     exported designs: the page shows their verdicts (dse.dashboard.verdicts)
         *.damaged           what `dse doctor --repair` has moved aside, laid out as it was
@@ -44,11 +45,13 @@ from dse.store.errors import (
     SPACE,
     WARNINGS,
     Damaged,
+    InUse,
     StoreError,
     damaged,
     unreadable,
 )
 from dse.store.files import (
+    COORDINATORS,
     TEMPORARY,
     atomic,
     back_up,
@@ -58,6 +61,7 @@ from dse.store.files import (
     is_held,
     is_temporary,
     known_as,
+    living,
     noted,
     published,
     read_bytes,
@@ -97,6 +101,7 @@ from dse.store.tables import (
 
 __all__ = [
     "BOOK",
+    "COORDINATORS",
     "COPY",
     "DAMAGED_ARCHIVE",
     "ENVIRONMENT",
@@ -109,6 +114,7 @@ __all__ = [
     "WARNINGS",
     "Book",
     "Damaged",
+    "InUse",
     "StoreError",
     "atomic",
     "back_up",
@@ -125,6 +131,7 @@ __all__ = [
     "is_temporary",
     "keep",
     "known_as",
+    "living",
     "load_arrays",
     "load_run",
     "made_from",

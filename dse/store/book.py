@@ -4,6 +4,7 @@
     trial   the designs, in the order in which they were proposed, and how each ended
     queue   designs that a user wants trained next      note    notes and pins on designs
     file    SHA-256 of every other file of the folder
+    claim   which coordinator trains a run
 
 Every change is a transaction, so a process that is killed leaves no half of one. Every row has a digest of
 its cells, so a row that the disk has changed is not believed.
@@ -57,6 +58,7 @@ _TABLES: Mapping[str, tuple[tuple[str, ...], int]] = {
     "queue": (("place", "design"), 1),
     "note": (("trial", "point", "text", "pinned", "at"), 2),
     "file": (("name", "sha256", "before"), 1),
+    "claim": (("trial", "repeat", "coordinator"), 2),
 }
 _JSON = frozenset({"content", "design", "objectives", "more"})
 
@@ -113,7 +115,7 @@ class Book:
             with self.together():
                 for name, (columns, n_key) in _TABLES.items():
                     key = ", ".join(columns[:n_key])
-                    place = "" if n_key > 1 or columns[0] in ("name", "job") else " INTEGER"
+                    place = "" if n_key > 1 or columns[0] == "name" else " INTEGER"
                     cells = ", ".join(
                         [f"{columns[0]}{place}", *columns[1:], "digest", f"PRIMARY KEY ({key})"]
                     )
@@ -226,6 +228,11 @@ class Book:
             Damaged: a row is not what was written.
         """
         return {table: self.rows(table) for table in _TABLES}
+
+    def version(self) -> int:
+        """Return a number that is another one once somebody else has written the book."""
+        with self._explained():
+            return int(self._db.execute("PRAGMA data_version").fetchone()[0])
 
     def write_to(self, path: Path) -> None:
         """Write all of it to another file, which is not there yet."""

@@ -22,6 +22,10 @@ class Damaged(StoreError):
     """A file is missing, or not what was written; the line says what to do."""
 
 
+class InUse(StoreError):
+    """Another process works on the study."""
+
+
 REMEDY = "`dse doctor RESULTS` says what it costs and repairs it"
 
 

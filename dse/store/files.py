@@ -17,11 +17,13 @@ from pathlib import Path
 from typing import Any
 
 from dse.store.book import BOOK, COPY, Book, digests_of
-from dse.store.errors import StoreError, check_kind, damaged, no_space, unreadable
+from dse.store.errors import InUse, StoreError, check_kind, damaged, no_space, unreadable
 from dse.store.plain import plain
 
 TEMPORARY = ".writing-"
 """Begins the names of files and folders that are being written."""
+COORDINATORS = "coordinators"
+"""Folder of a study that has a folder of each coordinator, which it locks (`dse.study.coordinators`)."""
 _GLANCES, _GLANCE_S = 4, 0.05  # times that a lock is asked for, and between them
 _DEEPEST = 3  # folders of a study above a file that its book knows
 _DIFFERS = "is not what was written (its checksum differs)"
@@ -40,12 +42,16 @@ def explained(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def exclusive(folder: Path) -> Iterator[None]:
+def exclusive(folder: Path, *, is_alone: bool = True) -> Iterator[None]:
     """Lock a study folder for this process; the system releases the lock when the process ends.
 
+    Args:
+        folder: of the study, which is made where there is none.
+        is_alone: whether no coordinator may work on the study; one that does takes the lock itself.
+
     Raises:
-        StoreError: another process has the lock, or the folder cannot be made, or its name is not UTF-8, as
-            tables need.
+        InUse: another process has the lock, or a coordinator works on the study.
+        StoreError: the folder cannot be made, or its name is not UTF-8, as tables need.
     """
     try:
         str(folder).encode()
@@ -66,12 +72,19 @@ def exclusive(folder: Path) -> Iterator[None]:
             try:
                 _lock(handle)
             except BlockingIOError:
-                raise StoreError(f"{folder}: another process is running this study") from None
+                raise InUse(f"{folder}: another process is running this study") from None
             except OSError as error:
                 if path != folder:
                     text = f"cannot be locked ({error.strerror}); use a --results folder on another disk"
                     raise StoreError(f"{folder}: {text}") from None
+        if is_alone and living(folder):
+            raise InUse(f"{folder}: another process is running this study")
         yield
+
+
+def living(folder: Path) -> list[str]:
+    """Return the names of the coordinators that work on a study now."""
+    return [own.name for own in (folder / COORDINATORS).glob("*") if is_held(own) is not False]
 
 
 def is_held(folder: Path) -> bool | None:

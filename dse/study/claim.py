@@ -22,6 +22,23 @@ FRONT_REPEATS = "front_repeats"
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
+def join(space: SearchSpace, folder: Path) -> None:
+    """Check that another coordinator works on the same search space in a folder, but for section `execution`.
+
+    Raises:
+        ConfigError: it does not, or designs race.
+    """
+    texts = [
+        f"{key} is {new!r}, but {old!r} in the study that runs in {folder}"
+        for key, old, new in changes(plain_space(folder / store.SPACE), yaml.safe_load(space.to_yaml()))
+        if (not key.startswith("execution.") or key == "execution.device") and key not in _PLACES
+    ]
+    if space.search.racing is not None:
+        texts.append(f"search.racing: {folder} runs, and its designs race against all others of one process")
+    if texts:
+        raise ConfigError([Fault(str(space.source), 0, text) for text in texts])
+
+
 def claim(space: SearchSpace, book: store.Book) -> list[str]:
     """Write the search space, its plugins and the session to the folder, or check that they are the same.
 

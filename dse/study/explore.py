@@ -27,7 +27,8 @@ from dse.seeds import design_key
 from dse.study import decisions, environment, imported, points, precision, pricing, queue, warm
 from dse.study import tables as both
 from dse.study import trials as tables
-from dse.study.claim import FRONT_REPEATS, claim
+from dse.study.claim import FRONT_REPEATS, claim, join
+from dse.study.coordinators import Coordinator
 from dse.study.executors import loky
 from dse.study.fronts import fronts
 from dse.study.known import Group, KnownBefore
@@ -62,6 +63,8 @@ def run(
 ) -> Study:
     """Train the missing runs of a study and return it; this also resumes an interrupted study.
 
+    Where another process runs the study, this one shares its trainings (`dse.study.coordinators`).
+
     Args:
         space: what to explore.
         results: the study's folder is made in here, named as the study.
@@ -71,7 +74,7 @@ def run(
 
     Raises:
         ConfigError: the folder holds a study of another search space, or of other recordings; or the
-            device is missing.
+            device is missing; or another process runs the study, whose designs race.
         RecordingError: the recordings do not fit the search space.
         StoreError: the folder is in use or cannot be written; nothing finished is lost.
         KeyboardInterrupt: after Ctrl-C; finished runs and the tables are written.
@@ -86,30 +89,38 @@ def run(
     folder = Path(results) / space.study
     earlier = warm.earlier_trials(space)
     n_workers = jobs or space.execution.jobs
-    with (
-        store.exclusive(folder),
-        shown(progress, n_workers) as report,
-        contextlib.ExitStack() as at_the_end,
-    ):
-        store.sweep(folder)
-        book, notes = at_the_end.enter_context(opened(folder, space.search.batch))
-        for note in [*notes, *pricing.check(profiles, folder), *claim(space, book)]:
-            report.note(note)
-        _keep_audit(space, book)
+    with shown(progress, n_workers) as report, contextlib.ExitStack() as at_the_end:
+        coordinator = Coordinator(folder, at_the_end)
+        if coordinator.is_first:
+            store.sweep(folder)
+            book, notes = at_the_end.enter_context(opened(folder, space.search.batch))
+            for note in [*notes, *pricing.check(profiles, folder), *claim(space, book)]:
+                report.note(note)
+            _keep_audit(space, book)
+        else:
+            join(space, folder)
+            report.note(f"{folder}: another process runs this study; this one shares its trainings")
+            book = at_the_end.enter_context(store.Book(folder, writes=True, is_session=True))
+        coordinator.begin(book)
         ledger = Ledger(book)
-        workers = at_the_end.enter_context(_workers(space, n_workers, folder))
-        runs = Runs(space, book, profiles, workers, report)
-        results_tables = _Tables(space, folder, runs, profiles, ledger, on_trial)
+        workers = at_the_end.enter_context(_workers(space, n_workers, folder, coordinator))
+        runs = Runs(space, book, profiles, workers, report, coordinator)
+        results_tables = _Tables(space, folder, runs, profiles, ledger, coordinator, on_trial)
         before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
         runs.recall(ledger.entries)
         results_tables.know_ended()
-        runs.forget_checkpoints()
+        if coordinator.is_first:
+            runs.forget_checkpoints()
         took = _Took(space, folder, ledger, runs, earlier)
         report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:
                 race = Race(space, folder, profiles, runs, report, book) if space.search.racing else None
                 stopped = _search(space, ledger, runs, results_tables, report, before, race, took)
+                if not coordinator.leads:
+                    report.note("the process that writes the tables ends the study")
+                    return Study(folder)
+                runs.recall(ledger.entries)
                 if race is not None:
                     for text in race.audit(ledger.entries, results_tables.refresh, results_tables.points):
                         report.note(text)
@@ -130,7 +141,7 @@ def run(
     return Study(folder)
 
 
-def _workers(space: SearchSpace, n: int, folder: Path) -> Workers:
+def _workers(space: SearchSpace, n: int, folder: Path, coordinator: Coordinator) -> Workers:
     """Return the workers that a search space names.
 
     Raises:
@@ -138,7 +149,7 @@ def _workers(space: SearchSpace, n: int, folder: Path) -> Workers:
     """
     execution = space.execution
     if execution.backend == "loky":
-        if (dead := environment.process_before(folder)) is not None:  # we have its lock
+        if coordinator.is_first and (dead := environment.process_before(folder)) is not None:
             loky.clear(dead)
         return Workers(n)
     from dse.study.executors.dask import Dask, Unusable
@@ -186,9 +197,11 @@ class _Tables:
         runs: Runs,
         profiles: Sequence[Profile],
         ledger: Ledger,
+        coordinator: Coordinator,
         on_trial: Callable[[dict[str, Any]], object] | None = None,
     ) -> None:
         self._space = space
+        self._coordinator = coordinator
         self._ledger = ledger
         self._folder = folder
         self._profiles = profiles
@@ -227,7 +240,12 @@ class _Tables:
         return points.points_table(self._space, self._folder, self._runs.trials(), self._profiles)
 
     def write(self) -> None:
-        """Write both tables, the hardware profiles that costs are computed from, and the copy of the book."""
+        """Write both tables, the hardware profiles that costs are computed from, and the copy of the book.
+
+        One coordinator does.
+        """
+        if not self._coordinator.leads:
+            return
         runs = self._runs.trials() | imported.records(self._folder)
         both.write(self._space, self._folder, runs, self._profiles, self._ledger.entries)
         store.back_up(self._ledger.book)
@@ -260,6 +278,7 @@ def _search(
         sampler.inform([x.design for x in took.earlier], [values_of(space, x.records) for x in took.earlier])
     number, n_before = 0, 0
     while True:
+        ledger.read()
         if excluding is not None:
             excluding.begin(number)
         entries = _of_batch(ledger, number)
@@ -278,11 +297,14 @@ def _search(
                 known = {design_key(e.design) for e in ledger.entries if not e.excluded}  # `dse ask` too
                 proposed = sampler.ask(len(entries) + n_missing)
                 new = [d for d in proposed if design_key(d) not in known][:n_missing]
+                there = ledger.batch(number)
                 with ledger.together():
-                    if excluding is not None:
+                    is_first = ledger.batch(number) == there  # else another coordinator was
+                    if is_first and excluding is not None:
                         excluding.record(number)
-                    ledger.ask(number, new)
-                if len(new) < n_missing:
+                    if is_first:
+                        ledger.ask(number, new)
+                if is_first and len(new) < n_missing:
                     report.note(
                         "the sampler found no further designs; the study has "
                         f"{n_before + len(entries) + len(new)}"
@@ -297,7 +319,7 @@ def _search(
         else:
             race.complete(number, entries, results_tables.refresh)
         with ledger.together():
-            for entry in entries:
+            for entry in _of_batch(ledger, number):
                 if not entry.is_reported and not runs.is_untrained(entry.trial):
                     records = runs.of(entry.trial)[: settings.repeats]
                     stopped = any(one.stopped_at_epoch is not None for one in records)
@@ -337,13 +359,11 @@ class _Took:
 
     def enqueued(self, number: int, report: Progress, before: KnownBefore | None) -> None:
         """Make a batch of the designs that the user asked for and that are not in the study yet."""
-        waiting = queue.waiting(self._space, self._ledger.book)
-        if not waiting:
-            return
-        known = {
-            design_key(entry.design): entry.trial for entry in self._ledger.entries if not entry.excluded
-        }
         with self._ledger.together():
+            waiting = queue.waiting(self._space, self._ledger.book) if not self._ledger.batch(number) else []
+            known = {
+                design_key(entry.design): entry.trial for entry in self._ledger.entries if not entry.excluded
+            }
             for place, design in waiting:
                 key = None if design is None else design_key(design)
                 why = None if before is None or design is None else before.exclusion(design)

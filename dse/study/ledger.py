@@ -107,10 +107,17 @@ class Ledger:
 
     def __init__(self, book: Book) -> None:
         self.book = book
-        self._entries: list[Entry] = []
-        self._of_batch: dict[int, list[int]] = {}
-        for row in book.rows("trial"):
-            self._add(Entry.of(row))
+        self._version: int | None = None
+        self.read()
+
+    def read(self) -> None:
+        """Read the designs again if somebody else has written the book."""
+        if self._version != (version := self.book.version()):
+            self._version = version
+            self._entries: list[Entry] = []
+            self._of_batch: dict[int, list[int]] = {}
+            for row in self.book.rows("trial"):
+                self._add(Entry.of(row))
 
     def _add(self, entry: Entry) -> None:
         self._of_batch.setdefault(entry.batch, []).append(entry.trial)
@@ -179,6 +186,7 @@ class Ledger:
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """Write everything of the block at once, at its end."""
+        """Write everything of the block at once, at its end; nobody else writes meanwhile."""
         with self.book.together():
+            self.read()
             yield

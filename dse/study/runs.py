@@ -14,6 +14,7 @@ import contextlib
 import dataclasses
 import functools
 import math
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -32,6 +33,7 @@ from dse.registry import PluginError
 from dse.search import cohorts
 from dse.store import Damaged, StoreError
 from dse.study import checkpoints, jobs, precision
+from dse.study.coordinators import Coordinator, Key
 from dse.study.executors.work import Failure
 from dse.study.ledger import Entry
 from dse.study.progress import Progress
@@ -51,6 +53,7 @@ _OVER_BUDGET = "MemoryBudget"
 _ATTEMPTS = 3
 _NAMED = 3
 _LONGEST_S = 120.0  # estimated CPU seconds that a killed worker may lose
+_GLANCE_S = 1.0  # between looks at what other coordinators have trained
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +76,16 @@ class _Data:
 
 
 class Runs:
-    """The runs of one study folder, which the caller has locked (`store.exclusive`)."""
+    """The runs of one study folder.
+
+    Args:
+        space: the search space.
+        book: of the study, which the caller has locked or joined.
+        profiles: of its hardware.
+        workers: train.
+        progress: is told what happens.
+        coordinator: shares trainings with others; None: nobody else trains.
+    """
 
     def __init__(
         self,
@@ -82,12 +94,14 @@ class Runs:
         profiles: Sequence[Profile],
         workers: Workers,
         progress: Progress,
+        coordinator: Coordinator | None = None,
     ) -> None:
         self._space = space
         self._book, self._folder = book, book.folder
         self._profiles = tuple(profiles)
         self._workers = workers
         self._progress = progress
+        self._coordinator = coordinator
         execution = space.execution
         self._budget = workers.memory_budget(execution.memory_gib, execution.device)
         self._cache = _opened_cache(book.folder, progress)
@@ -166,7 +180,10 @@ class Runs:
                     self._progress.note(f"{what}; this run is repeated")
                     self._forget(folder)
                     continue
-                if record is None or (record.needs_bytes or math.inf) <= self._budget:
+                if record is None:
+                    if store.known_as(folder):
+                        store.note_files(self._book, [folder])
+                elif (record.needs_bytes or math.inf) <= self._budget:
                     self._forget(folder)
                 else:
                     self._check_data(record)
@@ -231,7 +248,7 @@ class Runs:
         after_each: Callable[[], None] = lambda: None,
         until: int | None = None,
     ) -> None:
-        """Train every missing run of some designs up to a number of repeats.
+        """Train every missing run of some designs up to a number of repeats, or wait for who trains it.
 
         Args:
             entries: the designs.
@@ -244,22 +261,48 @@ class Runs:
             RecordingError: no data set of any design could be prepared.
         """
         self.recall(entries)
-        missing = [
-            (entry, repeat)
+        wanted = {
+            (entry.trial, repeat): (entry, repeat)
             for entry in entries
             if not any(record.told for record in self._records.get(entry.trial, {}).values())
             for repeat in range(repeats)
-            if not self._has(entry.trial, repeat) and not self._is_paused(entry.trial, repeat, until)
-        ]
+        }
+        tried: set[Key] = set()
+        while missing := [
+            key
+            for key in wanted
+            if key not in tried and not self._has(*key) and not self._is_paused(*key, until)
+        ]:
+            unclaimed = missing if self._coordinator is None else self._coordinator.unclaimed(missing)
+            if unclaimed:
+                tried |= self._train([wanted[key] for key in unclaimed], until, after_each)
+            else:
+                time.sleep(_GLANCE_S)
+            if not tried.issuperset(missing):
+                n_before = self.count()
+                self.recall([wanted[key][0] for key in missing])
+                self._progress.expect(n_before - self.count())  # what others have trained
+                after_each()
+
+    def _train(
+        self, missing: Sequence[tuple[Entry, int]], until: int | None, after_each: Callable[[], None]
+    ) -> set[Key]:
+        """Train missing runs, but for those that other coordinators train by then; return the others."""
         waiting = self._planned(self._prepared(missing), until)
+        tried = {(entry.trial, repeat) for entry, repeat in missing}
+        tried -= {(run.trial, run.repeat) for cohort in waiting for run in cohort.runs}  # they failed
+        running: set[Key] = set()
         for attempt in range(_ATTEMPTS):
             is_last = attempt == _ATTEMPTS - 1
             again: list[jobs.TrainingJob] = []
-            for cohort, ended in self._attempted(jobs.train, waiting, is_last):
+            claimed = self._claimed(waiting, running, tried)
+            for cohort, ended in self._attempted(jobs.train, claimed, is_last):
                 if isinstance(ended, Failure):
                     runs, why = cohort.runs, ended
                 elif ended[1] is None or not _by_machine(ended[1]):
-                    self._settle(cohort.runs[ended[0]], ended[1], until)
+                    run = cohort.runs[ended[0]]
+                    self._settle(run, ended[1], until)
+                    running.discard((run.trial, run.repeat))
                     after_each()
                     continue
                 else:
@@ -274,13 +317,37 @@ class Runs:
                 else:
                     again += [dataclasses.replace(cohort, runs=(run,)) for run in unfinished]
             waiting = again
+        if self._coordinator is not None:
+            self._coordinator.free()
+        return tried
+
+    def _claimed(
+        self, waiting: Iterable[jobs.TrainingJob], running: set[Key], tried: set[Key]
+    ) -> Iterator[jobs.TrainingJob]:
+        """Yield jobs as they can begin, without the runs that another coordinator trains or has trained.
+
+        Args:
+            waiting: the jobs.
+            running: runs that are claimed and have not ended; those of each job are added.
+            tried: runs that were begun before; those of each job are added.
+        """
+        for job in waiting:
+            runs = job.runs
+            if self._coordinator is not None:
+                keys = [(run.trial, run.repeat) for run in runs]
+                ours = self._coordinator.claim(keys, running)
+                runs = tuple(run for run, key in zip(runs, keys, strict=True) if key in ours)
+                runs = tuple(run for run in runs if not run.folder.is_file() or is_stopped(run.folder))
+            if runs:
+                running |= {(run.trial, run.repeat) for run in runs}
+                tried |= running
+                yield dataclasses.replace(job, runs=runs)
 
     def _attempted(
-        self, function: Callable[[Job], Iterable[Part]], waiting: Sequence[Job], one_by_one: bool
+        self, function: Callable[[Job], Iterable[Part]], waiting: Iterable[Job], one_by_one: bool
     ) -> Iterator[tuple[Job, Part | Failure]]:
         """Yield what `Workers.stream` does, of one job at a time where each is to have the machine alone."""
-        rounds = [[job] for job in waiting] if one_by_one else [waiting] if waiting else []
-        for jobs_at_once in rounds:
+        for jobs_at_once in ([job] for job in waiting) if one_by_one else [waiting]:
             yield from self._workers.stream(function, jobs_at_once)
 
     def shapes(self, designs: Iterable[Mapping[str, object]]) -> None:
@@ -662,14 +729,15 @@ class Runs:
 
     def _warn(self, keys: Iterable[str]) -> None:
         """Print the warnings about data sets once, and store them with the study."""
-        known = self._book.document(store.WARNINGS, [])
         warnings = [text for key in sorted(keys) for text in dataset.warnings(self._cache / key)]
         for text in dict.fromkeys(warnings):
             if text not in self._warned:
                 self._warned.add(text)
                 self._progress.note(f"warning: {text}")
-        if set(warnings) - set(known):
-            self._book.keep(store.WARNINGS, list(dict.fromkeys([*known, *warnings])))
+        with self._book.together():
+            known = self._book.document(store.WARNINGS, [])
+            if set(warnings) - set(known):
+                self._book.keep(store.WARNINGS, list(dict.fromkeys([*known, *warnings])))
 
     def remark(self, sentences: Sequence[str], prefix: str) -> None:
         """Print sentences about the study, and store them as warnings in place of those with the prefix."""
