@@ -94,6 +94,8 @@ class Book:
                 check_kind(self.path)
             except OSError as error:
                 raise unreadable(self.path, error) from None
+        if writes and self._has_log() and not _is_local(folder):
+            raise StoreError(f"{self.path}: a process of the machine with its disk writes it; go on there")
         with self._explained():
             self._db = _connected(self.path, "mode=rwc" if writes else "mode=ro")
         try:
@@ -107,6 +109,12 @@ class Book:
         except BaseException:
             self.close()
             raise
+
+    def _has_log(self) -> bool:
+        """Return whether it has a write-ahead log now, by its header."""
+        with contextlib.suppress(OSError), self.path.open("rb") as file:
+            return file.read(20)[18:] == b"\2\2"
+        return False
 
     def _make(self) -> None:
         tables = ", ".join(f"'{name}'" for name in _TABLES)

@@ -155,7 +155,7 @@ def test_no_damage_to_a_book_loses_a_trial(
         path.write_bytes(content)
         what = [damage(path, rng) for _ in range(rng.choice((1, 1, 2))) if path.exists()]
         (folder / store.COPY).unlink(missing_ok=True)
-        with opened(folder, len(designs)) as (book, _):
+        with opened(folder, load_space(whole / "tiny.yaml").search.batch) as (book, _):
             found = [(entry.trial, entry.batch, entry.design) for entry in Ledger(book).entries]
         assert found == designs, (number, what)
         tried["the book"] += 1
