@@ -50,25 +50,9 @@ class Racing:
 
 @dataclass(frozen=True)
 class Stop:
-    """Conditions that end a search before all designs are trained; looked at after each batch."""
+    """What ends a search before all designs are trained; looked at after each batch."""
 
-    cpu_hours: float | None = param(None, doc="CPU hours of all trainings", unit="h", low=0, low_open=True)
-    wall_hours: float | None = param(None, doc="hours of all sessions", unit="h", low=0, low_open=True)
-    front_gain_per_hour: float | None = param(
-        None,
-        doc="least gain of the front's hypervolume over the last hour, from the second hour of a session on",
-        unit="%",
-        low=0,
-        low_open=True,
-    )
-    pick_unchanged_for: int | None = param(
-        None, doc="designs since the best one in the first objective", low=1
-    )
-
-    def __post_init__(self) -> None:
-        """Check that there is a condition."""
-        if all(value is None for value in vars(self).values()):
-            raise ValueError(f"search.stop must state at least one of {', '.join(vars(self))}")
+    cpu_hours: float = param(doc="CPU hours of all trainings", unit="h", low=0, low_open=True)
 
 
 @dataclass(frozen=True)
@@ -111,8 +95,7 @@ class Search:
     )
     stop: Stop | None = param(  # noqa: RUF009
         None,
-        doc="cpu_hours, wall_hours, front_gain_per_hour (%), pick_unchanged_for (designs): the first that is "
-        "reached ends the search",
+        doc="key cpu_hours: the search ends after a batch when all trainings have taken so many",
     )
     from_: tuple[str, ...] = param(
         (),

@@ -234,54 +234,32 @@ def _mend(study: _Study) -> list[str]:
 
 def _runs(study: _Study) -> Iterator[Damage]:
     """Runs that are damaged, lie elsewhere, or are of another design than the book's."""
-    again = f"the run is removed; {AGAIN} trains it again"
+    again = f"the run is moved aside; {AGAIN} trains it again"
     for run, found in study.runs.items():
-        name, remove = study.name(run), partial(_forget, study, run)
+        name, aside = study.name(run), partial(_aside, study, run)
         if isinstance(found, StoreError):
-            if (home := _home(study, run)) not in (None, run):
-                remedy = f"it is moved to {study.name(home)}, or aside if a run is there"
-                yield Damage(name, _said(found, run), "nothing", remedy, partial(_bring, study, run, home))
-            elif store.named(run) is None:
-                aside = partial(store.set_aside, study.folder, run)
+            if store.named(run) is None:
                 yield Damage(name, _said(found, run), "nothing", ASIDE, aside)
             elif isinstance(found, store.Damaged):
-                yield Damage(name, _said(found, run), "one run", again, remove)
+                yield Damage(name, _said(found, run), "one run", again, aside)
             else:
                 yield Damage(name, _said(found, run), "one run, until it can be read", "by hand")
         elif not study.knows(found.trial):
             remedy = f"{AGAIN} takes it up when it proposes the design again"
             yield Damage(name, "is no design of the book", "one run, until then", remedy)
         elif not study.fault and not _is_of(study, found):
-            yield Damage(name, "holds a run of another design or seed", "one run", again, remove)
+            yield Damage(name, "holds a run of another design or seed", "one run", again, aside)
     for path in _matches(study.folder, f"{precision.FOLDER}/*/*"):
-        is_changed = False
-        with contextlib.suppress(OSError):
-            is_changed = bool(known := store.known_as(path)) and store.checksum(path) not in known
-        if is_changed or precision.is_damaged(path):
-            remedy = f"the file is removed; {AGAIN} evaluates it again"
-            forget = partial(_forget, study, path)
-            yield Damage(study.name(path), "is damaged", "one evaluation", remedy, forget)
+        if _wrong(path, store.verify) is not None or precision.is_damaged(path):
+            remedy = f"the file is moved aside; {AGAIN} evaluates it again"
+            aside = partial(_aside, study, path)
+            yield Damage(study.name(path), "is damaged", "one evaluation", remedy, aside)
 
 
-def _home(study: _Study, run: Path) -> Path | None:
-    """Return where a run belongs, by its record; None where that cannot be read."""
-    with contextlib.suppress(StoreError, *_MALFORMED, OSError):
-        record = store.record_in(run)
-        return store.run_file(study.folder, int(record["trial"]), int(record["repeat"]))
-    return None
-
-
-def _bring(study: _Study, run: Path, home: Path) -> None:
-    if os.path.lexists(home):
-        store.set_aside(study.folder, run)
-    else:
-        with store.explained(home):
-            run.replace(home)
-
-
-def _forget(study: _Study, path: Path) -> None:
-    """Remove a file, which the book is to know no more."""
-    store.remove(path)
+def _aside(study: _Study, path: Path) -> None:
+    """Move a file aside, which the book is to know no more."""
+    if os.path.lexists(path):
+        store.set_aside(study.folder, path)
     with store.Book(study.folder, writes=True) as book:
         store.note_files(book, [path])
 
@@ -295,16 +273,12 @@ def _is_of(study: _Study, found: RunRecord) -> bool:
 
 
 def _missing(study: _Study) -> Iterator[Damage]:
-    """Runs that have finished by the book or the tables, and evaluations by the book."""
+    """Runs and evaluations that have finished by the book."""
     known = store.digests(study.folder)
     expected = {store.named(Path(x)) for x in known if x.startswith(f"{store.RUNS}/")} - {None}
     repeats = int(study.space.get("search", {}).get("repeats", 1))
     ended = [entry.trial for entry in study.entries if entry.is_reported and not entry.excluded]
     expected |= set(itertools.product(ended, range(repeats)))
-    with contextlib.suppress(StoreError, *_MALFORMED):
-        table = held.read(study.folder / held.TRIALS)
-        for trial, n in zip(table["trial"], table["repeats"], strict=True):
-            expected |= {(int(trial), repeat) for repeat in range(int(n))}
     told = {trial for trial, of in study.records.items() if any(x.told for x in of.values())}
     for trial, repeat in sorted(run for run in expected if run is not None and run[0] not in told):
         run = store.run_file(study.folder, trial, repeat)
@@ -315,8 +289,7 @@ def _missing(study: _Study) -> Iterator[Damage]:
         path = study.folder / name
         if not os.path.lexists(path):
             remedy = f"{AGAIN} evaluates it again"
-            forget = partial(_forget, study, path)
-            yield Damage(name, "is missing", "one evaluation", remedy, forget)
+            yield Damage(name, "is missing", "one evaluation", remedy, partial(_aside, study, path))
 
 
 def _checkpoints(study: _Study) -> Iterator[Damage]:
@@ -370,9 +343,9 @@ def _texts(study: _Study) -> Iterator[Damage]:
     plugins = {study.folder / f"plugins/{n}_{file.name}": file for n, file in enumerate(sources)}
     for path in dict.fromkeys([*plugins, *_matches(study.folder, "plugins/*.py")]):
         if (fault := _wrong(path, partial(_check_plugin, plugins.get(path)))) is not None:
-            remedy = f"it is removed; {AGAIN} writes it again"
-            forget = partial(_forget, study, path)
-            yield Damage(study.name(path), fault, "the copy, not the original", remedy, forget)
+            remedy = f"it is moved aside; {AGAIN} writes it again"
+            aside = partial(_aside, study, path)
+            yield Damage(study.name(path), fault, "the copy, not the original", remedy, aside)
     measured = [x.numbers for of in study.records.values() for x in of.values() if x.numbers is not None]
     chips = sorted({study.folder / f"hardware/{chip}.yaml" for one in measured for chip in one.hardware})
     for path in dict.fromkeys([*chips, *_matches(study.folder, "hardware/*.yaml")]):
@@ -458,7 +431,7 @@ def _check_table(study: _Study, path: Path) -> None:
 def _tables_again(study: _Study, profile: Path | None = None) -> None:
     """Write the tables, and the profiles that price them."""
     if profile is not None:
-        _forget(study, profile)
+        _aside(study, profile)
     tables.write_again(study.folder)
 
 

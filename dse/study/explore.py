@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,28 +18,22 @@ from dse.dataset import cache
 from dse.hardware.profile import Profile, load_all
 from dse.recordings import PLACES, RecordingError
 from dse.recordings.files import locate
-from dse.search.limits import Exclusion
-from dse.search.proposals import Sampler, limited
-from dse.search.space import design_at
-from dse.search.stop import Spent, reached
-from dse.seeds import design_key
-from dse.study import decisions, environment, imported, points, precision, pricing, queue, warm
+from dse.study import decisions, environment, imported, points, precision, pricing, warm
 from dse.study import tables as both
 from dse.study import trials as tables
+from dse.study.batches import Batches, n_trials
 from dse.study.claim import FRONT_REPEATS, claim, join
 from dse.study.coordinators import Coordinator
 from dse.study.executors import loky
 from dse.study.fronts import fronts
-from dse.study.known import Group, KnownBefore
-from dse.study.ledger import Entry, Ledger
+from dse.study.known import KnownBefore
+from dse.study.ledger import Ledger
 from dse.study.mended import opened
 from dse.study.progress import Progress, shown
 from dse.study.racing import Race
-from dse.study.record import RunRecord
 from dse.study.resampling import front_probabilities
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
-from dse.study.status import session_hours
 from dse.study.workers import Workers
 
 if TYPE_CHECKING:
@@ -49,8 +42,6 @@ if TYPE_CHECKING:
 _REFRESH_S = 2.0
 _REFRESH_SHARE = 0.05
 _STOPPED = "the search stopped: "
-# Designs of a grid whose data sets are prepared together, and excluded ones that are written down.
-_MOST_PREPARED, _MOST_RECORDED = 100_000, 1000
 
 
 def run(
@@ -82,8 +73,8 @@ def run(
     if lack := missing(space.execution.device):
         text = f"execution.device {space.execution.device} {lack}"
         raise ConfigError([Fault(str(space.source), 0, text)])
-    if (n_trials := _n_trials(space)) > MOST_TRIALS:
-        text = f"search.n_trials must be at most {MOST_TRIALS}, got {n_trials} designs; sample fewer of them"
+    if (n_designs := n_trials(space)) > MOST_TRIALS:
+        text = f"search.n_trials must be at most {MOST_TRIALS}, got {n_designs} designs; sample fewer of them"
         raise ConfigError([Fault(str(space.source), 0, text)])
     profiles = load_all(space.hardware, space.source.parent)
     folder = Path(results) / space.study
@@ -111,12 +102,22 @@ def run(
         results_tables.know_ended()
         if coordinator.is_first:
             runs.forget_checkpoints()
-        took = _Took(space, folder, ledger, runs, earlier)
-        report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
+        takeover = warm.Takeover(space, folder, earlier)
+        report.expect(n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:
                 race = Race(space, folder, profiles, runs, report, book) if space.search.racing else None
-                stopped = _search(space, ledger, runs, results_tables, report, before, race, took)
+                batches = Batches(space, ledger, runs, before, earlier, report)
+                number = 0
+                while (entries := batches.ask(number)) is not None:
+                    if n := sum(takeover.over(entry) for entry in entries if not entry.is_reported):
+                        report.note(f"{n} run{'s' * (n > 1)} of earlier studies taken over")
+                    if race is None:
+                        runs.complete(entries, space.search.repeats, results_tables.refresh)
+                    else:
+                        race.complete(number, entries, results_tables.refresh)
+                    batches.tell(number)
+                    number += 1
                 if not coordinator.leads:
                     report.note("the process that writes the tables ends the study")
                     return Study(folder)
@@ -136,7 +137,7 @@ def run(
             raise
         results_tables.write()
         runs.remark(runs.untrained(), UNTRAINED)
-        runs.remark([f"{_STOPPED}{stopped}"] if stopped else [], _STOPPED)
+        runs.remark([f"{_STOPPED}{batches.stopped}"] if batches.stopped else [], _STOPPED)
         runs.remark(decisions.remarks(space.decision, runs.trials()), decisions.PREFIX)
     return Study(folder)
 
@@ -251,232 +252,6 @@ class _Tables:
         store.back_up(self._ledger.book)
 
 
-def _search(
-    space: SearchSpace,
-    ledger: Ledger,
-    runs: Runs,
-    results_tables: _Tables,
-    report: Progress,
-    before: KnownBefore | None,
-    race: Race | None,
-    took: _Took,
-) -> str:
-    """Propose, train and report batch by batch; the ledger replaces proposals of earlier sessions.
-
-    Returns:
-        Why the search stopped early; '' if it did not.
-
-    Raises:
-        ConfigError: a condition to stop is reached before anything is trained.
-    """
-    settings = space.search
-    sampler: Sampler = settings.sampler.start(space, [direction for _, direction in space.objectives])
-    excluding = None if before is None else Excluding(space, ledger, runs, before, sampler)
-    if excluding is not None:
-        sampler = excluding.sampler
-    if hasattr(sampler, "inform"):
-        sampler.inform([x.design for x in took.earlier], [values_of(space, x.records) for x in took.earlier])
-    number, n_before = 0, 0
-    while True:
-        ledger.read()
-        if excluding is not None:
-            excluding.begin(number)
-        entries = _of_batch(ledger, number)
-        if not ledger.batch(number):
-            took.enqueued(number, report, None if excluding is None else before)
-            entries = _of_batch(ledger, number)
-        if any(e.enqueued for e in entries):
-            pass  # the sampler has no part in this batch
-        elif not entries or not any(e.is_reported for e in entries):
-            # A process that died while asking left part of a batch; the sampler proposes the same one again.
-            n_left = _n_trials(space) - n_before - len(entries)
-            n_missing = min(settings.batch - len(entries), n_left)
-            if n_missing > 0 and not entries and (why := took.stop(number)):
-                return why
-            if n_missing > 0:
-                known = {design_key(e.design) for e in ledger.entries if not e.excluded}  # `dse ask` too
-                proposed = sampler.ask(len(entries) + n_missing)
-                new = [d for d in proposed if design_key(d) not in known][:n_missing]
-                there = ledger.batch(number)
-                with ledger.together():
-                    is_first = ledger.batch(number) == there  # else another coordinator was
-                    if is_first and excluding is not None:
-                        excluding.record(number)
-                    if is_first:
-                        ledger.ask(number, new)
-                if is_first and len(new) < n_missing:
-                    report.note(
-                        "the sampler found no further designs; the study has "
-                        f"{n_before + len(entries) + len(new)}"
-                    )
-                entries = _of_batch(ledger, number)
-        if not entries and not any(e.enqueued for e in ledger.batch(number)):
-            return ""
-        if n := sum(took.over(entry) for entry in entries if not entry.is_reported):
-            report.note(f"{n} run{'s' * (n > 1)} of earlier studies taken over")
-        if race is None:
-            runs.complete(entries, settings.repeats, results_tables.refresh)
-        else:
-            race.complete(number, entries, results_tables.refresh)
-        with ledger.together():
-            for entry in _of_batch(ledger, number):
-                if not entry.is_reported and not runs.is_untrained(entry.trial):
-                    records = runs.of(entry.trial)[: settings.repeats]
-                    stopped = any(one.stopped_at_epoch is not None for one in records)
-                    values = values_of(space, records)
-                    missed = None if excluding is None or values is None else excluding.missed(entry, records)
-                    ledger.tell(entry.trial, values, missed, _at_rungs(space, records), stopped=stopped)
-        ended = _of_batch(ledger, number)
-        if excluding is not None:
-            excluding.end(number, ended)
-        sampler.tell([e.design for e in ended], [e.values for e in ended])
-        number, n_before = number + 1, n_before + len(ended)
-
-
-class _Took:
-    """What a search has spent, and what it takes over from earlier studies."""
-
-    def __init__(
-        self,
-        space: SearchSpace,
-        folder: Path,
-        ledger: Ledger,
-        runs: Runs,
-        earlier: Sequence[warm.Earlier],
-    ) -> None:
-        self.earlier = earlier
-        self._space = space
-        self._folder = folder
-        self._ledger = ledger
-        self._runs = runs
-        self._takeover = warm.Takeover(space, folder, earlier)
-        self._began_s = time.time()
-        self._n_before = runs.count()
-        self._hours_before = 0.0
-        stop = space.search.stop
-        if stop is not None and stop.wall_hours is not None:
-            self._hours_before = session_hours(folder, ledger.entries)
-
-    def enqueued(self, number: int, report: Progress, before: KnownBefore | None) -> None:
-        """Make a batch of the designs that the user asked for and that are not in the study yet."""
-        with self._ledger.together():
-            waiting = queue.waiting(self._space, self._ledger.book) if not self._ledger.batch(number) else []
-            known = {
-                design_key(entry.design): entry.trial for entry in self._ledger.entries if not entry.excluded
-            }
-            for place, design in waiting:
-                key = None if design is None else design_key(design)
-                why = None if before is None or design is None else before.exclusion(design)
-                if design is None or key is None:
-                    report.note("an enqueued design is none of this search space; it is left out")
-                elif key in known:
-                    report.note(f"an enqueued design is trial {known[key]} already")
-                elif why is not None:
-                    report.note(f"an enqueued design is not trained: {why.reason}")
-                else:
-                    self._ledger.ask(number, [design], enqueued=True)
-                    known[key] = len(self._ledger.entries) - 1
-                self._ledger.book.drop("queue", "place = ?", place)
-
-    def over(self, entry: Entry) -> int:
-        """Take over the runs of a design that an earlier study has trained; return how many."""
-        design = warm.on_axes(self._space, entry.design)
-        return 0 if design is None else self._takeover.take(entry.trial, design, self._space.search.repeats)
-
-    def stop(self, number: int) -> str:
-        """Return why no further batch is proposed; '' if one is.
-
-        Raises:
-            ConfigError: nothing was trained since the command began.
-        """
-        stop = self._space.search.stop
-        if stop is None or number == 0:
-            return ""
-        now_s = time.time()
-        signs = [1.0 if direction == "min" else -1.0 for _, direction in self._space.objectives]
-        ended = [
-            e
-            for e in self._ledger.entries
-            if e.values is not None and all(x.stopped_at_epoch is None for x in self._runs.of(e.trial))
-        ]
-        ended.sort(key=lambda e: (e.batch, e.trial))
-        why = reached(
-            stop,
-            Spent(
-                cpu_hours=self._runs.train_s() * self._space.execution.threads / 3600,
-                wall_hours=self._hours_before + (now_s - self._began_s) / 3600,
-                session_s=now_s - self._began_s,
-                ages_s=[now_s - (e.reported_s or now_s) for e in ended],
-                costs=[[s * x for s, x in zip(signs, e.values or (), strict=True)] for e in ended],
-            ),
-        )
-        if why and self._runs.count() == self._n_before:
-            raise ConfigError([Fault(str(self._space.source), 0, f"{why}; raise it to go on")])
-        return why
-
-
-def _of_batch(ledger: Ledger, number: int) -> list[Entry]:
-    """Return the designs of a batch that are trained."""
-    return [entry for entry in ledger.batch(number) if not entry.excluded]
-
-
-class Excluding:
-    """Which designs are not trained, given what is known before: written down, and known to the sampler."""
-
-    def __init__(
-        self, space: SearchSpace, ledger: Ledger, runs: Runs, before: KnownBefore, sampler: Sampler
-    ) -> None:
-        self._space = space
-        self._ledger = ledger
-        self._runs = runs
-        self._before = before
-        self._measured: dict[Group, list[tuple[int, Sequence[float]]]] = {}
-        self._recorded = {design_key(e.design) for e in ledger.entries if e.excluded}
-        self.sampler = limited(sampler, self._check)
-        if before.needs_data and space.n_designs is not None and space.n_designs <= _MOST_PREPARED:
-            runs.shapes(design_at(space, index) for index in range(space.n_designs))
-
-    def _check(self, design: Mapping[str, object]) -> Exclusion | None:
-        return self._before.exclusion(design) or self._before.dominated(design, self._measured)
-
-    def begin(self, number: int) -> None:
-        """Exclude what an earlier session proposed in a batch and has not trained, by limits of today."""
-        for entry in _of_batch(self._ledger, number):
-            if not entry.is_reported and not self._runs.of(entry.trial):
-                if why := self._before.exclusion(entry.design):
-                    self._ledger.exclude_proposed(entry.trial, why)
-                    self._recorded.add(design_key(entry.design))
-
-    def record(self, number: int) -> None:
-        """Write down the designs that the sampler has passed over; of a grid, the first ones."""
-        known = self._recorded
-        for design, why in self.sampler.refused:
-            if design_key(design) not in known:
-                if len(known) >= _MOST_RECORDED and self._space.search.sampler_name == "grid":
-                    return
-                known.add(design_key(design))
-                self._ledger.exclude(number, design, why)
-
-    def missed(self, entry: Entry, records: Sequence[RunRecord]) -> dict[str, float]:
-        """Return limit -> by how much a trained design misses it."""
-        return self._before.violations(entry.design, records)
-
-    def end(self, number: int, ended: Sequence[Entry]) -> None:
-        """Let the sampler know by how much the designs of a batch miss the limits."""
-        for entry in self._ledger.batch(number):
-            if entry.excluded and (why := self._check(entry.design)):
-                self.sampler.judge(entry.design, why.violations)
-                self.sampler.tell([entry.design], [None])
-        for entry in ended:
-            if entry.values is not None:
-                records = self._runs.of(entry.trial)[: self._space.search.repeats]
-                self.sampler.judge(entry.design, self.missed(entry, records))
-                if any(one.stopped_at_epoch is not None for one in records):
-                    continue  # it was measured at a rung alone
-                group = self._before.group(entry.design)
-                self._measured.setdefault(group, []).append((entry.trial, entry.values))
-
-
 def _repeat_front(
     space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
 ) -> None:
@@ -551,32 +326,3 @@ def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables:
     runs.evaluate(
         [e for e in ledger.entries if e.trial in chosen], precisions.settings, results_tables.refresh
     )
-
-
-def _n_trials(space: SearchSpace) -> int:
-    return space.search.n_trials or space.n_designs or 0
-
-
-def _at_rungs(space: SearchSpace, records: Sequence[RunRecord]) -> dict[int, float]:
-    """Return epochs -> the first objective of a trial's full read-out at that rung, where it has one."""
-    name = space.objectives[0][0]
-    values = {}
-    for epochs in sorted(set.intersection(*(set(one.rungs) for one in records))):
-        numbers = [one.rungs[epochs] for one in records]
-        value = float(tables.summary(numbers, next(iter(numbers[0].hardware), None)).get(name, math.nan))
-        if math.isfinite(value):
-            values[epochs] = value
-    return values
-
-
-def values_of(space: SearchSpace, records: Sequence[RunRecord]) -> tuple[float, ...] | None:
-    """Return the objectives of a trial's full read-out, None if it failed or lacks one of them.
-
-    Those of a trial that stopped early are as they were then.
-    """
-    if any(record.failed for record in records):
-        return None
-    numbers = [record.last for record in records]
-    row = tables.summary(numbers, next(iter(numbers[0].hardware), None))
-    values = [float(row.get(name, math.nan)) for name, _ in space.objectives]
-    return tuple(values) if all(map(math.isfinite, values)) else None

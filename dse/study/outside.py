@@ -18,10 +18,9 @@ from dse import registry, store
 from dse.config import ConfigError, Fault, SearchSpace, load_space
 from dse.config.space import Design
 from dse.hardware.profile import load_all
-from dse.search.proposals import Sampler
 from dse.study import tables, warm
+from dse.study.batches import Batches, values_of
 from dse.study.claim import claim
-from dse.study.explore import Excluding, values_of
 from dse.study.known import KnownBefore
 from dse.study.ledger import Entry, Ledger
 from dse.study.mended import opened
@@ -53,29 +52,15 @@ def ask(space: SearchSpace, results: str | Path, n: int) -> tuple[list[tuple[int
         ledger = Ledger(book)
         runs = Runs(space, book, profiles, workers, Silent())
         runs.recall(ledger.entries)
-        settings = space.search
-        sampler: Sampler = settings.sampler.start(space, [direction for _, direction in space.objectives])
-        excluding = None
-        if space.limits is not None:
-            excluding = Excluding(space, ledger, runs, KnownBefore(space, profiles, runs.shape), sampler)
-            sampler = excluding.sampler
-        if hasattr(sampler, "inform"):
-            sampler.inform([x.design for x in earlier], [values_of(space, x.records) for x in earlier])
+        before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
+        batches = Batches(space, ledger, runs, before, earlier, Silent())
         number = 1 + max((entry.batch for entry in ledger.entries), default=-1)
         for batch in range(number):
-            entries = [entry for entry in ledger.batch(batch) if not entry.excluded]
-            if excluding is not None:
-                excluding.end(batch, entries)
-            sampler.tell([e.design for e in entries], [e.values for e in entries])
-        designs = sampler.ask(n)
-        with ledger.together():
-            if excluding is not None:
-                excluding.record(number)
-            first = len(ledger.entries)
-            ledger.ask(number, designs, enqueued=True)
+            batches.learn(batch)
+        designs = batches.propose(number, n, enqueued=True) or []
         if len(designs) < n:
             notes.append(f"the sampler found {len(designs)} designs that are new")
-        return list(enumerate(designs, first)), notes
+        return [(entry.trial, x) for entry, x in zip(batches.of(number), designs, strict=True)], notes
 
 
 def tell(folder: Path, trial: int, told: Mapping[str, float], failed: str = "") -> dict[str, Any]:

@@ -302,11 +302,6 @@ def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessi
     return _Sessions(start_s, length_s, max((*starts, *events.tolist()), default=None))
 
 
-def session_hours(folder: Path, entries: Sequence[Entry]) -> float:
-    """Return the length of the sessions of a study up to their last reports, in hours."""
-    return float(_sessions(folder, {entry.trial: entry for entry in entries}, {}).length_s.sum()) / 3600
-
-
 def _n_trials(folder: Path, search: _Search, entries: Mapping[int, Entry]) -> int | None:
     """Return the final number of trials; a sampler without further designs ends a search early."""
     n_trials = search.n_trials

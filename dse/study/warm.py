@@ -14,7 +14,7 @@ from dse.config.axes import Axis
 from dse.config.resolved import Sections
 from dse.config.values import as_tuple
 from dse.config.yaml_lines import Raw
-from dse.study.ledger import read_entries
+from dse.study.ledger import Entry, read_entries
 from dse.study.record import RunRecord, load_record
 from dse.study.results import plain_space
 
@@ -129,18 +129,18 @@ class Takeover:
             if trial.is_alike:
                 self._of_design.setdefault(seeds.design_key(trial.design), []).append(trial)
 
-    def take(self, trial: int, design: Mapping[str, Raw], repeats: int) -> int:
-        """Copy the runs of a trial that are trained already; return how many.
+    def over(self, entry: Entry) -> int:
+        """Copy the runs of a design that are trained already; return how many.
 
         Raises:
             StoreError: a run cannot be written.
         """
-        n = 0
-        for repeat in range(repeats):
-            target = store.run_file(self._folder, trial, repeat)
-            source = None if target.exists() else self._equal(design, repeat)
+        n, design = 0, on_axes(self._space, entry.design)
+        for repeat in range(self._space.search.repeats if design is not None else 0):
+            target = store.run_file(self._folder, entry.trial, repeat)
+            source = None if design is None or target.exists() else self._equal(design, repeat)
             if source is not None:
-                _copy(source, repeat, trial, target)
+                _copy(source, repeat, entry.trial, target)
                 n += 1
         return n
 
