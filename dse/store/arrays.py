@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 import lzma
 import tokenize
 import types
@@ -77,7 +78,8 @@ def load_arrays(path: Path, names: Collection[str] | None = None) -> dict[str, A
         check_kind(file)
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             found = {x.removeprefix(prefix): x for x in archive.files if x.startswith(prefix) and x != RECORD}
-            if is_part and not found:
+            is_absent = is_part and not found  # or has no arrays
+            if is_absent and path.name not in json.loads(archive.zip.read(RECORD))["files"]:
                 raise damaged(path, "is missing")
             return {name: archive[x] for name, x in found.items() if names is None or name in names}
     except OSError as error:

@@ -224,6 +224,8 @@ class RunRecord:
                 told=plain["status"] == TOLD,
             )
             _check(record, _KINDS)
+            if not all(isinstance(name, str) for name in record.classes):
+                raise TypeError("'classes'")
         except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
             raise store.damaged(where, f"key {error} is missing or invalid") from error
         return record

@@ -75,7 +75,7 @@ def test_a_disk_that_fails_at_any_write(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", calls.append)
         explore.run(space, tmp_path / "counted", progress=False)
-    assert len(calls) > 50
+    assert len(calls) > 20  # beside those of SQLite
     for number in range(max(4, n_faults // 2)):
         rng, folder = random.Random(f"disk {number}"), tmp_path / str(number)
         study = folder / "tiny"
