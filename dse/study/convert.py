@@ -40,7 +40,8 @@ _LIMIT = "constraints:"
 # The SHA-256 of a file with zeros for its digits, near the beginning of a JSON file.
 _SEAL = re.compile(rb"dse-sha256:([0-9a-f]{64})")
 _BEGINNING = 512
-_STOP = re.compile(r"\bstop: \{[^}]*\}")
+# Keys of a search space that are gone: what ends a search changes no result, nor does who shares its designs.
+_STOP, _STORAGE = re.compile(r"\bstop: \{[^}]*\}"), re.compile(r"\s+storage:\s[^,}]*,")
 
 
 def is_earlier(folder: Path) -> bool:
@@ -105,8 +106,7 @@ def convert(folder: Path) -> list[str]:
     for path in (folder / store.SPACE, *folder.glob("hardware/*.yaml"), *folder.glob("plugins/*.py")):
         text = path.read_text(encoding="utf-8")
         text = text.partition("\n")[2] if text.startswith("# dse-sha256:") else text
-        text = _STOP.sub("stop: null", text.replace(" storage: null,", ""))  # it ends no finished search
-        store.write_text(path, text)
+        store.write_text(path, _STOP.sub("stop: null", _STORAGE.sub("", text)))
     for name in (held.TRIALS, held.POINTS):
         if (folder / name).is_file():
             _table(folder / name)

@@ -127,7 +127,7 @@ def status(folder: Path | str) -> Status:
     """Return the status of the study in a folder.
 
     A run ended when its record file was written. This time is clipped to the interval from the proposal of
-    the trial to its report, so that a copied folder falls back on the journal. Evaluations at other
+    the trial to its report, so that a copied folder falls back on the book. Evaluations at other
     precisions do not count as runs. Runs that repeat the front are missing if a design on the front of the
     last table has fewer runs than `search.repeats_on_front`.
 
@@ -137,8 +137,7 @@ def status(folder: Path | str) -> Status:
     study = Study(Path(folder))
     search = _search(study)
     goals = study.objectives
-    journal = read_entries(study.folder)
-    entries = {entry.trial: entry for entry in journal if not entry.excluded}
+    entries = {entry.trial: entry for entry in read_entries(study.folder) if not entry.excluded}
     written = _written(study.folder)
     outcomes = _outcomes(study.folder, written)
     runs = _timed(written, entries, outcomes, search.repeats)

@@ -137,7 +137,7 @@ def spoilt_arrays(data: st.DataObject, arrays: Mapping[str, Array]) -> dict[str,
     return changed
 
 
-# ---- bundles, records, journals
+# ---- bundles, records, books
 
 
 def bundle_of(folder: Path) -> Kind:

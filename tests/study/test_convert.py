@@ -13,8 +13,16 @@ import pytest
 from dse import store
 from dse.study.convert import convert
 from dse.study.doctor import examine
+from dse.study.results import plain_space
 
 ZEROS = "0" * 64
+SPACE = """study: tiny
+seed: 7
+search: {batch: 8, stop: {cpu_hours: null,
+    wall_hours: 2.0}, from: []}
+execution: {backend: loky,
+  storage: sqlite:///shared.db, jobs: 1}
+"""
 
 
 def write_sealed(path: Path, document: dict[str, Any]) -> None:
@@ -25,7 +33,7 @@ def write_sealed(path: Path, document: dict[str, Any]) -> None:
 @pytest.fixture
 def earlier(tmp_path: Path) -> Path:
     """A folder of two runs and one warning."""
-    (tmp_path / store.SPACE).write_text("study: tiny\nseed: 7\n")
+    (tmp_path / store.SPACE).write_text(SPACE)
     for trial in (0, 1):
         run = tmp_path / "artefacts" / f"{trial:05d}" / "repeat_0"
         run.mkdir(parents=True)
@@ -52,6 +60,9 @@ def test_an_earlier_folder_is_converted(earlier: Path) -> None:
         assert store.read_record(run)["design"] == {"x": trial}
         assert store.load_arrays(run / "history.npz")["loss"].tolist() == [0.5, 0.25]
     assert store.document(earlier, store.WARNINGS) == ["labels are few"]
+    space = plain_space(earlier / store.SPACE)
+    assert space["search"] == {"batch": 8, "stop": None, "from": []}
+    assert space["execution"] == {"backend": "loky", "jobs": 1}
     assert not (earlier / "artefacts").exists() and not (earlier / "artefacts.damaged").exists()
 
 
