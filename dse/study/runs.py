@@ -293,6 +293,8 @@ class Runs:
         tried -= {(run.trial, run.repeat) for cohort in waiting for run in cohort.runs}  # they failed
         running: set[Key] = set()
         for attempt in range(_ATTEMPTS):
+            if not waiting:
+                break
             is_last = attempt == _ATTEMPTS - 1
             again: list[jobs.TrainingJob] = []
             claimed = self._claimed(waiting, running, tried)
