@@ -22,6 +22,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import cProfile
+import functools
 import heapq
 import importlib
 import resource
@@ -46,27 +47,24 @@ from dse.study import explore, jobs, tables
 
 NAME = "benchmarks.coordinator"
 """Where workers look the stub up: not in __main__."""
-TEMPLATE = "template"
+TEMPLATE = "template.npz"
 TIMES = "training_s.txt"
 
 
 def train(job: jobs.TrainingJob) -> Iterator[tuple[int, None]]:
     """Do as `dse.study.jobs.train`, with the files of the one design that was trained."""
     for number, run in enumerate(job.runs):
-        folder = run.base / TEMPLATE
-        record = store.read_json(folder / "record.json")
-        files = {name: _copier(folder / name) for name in record["files"]}
+        record, parts = _template(run.base / TEMPLATE)
         changed = {"trial": run.trial, "repeat": run.repeat, "design": dict(run.design)}
-        store.save_run(run.folder, {**record, **changed}, files)
+        store.save_run(run.folder, {**record, **changed}, parts)
         yield number, None
 
 
-def _copier(source: Path) -> Any:
-    def copy(path: Path) -> None:
-        shutil.copyfile(source, path)
-        store.seal_archive(path)  # as a file of this study
-
-    return copy
+@functools.cache
+def _template(run: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the record and the parts of the one design that was trained."""
+    record = store.record_in(run)
+    return record, {name: store.load_arrays(run / name) for name in record["files"]}
 
 
 def timed(job: jobs.TrainingJob) -> Iterator[Any]:
@@ -218,7 +216,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         run(write_space(folder, 1, 1), stub=False)
-        shutil.copytree(store.run_folder(folder / "results" / "tiny_1", 0, 0), folder / TEMPLATE)
+        shutil.copy(store.run_file(folder / "results" / "tiny_1", 0, 0), folder / TEMPLATE)
         for n_trials in arguments.trials:
             path = write_space(folder, n_trials, arguments.batch)
             if arguments.profile:
@@ -227,7 +225,7 @@ def main() -> None:
             cpu_s, wall_s, _ = run(path)
             worker_s = _cpu_s(resource.RUSAGE_CHILDREN) - before_s
             resume_s, _, _ = run(path)
-            shutil.rmtree(store.run_folder(folder / "results" / path.stem, n_trials - 1, 0))
+            store.run_file(folder / "results" / path.stem, n_trials - 1, 0).unlink()
             tables.write_again(folder / "results" / path.stem)
             missing_s, _, first_s = run(path)
             profile.disable()

@@ -27,6 +27,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from dse import store
 from dse.config import SearchSpace, load_space
 from dse.config.search import Racing
 from dse.hardware.profile import load_all
@@ -34,7 +35,7 @@ from dse.skyline.goals import checked_goals, costs_of
 from dse.skyline.pareto import hypervolume
 from dse.study import checkpoints, explore
 from dse.study.fronts import GROUPS
-from dse.study.journal import Entry, read_journal
+from dse.study.ledger import Entry, read_entries
 from dse.study.progress import Silent
 from dse.study.racing import Race
 from dse.study.record import RunRecord, load_records
@@ -107,8 +108,8 @@ def kept(space: SearchSpace, results: Path) -> Path:
     if not (folder / KEPT).is_dir() or not (folder / "points.parquet").exists():
         with mock.patch.object(explore, "Race", Keeper):
             explore.run(space, results)
-    if not (folder / KEPT / "artefacts").exists():
-        (folder / KEPT / "artefacts").symlink_to(folder.resolve() / "artefacts")
+    if not (folder / KEPT / store.RUNS).exists():
+        (folder / KEPT / store.RUNS).symlink_to(folder.resolve() / store.RUNS)
     return folder
 
 
@@ -169,7 +170,7 @@ def main() -> None:
     space = load_space(arguments.space, dict(pair.split("=", 1) for pair in arguments.set))
     search = dataclasses.replace(space.search, racing=Racing(rungs=tuple(arguments.rungs)))
     folder = kept(dataclasses.replace(space, search=search), arguments.results)
-    entries = read_journal(folder / "journal.log")
+    entries = read_entries(folder)
     names = ("stopped", "epochs", "hypervolume", "of all points")
     table = Table("rungs", "eta", *names, box=None, title=f"{len(entries)} designs")
     choices = [

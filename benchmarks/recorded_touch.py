@@ -470,7 +470,7 @@ def main() -> None:
 
 def hidden_spikes(folder: Path, repeat: int) -> float:
     """Return the mean spikes of the hidden layers per validation sample."""
-    said = store.response_of(store.load_arrays(store.run_folder(folder, 0, repeat) / "response.npz"))
+    said = store.response_of(store.load_arrays(store.run_file(folder, 0, repeat) / "response.npz"))
     return float(said.spikes[..., 1:-1].sum(axis=(1, 2)).mean())
 
 

@@ -38,7 +38,7 @@ from dse.records import Bools, Floats
 from dse.search.limits import Exclusion
 from dse.search.proposals import Sampler, limited
 from dse.skyline.constraints import matches
-from dse.study import journal
+from dse.study.ledger import read_entries
 
 SAMPLERS = ("grid", "random", "sobol", "tpe", "nsga2", "nsga3", "gp")
 USUAL = "optuna, usual"
@@ -78,7 +78,7 @@ class Grid:
 def read(folder: Path, limit: str) -> Grid:
     """Return the grid of a study."""
     space = load_space(folder / "search_space.yaml")
-    entries = [entry for entry in journal.read_journal(folder / "journal.log") if not entry.excluded]
+    entries = [entry for entry in read_entries(folder) if not entry.excluded]
     table = pd.read_parquet(folder / "trials.parquet").set_index("trial")
     table = table.loc[[entry.trial for entry in entries]]
     names = [name for name, _ in space.objectives]
@@ -92,7 +92,7 @@ def read(folder: Path, limit: str) -> Grid:
         costs[:, column] = (x - np.nanmin(x)) / (np.nanmax(x) - np.nanmin(x))
     curves = []
     for entry in entries:
-        path = store.run_folder(folder, entry.trial, 0) / "history.npz"
+        path = store.run_file(folder, entry.trial, 0) / "history.npz"
         curves.append(np.load(path)["accuracy_train"] if path.exists() else np.array([]))
     n_epochs = max(map(len, curves))
     padded = np.array([np.pad(x, (0, n_epochs - len(x)), constant_values=np.nan) for x in curves])

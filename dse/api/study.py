@@ -14,7 +14,6 @@ from dse.api.front import front_of
 from dse.api.plots import Plots
 from dse.skyline import front
 from dse.skyline.front import Skyline
-from dse.store import StoreError
 from dse.study import results
 from dse.study.question import Question, texts
 
@@ -199,29 +198,18 @@ class Study(results.Study):
         """The figures: `study.plot.front()`, `study.plot.surface(point)`, ...; dir() lists them."""
         return Plots(self)
 
-    def to_optuna(self) -> optuna.Study:
-        """Return the trials as a study of Optuna, in memory, for its own plots and importances.
+    def to_optuna(self, storage: str | None = None) -> optuna.Study:
+        """Return the trials as a study of Optuna, for its own plots and importances.
+
+        Args:
+            storage: where it is written for `optuna-dashboard`, such as sqlite:///search.db; None: in memory.
 
         Raises:
-            StoreError: the journal is missing or damaged.
+            ConfigError: a component of the search space is not installed here.
         """
-        import warnings
+        from dse.study.as_optuna import as_optuna
 
-        import optuna
-
-        from dse.study.lines import JournalLines
-
-        path = self.folder / "journal.log"
-        if not path.is_file():
-            raise StoreError(f"{path}: no such file")
-        storage = optuna.storages.JournalStorage(JournalLines(path))  # type: ignore[arg-type]
-        (stored,) = storage.get_all_studies()
-        copy = optuna.create_study(study_name=self.folder.name, directions=stored.directions)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            copy.set_metric_names([name for name, _ in self.objectives])
-        copy.add_trials(storage.get_all_trials(stored._study_id))
-        return copy
+        return as_optuna(self.folder, storage)
 
 
 def open(folder: str | Path) -> Study:

@@ -16,8 +16,8 @@ from dse.config import SearchSpace
 from dse.dataset import cache, dataset_key
 from dse.store import damaged, read_json, write_json
 
-FILE = "audit.json"
-"""Of a study."""
+FILE, DOCUMENT = "audit.json", "audit"
+"""A file of the cache, and a document of a study."""
 _VERSION = 2
 
 
@@ -55,7 +55,21 @@ def last(space: SearchSpace, root: Path) -> Audit | None:
 
 def write(audit: Audit, path: Path) -> None:
     """Write an audit to a file."""
-    write_json(path, {"rows": [row.columns for row in audit.rows], "notes": audit.notes})
+    write_json(path, plain(audit))
+
+
+def plain(audit: Audit) -> dict[str, Any]:
+    """Return an audit as JSON holds it; `of_plain` is the way back."""
+    return {"rows": [row.columns for row in audit.rows], "notes": audit.notes}
+
+
+def of_plain(document: Mapping[str, Any]) -> Audit:
+    """Return the audit of `plain`.
+
+    Raises:
+        KeyError, TypeError: it is none.
+    """
+    return Audit(tuple(map(_row, document["rows"])), tuple(document["notes"]))
 
 
 def read(path: Path) -> Audit | None:
@@ -66,9 +80,8 @@ def read(path: Path) -> Audit | None:
     """
     if not path.is_file():
         return None
-    document = read_json(path)
     try:
-        return Audit(tuple(map(_row, document["rows"])), tuple(document["notes"]))
+        return of_plain(read_json(path))
     except (KeyError, TypeError) as error:
         raise damaged(path, f"is no audit: {error}") from error
 

@@ -188,8 +188,7 @@ def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
             raw = _grid(raw)
         if section == "search":
             axes = Written(found, (), Path(), False).axes
-            shared = found["execution"].values.get("storage") is not None
-            raw = search.with_defaults(raw, axes.values(), search.folds(found), is_shared=shared)
+            raw = search.with_defaults(raw, axes.values(), search.folds(found))
         found[section] = parts.settings(section, cls, raw, report)
     if "task" in found:
         found["task"] = parts.with_name(found["task"])

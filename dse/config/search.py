@@ -50,25 +50,9 @@ class Racing:
 
 @dataclass(frozen=True)
 class Stop:
-    """Conditions that end a search before all designs are trained; looked at after each batch."""
+    """What ends a search before all designs are trained; looked at after each batch."""
 
-    cpu_hours: float | None = param(None, doc="CPU hours of all trainings", unit="h", low=0, low_open=True)
-    wall_hours: float | None = param(None, doc="hours of all sessions", unit="h", low=0, low_open=True)
-    front_gain_per_hour: float | None = param(
-        None,
-        doc="least gain of the front's hypervolume over the last hour, from the second hour of a session on",
-        unit="%",
-        low=0,
-        low_open=True,
-    )
-    pick_unchanged_for: int | None = param(
-        None, doc="designs since the best one in the first objective", low=1
-    )
-
-    def __post_init__(self) -> None:
-        """Check that there is a condition."""
-        if all(value is None for value in vars(self).values()):
-            raise ValueError(f"search.stop must state at least one of {', '.join(vars(self))}")
+    cpu_hours: float = param(doc="CPU hours of all trainings", unit="h", low=0, low_open=True)
 
 
 @dataclass(frozen=True)
@@ -84,8 +68,7 @@ class Search:
     n_trials: int | None = param(None, doc="number of designs to train (default: the whole grid)", low=1)
     batch: int = param(
         _BATCH,
-        doc="number of designs proposed at a time (default: the whole grid for sampler grid without "
-        "execution.storage, otherwise 8)",
+        doc="number of designs proposed at a time (default: the whole grid for sampler grid, otherwise 8)",
         low=1,
         high=MOST_TRIALS,
     )
@@ -112,8 +95,7 @@ class Search:
     )
     stop: Stop | None = param(  # noqa: RUF009
         None,
-        doc="cpu_hours, wall_hours, front_gain_per_hour (%), pick_unchanged_for (designs): the first that is "
-        "reached ends the search",
+        doc="key cpu_hours: the search ends after a batch when all trainings have taken so many",
     )
     from_: tuple[str, ...] = param(
         (),
@@ -180,14 +162,13 @@ def folds(parts: Mapping[str, Part]) -> int:
     return 0 if k_fold is None else k_fold.k
 
 
-def with_defaults(raw: Raw, axes: Collection[Axis], n_folds: int, *, is_shared: bool) -> Raw:
+def with_defaults(raw: Raw, axes: Collection[Axis], n_folds: int) -> Raw:
     """Return section `search` as written, with the keys whose defaults follow from other sections.
 
     Args:
         raw: the section.
         axes: of the search space.
         n_folds: of a cross-validation, of which every repeat is one; 0 without.
-        is_shared: whether several coordinators divide the designs.
     """
     if not isinstance(raw, dict | None):
         return raw
@@ -197,7 +178,7 @@ def with_defaults(raw: Raw, axes: Collection[Axis], n_folds: int, *, is_shared: 
     if name == AUTO:
         name = automatic(n_designs, keys.get("n_trials"))
     # A grid learns nothing from its results: designs that are proposed at once share the most passes.
-    whole = name == "grid" and "stop" not in keys and not is_shared
+    whole = name == "grid" and "stop" not in keys
     batch = min(n_designs or 1, MOST_TRIALS) if whole else _BATCH
     return {"batch": batch, "repeats": n_folds or 1, **keys, "sampler": name}
 

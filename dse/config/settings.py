@@ -5,27 +5,23 @@ Other packages apply the settings: windows and splits in `dse.recordings`, train
 
 from __future__ import annotations
 
-import contextlib
 import math
-import re
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, Literal
-from urllib.parse import urlsplit
 
 from dse import registry
 from dse.config.bounds import MOST_EPOCHS, MOST_SAMPLES
 from dse.config.faults import known_names
 from dse.config.parts import Part, Told, Written, named, target_columns
-from dse.config.values import echo, refuse
+from dse.config.values import refuse
 from dse.config.yaml_lines import Raw
 from dse.registry import param
 
 DEVICES = ("cpu", "cuda")
 POLARITIES = ("split", "merge", "ignore_off", "ignore_on")
 
-_STORAGE = re.compile(r"(postgresql|sqlite)://.")
 CUT_COLUMNS = ("recording", "window")
 """Label columns of the windows that recordings are cut into (`window.cut_steps`)."""
 
@@ -687,12 +683,6 @@ class ExecutionSettings:
         None, doc="with dask: scheduler, e.g. tcp://node1:8786 (default: a cluster on this machine)"
     )
     scheduler_file: str | None = param(None, doc="with dask: file that a scheduler wrote, instead of address")
-    storage: str | None = param(
-        None,
-        doc="database in which several coordinators, each with its own --results folder, share the designs "
-        "of the study: postgresql://user@host/database (extra postgresql) or sqlite:///file (default: one "
-        "coordinator)",
-    )
     jobs: int = param(1, doc="number of worker processes; a Dask scheduler that runs has its own", low=1)
     threads: int = param(1, doc="CPU threads of each process; they share the samples of a batch", low=1)
     device: str = param(
@@ -723,26 +713,13 @@ class ExecutionSettings:
 
     @classmethod
     def faults(cls, part: Part, space: Written) -> Iterator[Told]:
-        """Yield devices that are not there or that no model trains on, and what a database is not for."""
+        """Yield devices that are not there or that no model trains on."""
         for device in part.range("device"):
             if space.is_run and (lack := missing(device)):
                 yield part.told("device", f"{device} {lack}")
             for model in space.each("model") if device != "cpu" else ():
                 if getattr(model.cls, "cpu_only", False):
                     yield part.told("device", f"must be cpu for model {model.kind}, got {device}")
-        for storage in filter(None, part.range("storage")):
-            password = None
-            with contextlib.suppress(ValueError):  # of a place that is no URL: the database will say so
-                password = urlsplit(storage).password
-            if _STORAGE.match(storage) is None:
-                text = f"must begin with postgresql:// or sqlite:///, got {echo(storage)}"
-                yield part.told("storage", text)
-            elif password is not None:
-                text = "must not hold a password, as it is stored with the study: use PGPASSWORD or ~/.pgpass"
-                yield part.told("storage", text)
-            if any(space.range("search", "racing")):
-                text = "is not for search.racing: designs race against all others of one coordinator"
-                yield part.told("storage", text)
 
 
 def missing(device: str) -> str | None:

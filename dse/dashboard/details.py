@@ -261,7 +261,7 @@ def _document(source: _Source, trial: int) -> dict[str, Any]:
     notes: list[str] = []
     runs = []
     for repeat in range(int(rows["repeats"].iloc[0])):
-        place = store.run_folder(folder, trial, repeat)
+        place = store.run_file(folder, trial, repeat)
         try:
             runs.append((place, RunRecord.from_plain(store.read_record(place), place / store.RECORD)))
         except StoreError:

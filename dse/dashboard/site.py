@@ -33,6 +33,9 @@ _KNOWS_LABELS = "This design cannot be deployed: its encoder reads the labels of
 _CHANGED = "The study has changed since this point was evaluated; reload the page."
 _DAMAGED = "This design cannot be exported: an artefact is damaged, or the disk is full."
 
+_BOOK = (store.BOOK, f"{store.BOOK}-wal")
+"""The book of a study, and its log while it is written."""
+
 
 def page_server(folder: Path, host: str, port: int, request: PageRequest | None = None) -> Server:
     """Return a server of the page of a study; the study may have no finished trial yet.
@@ -48,7 +51,7 @@ def page_server(folder: Path, host: str, port: int, request: PageRequest | None 
     study.load_plugins()
     site = StudySite(study, checked(study, request or PageRequest()))
     needed = [folder / name for name in ("search_space.yaml", "trials.parquet", "points.parquet")]
-    going_on = [folder / name for name in ("journal.log", "artefacts", store.WARNINGS, notes.FILE)]
+    going_on = [folder / name for name in (*_BOOK, store.RUNS)]
     live = Live(site.read, needed, going_on, site.waiting, lambda: store.is_held(folder))
     return Server(live, host, port, site, trust.token(str(folder.resolve())))
 
@@ -63,11 +66,13 @@ class StudySite(Site):
         self._page = self._empty = page_of(study, None, request)
         self._stamps: dict[str, object] = {}
         self._notes: list[dict[str, Any]] = []
+        self._warnings: list[str] = []
 
     def read(self) -> Page:
         """Return the page; a part whose file has not changed is the same object as before."""
         # Trials end all the time; the tables, and the part of the page made from them, change now and then.
-        if self._changed("trials.parquet", "points.parquet", "search_space.yaml", store.WARNINGS):
+        is_other = self._changed(*_BOOK) and self._warned()
+        if self._changed("trials.parquet", "points.parquet", "search_space.yaml") or is_other:
             try:
                 study = results.open(self._study.folder)
                 self._points = study.points(self._request.question.hardware, self._request.question.repeats)
@@ -76,9 +81,14 @@ class StudySite(Site):
             except BaseException:
                 self._stamps.clear()
                 raise
-        if self._changed(notes.FILE):
-            self._notes = notes.plain(self._study.folder)
         return {**self._page, **progress_of(self._study.folder), "design_notes": self._notes}
+
+    def _warned(self) -> bool:
+        """Read notes and warnings; return whether there are other warnings than before."""
+        found = notes.plain(self._study.folder)
+        self._notes = self._notes if found == self._notes else found
+        before, self._warnings = self._warnings, self._study.warnings
+        return before != self._warnings
 
     def _changed(self, *names: str) -> bool:
         """Return whether one of some files has changed since this was asked last."""

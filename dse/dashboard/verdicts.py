@@ -38,7 +38,7 @@ def exported(study: Path, trial: int) -> Iterator[Exported]:
 
     for path in sorted((study / _FOLDER).glob("*/bundle.json")):
         with contextlib.suppress(StoreError, KeyError, TypeError, AttributeError, ValueError):
-            document = store.read_json(path, needs_seal=False)
+            document = store.read_json(path)
             is_whole = document["checksum"] == sealed(document)["checksum"]
             if is_whole and document["schema"] == SCHEMA and document["record"]["trial"] == trial:
                 yield Exported(path.parent, document["record"], document["targets"])

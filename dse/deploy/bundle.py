@@ -196,7 +196,7 @@ def read(folder: str | Path) -> Bundle:
         sources = tuple(str(path / name) if name.endswith(".py") else name for name in plugins)
         where = path / _WEIGHTS
         checks.check_archive(where)
-        arrays = store.load_arrays(where, needs_seal=False)  # as of bundle.json
+        arrays = store.load_arrays(where)
         where = path / _DOCUMENT
         for source in sources:  # before their components are named
             registry.load_plugin(source, named_by=path)
@@ -264,7 +264,7 @@ def _document(folder: Path) -> checks.Document:
         raise BundleError(f"{folder / _DOCUMENT}: cannot be read: {error}") from None
     if path.stat().st_size > checks.MOST_DOCUMENT_BYTES:
         raise ValueError(f"must have at most {checks.MOST_DOCUMENT_BYTES} bytes, got {path.stat().st_size}")
-    content = store.read_json(path, needs_seal=False)  # it holds a checksum of its own
+    content = store.read_json(path)  # it holds a checksum of its own
     schema = str(content.get("schema", "")) if isinstance(content, dict) else ""
     version = schema.removeprefix(_SCHEMA)
     if not schema.startswith(_SCHEMA) or not version.isdecimal():

@@ -99,7 +99,7 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
     setting = _Setting.of(point, [head.name for head in records[0].heads])
     accuracies = np.array([_accuracy(study, record, setting) for record in records])
     chosen = records[int(np.abs(accuracies - accuracies.mean()).argmin())]
-    artefacts = store.run_folder(study.folder, trial, chosen.repeat)
+    artefacts = store.run_file(study.folder, trial, chosen.repeat)
     evidence = {
         "study": study.space["study"],
         "seed": chosen.seed,
@@ -109,7 +109,7 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
         "data": chosen.data,
         "recordings": _recordings(study, chosen),
         "warnings": study.warnings,
-        "environment": store.read_json(study.folder / store.ENVIRONMENT),
+        "environment": store.document(study.folder, store.ENVIRONMENT, []),
     }
     fitted = store.fitted_of(store.load_arrays(artefacts / "weights.npz"))
     if setting.precision != precision.AS_TRAINED:
@@ -226,7 +226,7 @@ def _accuracy(study: Study, record: RunRecord, setting: _Setting) -> float:
     where = f"{study.folder}: trial {record.trial}"
     if record.numbers is None:
         raise ValueError(f"{where} failed: {record.reason}")
-    folder = store.run_folder(study.folder, record.trial, record.repeat)
+    folder = store.run_file(study.folder, record.trial, record.repeat)
     numbers, files = record.numbers, None
     if setting.precision != precision.AS_TRAINED:
         evaluated = {x.setting: x for x in precision.rows(folder)}.get(setting.precision)

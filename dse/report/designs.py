@@ -101,7 +101,7 @@ class StudyTask:
         return [store.load_arrays(path / name) for path in self._runs(trial)]
 
     def _runs(self, trial: int) -> list[Path]:
-        return sorted(store.run_folder(self.study.folder, trial, 0).parent.glob("repeat_*"))
+        return store.runs_of(self.study.folder, trial)
 
 
 def tasks_of(study: Study) -> list[StudyTask]:
@@ -161,10 +161,10 @@ def record(study: Path, trial: int) -> Mapping[str, Any]:
     Raises:
         StoreError: it is missing or damaged.
     """
-    folder = store.run_folder(study, trial, 0)
+    folder = store.run_file(study, trial, 0)
     content = store.read_record(folder)
     if "sections" not in content:
-        raise store.damaged(folder / store.RECORD, "is not the record of a finished run")
+        raise store.damaged(folder, "is not the record of a finished run")
     return content
 
 

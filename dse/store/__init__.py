@@ -1,30 +1,26 @@
-"""Files of a study, written so that a crash at any moment leaves either the old or the new, never half.
+"""The folder of a study, written so that a crash at any moment leaves either the old or the new, never half.
 
     results/<study>/
-        search_space.yaml   what is explored, fully resolved       environment.json   where it ran
-        journal.log         the ledger (dse.study.ledger)   trials.parquet, points.parquet, page.html
-        notes.json          notes and pins on designs    views.json    saved views of the page
-        warnings.json       what is suspicious about the recordings
-        audit.json          what could pass for skill in them (dse.audit), if they have been audited
+        study.sqlite        the book (dse.store.book): designs, how they ended, notes, sessions, digests;
+                            study.sqlite.copy is a copy of it
+        search_space.yaml   what is explored, fully resolved
+        runs/<trial>-<repeat>.npz   one training run: its record and arrays (dse.store.runs)
+        precision/<trial>-<repeat>/   what it measured at other precisions (dse.study.precision)
+        trials.parquet, points.parquet, page.html
         plugins/            copies of its plugins' files    hardware/   its hardware profiles
-        artefacts/<trial>/repeat_<k>/   one training run: record.json and the arrays that it names,
-            and precision_*.npz, what it measured at other precisions
+        coordinators/       who works on it now (dse.study.coordinators)
         checkpoints/        where unfinished trainings stand (dse.study.checkpoints)
-        racing/             which designs stopped early, and the audit of that (dse.study.racing)
         bundles/<name>/     exported designs: the page shows their verdicts (dse.dashboard.verdicts)
-        front_repeats.json  which designs were repeated because their place on the front was undecided
         *.damaged           what `dse doctor --repair` has moved aside, laid out as it was
 
-Every file but the journal and what plugins are copied from is sealed (`dse.store.sealed`): a change of any
-byte, or of the seal, or a file of another study, is an error when it is read. The journal has a checksum per
-line (`dse.study.lines`).
-
-A file or a folder is written under a temporary name, flushed to the disk, and renamed. A run's folder is
-therefore either complete or absent, and its presence is what makes the run finished.
+The book has the SHA-256 of every other file, so that a change of any byte, or a file of another study, is
+an error when it is read. A file is written under a temporary name, flushed to the disk, and renamed: that of
+a run is therefore either complete or absent, and its presence is what makes the run finished.
 """
 
 from dse.store.arrays import (
     DAMAGED_ARCHIVE,
+    RECORD,
     fitted_of,
     load_arrays,
     record_arrays,
@@ -32,108 +28,142 @@ from dse.store.arrays import (
     response_arrays,
     response_of,
     save_arrays,
-    seal_archive,
     work_arrays,
     work_of,
 )
-from dse.store.files import (
-    TEMPORARY,
+from dse.store.book import (
+    BOOK,
+    COPY,
+    Book,
+    digests,
+    document,
+    keep,
+)
+from dse.store.errors import (
+    ENVIRONMENT,
+    REMEDY,
+    SPACE,
     WARNINGS,
+    Damaged,
+    InUse,
+    StoreError,
+    damaged,
+    unreadable,
+)
+from dse.store.files import (
+    COORDINATORS,
+    TEMPORARY,
     atomic,
+    back_up,
     checksum,
     exclusive,
     explained,
     is_held,
     is_temporary,
+    known_as,
+    living,
+    noted,
     published,
+    read_bytes,
     read_json,
-    read_or_remove,
-    read_sealed_text,
+    read_text,
     remove,
+    set_aside,
     sweep,
+    verify,
     write_json,
-    write_sealed_json,
-    write_sealed_text,
     write_text,
 )
-from dse.store.plain import heads_document, heads_of, plain, plain_cell
-from dse.store.runs import RECORD, SCHEMA, load_run, read_record, run_folder, runs_in, save_run
-from dse.store.sealed import (
-    ENVIRONMENT,
-    JOURNAL,
-    REMEDY,
-    SPACE,
-    Damaged,
-    StoreError,
-    damaged,
-    identity,
-    is_sealed,
-    new_identity,
-    read_bytes,
-    requires_seal,
-    unreadable,
-    verify,
-    witnessed,
+from dse.store.plain import (
+    heads_document,
+    heads_of,
+    plain,
+    plain_cell,
 )
-from dse.store.tables import made_from, parquet, write_table
+from dse.store.runs import (
+    RUNS,
+    SCHEMA,
+    load_run,
+    named,
+    note_files,
+    read_record,
+    record_in,
+    run_file,
+    runs_in,
+    runs_of,
+    save_run,
+)
+from dse.store.tables import (
+    made_from,
+    parquet,
+    write_table,
+)
 
 __all__ = [
+    "BOOK",
+    "COORDINATORS",
+    "COPY",
     "DAMAGED_ARCHIVE",
     "ENVIRONMENT",
-    "JOURNAL",
     "RECORD",
     "REMEDY",
+    "RUNS",
     "SCHEMA",
     "SPACE",
     "TEMPORARY",
     "WARNINGS",
+    "Book",
     "Damaged",
+    "InUse",
     "StoreError",
     "atomic",
+    "back_up",
     "checksum",
     "damaged",
+    "digests",
+    "document",
     "exclusive",
     "explained",
     "fitted_of",
     "heads_document",
     "heads_of",
-    "identity",
     "is_held",
-    "is_sealed",
     "is_temporary",
+    "keep",
+    "known_as",
+    "living",
     "load_arrays",
     "load_run",
     "made_from",
-    "new_identity",
+    "named",
+    "note_files",
+    "noted",
     "parquet",
     "plain",
     "plain_cell",
     "published",
     "read_bytes",
     "read_json",
-    "read_or_remove",
     "read_record",
-    "read_sealed_text",
+    "read_text",
     "record_arrays",
+    "record_in",
     "record_of",
     "remove",
-    "requires_seal",
     "response_arrays",
     "response_of",
-    "run_folder",
+    "run_file",
     "runs_in",
+    "runs_of",
     "save_arrays",
     "save_run",
-    "seal_archive",
+    "set_aside",
     "sweep",
     "unreadable",
     "verify",
-    "witnessed",
     "work_arrays",
     "work_of",
     "write_json",
-    "write_sealed_json",
-    "write_sealed_text",
     "write_table",
     "write_text",
 ]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import io
+import json
 import lzma
 import tokenize
 import types
@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from dse.records import Answers, Array, Ints, Layer, Network, Operations, Parameters, Response, Workload
-from dse.store.sealed import StoreError, blank, damaged, is_sealed, read_bytes, seal
+from dse.store.errors import StoreError, check_kind, damaged, unreadable
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -48,49 +48,42 @@ _PREFIXES: Mapping[tuple[type, str], str] = {
     (Layer, "parameters"): "",
     (Parameters, "arrays"): "own/",
 }
-_EMPTY_BYTES = 22  # of a .zip without files
+RECORD = "record.json"
+"""The member of a run's archive that is no array."""
 _WORK = "work/"
 _SCALARS = (bool, int, float, str)
 _DTYPES = {bool: np.bool_, int: np.int64, float: np.float64, str: np.str_}
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Array], *, compressed: bool = True) -> None:
-    """Write an .npz, which is sealed."""
+    """Write an .npz."""
     save = np.savez_compressed if compressed else np.savez
     with path.open("wb") as file:
         save(file, **dict(arrays))  # type: ignore[arg-type]
-    seal_archive(path)
 
 
-def seal_archive(path: Path) -> None:
-    """Seal an .npz as a file of the study that it is in now.
-
-    Raises:
-        OSError, zipfile.BadZipFile: it cannot be read or written.
-    """
-    with zipfile.ZipFile(path, "a") as archive:
-        archive.comment = blank(path)
-    seal(path)
-
-
-def load_arrays(
-    path: Path, names: Collection[str] | None = None, *, needs_seal: bool | None = None
-) -> dict[str, Array]:
+def load_arrays(path: Path, names: Collection[str] | None = None) -> dict[str, Array]:
     """Return the arrays of an .npz; only those among `names`, if given, are read.
 
-    `needs_seal` as in `read_bytes`.
+    A run of a study is one archive, and its parts have the names of files in it: `run / "weights.npz"` reads
+    the arrays of the run under `weights/`.
 
     Raises:
         Damaged: the file is missing, or not what was written.
         StoreError: it cannot be read now.
     """
-    content = io.BytesIO(read_bytes(path, needs_seal=needs_seal))
+    is_part = path.parent.suffix == path.suffix
+    file, prefix = (path.parent, f"{path.stem}/") if is_part else (path, "")
     try:
-        with np.load(content, allow_pickle=False) as archive:
-            is_empty = not archive.files and len(content.getbuffer()) > _EMPTY_BYTES
-            if (is_empty or archive.zip.comment) and not is_sealed(archive.zip.comment):
-                raise ValueError("its end is not what was written")
-            return {name: archive[name] for name in archive.files if names is None or name in names}
+        check_kind(file)
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            found = {x.removeprefix(prefix): x for x in archive.files if x.startswith(prefix) and x != RECORD}
+            is_absent = is_part and not found  # or has no arrays
+            if is_absent and path.name not in json.loads(archive.zip.read(RECORD))["files"]:
+                raise damaged(path, "is missing")
+            return {name: archive[x] for name, x in found.items() if names is None or name in names}
+    except OSError as error:
+        raise unreadable(path, error) from None
     except (*DAMAGED_ARCHIVE, TypeError, AttributeError) as error:
         raise damaged(path, f"cannot be read: {error}") from error
 

@@ -6,25 +6,27 @@ import contextlib
 import errno
 import fcntl
 import hashlib
+import itertools
 import json
 import os
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from dse.store.book import BOOK, COPY, Book, digests_of
+from dse.store.errors import InUse, StoreError, check_kind, damaged, no_space, unreadable
 from dse.store.plain import plain
-from dse.store.sealed import REMEDY, Damaged, StoreError, blank, damaged, is_sealed, read_bytes, seal
 
-WARNINGS = "warnings.json"
 TEMPORARY = ".writing-"
 """Begins the names of files and folders that are being written."""
+COORDINATORS = "coordinators"
+"""Folder of a study that has a folder of each coordinator, which it locks (`dse.study.coordinators`)."""
 _GLANCES, _GLANCE_S = 4, 0.05  # times that a lock is asked for, and between them
-_SEAL = "seal"
-_COMMENT = "# "
-_ROWS = "rows"
+_DEEPEST = 3  # folders of a study above a file that its book knows
+_DIFFERS = "is not what was written (its checksum differs)"
 
 
 @contextlib.contextmanager
@@ -35,17 +37,21 @@ def explained(path: Path) -> Iterator[None]:
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        hint = "; free some space and run the same command again; finished runs are kept" if full else ""
+        hint = no_space() if full else ""
         raise StoreError(f"{path}: cannot be written: {reason}{hint}") from error
 
 
 @contextlib.contextmanager
-def exclusive(folder: Path) -> Iterator[None]:
+def exclusive(folder: Path, *, is_alone: bool = True) -> Iterator[None]:
     """Lock a study folder for this process; the system releases the lock when the process ends.
 
+    Args:
+        folder: of the study, which is made where there is none.
+        is_alone: whether no coordinator may work on the study; one that does takes the lock itself.
+
     Raises:
-        StoreError: another process has the lock, or the folder cannot be made, or its name is not UTF-8, as
-            tables need.
+        InUse: another process has the lock, or a coordinator works on the study.
+        StoreError: the folder cannot be made, or its name is not UTF-8, as tables need.
     """
     try:
         str(folder).encode()
@@ -66,12 +72,19 @@ def exclusive(folder: Path) -> Iterator[None]:
             try:
                 _lock(handle)
             except BlockingIOError:
-                raise StoreError(f"{folder}: another process is running this study") from None
+                raise InUse(f"{folder}: another process is running this study") from None
             except OSError as error:
                 if path != folder:
                     text = f"cannot be locked ({error.strerror}); use a --results folder on another disk"
                     raise StoreError(f"{folder}: {text}") from None
+        if is_alone and living(folder):
+            raise InUse(f"{folder}: another process is running this study")
         yield
+
+
+def living(folder: Path) -> list[str]:
+    """Return the names of the coordinators that work on a study now."""
+    return [own.name for own in (folder / COORDINATORS).glob("*") if is_held(own) is not False]
 
 
 def is_held(folder: Path) -> bool | None:
@@ -192,34 +205,98 @@ def _sync(path: Path) -> None:
         os.close(handle)
 
 
+@contextlib.contextmanager
+def noted(path: Path) -> Iterator[Path]:
+    """Do as `published`, for a file whose digest the book of its study notes.
+
+    Raises:
+        StoreError: the disk is full, read-only, or fails otherwise.
+    """
+    home, name = _home(path)
+    with published(path) as temporary:
+        yield temporary
+        if home is not None:
+            digest = checksum(temporary)
+            before = next(iter(digests_of(home, name)), "")
+            with Book(home, writes=True, is_checked=True) as book:
+                book.put("file", [{"name": name, "sha256": digest, "before": before}])
+    if home is not None:
+        with Book(home, writes=True, is_checked=True) as book:
+            book.put("file", [{"name": name, "sha256": digest, "before": ""}])
+
+
+def back_up(book: Book) -> None:
+    """Write the copy of a book.
+
+    Raises:
+        StoreError: the disk is full, read-only, or fails otherwise.
+    """
+    with published(book.folder / COPY) as temporary:
+        book.write_to(temporary)
+
+
+def _home(path: Path) -> tuple[Path | None, str]:
+    """Return the folder of the study that a file is in, and its name there; None: it is in no study."""
+    for folder in path.parents[:_DEEPEST]:
+        if (folder / BOOK).is_file():
+            return folder, path.relative_to(folder).as_posix()
+    return None, path.name
+
+
+def known_as(path: Path) -> tuple[str, ...]:
+    """Return the digests that a file may have by the book of its study; none: the book has none."""
+    home, name = _home(path)
+    return () if home is None else digests_of(home, name)
+
+
 def write_text(path: Path, text: str) -> None:
     """Replace a text file."""
-    with published(path) as temporary:
+    with noted(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def write_sealed_text(path: Path, text: str) -> None:
-    """Replace a text file in whose format `#` begins a comment; the first line is its seal."""
-    with published(path) as temporary:
-        temporary.write_text(f"{_COMMENT}{blank(path).decode()}\n{text}", encoding="utf-8")
-        seal(temporary)
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file of a study, or of any file that no book knows.
+
+    Raises:
+        Damaged: the file is missing, or its content is not what was written.
+        StoreError: it cannot be read now, such as for lack of file descriptors.
+    """
+    try:
+        check_kind(path)
+        content = path.read_bytes()
+    except OSError as error:
+        raise unreadable(path, error) from None
+    if (expected := known_as(path)) and hashlib.sha256(content).hexdigest() not in expected:
+        raise damaged(path, _DIFFERS)
+    return content
 
 
-def read_sealed_text(path: Path) -> str:
-    """Return the text of `write_sealed_text`, or of any text file that needs no seal.
+def verify(path: Path) -> None:
+    """Check that a file of any size is what was written, as far as the book of its study knows it.
+
+    Raises:
+        Damaged, StoreError: as in `read_bytes`.
+    """
+    try:
+        check_kind(path)
+        if (expected := known_as(path)) and checksum(path) not in expected:
+            raise damaged(path, _DIFFERS)
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file.
 
     Raises:
         Damaged: it is missing, or not what was written.
         StoreError: it cannot be read now.
     """
     try:
-        text = read_bytes(path).decode("utf-8")
+        return read_bytes(path).decode("utf-8")
     except UnicodeDecodeError as error:
         raise damaged(path, f"cannot be read: {error}") from None
-    if "\n" not in text or "\0" in text:
-        raise damaged(path, "has no whole line, or NUL characters")
-    first, _, rest = text.partition("\n")
-    return rest if first.startswith(_COMMENT) and is_sealed(first.encode()) else text
 
 
 def write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
@@ -228,55 +305,36 @@ def write_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
     Raises:
         TypeError: the document holds something that JSON cannot hold.
     """
-    with published(path) as temporary:
-        write_sealed_json(temporary, document)
+    write_text(path, json.dumps(document, indent=1, default=plain) + "\n")
 
 
-def write_sealed_json(path: Path, document: Mapping[str, Any] | Sequence[Any]) -> None:
-    """Write a JSON file at once: an object, its seal first; a list is its member `rows`.
-
-    Raises:
-        OSError: the file cannot be written.
-        TypeError: as in `write_json`.
-    """
-    members = document if isinstance(document, Mapping) else {_ROWS: document}
-    content = json.dumps({_SEAL: blank(path).decode(), **members}, indent=1, default=plain)
-    path.write_text(content + "\n", encoding="utf-8")
-    seal(path)
-
-
-def read_or_remove(path: Path, note: Callable[[str], object]) -> Any:
-    """Return the document of a JSON file; None where there is none, or a damaged one, which is removed.
-
-    Raises:
-        StoreError: it cannot be read now.
-    """
-    try:
-        return read_json(path) if path.exists() else None
-    except Damaged as error:
-        note(f"{str(error).removesuffix(f'; {REMEDY}')}; it is written anew")
-        remove(path)
-        return None
-
-
-def read_json(path: Path, *, needs_seal: bool | None = None) -> Any:
-    """Return the document of a JSON file, without its seal; `needs_seal` as in `read_bytes`.
+def read_json(path: Path) -> Any:
+    """Return the document of a JSON file.
 
     Raises:
         Damaged: it is missing, or not what was written.
         StoreError: it cannot be read now.
     """
     try:
-        document = json.loads(read_bytes(path, needs_seal=needs_seal))
+        return json.loads(read_bytes(path))
     except (ValueError, RecursionError) as error:
         raise damaged(path, f"cannot be read: {error}") from None
-    if not isinstance(document, dict):
-        return document
-    document.pop(_SEAL, None)
-    return document[_ROWS] if document.keys() == {_ROWS} else document
 
 
 def checksum(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def set_aside(folder: Path, path: Path) -> None:
+    """Move what lies in a study's folder to beside where it lay, under a name that nothing reads."""
+    first, *rest = path.relative_to(folder).parts
+    for n in itertools.count():
+        top = folder / f"{first}.damaged{n or ''}"
+        place = top.joinpath(*rest)
+        if not os.path.lexists(place) and (not os.path.lexists(top) or top.is_dir()):
+            with explained(place):
+                place.parent.mkdir(parents=True, exist_ok=True)
+                path.replace(place)
+            return

@@ -1,116 +1,159 @@
-"""One training run on disk: record.json, and a checksum of every file beside it."""
+"""One training run on disk: an archive of its record and its arrays, `runs/<trial>-<repeat>.npz`.
+
+The archive is what a run is: its presence makes the run finished, and the book of the study has its digest.
+"""
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Callable, Mapping
+import re
+import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import dse
-from dse.store.files import checksum, published, read_json, write_sealed_json
-from dse.store.sealed import StoreError, check_kind, damaged, unreadable
+from dse.records import Array
+from dse.store.arrays import DAMAGED_ARCHIVE, RECORD, save_arrays
+from dse.store.book import Book, digests_of
+from dse.store.errors import StoreError, check_kind, damaged, unreadable
+from dse.store.files import checksum, published, verify
+from dse.store.plain import plain
 
-SCHEMA = 1
-RECORD = "record.json"
+SCHEMA = 2
+RUNS = "runs"
+_RUN = re.compile(r"(\d{5})-(\d+)\.npz")
 
 
-def run_folder(study: Path, trial: int, repeat: int) -> Path:
-    """Return the folder of one training run."""
-    return study / "artefacts" / f"{trial:05d}" / f"repeat_{repeat}"
+def run_file(study: Path, trial: int, repeat: int) -> Path:
+    """Return the archive of one training run."""
+    return study / RUNS / f"{trial:05d}-{repeat}.npz"
+
+
+def named(path: Path) -> tuple[int, int] | None:
+    """Return trial and repeat of the archive of a run by its name; None: it is none."""
+    match = _RUN.fullmatch(path.name)
+    return None if match is None else (int(match[1]), int(match[2]))
 
 
 def runs_in(study: Path) -> dict[int, list[int]]:
-    """Return trial -> repeats of the runs that a study's folder holds, by the names of their folders."""
-    runs: dict[int, list[int]] = {}
-    for trial, at in _numbered(study / "artefacts", "", 5):
-        repeats = [n for n, run in _numbered(at, "repeat_", 1) if os.path.lexists(f"{run}/{RECORD}")]
-        if repeats:
-            runs[trial] = sorted(repeats)
-    return dict(sorted(runs.items()))
-
-
-def _numbered(folder: Path | str, prefix: str, n_digits: int) -> list[tuple[int, str]]:
-    """Return (number, path) of the entries of a folder whose names are a prefix and a number."""
+    """Return trial -> repeats of the runs that a study's folder holds, by the names of their files."""
     try:
-        names = os.listdir(folder)
+        names = sorted(os.listdir(study / RUNS))
     except OSError:
-        return []
-    of = {name: name.removeprefix(prefix) for name in names if name.startswith(prefix)}
-    numbers = {name: int(n) for name, n in of.items() if n.isascii() and n.isdigit()}
-    return [(n, f"{folder}/{x}") for x, n in numbers.items() if x == f"{prefix}{n:0{n_digits}d}"]
+        return {}
+    runs: dict[int, list[int]] = {}
+    for match in filter(None, map(_RUN.fullmatch, names)):
+        runs.setdefault(int(match[1]), []).append(int(match[2]))
+    return {trial: sorted(repeats) for trial, repeats in runs.items()}
+
+
+def runs_of(study: Path, trial: int) -> list[Path]:
+    """Return the archives of a trial's runs, repeat 0 first."""
+    return [run_file(study, trial, repeat) for repeat in runs_in(study).get(trial, ())]
 
 
 def save_run(
-    folder: Path,
+    path: Path,
     record: Mapping[str, Any],
-    files: Mapping[str, Callable[[Path], None]],
+    parts: Mapping[str, Mapping[str, Array]],
     *,
     replaces: bool = False,
+    compressed: bool = True,
 ) -> None:
-    """Publish one training run: its files, and record.json with a checksum of each.
+    """Publish one training run: its record and the arrays of its parts.
 
     Args:
-        folder: from `run_folder`.
-        record: what record.json holds beside the schema and the checksums.
-        files: name -> function that writes the file at the path it is given.
+        path: from `run_file`.
+        record: what the record holds beside the schema and the names of the parts.
+        parts: name, such as weights.npz -> its arrays.
         replaces: whether a run that is there gives way, once this one is written.
+        compressed: whether the arrays are.
     """
-    identity = {"schema": SCHEMA, "version": dse.__version__, "study": folder.parents[2].name}
-    with published(folder, replaces=replaces) as temporary:
-        temporary.mkdir()
-        checksums = {}
-        for name, write in files.items():
-            write(temporary / name)
-            checksums[name] = checksum(temporary / name)
-        write_sealed_json(temporary / RECORD, {**identity, **record, "files": checksums})
+    if path.exists() and not replaces:
+        return
+    about = {"schema": SCHEMA, "version": dse.__version__, "study": path.parents[1].absolute().name}
+    document = {**about, **record, "files": list(parts)}
+    arrays = {f"{Path(x).stem}/{name}": array for x, of in parts.items() for name, array in of.items()}
+    with published(path) as temporary:
+        save_arrays(temporary, arrays, compressed=compressed)
+        with zipfile.ZipFile(temporary, "a", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(zipfile.ZipInfo(RECORD), json.dumps(document, default=plain))
 
 
-def read_record(folder: Path) -> dict[str, Any]:
-    """Return the record of the run in a folder without reading the files that it names.
+def record_in(path: Path) -> dict[str, Any]:
+    """Return the record in an archive, of whichever run it is.
+
+    Raises:
+        Damaged: it is missing, damaged, or no run.
+        StoreError: it cannot be read now.
+    """
+    try:
+        check_kind(path)
+        with zipfile.ZipFile(path) as archive:
+            record = json.loads(archive.read(RECORD))
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except (*DAMAGED_ARCHIVE, RecursionError) as error:
+        raise damaged(path, f"cannot be read: {error}") from None
+    if not isinstance(record, dict) or not isinstance(record.get("files"), list):
+        raise damaged(path, "is not a run")
+    return record
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Return the record of a run without reading its arrays.
 
     Raises:
         Damaged: it is missing, damaged, or that of another run.
         StoreError: it is of a newer schema, or cannot be read now.
     """
-    path = folder / RECORD
-    record = read_json(path)
-    if not isinstance(record, dict) or not isinstance(record.get("files"), dict):
-        raise damaged(path, "is not the record of a run")
+    record = record_in(path)
     schema = record.get("schema", 0)
     if type(schema) is int and schema > SCHEMA:
         raise StoreError(
             f"{path}: schema {schema} is newer than {SCHEMA}, the schema that this version of dse reads; "
             "install a newer version"
         )
-    trial, repeat = record.get("trial"), record.get("repeat")
-    if (
-        not (type(trial) is int and type(repeat) is int)
-        or folder.parts[-2:] != run_folder(folder, trial, repeat).parts[-2:]
-    ):
-        raise damaged(path, f"is the record of trial {trial!r} repeat {repeat!r}")
+    if (record.get("trial"), record.get("repeat")) != named(path):
+        raise damaged(path, f"is trial {record.get('trial')!r} repeat {record.get('repeat')!r}")
     return record
 
 
-def load_run(folder: Path) -> dict[str, Any] | None:
+def load_run(path: Path) -> dict[str, Any] | None:
     """Return a finished run's record, or None where there is no such run.
 
+    The archive is checked against the book of the study; a run that the book does not know yet, by the
+    checksums in the archive.
+
     Raises:
-        Damaged: as in `read_record`, or a file that the record names is damaged or missing.
-        StoreError: as in `read_record`, or a file cannot be read now.
+        Damaged: as in `read_record`, or the archive is not what was written.
+        StoreError: as in `read_record`.
     """
-    if not folder.is_dir():
+    if not os.path.lexists(path):
         return None
-    record = read_record(folder)
-    for name, expected in record["files"].items():
-        if _digest(folder / name) != expected:
-            raise damaged(folder / name, "is damaged (its checksum differs)")
+    record = read_record(path)
+    if digests_of(path.parents[1], f"{RUNS}/{path.name}"):
+        verify(path)
+        return record
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if wrong := archive.testzip():
+                raise damaged(path, f"is damaged ({wrong} is not what was written)")
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except DAMAGED_ARCHIVE as error:
+        raise damaged(path, f"cannot be read: {error}") from None
     return record
 
 
-def _digest(path: Path) -> str:
-    try:
-        check_kind(path)  # a pipe would never end
-        return checksum(path)
-    except OSError as error:
-        raise unreadable(path, error) from None
+def note_files(book: Book, paths: list[Path]) -> None:
+    """Note the digests of files of a study that are as they should be; those that are gone are forgotten."""
+    names = {path.relative_to(book.folder).as_posix(): path for path in paths}
+    with book.together():
+        for name, path in names.items():
+            if path.is_file():
+                book.put("file", [{"name": name, "sha256": checksum(path), "before": ""}])
+            else:
+                book.drop("file", "name = ?", name)

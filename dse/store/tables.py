@@ -1,4 +1,4 @@
-"""Tables of a study as sealed Parquet files."""
+"""Tables of a study as Parquet files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dse.store.sealed import StoreError, blank, seal, verify
+from dse.store.errors import StoreError
+from dse.store.files import verify
 
 if TYPE_CHECKING:
     import pandas
@@ -21,7 +22,7 @@ _MADE_FROM = "follows_from"
 def parquet(
     path: Path, schema: pyarrow.Schema, made_from: str = ""
 ) -> Iterator[pyarrow.parquet.ParquetWriter]:
-    """Yield the writer of a Parquet file, which is sealed when the block ends without an error.
+    """Yield the writer of a Parquet file.
 
     Args:
         path: of the file.
@@ -32,8 +33,7 @@ def parquet(
 
     with pyarrow.parquet.ParquetWriter(path, schema) as writer:
         yield writer
-        writer.add_key_value_metadata({_MADE_FROM: made_from, "seal": blank(path).decode()})
-    seal(path)
+        writer.add_key_value_metadata({_MADE_FROM: made_from})
 
 
 def write_table(path: Path, table: pandas.DataFrame, made_from: str = "") -> None:

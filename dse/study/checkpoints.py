@@ -1,7 +1,7 @@
 """Checkpoints: where trainings stand, on disk, so that a killed job repeats the last epochs alone.
 
-    checkpoints/<epochs>/artefacts/<trial>/repeat_<k>/   state.npz, from which the training goes on, and
-        record.json; at a rung of a study with limits also everything that a finished run has
+    checkpoints/<epochs>/runs/<trial>-<repeat>.npz   the state from which the training goes on, with a record;
+        at a rung of a study with limits also everything that a finished run has
 
 So the folder of a rung is laid out as a study of trainings of so many epochs. A run has the newest
 checkpoint alone, and none once it has ended.
@@ -10,7 +10,7 @@ checkpoint alone, and none once it has ended.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +53,8 @@ def folders(study: Path, trial: int, repeat: int) -> dict[int, Path]:
     """Return epochs -> folder of the checkpoints of a run, the newest first."""
     root = study / _FOLDER
     names = [x.name for x in root.iterdir() if x.name.isdecimal()] if root.is_dir() else []
-    places = {int(x): store.run_folder(root / x, trial, repeat) for x in sorted(names, reverse=True)}
-    return {epochs: folder for epochs, folder in places.items() if folder.is_dir()}
+    places = {int(x): store.run_file(root / x, trial, repeat) for x in sorted(names, reverse=True)}
+    return {epochs: folder for epochs, folder in places.items() if folder.is_file()}
 
 
 def newest(study: Path, trial: int, repeat: int, training: str) -> Checkpoint | None:
@@ -97,7 +97,7 @@ def save(
     training: str,
     record: Mapping[str, Any],
     state: Mapping[str, Array],
-    files: Mapping[str, Callable[[Path], None]] | None = None,
+    parts: Mapping[str, Mapping[str, Array]] | None = None,
 ) -> None:
     """Publish a checkpoint of a run, then remove its older ones.
 
@@ -107,13 +107,14 @@ def save(
         training: what the result of the training follows from; a training of anything else cannot go on.
         record: with at least trial and repeat; at a rung, the whole record of a run.
         state: from which the training goes on.
-        files: at a rung, name -> function that writes the artefact.
+        parts: at a rung, those of a run.
     """
     trial, repeat = int(record["trial"]), int(record["repeat"])
-    path = store.run_folder(rung_folder(study, epochs), trial, repeat)
+    path = store.run_file(rung_folder(study, epochs), trial, repeat)
     older = [folder for folder in folders(study, trial, repeat).values() if folder != path]
     about = {"states": SCHEMA, "training": training, "epochs": epochs}
-    store.save_run(path, {**record, **about}, {**(files or {}), _STATE: _writer(state)}, replaces=True)
+    every = {**(parts or {}), _STATE: state}
+    store.save_run(path, {**record, **about}, every, replaces=True, compressed=False)
     for folder in older:
         store.remove(folder)
 
@@ -129,16 +130,15 @@ def forget(study: Path, ended: Collection[tuple[int, int]]) -> None:
     root = study / _FOLDER
     if not root.is_dir():
         return
-    of_ended = {store.run_folder(Path(), *run) for run in ended}
-    folders = list(root.glob("*/artefacts/*/repeat_*"))
-    left = [folder for folder in folders if folder.relative_to(folder.parents[2]) not in of_ended]
-    for folder in set(folders) - set(left) if left else [root]:
-        store.remove(folder)
+    every = list(root.glob(f"*/{store.RUNS}/*.npz"))
+    left = [path for path in every if store.named(path) not in ended]
+    for path in set(every) - set(left) if left else [root]:
+        store.remove(path)
 
 
 def at_rung(study: Path, trial: int, repeat: int, epochs: int) -> RunRecord | None:
     """Return the record of a run at a rung where it pauses; None: it stands elsewhere."""
-    folder = store.run_folder(rung_folder(study, epochs), trial, repeat)
+    folder = store.run_file(rung_folder(study, epochs), trial, repeat)
     try:
         plain = store.load_run(folder)
         if plain is None or plain.get("status") != "finished" or plain.get("epochs", epochs) != epochs:
@@ -146,7 +146,3 @@ def at_rung(study: Path, trial: int, repeat: int, epochs: int) -> RunRecord | No
         return RunRecord.from_plain(plain, folder)
     except Damaged:
         return None
-
-
-def _writer(state: Mapping[str, Array]) -> Callable[[Path], None]:
-    return lambda path: store.save_arrays(path, state, compressed=False)

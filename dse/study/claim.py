@@ -13,18 +13,34 @@ from dse import store
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.recordings import PLACES
 from dse.study import environment
-from dse.study.journal import read_journal
 from dse.study.results import plain_space
 
 _HINT = "change it back, or use another study name or --results folder"
 # Recordings are compared by their contents, run by run (dse.study.runs), not by their paths.
-_UNFINISHED = ("checkpoints", "racing", "front_repeats.json")  # of trainings that have begun
-_MAY_DIFFER = ("study", "search.n_trials", "search.batch", "search.stop", "search.from", "targets", "limits")
+FRONT_REPEATS = "front_repeats"
+"""Document of the rounds in which designs near the front were repeated."""
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
-def claim(space: SearchSpace, folder: Path) -> list[str]:
-    """Write the search space, its plugins and the environment to the folder, or check that they are the same.
+def join(space: SearchSpace, folder: Path) -> None:
+    """Check that another coordinator works on the same search space in a folder, but for section `execution`.
+
+    Raises:
+        ConfigError: it does not, or designs race.
+    """
+    texts = [
+        f"{key} is {new!r}, but {old!r} in the study that runs in {folder}"
+        for key, old, new in changes(plain_space(folder / store.SPACE), yaml.safe_load(space.to_yaml()))
+        if (not key.startswith("execution.") or key == "execution.device") and key not in _PLACES
+    ]
+    if space.search.racing is not None:
+        texts.append(f"search.racing: {folder} runs, and its designs race against all others of one process")
+    if texts:
+        raise ConfigError([Fault(str(space.source), 0, text) for text in texts])
+
+
+def claim(space: SearchSpace, book: store.Book) -> list[str]:
+    """Write the search space, its plugins and the session to the folder, or check that they are the same.
 
     Some keys change no result and may differ: the folder of the recordings, the number of processes, more
     trials, other precisions of trained networks, targets, limits, when a search stops, and hardware after
@@ -39,16 +55,16 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
     Raises:
         ConfigError: the folder was started with another search space; one fault per key or plugin.
     """
-    path, notes = folder / "search_space.yaml", []
+    folder, notes = book.folder, []
+    path = folder / store.SPACE
     now = yaml.safe_load(space.to_yaml())
     files = [Path(plugin.source) for plugin in space.plugins if plugin.source.endswith(".py")]
     copies = {file: folder / "plugins" / f"{number}_{file.name}" for number, file in enumerate(files)}
-    begun = next(folder.glob("artefacts/*/repeat_*"), None) is not None
-    if not begun and not any(entry.enqueued for entry in read_journal(folder / "journal.log")):
-        store.remove(folder / "journal.log")
+    if not store.runs_in(folder) and not any(row["enqueued"] for row in book.rows("trial")):
+        book.drop("trial")
         if not _trains_the_same(path, now, copies):
-            for name in _UNFINISHED:
-                store.remove(folder / name)
+            store.remove(folder / "checkpoints")
+            book.drop("study", f"name GLOB 'racing/*' OR name = '{FRONT_REPEATS}'")
     else:
         before = now
         try:
@@ -75,25 +91,18 @@ def claim(space: SearchSpace, folder: Path) -> list[str]:
         ]
         if faults:
             raise ConfigError(faults)
-    sessions = _sessions(folder, notes)
-    environment.begin(folder, sessions, is_sealed=bool(sessions) or not _has_unsealed_runs(folder))
-    store.write_sealed_text(path, space.to_yaml())
+    environment.begin(book)
+    store.write_text(path, space.to_yaml())
     for file, copy in copies.items():
-        store.write_sealed_text(copy, _text(file))
+        store.write_text(copy, _text(file))
     return notes
-
-
-def _has_unsealed_runs(folder: Path) -> bool:
-    """Return whether an earlier version, which wrote no seals, has trained runs."""
-    records = [path for path in folder.glob(f"artefacts/*/repeat_*/{store.RECORD}") if path.is_file()]
-    return any(not store.is_sealed(path.read_bytes()) for path in records)
 
 
 def _trains_the_same(path: Path, now: Any, copies: Mapping[Path, Path]) -> bool:
     """Return whether trainings that a folder has begun may go on."""
     try:
         differing = changes(plain_space(path), now)
-        same = all(copy.is_file() and store.read_sealed_text(copy) == _text(x) for x, copy in copies.items())
+        same = all(copy.is_file() and store.read_text(copy) == _text(x) for x, copy in copies.items())
     except store.StoreError:
         return False
     return same and all(x.startswith("execution.") and x != "execution.device" for x, *_ in differing)
@@ -106,19 +115,10 @@ def _text(file: Path) -> str:
 def _copied(copy: Path, notes: list[str]) -> str | None:
     """Return the copy of a plugin; None, with a note, if it is damaged."""
     try:
-        return store.read_sealed_text(copy)
+        return store.read_text(copy)
     except store.Damaged as error:
         notes.append(f"{error}; it is written anew")
         return None
-
-
-def _sessions(folder: Path, notes: list[str]) -> list[Any]:
-    """Return the sessions so far; none, with a note, if the file is damaged."""
-    try:
-        return environment.sessions(folder)
-    except store.Damaged as error:
-        notes.append(f"{error}; it is begun anew")
-        return []
 
 
 def _check_runs(space: SearchSpace, folder: Path) -> None:
@@ -127,7 +127,8 @@ def _check_runs(space: SearchSpace, folder: Path) -> None:
     Raises:
         ConfigError: one was trained otherwise.
     """
-    for run in sorted(folder.glob("artefacts/*/repeat_*")):
+    runs = store.runs_in(folder).items()
+    for run in (store.run_file(folder, trial, repeat) for trial, of in runs for repeat in of):
         try:
             record = store.read_record(run)
             trained = record.get("sections", {})
@@ -155,17 +156,6 @@ def changes(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]
         return [] if before == now else [(name, before, now)]
     keys = dict.fromkeys([*before, *now])
     return [c for k in keys for c in changes(before.get(k), now.get(k), f"{name}.{k}" if name else str(k))]
-
-
-def changes_elsewhere(before: Any, now: Any) -> list[tuple[str, Any, Any]]:
-    """Return the changes between search spaces of two folders whose studies may not become one."""
-    return [
-        (key, old, new)
-        for key, old, new in changes(before, now)
-        if not key.startswith(_MAY_DIFFER)
-        and key not in _PLACES
-        and (not key.startswith("execution.") or key == "execution.device")
-    ]
 
 
 def _count(n_trials: int | None) -> float:

@@ -1,40 +1,50 @@
 """What is damaged in a study's folder, what it costs, and its repair; nothing that can be read is lost.
 
-Checks compare what the parts of a study say of each other: the journal, the folders of runs, their records,
-the tables, the checkpoints, and what racing has written down. Whatever lets `dse run` stop or hang, or leaves
-the tables behind the records, is named by one of them.
+Checks compare what the parts of a study say of each other: the book, the files that it knows, the records of
+runs, the tables, the checkpoints, and what racing has written down. Whatever lets `dse run` stop or hang, or
+leaves the tables behind the records, is named by one of them.
 """
 
 from __future__ import annotations
 
 import contextlib
 import itertools
+import json
 import math
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 from dse import seeds, store
-from dse.config import ConfigError, load_space
+from dse.config import ConfigError
+from dse.hardware.profile import load, names
 from dse.store import StoreError
-from dse.study import checkpoints, held, imported, ledger, lines, precision
-from dse.study.contents import MALFORMED, Contents, matches, said, set_aside
-from dse.study.kinds import AGAIN, ASIDE, FILES
-from dse.study.record import IMPORTED, RunRecord
+from dse.study import checkpoints, convert, held, imported, mended, precision, pricing, racing, tables
+from dse.study.ledger import Entry, read_entries
+from dse.study.record import IMPORTED, RunRecord, load_record
+from dse.study.results import plain_space
 
+AGAIN = "`dse run` with the study's search space"
+ASIDE = "it is renamed, its name ending in .damaged, to be read by eye"
 _FOLDERS = (
-    *("artefacts", "artefacts/*", "artefacts/*/repeat_*", "hardware", "plugins", "queue", "racing"),
-    *("checkpoints", "checkpoints/*", "checkpoints/*/artefacts", "checkpoints/*/artefacts/*"),
-    "checkpoints/*/artefacts/*/repeat_*",
+    *(store.RUNS, precision.FOLDER, f"{precision.FOLDER}/*", "hardware", "plugins"),
+    *("checkpoints", "checkpoints/*", f"checkpoints/*/{store.RUNS}"),
 )
-_LOCKS = (".lock", ".notes.lock")
-_OF_RUNS = ("artefacts/*/repeat_*/*", "checkpoints/*/artefacts/*/repeat_*/*")
+_CHECKPOINTS = f"checkpoints/*/{store.RUNS}/*"
+_OF_RUNS = (f"{store.RUNS}/*", f"{precision.FOLDER}/*/*", _CHECKPOINTS)
+_LOCK = ".lock"
+_TABLES = (held.TRIALS, held.POINTS)
+_TEXTS = (store.SPACE, "plugins/*.py", "hardware/*.yaml")
 _MOST_ROUNDS = 6  # of repairs: one may uncover what another hid
+_MALFORMED = (LookupError, TypeError, ValueError, AttributeError)
 
-Repair = Callable[[], object]
+Repair = Callable[[], Sequence[str] | None]
+"""Repairs; returns what to say of it in sentences, if anything."""
 
 
 @dataclass(frozen=True)
@@ -53,56 +63,136 @@ class Damage:
     repair: Repair | None = None
 
 
+@dataclass(frozen=True)
+class _Study:
+    """What can be read in the folder of a study."""
+
+    folder: Path
+
+    @cached_property
+    def space(self) -> Mapping[str, Any]:
+        """Its search space, empty if that cannot be read."""
+        with contextlib.suppress(StoreError):
+            return plain_space(self.folder / store.SPACE)
+        return {}
+
+    @cached_property
+    def fault(self) -> str:
+        """What is wrong with its book; without a fault it names every design."""
+        try:
+            return mended.fault(self.folder)
+        except StoreError as error:
+            return _said(error, self.folder / store.BOOK)
+
+    @cached_property
+    def entries(self) -> Sequence[Entry]:
+        """The designs of its book."""
+        return read_entries(self.folder)
+
+    @cached_property
+    def runs(self) -> Mapping[Path, RunRecord | StoreError]:
+        """File of a run -> its record, or why it has none."""
+        runs: dict[Path, RunRecord | StoreError] = {}
+        for path in _matches(self.folder, f"{store.RUNS}/*"):
+            try:
+                if store.named(path) is None:
+                    raise store.damaged(path, "is no file of this study")
+                found = load_record(path)
+                assert found is not None  # of a file
+                runs[path] = found
+            except StoreError as error:
+                runs[path] = error
+        return runs
+
+    @cached_property
+    def records(self) -> dict[int, dict[int, RunRecord]]:
+        """Trial -> repeat -> record, of the runs that can be read."""
+        records: dict[int, dict[int, RunRecord]] = {}
+        for found in self.runs.values():
+            if isinstance(found, RunRecord):
+                records.setdefault(found.trial, {})[found.repeat] = found
+        return records
+
+    @cached_property
+    def rounds(self) -> dict[int, list[dict[str, Any]]]:
+        """Batch -> the rounds that racing has decided, if the book can be read."""
+        with contextlib.suppress(StoreError), store.Book(self.folder) as book:
+            return racing.rounds_of(book)
+        return {}
+
+    @cached_property
+    def audited(self) -> set[int]:
+        """The stopped designs that the audit of racing trains on."""
+        with contextlib.suppress(StoreError):
+            return set(store.document(self.folder, racing.AUDIT, {}).get("trials", ()))
+        return set()
+
+    @cached_property
+    def stops(self) -> dict[int, int]:
+        """Trial -> the epochs after which racing stopped it, by the rounds, else by its record."""
+        rounds = itertools.chain.from_iterable(self.rounds.values())
+        stops = {x["trial"]: int(x["epochs"]) for one in rounds for x in one["stopped"]}
+        for trial, of in self.records.items():
+            if (epochs := next(iter(of.values())).stopped_at_epoch) is not None:
+                stops.setdefault(trial, epochs)
+        return stops
+
+    def knows(self, trial: int) -> bool:
+        """Return whether the book names a trial, or it was imported; True where the book is damaged."""
+        return bool(self.fault) or 0 <= trial < len(self.entries) or trial >= IMPORTED
+
+    def name(self, path: Path) -> str:
+        return path.relative_to(self.folder).as_posix()
+
+
 def examine(folder: Path) -> list[Damage]:
     """Return everything that is damaged in a study's folder, in the order of repair.
 
     Raises:
         StoreError: the folder holds no study.
     """
-    if not any(os.path.lexists(folder / name) for name in (store.SPACE, store.JOURNAL, "artefacts")):
+    if not any(os.path.lexists(folder / name) for name in (store.SPACE, store.BOOK, store.RUNS)):
         raise StoreError(f"{folder}: is not the folder of a study: there is no {store.SPACE}")
-    study, found = Contents(folder), dict[str, Damage]()
-    for check in _CHECKS:
+    study, found = _Study(folder), dict[str, Damage]()
+    for check in (_book,) if convert.is_earlier(folder) else _CHECKS:
         for damage in check(study):
             found.setdefault(damage.file, damage)  # what a later check says follows from it
     return list(found.values())
 
 
-def repair(folder: Path) -> list[Damage]:
-    """Repair what can be repaired; return what is left for `dse run` and for the user.
+def repair(folder: Path) -> tuple[list[Damage], list[str]]:
+    """Repair what can be repaired; return what is left for `dse run` and for the user, and what was done.
 
     Raises:
         StoreError: the study runs, or its folder cannot be written.
     """
-    for damage in _access(Contents(folder)):
-        if damage.file in (".", *_LOCKS) and damage.repair is not None:
+    for damage in _access(_Study(folder)):
+        if damage.file in (".", _LOCK) and damage.repair is not None:
             damage.repair()  # what the lock needs
     with store.exclusive(folder):
         store.sweep(folder)
-        left = examine(folder)
+        left, notes = examine(folder), list[str]()
         for _ in range(_MOST_ROUNDS):
             for damage in left:
                 if damage.repair is not None:
                     with contextlib.suppress(ConfigError, StoreError):  # it is damaged yet, and listed again
-                        damage.repair()
+                        notes += damage.repair() or ()
             before, left = left, examine(folder)
             if [(x.file, x.fault) for x in before] == [(x.file, x.fault) for x in left]:
                 break
-    return left
+        with contextlib.suppress(StoreError), store.Book(folder, writes=True) as book:
+            store.back_up(book)
+    return left, notes
 
 
-def _removal(path: Path) -> Repair:
-    return partial(store.remove, path)
-
-
-def _access(study: Contents) -> Iterator[Damage]:
+def _access(study: _Study) -> Iterator[Damage]:
     """What is none of the file or folder that it should be, or may not be read."""
-    files = [*_LOCKS, store.JOURNAL, "page.html", *(kind.place for kind in FILES), *_OF_RUNS]
+    files = (_LOCK, store.BOOK, "page.html", *_TEXTS, *_TABLES, *_OF_RUNS)
     places = [("", True), *((x, True) for x in _FOLDERS), *((x, False) for x in files)]
     for pattern, is_folder in places:
-        for path in matches(study.folder, pattern) if pattern else [study.folder]:
+        for path in _matches(study.folder, pattern) if pattern else [study.folder]:
             needed = stat.S_IRWXU if is_folder else stat.S_IRUSR
-            if pattern in (*_LOCKS, store.JOURNAL):
+            if pattern in (_LOCK, store.BOOK):
                 needed |= stat.S_IWUSR
             try:
                 mode = path.stat().st_mode
@@ -110,8 +200,8 @@ def _access(study: Contents) -> Iterator[Damage]:
                 fault = "" if is_right else f"is not a {'folder' if is_folder else 'file'}"
             except OSError as error:
                 mode, fault = needed, "" if path.exists() else f"leads nowhere ({error.strerror})"
-            if fault and pattern not in (store.JOURNAL, *_OF_RUNS):  # which other checks look at as a whole
-                aside = partial(set_aside, study.folder, path)
+            if fault and pattern != store.BOOK:  # which is mended as a whole
+                aside = partial(store.set_aside, study.folder, path)
                 yield Damage(study.name(path), fault, "what it should hold", ASIDE, aside)
             elif not fault and mode & needed != needed:
                 fault = f"may not be used: its permissions are {stat.S_IMODE(mode):03o}"
@@ -120,72 +210,61 @@ def _access(study: Contents) -> Iterator[Damage]:
                 yield Damage(study.name(path), fault, "nothing", remedy, allow)
 
 
-def _journal(study: Contents) -> Iterator[Damage]:
-    path, content = study.folder / store.JOURNAL, study.lines
-    if study.faults:
-        yield Damage(
-            store.JOURNAL,
-            "; ".join(study.faults),
-            "when these designs were proposed",
-            f"it is written anew from its other lines and the records; {store.JOURNAL}.damaged is a copy",
-            lambda: ledger.Ledger(path, load_space(study.folder / store.SPACE)),
-        )
-    elif content.cut:
-        remedy = f"it is cut off; {AGAIN} writes it again"
-        cut = partial(lines.JournalLines, path)
-        yield Damage(store.JOURNAL, f"{content.cut}, the last one", "nothing that has finished", remedy, cut)
+def _book(study: _Study) -> Iterator[Damage]:
+    if convert.is_earlier(study.folder):
+        for run, fault in convert.damaged_runs(study.folder).items():
+            remedy = f"it is moved aside, to artefacts.damaged; {AGAIN} trains it again"
+            yield Damage(study.name(run), fault, "one run", remedy, partial(_mend, study))
+        fault = "is missing: an earlier version of dse wrote the study"
+        yield Damage(store.BOOK, fault, "nothing", "the folder is converted", partial(_mend, study))
+    elif study.fault:
+        remedy = f"it is restored from {store.COPY}; {store.BOOK}.damaged is what it was"
+        yield Damage(store.BOOK, study.fault, "what is newer than its copy", remedy, partial(_mend, study))
+    copy = study.folder / store.COPY
+    if os.path.lexists(copy) and (fault := mended.fault(study.folder, store.COPY)):
+        cost = "nothing" if not study.fault else "notes, the queue, and what racing decided"
+        yield Damage(store.COPY, fault, cost, "it is written again", partial(_mend, study))
 
 
-def _runs(study: Contents) -> Iterator[Damage]:
-    """Runs that are damaged, lie elsewhere, or are of another design than the journal's."""
-    again = f"the run is removed; {AGAIN} trains it again"
+def _mend(study: _Study) -> list[str]:
+    """Restore the book, and write its copy; return what was done, in sentences."""
+    with mended.opened(study.folder, study.space.get("search", {}).get("batch") or 1) as (_, notes):
+        return notes
+
+
+def _runs(study: _Study) -> Iterator[Damage]:
+    """Runs that are damaged, lie elsewhere, or are of another design than the book's."""
+    again = f"the run is moved aside; {AGAIN} trains it again"
     for run, found in study.runs.items():
-        name = study.name(run)
+        name, aside = study.name(run), partial(_aside, study, run)
         if isinstance(found, StoreError):
-            if (home := _home(study, run)) not in (None, run):
-                remedy = f"it is moved to {study.name(home)}, or aside if a run is there"
-                yield Damage(name, said(found, run), "nothing", remedy, partial(_bring, study, run, home))
+            if store.named(run) is None:
+                yield Damage(name, _said(found, run), "nothing", ASIDE, aside)
             elif isinstance(found, store.Damaged):
-                yield Damage(name, said(found, run), "one run", again, _removal(run))
+                yield Damage(name, _said(found, run), "one run", again, aside)
             else:
-                yield Damage(name, said(found, run), "one run, until it can be read", "by hand")
-            continue
-        if not study.knows(found.trial):
+                yield Damage(name, _said(found, run), "one run, until it can be read", "by hand")
+        elif not study.knows(found.trial):
             remedy = f"{AGAIN} takes it up when it proposes the design again"
-            yield Damage(name, "is in no line of the journal", "one run, until then", remedy)
-        elif not study.faults and not _is_of(study, found):
-            yield Damage(name, "holds a run of another design or seed", "one run", again, _removal(run))
-        for path in sorted(run.iterdir()):
-            if path.match("precision_*.npz"):
-                if precision.is_damaged(path):
-                    remedy = f"the file is removed; {AGAIN} evaluates it again"
-                    yield Damage(study.name(path), "is damaged", "one evaluation", remedy, _removal(path))
-            elif path.name not in (store.RECORD, *found.files) and not store.is_temporary(path):
-                aside = partial(set_aside, study.folder, path)
-                yield Damage(study.name(path), "is no file of this run", "nothing", ASIDE, aside)
+            yield Damage(name, "is no design of the book", "one run, until then", remedy)
+        elif not study.fault and not _is_of(study, found):
+            yield Damage(name, "holds a run of another design or seed", "one run", again, aside)
+    for path in _matches(study.folder, f"{precision.FOLDER}/*/*"):
+        if _wrong(path, store.verify) is not None or precision.is_damaged(path):
+            remedy = f"the file is moved aside; {AGAIN} evaluates it again"
+            aside = partial(_aside, study, path)
+            yield Damage(study.name(path), "is damaged", "one evaluation", remedy, aside)
 
 
-def _home(study: Contents, run: Path) -> Path | None:
-    """Return where the run in a folder belongs, by its record; None where that cannot be read."""
-    try:
-        plain = store.read_json(run / store.RECORD)
-        return store.run_folder(study.folder, int(plain["trial"]), int(plain["repeat"]))
-    except (StoreError, LookupError, TypeError, ValueError):
-        return None
+def _aside(study: _Study, path: Path) -> None:
+    """Move a file aside, which the book is to know no more."""
+    if os.path.lexists(path):
+        store.set_aside(study.folder, path)
+    with store.Book(study.folder, writes=True) as book:
+        store.note_files(book, [path])
 
 
-def _bring(study: Contents, run: Path, home: Path) -> None:
-    if os.path.lexists(home):
-        set_aside(study.folder, run)
-    else:
-        with store.explained(home):
-            home.parent.mkdir(parents=True, exist_ok=True)
-            run.replace(home)
-    with contextlib.suppress(OSError):  # unless others are there
-        run.parent.rmdir()
-
-
-def _is_of(study: Contents, found: RunRecord) -> bool:
+def _is_of(study: _Study, found: RunRecord) -> bool:
     if found.trial >= IMPORTED or not study.space:
         return True
     design = study.entries[found.trial].design
@@ -193,79 +272,99 @@ def _is_of(study: Contents, found: RunRecord) -> bool:
     return is_design and found.seed == study.space.get("seed")
 
 
-def _missing(study: Contents) -> Iterator[Damage]:
-    """Runs of which the journal or the tables say that they have finished."""
-    expected = {x.trial: study.repeats for x in study.entries if x.is_reported and not x.excluded}
-    with contextlib.suppress(StoreError, *MALFORMED):
-        table = held.read(study.folder / held.TRIALS)
-        for trial, n in zip(table["trial"], table["repeats"], strict=True):
-            expected[trial] = max(n, expected.get(trial, 0))
-    for trial, n in sorted(expected.items()):
-        of_trial = study.records.get(trial, {})
-        for repeat in range(n) if not any(x.told for x in of_trial.values()) else ():
-            run = store.run_folder(study.folder, trial, repeat)
-            if repeat not in of_trial and run not in study.runs:
-                again = f"{AGAIN} trains it again"
-                remedy = again if trial < IMPORTED else "`dse import` brings it back"
-                yield Damage(study.name(run), "is missing: the run had finished", "one run", remedy)
+def _missing(study: _Study) -> Iterator[Damage]:
+    """Runs and evaluations that have finished by the book."""
+    known = store.digests(study.folder)
+    expected = {store.named(Path(x)) for x in known if x.startswith(f"{store.RUNS}/")} - {None}
+    repeats = int(study.space.get("search", {}).get("repeats", 1))
+    ended = [entry.trial for entry in study.entries if entry.is_reported and not entry.excluded]
+    expected |= set(itertools.product(ended, range(repeats)))
+    told = {trial for trial, of in study.records.items() if any(x.told for x in of.values())}
+    for trial, repeat in sorted(run for run in expected if run is not None and run[0] not in told):
+        run = store.run_file(study.folder, trial, repeat)
+        if repeat not in study.records.get(trial, {}) and run not in study.runs:
+            again = f"{AGAIN} trains it again" if trial < IMPORTED else "`dse import` brings it back"
+            yield Damage(study.name(run), "is missing: the run had finished", "one run", again)
+    for name in sorted(x for x in known if x.startswith(f"{precision.FOLDER}/")):
+        path = study.folder / name
+        if not os.path.lexists(path):
+            remedy = f"{AGAIN} evaluates it again"
+            yield Damage(name, "is missing", "one evaluation", remedy, partial(_aside, study, path))
 
 
-def _checkpoints(study: Contents) -> Iterator[Damage]:
+def _checkpoints(study: _Study) -> Iterator[Damage]:
     """Where unfinished trainings stand, against where racing lets them stand."""
     standing: dict[int, int] = {}
-    for path in matches(study.folder, "checkpoints/*/artefacts/*/repeat_*"):
-        if path.is_dir() and (fault := _checkpoint(study, path, standing)):
+    for path in _matches(study.folder, _CHECKPOINTS):
+        if path.is_file() and (fault := _checkpoint(study, path, standing)):
             remedy = f"it is removed; {AGAIN} trains on from where it can"
-            yield Damage(study.name(path), fault, "some epochs of a training", remedy, _removal(path))
+            drop = partial(store.remove, path)
+            yield Damage(study.name(path), fault, "some epochs of a training", remedy, drop)
     for one, after in itertools.chain(*(itertools.pairwise(x) for x in study.rounds.values())):
         for trial in (*after["trials"], *(x["trial"] for x in after["stopped"])):
             if trial in one["trials"] and trial not in study.records:
                 if standing.get(trial, 0) < (one["epochs"] or 0):
-                    path = store.run_folder(checkpoints.rung_folder(study.folder, one["epochs"]), trial, 0)
+                    path = store.run_file(checkpoints.rung_folder(study.folder, one["epochs"]), trial, 0)
                     fault = f"is missing: trial {trial} stood at this rung"
                     remedy = f"{AGAIN} trains it again"
                     yield Damage(study.name(path), fault, f"{one['epochs']} epochs of a training", remedy)
 
 
-def _checkpoint(study: Contents, path: Path, standing: dict[int, int]) -> str:
+def _checkpoint(study: _Study, path: Path, standing: dict[int, int]) -> str:
     """Return what is wrong with a checkpoint; '' if nothing is, and then note that its trial stands there."""
-    epochs = path.parents[2].name
+    epochs = path.parents[1].name
     try:
         plain = store.load_run(path) or {}
         trial, repeat = int(plain["trial"]), int(plain["repeat"])
         if checkpoints.made_as(plain, int(epochs))[1] != int(epochs):
             return f"is of a training that stood after {plain['epochs']} epochs"
-    except (StoreError, *MALFORMED) as error:
-        return said(error, path)
+    except (StoreError, *_MALFORMED) as error:
+        return _said(error, path)
     if not study.knows(trial):
-        return "is of a trial that the journal does not name"
+        return "is of a trial that the book does not name"
     record = study.records.get(trial, {}).get(repeat)
     if record is not None and record.stopped_at_epoch is None:
         return "is of a run that has ended"
     is_audited = record is not None and trial in study.audited  # it trains on beside its record
-    rung = study.stops[trial]["epochs"] if trial in study.stops else math.inf
+    rung = study.stops.get(trial, math.inf)
     if int(epochs) > rung and not is_audited:
         return f"lies beyond the rung of {rung} epochs, where racing has stopped the design"
     standing[trial] = max(standing.get(trial, 0), int(epochs))
     return ""
 
 
-def _files(study: Contents) -> Iterator[Damage]:
-    """Files of `FILES` that are missing, or not what was written."""
-    for kind in FILES:
-        needed = [study.folder / name for name in kind.needed(study)]
-        for path in dict.fromkeys([*needed, *matches(study.folder, kind.place)]):
-            try:
-                if not os.path.lexists(path):
-                    raise store.damaged(path, "is missing")
-                kind.read(study, path)
-            except (StoreError, *MALFORMED) as error:
-                is_due = kind.mend is not None and not (kind.needs_journal and study.faults)
-                mend = partial(kind.mend, study, path) if is_due and kind.mend else None
-                yield Damage(study.name(path), said(error, path), kind.cost, kind.remedy, mend)
+def _texts(study: _Study) -> Iterator[Damage]:
+    """The search space, copies of plugins, and hardware profiles."""
+    space = study.folder / store.SPACE
+    if (fault := _wrong(space, plain_space)) is not None:
+        remedy = f"{AGAIN} writes it again once it has compared it with the finished runs"
+        yield Damage(store.SPACE, fault, "nothing: runs hold their settings", remedy)
+    sources = [Path(x) for x in study.space.get("plugins", ()) if x.endswith(".py")]
+    plugins = {study.folder / f"plugins/{n}_{file.name}": file for n, file in enumerate(sources)}
+    for path in dict.fromkeys([*plugins, *_matches(study.folder, "plugins/*.py")]):
+        if (fault := _wrong(path, partial(_check_plugin, plugins.get(path)))) is not None:
+            remedy = f"it is moved aside; {AGAIN} writes it again"
+            aside = partial(_aside, study, path)
+            yield Damage(study.name(path), fault, "the copy, not the original", remedy, aside)
+    measured = [x.numbers for of in study.records.values() for x in of.values() if x.numbers is not None]
+    chips = sorted({study.folder / f"hardware/{chip}.yaml" for one in measured for chip in one.hardware})
+    for path in dict.fromkeys([*chips, *_matches(study.folder, "hardware/*.yaml")]):
+        if (fault := _wrong(path, partial(_check_chip, study.folder))) is not None:
+            cost = "no run: points are priced anew, trials keep the costs that the sampler received"
+            remedy = "it is replaced with the profile as it is now, and all points are priced with that"
+            yield Damage(study.name(path), fault, cost, remedy, partial(_tables_again, study, path))
 
 
-def _recordings(study: Contents) -> Iterator[Damage]:
+def _tables(study: _Study) -> Iterator[Damage]:
+    for name in _TABLES:
+        path = study.folder / name
+        if os.path.lexists(path) or study.records:
+            if (fault := _wrong(path, partial(_check_table, study))) is not None:
+                again = None if study.fault else partial(_tables_again, study)
+                yield Damage(name, fault, "nothing: it follows from the runs", "it is written again", again)
+
+
+def _recordings(study: _Study) -> Iterator[Damage]:
     """Recordings that are no longer those that the runs were trained on."""
     if study.space.get("plugins"):
         return  # whose code would run
@@ -274,10 +373,84 @@ def _recordings(study: Contents) -> Iterator[Damage]:
         if imported.have_changed(study.folder, record):
             cost = "the study cannot go on"
             remedy = "restore them, or use another --results folder"
-            name = study.name(store.run_folder(study.folder, record.trial, record.repeat))
+            name = study.name(store.run_file(study.folder, record.trial, record.repeat))
             yield Damage(name, "was trained on other recordings than those of today", cost, remedy)
 
 
-_CHECKS: tuple[Callable[[Contents], Iterator[Damage]], ...] = (
-    *(_access, _journal, _runs, _files, _missing, _checkpoints, _recordings),
+def _wrong(path: Path, check: Callable[[Path], object]) -> str | None:
+    """Return what is wrong with a file in words; None if nothing is."""
+    try:
+        if not os.path.lexists(path):
+            return "is missing"
+        check(path)
+    except (StoreError, *_MALFORMED) as error:
+        return _said(error, path)
+    return None
+
+
+def _check_plugin(source: Path | None, path: Path) -> None:
+    text = store.read_text(path)
+    if source is not None and source.is_file() and source.read_text("utf-8", "replace") != text:
+        raise ValueError(f"differs from {source}, which the study was started with")
+
+
+def _check_chip(folder: Path, path: Path) -> None:
+    try:
+        found = pricing.profile(folder, path.stem)
+    except ConfigError as error:
+        raise ValueError(error.faults[0].message.split(";")[0]) from None
+    if found.name != path.stem:
+        raise ValueError(f"is the profile of {found.name}")
+    if path.stem in names() and pricing.differ(found, load(path.stem)):
+        raise ValueError("has other numbers than the profile has now")
+
+
+def _check_table(study: _Study, path: Path) -> None:
+    """Check a table, and that it holds the runs of the study, but for those that are damaged themselves.
+
+    Raises:
+        Damaged: it is not what was written.
+        ValueError: it holds other runs.
+    """
+    table = held.read(path)
+    if ("status" in table) != (path.name == held.TRIALS):
+        raise ValueError("is another table")
+    made_from, rows = json.loads(store.made_from(path) or "{}"), held.counted(table)
+    written: Counter[int] = Counter()
+    for trial, _, n in made_from.get("parts", ((x, 0, 1) for x in made_from.get("digests", ()))):
+        written[int(trial)] += n
+    if written and (wrong := sorted(t for t in rows | written if rows[t] != written[t])):
+        raise ValueError(f"has {rows[wrong[0]]} rows of trial {wrong[0]}, not {written[wrong[0]]}")
+    found = held.behind(path)
+    lacking = found.lacking if made_from else study.records.keys() - rows
+    for what, trials in (("lacks", lacking), ("is older than the runs of", found.changed)):
+        if known := sorted(trial for trial in trials if trial in study.records and study.knows(trial)):
+            raise ValueError(f"{what} {held.named(known)}: {len(known)} of {len(study.records)} trials")
+
+
+def _tables_again(study: _Study, profile: Path | None = None) -> None:
+    """Write the tables, and the profiles that price them."""
+    if profile is not None:
+        _aside(study, profile)
+    tables.write_again(study.folder)
+
+
+def _said(error: Exception, path: Path) -> str:
+    """Return what an error says of a file, without the file and the remedy."""
+    if isinstance(error, LookupError):
+        return f"holds something else (key {error} is missing)"
+    text = str(error).splitlines()[0].removesuffix(f"; {store.REMEDY}")
+    return text.removeprefix(f"{path}: ").removeprefix(f"{path}/")
+
+
+def _matches(folder: Path, pattern: str) -> list[Path]:
+    """Return what a folder holds of a pattern, links that lead nowhere too."""
+    if "*" not in pattern:
+        return [folder / pattern] if os.path.lexists(folder / pattern) else []
+    paths = sorted(folder.glob(pattern))
+    return [path for path in paths if ".damaged" not in path.name and not store.is_temporary(path)]
+
+
+_CHECKS: tuple[Callable[[_Study], Iterator[Damage]], ...] = (
+    *(_access, _book, _runs, _texts, _tables, _missing, _checkpoints, _recordings),
 )

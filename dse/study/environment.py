@@ -1,4 +1,4 @@
-"""The environment of a study, stored beside its results: machine, interpreter and versions."""
+"""The sessions of a study, in its book: machine, interpreter and versions of each."""
 
 from __future__ import annotations
 
@@ -31,31 +31,15 @@ def sessions(folder: Path) -> list[Any]:
     """Return the sessions of a study, first to last; none where nothing is written yet.
 
     Raises:
-        Damaged: the file is not what was written, or is that of another study.
+        Damaged: its book is not what was written.
         StoreError: it cannot be read now.
     """
-    path = folder / store.ENVIRONMENT
-    if not path.exists():
-        return []
-    written = store.read_json(path)
-    if not isinstance(written, list) or not all(isinstance(one, dict) for one in written):
-        raise store.damaged(path, "holds no list of sessions")
-    named = [one["identity"] for one in written if one.get("identity")]
-    if (named[-1] if named else "") != store.identity(path):
-        raise store.damaged(path, "is a file of another study")
-    return written
+    return list(store.document(folder, store.ENVIRONMENT, []))
 
 
-def begin(folder: Path, earlier: list[Any], *, is_sealed: bool = True) -> None:
-    """Write that a session begins; `is_sealed`: whether all files of the study have seals.
-
-    The first session of a study draws its identity; a study that an earlier version began has none.
-    """
-    identity = store.identity(folder / store.ENVIRONMENT) or store.witnessed(folder)
-    if not (identity or earlier or any(folder.glob("artefacts/*/repeat_*"))):
-        identity = store.new_identity()
-    session = {**describe(), "sealed": is_sealed, **({"identity": identity} if identity else {})}
-    store.write_json(folder / store.ENVIRONMENT, [*earlier, session])
+def begin(book: store.Book) -> None:
+    """Write that a session begins."""
+    book.keep(store.ENVIRONMENT, [*book.document(store.ENVIRONMENT, []), describe()])
 
 
 def process_before(folder: Path) -> int | None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,33 +14,26 @@ from dse.audit import record
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.bounds import MOST_TRIALS
 from dse.config.settings import missing
-from dse.config.space import Design
 from dse.dataset import cache
 from dse.hardware.profile import Profile, load_all
 from dse.recordings import PLACES, RecordingError
 from dse.recordings.files import locate
-from dse.search.limits import Exclusion
-from dse.search.proposals import Sampler, limited
-from dse.search.space import design_at
-from dse.search.stop import Spent, reached
-from dse.seeds import design_key
-from dse.study import decisions, environment, imported, points, precision, pricing, queue, warm
+from dse.study import decisions, environment, imported, points, precision, pricing, warm
 from dse.study import tables as both
 from dse.study import trials as tables
-from dse.study.claim import claim
+from dse.study.batches import Batches, n_trials
+from dse.study.claim import FRONT_REPEATS, claim, join
+from dse.study.coordinators import Coordinator
 from dse.study.executors import loky
 from dse.study.fronts import fronts
-from dse.study.journal import Entry
-from dse.study.known import Group, KnownBefore
+from dse.study.known import KnownBefore
 from dse.study.ledger import Ledger
+from dse.study.mended import opened
 from dse.study.progress import Progress, shown
 from dse.study.racing import Race
-from dse.study.record import RunRecord
 from dse.study.resampling import front_probabilities
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
-from dse.study.shared import SharedStudy
-from dse.study.status import session_hours
 from dse.study.workers import Workers
 
 if TYPE_CHECKING:
@@ -50,8 +42,6 @@ if TYPE_CHECKING:
 _REFRESH_S = 2.0
 _REFRESH_SHARE = 0.05
 _STOPPED = "the search stopped: "
-# Designs of a grid whose data sets are prepared together, and excluded ones that are written down.
-_MOST_PREPARED, _MOST_RECORDED = 100_000, 1000
 
 
 def run(
@@ -64,6 +54,8 @@ def run(
 ) -> Study:
     """Train the missing runs of a study and return it; this also resumes an interrupted study.
 
+    Where another process runs the study, this one shares its trainings (`dse.study.coordinators`).
+
     Args:
         space: what to explore.
         results: the study's folder is made in here, named as the study.
@@ -73,7 +65,7 @@ def run(
 
     Raises:
         ConfigError: the folder holds a study of another search space, or of other recordings; or the
-            device is missing.
+            device is missing; or another process runs the study, whose designs race.
         RecordingError: the recordings do not fit the search space.
         StoreError: the folder is in use or cannot be written; nothing finished is lost.
         KeyboardInterrupt: after Ctrl-C; finished runs and the tables are written.
@@ -81,66 +73,76 @@ def run(
     if lack := missing(space.execution.device):
         text = f"execution.device {space.execution.device} {lack}"
         raise ConfigError([Fault(str(space.source), 0, text)])
-    if (n_trials := _n_trials(space)) > MOST_TRIALS:
-        text = f"search.n_trials must be at most {MOST_TRIALS}, got {n_trials} designs; sample fewer of them"
+    if (n_designs := n_trials(space)) > MOST_TRIALS:
+        text = f"search.n_trials must be at most {MOST_TRIALS}, got {n_designs} designs; sample fewer of them"
         raise ConfigError([Fault(str(space.source), 0, text)])
     profiles = load_all(space.hardware, space.source.parent)
     folder = Path(results) / space.study
     earlier = warm.earlier_trials(space)
     n_workers = jobs or space.execution.jobs
-    with (
-        store.exclusive(folder),
-        shown(progress, n_workers) as report,
-        contextlib.ExitStack() as at_the_end,
-    ):
-        store.sweep(folder)
-        for note in [*pricing.check(profiles, folder), *claim(space, folder)]:
-            report.note(note)
-        _keep_audit(space, folder)
-        ledger = Ledger(folder / "journal.log", space)
-        for note in ledger.notes:
-            report.note(note)
-        workers = at_the_end.enter_context(_workers(space, n_workers, folder))
-        runs = Runs(space, folder, profiles, workers, report)
-        results_tables = _Tables(space, folder, runs, profiles, ledger, on_trial)
+    with shown(progress, n_workers) as report, contextlib.ExitStack() as at_the_end:
+        coordinator = Coordinator(folder, at_the_end)
+        if coordinator.is_first:
+            store.sweep(folder)
+            book, notes = at_the_end.enter_context(opened(folder, space.search.batch))
+            for note in [*notes, *pricing.check(profiles, folder), *claim(space, book)]:
+                report.note(note)
+            _keep_audit(space, book)
+        else:
+            join(space, folder)
+            report.note(f"{folder}: another process runs this study; this one shares its trainings")
+            book = at_the_end.enter_context(store.Book(folder, writes=True, is_session=True))
+        coordinator.begin(book)
+        ledger = Ledger(book)
+        workers = at_the_end.enter_context(_workers(space, n_workers, folder, coordinator))
+        runs = Runs(space, book, profiles, workers, report, coordinator)
+        results_tables = _Tables(space, folder, runs, profiles, ledger, coordinator, on_trial)
         before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
         runs.recall(ledger.entries)
         results_tables.know_ended()
-        runs.forget_checkpoints()
-        took = _Took(space, folder, ledger, runs, earlier)
-        report.expect(_n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
-        shared = None
-        if space.execution.storage is not None:
-            shared = at_the_end.enter_context(SharedStudy(space, folder))
-            _resume(shared, ledger, runs, before)
+        if coordinator.is_first:
+            runs.forget_checkpoints()
+        takeover = warm.Takeover(space, folder, earlier)
+        report.expect(n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
         try:
             with workers:
-                race = Race(space, folder, profiles, runs, report) if space.search.racing else None
-                stopped = _search(space, ledger, runs, results_tables, report, before, race, took, shared)
+                race = Race(space, folder, profiles, runs, report, book) if space.search.racing else None
+                batches = Batches(space, ledger, runs, before, earlier, report)
+                number = 0
+                while (entries := batches.ask(number)) is not None:
+                    if n := sum(takeover.over(entry) for entry in entries if not entry.is_reported):
+                        report.note(f"{n} run{'s' * (n > 1)} of earlier studies taken over")
+                    if race is None:
+                        runs.complete(entries, space.search.repeats, results_tables.refresh)
+                    else:
+                        race.complete(number, entries, results_tables.refresh)
+                    batches.tell(number)
+                    number += 1
+                if not coordinator.leads:
+                    report.note("the process that writes the tables ends the study")
+                    return Study(folder)
+                runs.recall(ledger.entries)
                 if race is not None:
                     for text in race.audit(ledger.entries, results_tables.refresh, results_tables.points):
                         report.note(text)
                     runs.forget_checkpoints(of_stopped=True)
-                if shared is not None:
-                    _note_the_rest(space, shared, report)
-                elif space.search.front_undecided is None:
+                if space.search.front_undecided is None:
                     _repeat_front(space, ledger, runs, results_tables, report)
                 else:
-                    _repeat_undecided(space, folder, ledger, runs, results_tables, report)
-                if shared is None:
-                    _round_front(space, ledger, runs, results_tables)
+                    _repeat_undecided(space, ledger, runs, results_tables, report)
+                _round_front(space, ledger, runs, results_tables)
         except KeyboardInterrupt:
             runs.recall(ledger.entries)  # a run may have finished that no worker has reported yet
             results_tables.write()
             raise
         results_tables.write()
         runs.remark(runs.untrained(), UNTRAINED)
-        runs.remark([f"{_STOPPED}{stopped}"] if stopped else [], _STOPPED)
+        runs.remark([f"{_STOPPED}{batches.stopped}"] if batches.stopped else [], _STOPPED)
         runs.remark(decisions.remarks(space.decision, runs.trials()), decisions.PREFIX)
     return Study(folder)
 
 
-def _workers(space: SearchSpace, n: int, folder: Path) -> Workers:
+def _workers(space: SearchSpace, n: int, folder: Path, coordinator: Coordinator) -> Workers:
     """Return the workers that a search space names.
 
     Raises:
@@ -148,7 +150,7 @@ def _workers(space: SearchSpace, n: int, folder: Path) -> Workers:
     """
     execution = space.execution
     if execution.backend == "loky":
-        if (dead := environment.process_before(folder)) is not None:  # we have its lock
+        if coordinator.is_first and (dead := environment.process_before(folder)) is not None:
             loky.clear(dead)
         return Workers(n)
     from dse.study.executors.dask import Dask, Unusable
@@ -179,11 +181,11 @@ def _places(space: SearchSpace) -> list[Path]:
     return places
 
 
-def _keep_audit(space: SearchSpace, folder: Path) -> None:
+def _keep_audit(space: SearchSpace, book: store.Book) -> None:
     """Store the last audit of the search space with the study, if there is one that can be read."""
     with contextlib.suppress(OSError, RuntimeError, RecordingError, store.StoreError):
         if (audit := record.last(space, cache.usual_root())) is not None:
-            record.write(audit, folder / record.FILE)
+            book.keep(record.DOCUMENT, record.plain(audit))
 
 
 class _Tables:
@@ -196,9 +198,11 @@ class _Tables:
         runs: Runs,
         profiles: Sequence[Profile],
         ledger: Ledger,
+        coordinator: Coordinator,
         on_trial: Callable[[dict[str, Any]], object] | None = None,
     ) -> None:
         self._space = space
+        self._coordinator = coordinator
         self._ledger = ledger
         self._folder = folder
         self._profiles = profiles
@@ -237,320 +241,15 @@ class _Tables:
         return points.points_table(self._space, self._folder, self._runs.trials(), self._profiles)
 
     def write(self) -> None:
-        """Write both tables, and the hardware profiles that costs are computed from."""
+        """Write both tables, the hardware profiles that costs are computed from, and the copy of the book.
+
+        One coordinator does.
+        """
+        if not self._coordinator.leads:
+            return
         runs = self._runs.trials() | imported.records(self._folder)
         both.write(self._space, self._folder, runs, self._profiles, self._ledger.entries)
-
-
-def _search(
-    space: SearchSpace,
-    ledger: Ledger,
-    runs: Runs,
-    results_tables: _Tables,
-    report: Progress,
-    before: KnownBefore | None,
-    race: Race | None,
-    took: _Took,
-    shared: SharedStudy | None,
-) -> str:
-    """Propose, train and report batch by batch; the ledger replaces proposals of earlier sessions.
-
-    Returns:
-        Why the search stopped early; '' if it did not.
-
-    Raises:
-        ConfigError: a condition to stop is reached before anything is trained.
-    """
-    settings = space.search
-    sampler: Sampler = settings.sampler.start(space, [direction for _, direction in space.objectives])
-    excluding = None if before is None else Excluding(space, ledger, runs, before, sampler)
-    if excluding is not None:
-        sampler = excluding.sampler
-    if hasattr(sampler, "inform"):
-        sampler.inform([x.design for x in took.earlier], [values_of(space, x.records) for x in took.earlier])
-    number, n_before = 0, 0
-    while True:
-        if shared is not None:
-            _learn(shared, sampler, excluding, report, settings.repeats)
-        if excluding is not None:
-            excluding.begin(number)
-        entries = _of_batch(ledger, number)
-        if not ledger.batch(number):
-            took.enqueued(number, report, None if excluding is None else before)
-            entries = _of_batch(ledger, number)
-        if any(e.enqueued for e in entries):
-            pass  # the sampler has no part in this batch
-        elif not entries or not any(e.is_reported for e in entries):
-            # A process that died while asking left part of a batch; the sampler proposes the same one again.
-            n_left = _n_trials(space) - n_before - len(entries) if shared is None else shared.n_left()
-            n_missing = min(settings.batch - len(entries), n_left)
-            if n_missing > 0 and not entries and (why := took.stop(number)):
-                return why
-            if n_missing > 0:
-                known = {design_key(e.design) for e in ledger.entries if not e.excluded}  # `dse ask` too
-                if shared is None:
-                    proposed = sampler.ask(len(entries) + n_missing)
-                    new = [d for d in proposed if design_key(d) not in known][:n_missing]
-                else:
-                    new = _claimed(shared, sampler, before, known, n_missing)
-                with ledger.together():
-                    if excluding is not None:
-                        excluding.record(number)
-                    ledger.ask(number, new)
-                if len(new) < n_missing and shared is None:
-                    report.note(
-                        "the sampler found no further designs; the study has "
-                        f"{n_before + len(entries) + len(new)}"
-                    )
-                entries = _of_batch(ledger, number)
-        if not entries and not any(e.enqueued for e in ledger.batch(number)):
-            return ""
-        if shared is not None and not (entries := _held(shared, ledger, runs, number)):
-            number += 1
-            continue
-        if n := sum(took.over(entry) for entry in entries if not entry.is_reported):
-            report.note(f"{n} run{'s' * (n > 1)} of earlier studies taken over")
-        if race is None:
-            runs.complete(entries, settings.repeats, results_tables.refresh)
-        else:
-            race.complete(number, entries, results_tables.refresh)
-        with ledger.together():
-            for entry in entries:
-                if not entry.is_reported and not runs.is_untrained(entry.trial):
-                    records = runs.of(entry.trial)[: settings.repeats]
-                    stopped = any(one.stopped_at_epoch is not None for one in records)
-                    values = values_of(space, records)
-                    missed = None if excluding is None or values is None else excluding.missed(entry, records)
-                    ledger.tell(entry.trial, values, missed, _at_rungs(space, records), stopped=stopped)
-        ended = _of_batch(ledger, number)
-        for entry in ended if shared is not None else ():
-            if not runs.is_untrained(entry.trial):
-                assert shared is not None
-                shared.report(entry.design, entry.values, _missed(before, runs, entry))
-        if excluding is not None:
-            excluding.end(number, ended)
-        sampler.tell([e.design for e in ended], [e.values for e in ended])
-        number, n_before = number + 1, n_before + len(ended)
-
-
-def _resume(shared: SharedStudy, ledger: Ledger, runs: Runs, before: KnownBefore | None) -> None:
-    """Share what the journal of this coordinator says, which may have died before it told the others."""
-    entries = [entry for entry in ledger.entries if not entry.excluded]
-    shared.resume(entry.design for entry in entries)
-    for entry in entries:
-        if entry.is_reported and not runs.is_untrained(entry.trial):
-            shared.report(entry.design, entry.values, _missed(before, runs, entry))
-
-
-def _missed(before: KnownBefore | None, runs: Runs, entry: Entry) -> Mapping[str, float]:
-    """Return limit -> by how much a trained design misses it."""
-    if before is None or entry.values is None:
-        return {}
-    return before.violations(entry.design, runs.of(entry.trial))
-
-
-def _learn(
-    shared: SharedStudy, sampler: Sampler, excluding: Excluding | None, report: Progress, repeats: int
-) -> None:
-    """Let the sampler know what other coordinators have begun and ended."""
-    for one in shared.elsewhere():
-        if excluding is not None and one.values is not None:
-            excluding.sampler.judge(one.design, one.violations)
-        sampler.tell([one.design], [one.values])
-        report.expect(-repeats if one.is_new else 0)
-
-
-def _claimed(
-    shared: SharedStudy, sampler: Sampler, before: KnownBefore | None, known: set[str], n: int
-) -> list[Design]:
-    """Return about n designs that no other coordinator trains: first those that one has left behind."""
-    left = [design for design in shared.free() if design_key(design) not in known]
-    left = [design for design in left if before is None or before.exclusion(design) is None]
-    designs = shared.claim(left[:n])
-    while len(designs) < n and shared.n_left() and (proposed := sampler.ask(n - len(designs))):
-        designs += shared.claim([design for design in proposed if design_key(design) not in known])
-    return [dict(design) for design in designs]
-
-
-def _held(shared: SharedStudy, ledger: Ledger, runs: Runs, number: int) -> list[Entry]:
-    """Return the designs of a batch after leaving out those that another coordinator has claimed first."""
-    entries = _of_batch(ledger, number)
-    waiting = [e for e in entries if not e.is_reported and not runs.of(e.trial)]
-    held = {design_key(x) for x in shared.claim([e.design for e in waiting], beyond_the_last=True)}
-    for entry in waiting:
-        if design_key(entry.design) not in held:
-            why = Exclusion("another coordinator of the study trains it", (), {})
-            ledger.exclude_proposed(entry.trial, why)
-    return _of_batch(ledger, number)
-
-
-def _note_the_rest(space: SearchSpace, shared: SharedStudy, report: Progress) -> None:
-    """Say what a coordinator leaves to others, and to the study that they are merged to."""
-    if n := shared.n_in_training_elsewhere():
-        report.note(
-            f"other coordinators train {n} design{'s' * (n > 1)}; if one of them ends early, the same "
-            "command trains what it leaves"
-        )
-    of_front = [
-        key
-        for key, is_set in (
-            ("search.repeats_on_front", space.search.repeats_on_front > space.search.repeats),
-            ("precision", space.precision is not None),
-        )
-        if is_set
-    ]
-    if of_front:
-        report.note(
-            f"{' and '.join(of_front)}: for the front of all coordinators; `dse merge` their folders, and "
-            "run that study without execution.storage"
-        )
-
-
-class _Took:
-    """What a search has spent, and what it takes over from earlier studies."""
-
-    def __init__(
-        self,
-        space: SearchSpace,
-        folder: Path,
-        ledger: Ledger,
-        runs: Runs,
-        earlier: Sequence[warm.Earlier],
-    ) -> None:
-        self.earlier = earlier
-        self._space = space
-        self._folder = folder
-        self._ledger = ledger
-        self._runs = runs
-        self._takeover = warm.Takeover(space, folder, earlier)
-        self._began_s = time.time()
-        self._n_before = runs.count()
-        self._hours_before = 0.0
-        stop = space.search.stop
-        if stop is not None and stop.wall_hours is not None:
-            self._hours_before = session_hours(folder, ledger.entries)
-
-    def enqueued(self, number: int, report: Progress, before: KnownBefore | None) -> None:
-        """Make a batch of the designs that the user asked for and that are not in the study yet."""
-        waiting = queue.waiting(self._space, self._folder)
-        if not waiting:
-            return
-        known = {
-            design_key(entry.design): entry.trial for entry in self._ledger.entries if not entry.excluded
-        }
-        with self._ledger.together():
-            for path, design in waiting:
-                key = None if design is None else design_key(design)
-                why = None if before is None or design is None else before.exclusion(design)
-                if design is None or key is None:
-                    report.note(f"{path}: holds no design of this search space; it is left out")
-                elif key in known:
-                    report.note(f"an enqueued design is trial {known[key]} already")
-                elif why is not None:
-                    report.note(f"an enqueued design is not trained: {why.reason}")
-                else:
-                    self._ledger.ask(number, [design], enqueued=True)
-                    known[key] = len(self._ledger.entries) - 1
-        for path, _ in waiting:  # after the journal is written: a design is never lost between both
-            store.remove(path)
-
-    def over(self, entry: Entry) -> int:
-        """Take over the runs of a design that an earlier study has trained; return how many."""
-        design = warm.on_axes(self._space, entry.design)
-        return 0 if design is None else self._takeover.take(entry.trial, design, self._space.search.repeats)
-
-    def stop(self, number: int) -> str:
-        """Return why no further batch is proposed; '' if one is.
-
-        Raises:
-            ConfigError: nothing was trained since the command began.
-        """
-        stop = self._space.search.stop
-        if stop is None or number == 0:
-            return ""
-        now_s = time.time()
-        signs = [1.0 if direction == "min" else -1.0 for _, direction in self._space.objectives]
-        ended = [
-            e
-            for e in self._ledger.entries
-            if e.values is not None and all(x.stopped_at_epoch is None for x in self._runs.of(e.trial))
-        ]
-        ended.sort(key=lambda e: (e.batch, e.trial))
-        why = reached(
-            stop,
-            Spent(
-                cpu_hours=self._runs.train_s() * self._space.execution.threads / 3600,
-                wall_hours=self._hours_before + (now_s - self._began_s) / 3600,
-                session_s=now_s - self._began_s,
-                ages_s=[now_s - (e.reported_s or now_s) for e in ended],
-                costs=[[s * x for s, x in zip(signs, e.values or (), strict=True)] for e in ended],
-            ),
-        )
-        if why and self._runs.count() == self._n_before:
-            raise ConfigError([Fault(str(self._space.source), 0, f"{why}; raise it to go on")])
-        return why
-
-
-def _of_batch(ledger: Ledger, number: int) -> list[Entry]:
-    """Return the designs of a batch that are trained."""
-    return [entry for entry in ledger.batch(number) if not entry.excluded]
-
-
-class Excluding:
-    """Which designs are not trained, given what is known before: written down, and known to the sampler."""
-
-    def __init__(
-        self, space: SearchSpace, ledger: Ledger, runs: Runs, before: KnownBefore, sampler: Sampler
-    ) -> None:
-        self._space = space
-        self._ledger = ledger
-        self._runs = runs
-        self._before = before
-        self._measured: dict[Group, list[tuple[int, Sequence[float]]]] = {}
-        self._recorded = {design_key(e.design) for e in ledger.entries if e.excluded}
-        self.sampler = limited(sampler, self._check)
-        if before.needs_data and space.n_designs is not None and space.n_designs <= _MOST_PREPARED:
-            runs.shapes(design_at(space, index) for index in range(space.n_designs))
-
-    def _check(self, design: Mapping[str, object]) -> Exclusion | None:
-        return self._before.exclusion(design) or self._before.dominated(design, self._measured)
-
-    def begin(self, number: int) -> None:
-        """Exclude what an earlier session proposed in a batch and has not trained, by limits of today."""
-        for entry in _of_batch(self._ledger, number):
-            if not entry.is_reported and not self._runs.of(entry.trial):
-                if why := self._before.exclusion(entry.design):
-                    self._ledger.exclude_proposed(entry.trial, why)
-                    self._recorded.add(design_key(entry.design))
-
-    def record(self, number: int) -> None:
-        """Write down the designs that the sampler has passed over; of a grid, the first ones."""
-        known = self._recorded
-        for design, why in self.sampler.refused:
-            if design_key(design) not in known:
-                if len(known) >= _MOST_RECORDED and self._space.search.sampler_name == "grid":
-                    return
-                known.add(design_key(design))
-                self._ledger.exclude(number, design, why)
-
-    def missed(self, entry: Entry, records: Sequence[RunRecord]) -> dict[str, float]:
-        """Return limit -> by how much a trained design misses it."""
-        return self._before.violations(entry.design, records)
-
-    def end(self, number: int, ended: Sequence[Entry]) -> None:
-        """Let the sampler know by how much the designs of a batch miss the limits."""
-        for entry in self._ledger.batch(number):
-            if entry.excluded and (why := self._check(entry.design)):
-                self.sampler.judge(entry.design, why.violations)
-                self.sampler.tell([entry.design], [None])
-        for entry in ended:
-            if entry.values is not None:
-                records = self._runs.of(entry.trial)[: self._space.search.repeats]
-                self.sampler.judge(entry.design, self.missed(entry, records))
-                if any(one.stopped_at_epoch is not None for one in records):
-                    continue  # it was measured at a rung alone
-                group = self._before.group(entry.design)
-                self._measured.setdefault(group, []).append((entry.trial, entry.values))
+        store.back_up(self._ledger.book)
 
 
 def _repeat_front(
@@ -574,7 +273,6 @@ def _repeat_front(
 
 def _repeat_undecided(
     space: SearchSpace,
-    folder: Path,
     ledger: Ledger,
     runs: Runs,
     results_tables: _Tables,
@@ -584,11 +282,11 @@ def _repeat_undecided(
 
     Each round is on the disk before it is trained, so that an interruption changes no later one.
     """
-    search, path = space.search, folder / "front_repeats.json"
+    search, book = space.search, ledger.book
     assert search.front_undecided is not None
     low, high = search.front_undecided
     step = space.split.k_fold.k if space.split.k_fold is not None else 1
-    rounds: list[dict[str, Any]] = list((store.read_or_remove(path, report.note) or {"rounds": []})["rounds"])
+    rounds: list[dict[str, Any]] = book.document(FRONT_REPEATS, [])
     while True:
         repeats = {int(trial): n for one in rounds for trial, n in one["repeats"].items()}
         for n in sorted(set(repeats.values())):
@@ -597,7 +295,7 @@ def _repeat_undecided(
             runs.complete(again, n, results_tables.refresh)
         spent = sum(n - search.repeats for n in repeats.values())
         results_tables.write()
-        probability = front_probabilities(folder, results_tables.points(), space.objectives)
+        probability = front_probabilities(book.folder, results_tables.points(), space.objectives)
         undecided = sorted(
             (abs(p - (low + high) / 2), trial) for trial, p in probability.items() if low <= p <= high
         )
@@ -614,7 +312,7 @@ def _repeat_undecided(
         chosen = short[: (len(short) + 1) // 2]  # what these show may decide the others
         shown = {str(trial): round(probability[trial], 4) for trial, _ in chosen}
         rounds.append({"repeats": {str(trial): n for trial, n in chosen}, "probability": shown})
-        store.write_json(path, {"rounds": rounds})
+        book.keep(FRONT_REPEATS, rounds)
 
 
 def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables) -> None:
@@ -628,32 +326,3 @@ def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables:
     runs.evaluate(
         [e for e in ledger.entries if e.trial in chosen], precisions.settings, results_tables.refresh
     )
-
-
-def _n_trials(space: SearchSpace) -> int:
-    return space.search.n_trials or space.n_designs or 0
-
-
-def _at_rungs(space: SearchSpace, records: Sequence[RunRecord]) -> dict[int, float]:
-    """Return epochs -> the first objective of a trial's full read-out at that rung, where it has one."""
-    name = space.objectives[0][0]
-    values = {}
-    for epochs in sorted(set.intersection(*(set(one.rungs) for one in records))):
-        numbers = [one.rungs[epochs] for one in records]
-        value = float(tables.summary(numbers, next(iter(numbers[0].hardware), None)).get(name, math.nan))
-        if math.isfinite(value):
-            values[epochs] = value
-    return values
-
-
-def values_of(space: SearchSpace, records: Sequence[RunRecord]) -> tuple[float, ...] | None:
-    """Return the objectives of a trial's full read-out, None if it failed or lacks one of them.
-
-    Those of a trial that stopped early are as they were then.
-    """
-    if any(record.failed for record in records):
-        return None
-    numbers = [record.last for record in records]
-    row = tables.summary(numbers, next(iter(numbers[0].hardware), None))
-    values = [float(row.get(name, math.nan)) for name, _ in space.objectives]
-    return tuple(values) if all(map(math.isfinite, values)) else None

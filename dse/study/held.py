@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from dse import store
+from dse.study import precision
 
 if TYPE_CHECKING:
     import pandas
@@ -35,23 +36,23 @@ class Behind(NamedTuple):
 
 
 def digests(folder: Path, runs: Mapping[int, Collection[int]]) -> dict[str, str]:
-    """Return trial -> a digest of its runs.
-
-    A record holds the checksums of the files of its run, but of its evaluations at other precisions.
+    """Return trial -> a digest of its runs and their evaluations at other precisions, of the book's digests.
 
     Args:
         folder: of the study.
         runs: trial -> its repeats.
     """
+    known = store.digests(folder)
     of_trial = {}
     for trial, repeats in sorted(runs.items()):
         digest = hashlib.sha256()
-        for repeat in repeats:
-            run = store.run_folder(folder, trial, repeat)
-            for path in (run / store.RECORD, *sorted(run.glob("precision_*.npz"))):
-                if path.is_file():  # a record that is lost is in memory yet
-                    with contextlib.suppress(OSError):
-                        digest.update(f"{path.name} {store.checksum(path)}".encode())
+        for run in (store.run_file(folder, trial, repeat) for repeat in repeats):
+            for path in (run, *precision.files_of(run)):
+                name = path.relative_to(folder).as_posix()
+                with contextlib.suppress(OSError):  # a run that is lost is in memory yet
+                    digest.update(
+                        f"{name} {known[name][0] if name in known else store.checksum(path)}".encode()
+                    )
         of_trial[str(trial)] = digest.hexdigest()
     return of_trial
 

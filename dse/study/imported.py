@@ -20,16 +20,17 @@ from dse.recordings import RecordingError
 from dse.records import Network, Outcome, Response
 from dse.store import StoreError
 from dse.study import jobs, pricing, tables
+from dse.study.mended import opened
 from dse.study.record import IMPORTED, RunRecord, load_record
 
 
 def records(folder: Path) -> dict[int, list[RunRecord]]:
     """Return trial number -> record, of every imported trial; damaged ones are left out."""
     found: dict[int, list[RunRecord]] = {}
-    for run in sorted(folder.glob("artefacts/9????/repeat_0")):
-        with contextlib.suppress(StoreError, ValueError):
-            if int(run.parent.name) >= IMPORTED and (record := load_record(run)) is not None:
-                found[record.trial] = [record]
+    for trial in store.runs_in(folder):
+        with contextlib.suppress(StoreError):
+            if trial >= IMPORTED and (record := load_record(store.run_file(folder, trial, 0))) is not None:
+                found[trial] = [record]
     return found
 
 
@@ -77,7 +78,7 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
         raise StoreError(f"{folder}: the recordings of trial {origin.trial} are not found, or have changed")
     space, sections, base = source
     profiles = load_all(space.hardware, space.source.parent)
-    with store.exclusive(folder):
+    with store.exclusive(folder), opened(folder, space.search.batch) as (book, _):
         notes = pricing.check(profiles, folder)
         if notes:
             raise StoreError(notes[0])
@@ -94,7 +95,7 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
             sections=sections,
             data=usual_root() / origin.data,
             base=base,
-            folder=store.run_folder(folder, trial, 0),
+            folder=store.run_file(folder, trial, 0),
             phi=tuple(space.decision.phi.tolist()),
             theta=tuple(space.decision.theta.tolist()),
             hardware=tuple(profiles),
@@ -110,5 +111,6 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
         )
         assert isinstance(validation, Response)
         jobs.publish(run, Outcome(network, validation, test, {}), loaded)
+        store.note_files(book, [run.folder])
         tables.write_again(folder)
     return trial

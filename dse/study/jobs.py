@@ -106,7 +106,7 @@ class Run:
 
     sections: of the design.
     data: folder of the prepared data set, named as its key; base: folder that recordings are relative to.
-    folder: folder of the run.
+    folder: file of the run.
     phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
     phi_step: distance of phi up to what the outputs of training samples reach; None: phi is given.
     read_out_every_ms: as of `dse.measure.run.measure`.
@@ -133,7 +133,7 @@ class Run:
     @property
     def study(self) -> Path:
         """The folder of the study."""
-        return self.folder.parents[2]
+        return self.folder.parents[1]
 
     def measured(
         self, outcome: Outcome, data: Dataset, weight_bits: int = 8, unseen: UnseenTargets | None = None
@@ -300,7 +300,7 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
                 unseen[left[place]].setdefault(fold.left_out.column, {})[fold.left_out.name] = result
     yield from failed.items()
     # A cluster may run a job again by itself.
-    published = [n for n, run in enumerate(job.runs) if run.folder.is_dir() and not is_stopped(run.folder)]
+    published = [n for n, run in enumerate(job.runs) if run.folder.is_file() and not is_stopped(run.folder)]
     yield from ((number, None) for number in published if number not in failed)
     left = [number for number in range(len(job.runs)) if number not in failed and number not in published]
     if not left:
@@ -495,21 +495,20 @@ def _publish(
     )
     if isinstance(ended, Rung):
         record = dataclasses.replace(record, rungs={**rungs, ended.epochs: record.measured})
-    arrays = {} if only_full else _arrays(job, outcome, measurement, data)
-    files = {name: _writer(content) for name, content in arrays.items()}
+    parts = {} if only_full else _arrays(job, outcome, measurement, data)
     if isinstance(ended, Rung):
         checkpoints.save(
-            job.study, ended.epochs, _training(job, device), record.to_plain(), ended.state, files
+            job.study, ended.epochs, _training(job, device), record.to_plain(), ended.state, parts
         )
     else:
-        store.save_run(job.folder, record.to_plain(), files, replaces=is_stopped(job.folder))
+        store.save_run(job.folder, record.to_plain(), parts, replaces=is_stopped(job.folder))
         checkpoints.remove(job.study, job.trial, job.repeat)
 
 
 def _arrays(
     job: Run, outcome: Outcome, measurement: Measurement, data: Dataset
 ) -> dict[str, dict[str, Array]]:
-    """Return the files of a run."""
+    """Return the parts of a run."""
     files = {
         "weights.npz": store.record_arrays(outcome.network),
         "response.npz": _response_arrays(outcome.validation, data, data.validation),
@@ -569,7 +568,3 @@ def arrays_of(job: Run, measurement: Measurement, suffix: str) -> dict[str, dict
 def _work(load: Workload | Operations | None) -> dict[str, Array]:
     assert load is not None  # every answer has a workload
     return store.work_arrays(load)
-
-
-def _writer(arrays: Mapping[str, Array]) -> Callable[[Path], None]:
-    return lambda path: store.save_arrays(path, arrays)

@@ -1,11 +1,7 @@
-"""Notes and pins on designs: a file of the study, written whole or not at all, also while the study runs."""
+"""Notes and pins on designs, in the book of the study, also while the study runs."""
 
 from __future__ import annotations
 
-import fcntl
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,12 +12,10 @@ from dse import store
 if TYPE_CHECKING:
     import pandas
 
-FILE = "notes.json"
 LONGEST = 2000
 """Characters of a note."""
 MOST = 10_000
 """Notes of a study."""
-_LOCK = ".notes.lock"
 
 
 @dataclass(frozen=True)
@@ -60,28 +54,17 @@ def parse_design(text: str) -> tuple[int, int | None]:
     return int(trial), int(point) if dot else None
 
 
-def read(path: Path) -> list[Note]:
-    """Return the notes of a file.
-
-    Raises:
-        Damaged: it is not what was written.
-        StoreError: it cannot be read now.
-    """
-    document = store.read_json(path)
-    try:
-        return [Note(**note) for note in document]
-    except TypeError:
-        raise store.damaged(path, "holds no notes") from None
-
-
 def of(folder: Path) -> list[Note]:
     """Return the notes of a study, pinned ones first, then by design.
 
     Raises:
-        StoreError: as in `read`.
+        Damaged: its book is not what was written.
+        StoreError: it cannot be read now.
     """
-    path = folder / FILE
-    notes = read(path) if path.exists() else []
+    if not (folder / store.BOOK).exists():
+        return []
+    with store.Book(folder) as book:
+        notes = [Note(**{**row, "pinned": bool(row["pinned"])}) for row in book.rows("note")]
     return sorted(
         notes, key=lambda note: (not note.pinned, note.trial, -1 if note.point is None else note.point)
     )
@@ -100,14 +83,15 @@ def write(folder: Path, trial: int, point: int | None, text: str, pinned: bool) 
     if not _has(folder, trial, point):
         design = f"trial {trial}" if point is None else f"point {point} of trial {trial}"
         raise store.StoreError(f"{folder}: has no {design}")
-    with locked(folder):
-        notes = [note for note in of(folder) if (note.trial, note.point) != (trial, point)]
-        if text or pinned:
-            at = datetime.now(UTC).isoformat(timespec="seconds")
-            notes.append(Note(trial, point, text, pinned, at))
-        if len(notes) > MOST:
-            raise store.StoreError(f"{folder}: a study has at most {MOST} notes")
-        store.write_json(folder / FILE, [asdict(note) for note in notes])
+    with store.Book(folder, writes=True) as book:
+        with book.together():
+            book.drop("note", "trial = ? AND point IS ?", trial, point)
+            if text or pinned:
+                at = datetime.now(UTC).isoformat(timespec="seconds")
+                book.put("note", [asdict(Note(trial, point, text, pinned, at))])
+            if len(book.rows("note")) > MOST:
+                raise store.StoreError(f"{folder}: a study has at most {MOST} notes")
+        store.back_up(book)
     return of(folder)
 
 
@@ -115,7 +99,7 @@ def with_notes(rows: pandas.DataFrame, folder: Path) -> pandas.DataFrame:
     """Return rows with columns `note` and `pinned`: of the point, else of its trial.
 
     Raises:
-        StoreError: as in `read`.
+        StoreError: as in `of`.
     """
     known = {(note.trial, note.point): note for note in of(folder)}
     points = rows["point"] if "point" in rows else [None] * len(rows)
@@ -146,15 +130,3 @@ def _has(folder: Path, trial: int, point: int | None) -> bool:
     where = [("trial", "==", trial), *([] if point is None else [("point", "==", point)])]
     store.verify(path)
     return len(pandas.read_parquet(path, columns=["trial"], filters=where)) > 0
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Wait for the other writers of notes and views; the study itself may run."""
-    with store.explained(folder / FILE):
-        handle = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX)
-            yield
-        finally:
-            os.close(handle)

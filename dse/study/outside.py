@@ -7,6 +7,7 @@ told is trained by the next `dse run`.
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
 from collections.abc import Mapping
@@ -17,20 +18,17 @@ from dse import registry, store
 from dse.config import ConfigError, Fault, SearchSpace, load_space
 from dse.config.space import Design
 from dse.hardware.profile import load_all
-from dse.search.proposals import Sampler
 from dse.study import tables, warm
+from dse.study.batches import Batches, values_of
 from dse.study.claim import claim
-from dse.study.explore import Excluding, values_of
-from dse.study.journal import Entry
 from dse.study.known import KnownBefore
-from dse.study.ledger import Ledger
+from dse.study.ledger import Entry, Ledger
+from dse.study.mended import opened
 from dse.study.progress import Silent
 from dse.study.record import Numbers, RunRecord, load_record
 from dse.study.results import plain_space
 from dse.study.runs import Runs
 from dse.study.workers import Workers
-
-_SPACE, _JOURNAL = "search_space.yaml", "journal.log"
 
 
 def ask(space: SearchSpace, results: str | Path, n: int) -> tuple[list[tuple[int, Design]], list[str]]:
@@ -47,35 +45,22 @@ def ask(space: SearchSpace, results: str | Path, n: int) -> tuple[list[tuple[int
     folder = Path(results) / space.study
     profiles = load_all(space.hardware, space.source.parent)
     earlier = warm.earlier_trials(space)
-    with store.exclusive(folder), Workers(1) as workers:
+    with store.exclusive(folder), Workers(1) as workers, contextlib.ExitStack() as at_the_end:
         store.sweep(folder)
-        notes = claim(space, folder)
-        ledger = Ledger(folder / _JOURNAL, space)
-        runs = Runs(space, folder, profiles, workers, Silent())
+        book, notes = at_the_end.enter_context(opened(folder, space.search.batch))
+        notes += claim(space, book)
+        ledger = Ledger(book)
+        runs = Runs(space, book, profiles, workers, Silent())
         runs.recall(ledger.entries)
-        settings = space.search
-        sampler: Sampler = settings.sampler.start(space, [direction for _, direction in space.objectives])
-        excluding = None
-        if space.limits is not None:
-            excluding = Excluding(space, ledger, runs, KnownBefore(space, profiles, runs.shape), sampler)
-            sampler = excluding.sampler
-        if hasattr(sampler, "inform"):
-            sampler.inform([x.design for x in earlier], [values_of(space, x.records) for x in earlier])
+        before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
+        batches = Batches(space, ledger, runs, before, earlier, Silent())
         number = 1 + max((entry.batch for entry in ledger.entries), default=-1)
         for batch in range(number):
-            entries = [entry for entry in ledger.batch(batch) if not entry.excluded]
-            if excluding is not None:
-                excluding.end(batch, entries)
-            sampler.tell([e.design for e in entries], [e.values for e in entries])
-        designs = sampler.ask(n)
-        with ledger.together():
-            if excluding is not None:
-                excluding.record(number)
-            first = len(ledger.entries)
-            ledger.ask(number, designs, enqueued=True)
+            batches.learn(batch)
+        designs = batches.propose(number, n, enqueued=True) or []
         if len(designs) < n:
             notes.append(f"the sampler found {len(designs)} designs that are new")
-        return list(enumerate(designs, first)), [*notes, *ledger.notes]
+        return [(entry.trial, x) for entry, x in zip(batches.of(number), designs, strict=True)], notes
 
 
 def tell(folder: Path, trial: int, told: Mapping[str, float], failed: str = "") -> dict[str, Any]:
@@ -91,15 +76,15 @@ def tell(folder: Path, trial: int, told: Mapping[str, float], failed: str = "") 
         ConfigError: every fault of the values.
         StoreError: the design was not asked for or has a result, or the folder is in use.
     """
-    plain_space(folder / _SPACE)  # raises if it is none
-    space = load_space(folder / _SPACE)
+    plain_space(folder / store.SPACE)  # raises if it is none
+    space = load_space(folder / store.SPACE)
     load_all(space.hardware, space.source.parent)
-    with store.exclusive(folder):
-        ledger = Ledger(folder / _JOURNAL, space)
+    with store.exclusive(folder), opened(folder, space.search.batch) as (book, _):
+        ledger = Ledger(book)
         entry = _asked(folder, ledger, trial)
         if not failed:
             _check(space, folder, told)
-        run = store.run_folder(folder, trial, 0)
+        run = store.run_file(folder, trial, 0)
         record = RunRecord(
             trial=trial,
             repeat=0,
@@ -111,6 +96,7 @@ def tell(folder: Path, trial: int, told: Mapping[str, float], failed: str = "") 
         )
         store.remove(run)  # of a `tell` that was interrupted
         store.save_run(run, record.to_plain(), {})
+        store.note_files(book, [run])
         ledger.tell(trial, None if failed else values_of(space, [record]))
         return tables.write_again(folder)[trial]
 
@@ -125,7 +111,7 @@ def _asked(folder: Path, ledger: Ledger, trial: int) -> Entry:
     entry = ledger.entries[trial]
     if entry.excluded:
         raise store.StoreError(f"{folder}: design {trial} is excluded: {entry.excluded}; {hint}")
-    run = store.run_folder(folder, trial, 0)
+    run = store.run_file(folder, trial, 0)
     trained = load_record(run) if run.exists() else None
     if entry.is_reported or (trained is not None and not trained.told):
         raise store.StoreError(f"{folder}: design {trial} has its result; {hint}")

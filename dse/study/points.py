@@ -109,7 +109,7 @@ def write_points(
     elif before["digests"] == digests:
         return
     kept = _kept(path, before, digests) if before.get("kinds") else {}
-    with store.published(path) as temporary:
+    with store.noted(path) as temporary:
         _write(temporary, {"common": common, "digests": digests}, space, folder, trials, profiles, kept)
 
 
@@ -223,10 +223,10 @@ def _parts(
         try:
             yield from _of_trial(space, folder, trial, runs, profiles, n_rows)
         except (LookupError, ValueError, TypeError) as error:
-            place = store.run_folder(folder, trial, 0).parent
+            place = store.run_file(folder, trial, runs[0].repeat)
             text = f"its arrays cannot be evaluated ({type(error).__name__}: {error})"
             raise store.StoreError(
-                f"{place}: {text}; without this folder, `dse run` trains it again"
+                f"{place}: {text}; without this file, `dse run` trains it again"
             ) from error
 
 
@@ -375,7 +375,7 @@ def answers(
     Raises:
         StoreError: an artefact is damaged, or a run was not evaluated at such a precision.
     """
-    runs = [store.run_folder(folder, record.trial, record.repeat) for record in records]
+    runs = [store.run_file(folder, record.trial, record.repeat) for record in records]
     trained = [_as_trained(run, record) for run, record in zip(runs, records, strict=True)]
     pieces = _of_runs(trained)
     evaluated = {} if settings is not None and not settings else dict(precision.common(runs))
@@ -383,7 +383,7 @@ def answers(
         if setting not in evaluated:
             bits, pruned = setting
             lack = f"has no evaluation at {bits} bits with {pruned:g} pruned; run the study again"
-            raise store.StoreError(f"{runs[0].parent}: {lack}")
+            raise store.StoreError(f"{runs[0]}: {lack}")
         pieces += _of_runs(evaluated[setting])
     return pieces
 

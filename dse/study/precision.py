@@ -1,9 +1,9 @@
 """Trained networks at other precisions: evaluating them, storing the results, reading them for the tables.
 
 A setting is (weight_bits, pruned): it states how the weights of a trained network are rounded
-(`dse.models.snn.quantise`). The results at a setting are one file in the run's folder,
+(`dse.models.snn.quantise`). The results at a setting are one file of the study,
 
-    precision_<weight_bits>_<pruned>.npz
+    precision/<trial>-<repeat>/<weight_bits>_<pruned>.npz
         schema, trial, repeat, weight_bits, pruned
         numbers          JSON text: the measured part of record.json
         <file>/<name>    the arrays of <file> at this setting, such as read_out.npz
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     import pandas
 
 Setting = tuple[int, float]
+
+FOLDER = "precision"
+"""Of a study."""
 
 AS_TRAINED: Setting = (BITS, 0.0)
 
@@ -76,11 +79,12 @@ def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
     loaded = jobs.load(job.run)
     network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
     record = store.read_record(job.run.folder)
-    trained = RunRecord.from_plain(record, job.run.folder / store.RECORD).measured.columns
+    trained = RunRecord.from_plain(record, job.run.folder).measured.columns
     run = job.run
     if run.phi_step is not None:  # the same settings as in training
-        surface = next(run.folder.glob("surface*.npz"))
-        run = dataclasses.replace(run, phi=tuple(store.load_arrays(surface)["phi"].tolist()))
+        surface = next(x for x in record["files"] if x.startswith("surface"))
+        phi = store.load_arrays(run.folder / surface)["phi"]
+        run = dataclasses.replace(run, phi=tuple(phi.tolist()))
     for setting in job.settings:
         why = None
         try:
@@ -94,16 +98,16 @@ def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
 
 def refusal(folder: Path) -> str:
     """Return why a run has no other precisions, in words; '' if it has."""
-    with np.load(folder / "weights.npz", allow_pickle=False) as arrays:
-        if "arithmetic" not in arrays.files:
-            return "is not a single stack of spiking layers"
-        arithmetic = str(arrays["arithmetic"])
+    arrays = store.load_arrays(folder / "weights.npz", ("arithmetic",))
+    if "arithmetic" not in arrays:
+        return "is not a single stack of spiking layers"
+    arithmetic = str(arrays["arithmetic"])
     return "" if arithmetic == "integer" else f"runs in {arithmetic} arithmetic"
 
 
 def missing(folder: Path, settings: Sequence[Setting]) -> tuple[Setting, ...]:
     """Return the settings that a run was not evaluated at, including those with a damaged file."""
-    return tuple(setting for setting in settings if _read(_path(folder, setting)) is None)
+    return tuple(setting for setting in settings if _read(file_of(folder, setting)) is None)
 
 
 def is_damaged(path: Path) -> bool:
@@ -113,7 +117,7 @@ def is_damaged(path: Path) -> bool:
 
 def rows(folder: Path) -> list[Evaluation]:
     """Return the evaluations of a run, by bits and then by pruned fraction; damaged files are skipped."""
-    evaluations = (_read(path) for path in folder.glob("precision_*.npz"))
+    evaluations = (_read(path) for path in files_of(folder))
     return sorted((x for x in evaluations if x is not None), key=lambda x: x.setting)
 
 
@@ -201,18 +205,23 @@ def _evaluate(
         "numbers": np.array(json.dumps(numbers, default=store.plain)),
         **{f"{file}/{name}": x for file, arrays in files.items() for name, x in arrays.items()},
     }
-    with store.published(_path(run.folder, setting)) as temporary:
+    with store.published(file_of(run.folder, setting)) as temporary:
         store.save_arrays(temporary, arrays)
 
 
-def _place(arrays: Mapping[str, Array]) -> tuple[str, ...]:
-    """Return the last two names of the folder of the run that was evaluated."""
-    return store.run_folder(Path(), int(arrays["trial"]), int(arrays["repeat"])).parts[-2:]
-
-
-def _path(folder: Path, setting: Setting) -> Path:
+def file_of(run: Path, setting: Setting) -> Path:
+    """Return the file of the results of a run at a setting."""
     weight_bits, pruned = setting
-    return folder / f"precision_{weight_bits}_{float(pruned)!r}.npz"
+    return _folder(run) / f"{weight_bits}_{float(pruned)!r}.npz"
+
+
+def files_of(run: Path) -> list[Path]:
+    """Return the files of all evaluations of a run."""
+    return sorted(_folder(run).glob("*.npz"))
+
+
+def _folder(run: Path) -> Path:
+    return run.parents[1] / FOLDER / run.stem
 
 
 def _read(path: Path) -> Evaluation | None:
@@ -223,9 +232,8 @@ def _read(path: Path) -> Evaluation | None:
             return None
         numbers = Numbers.from_plain(json.loads(str(arrays["numbers"])))
         setting = int(arrays["weight_bits"]), float(arrays["pruned"])
-        if "trial" in arrays and path.parent.parts[-2:] != _place(arrays):
-            return None
-        if path != _path(path.parent, setting):
+        run = store.run_file(path.parents[2], int(arrays["trial"]), int(arrays["repeat"]))
+        if path != file_of(run, setting):
             return None
     except (store.Damaged, KeyError, ValueError, TypeError, AttributeError):
         return None

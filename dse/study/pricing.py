@@ -84,7 +84,7 @@ def differ(one: Profile, other: Profile) -> bool:
 def keep(profiles: Sequence[Profile], folder: Path) -> None:
     """Write the profiles of a study to its folder, as they are now."""
     for chip in profiles:
-        store.write_sealed_text(folder / _FOLDER / f"{chip.name}.yaml", chip.text)
+        store.write_text(folder / _FOLDER / f"{chip.name}.yaml", chip.text)
 
 
 def profile(folder: Path, name: str) -> Profile:
@@ -96,7 +96,7 @@ def profile(folder: Path, name: str) -> Profile:
     stored = folder / _FOLDER / f"{name}.yaml"
     if not stored.is_file():
         return load(name)
-    text = store.read_sealed_text(stored)
+    text = store.read_text(stored)
     try:
         return read(text, str(stored))
     except ConfigError as error:

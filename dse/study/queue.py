@@ -1,20 +1,18 @@
-"""Designs that a user wants trained next: a folder of files that a running search reads at each batch."""
+"""Designs that a user wants trained next: a running search reads them in its book at each batch."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from dse import seeds, store
 from dse.config import Fault, SearchSpace
 from dse.config.faults import known_names
 from dse.config.space import Design
 from dse.config.values import echo
 from dse.config.yaml_lines import Document, in_file_order, read_document
+from dse.seeds import design_key
+from dse.store import Book, back_up, explained
 from dse.study.warm import axis_value, on_axes
-
-_FOLDER = "queue"
 
 
 def read_designs(space: SearchSpace, path: Path) -> list[Design]:
@@ -68,28 +66,18 @@ def add(folder: Path, designs: Sequence[Design]) -> None:
     Raises:
         StoreError: the folder cannot be written.
     """
-    queue = folder / _FOLDER
-    with store.explained(queue):
-        queue.mkdir(parents=True, exist_ok=True)
-        waiting = {path.stem.split("_", 1)[1]: path for path in _files(folder)}
-        number = 1 + max((int(path.stem.split("_", 1)[0]) for path in waiting.values()), default=0)
-    for place, design in enumerate(designs):
-        name = hashlib.sha256(seeds.design_key(design).encode()).hexdigest()[:16]
-        if name not in waiting:
-            store.write_sealed_json(queue / f"{number + place:06d}_{name}.json", {"design": dict(design)})
+    with explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    with Book(folder, writes=True) as book:
+        with book.together():
+            rows = book.rows("queue")
+            known = {design_key(row["design"]) for row in rows}
+            place = 1 + max((row["place"] for row in rows), default=0)
+            new = [dict(design) for design in designs if design_key(design) not in known]
+            book.put("queue", [{"place": place + n, "design": design} for n, design in enumerate(new)])
+        back_up(book)
 
 
-def waiting(space: SearchSpace, folder: Path) -> list[tuple[Path, Design | None]]:
-    """Return the files of the queue and their designs, in order; None of one that is none of the space."""
-    read = []
-    for path in _files(folder):
-        try:
-            design = on_axes(space, store.read_json(path, needs_seal=False)["design"])
-        except (store.StoreError, LookupError, TypeError, AttributeError):
-            design = None
-        read.append((path, design))
-    return read
-
-
-def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in (folder / _FOLDER).glob("*_*.json") if path.stem.split("_")[0].isdigit())
+def waiting(space: SearchSpace, book: Book) -> list[tuple[int, Design | None]]:
+    """Return the places of the queue and their designs, in order; None of one that is none of the space."""
+    return [(row["place"], on_axes(space, row["design"])) for row in book.rows("queue")]

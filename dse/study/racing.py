@@ -10,7 +10,8 @@ meet the limits in no design point, come last.
 A round is written to the disk before its designs train, and is decided from records of designs at this rung
 alone. So the same designs stop for any number of workers, and after any interruption.
 
-    racing/<batch>.json   the rounds of a batch       racing/audit.json   stopped designs that were trained on
+Documents of the book: `racing/<batch>`, the rounds of a batch, and `racing/audit`, stopped designs that were
+trained on.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from dse.search.racing import best
 from dse.study import checkpoints, points
 from dse.study import trials as tables
 from dse.study.fronts import fronts
-from dse.study.journal import Entry
+from dse.study.ledger import Entry
 from dse.study.progress import Progress
 from dse.study.record import Numbers, RunRecord
 from dse.study.runs import Runs
@@ -40,7 +41,7 @@ from dse.study.runs import Runs
 if TYPE_CHECKING:
     import pandas
 
-_FOLDER, _AUDIT = "racing", "audit.json"
+AUDIT = "racing/audit"
 _OF_SIZE = {"n_weights", "memory_bytes", "n_cores", "fits", "task", "family", "hardware"}
 
 _LEAST = 2
@@ -60,15 +61,15 @@ class Race:
         profiles: Sequence[Profile],
         runs: Runs,
         progress: Progress,
+        book: store.Book,
     ) -> None:
         assert space.search.racing is not None
         self._space, self._folder, self._profiles = space, folder, tuple(profiles)
-        self._runs, self._progress = runs, progress
+        self._runs, self._progress, self._book = runs, progress, book
         self._settings: Racing = space.search.racing
         # How many designs there were at the last audit, and which stopped ones train to their ends.
-        audited = store.read_or_remove(folder / _FOLDER / _AUDIT, progress.note)
-        self._audited: dict[str, Any] = audited or {"designs": 0, "trials": []}
-        rounds = (one for path in (folder / _FOLDER).glob("[0-9]*.json") for one in self._rounds(path))
+        self._audited: dict[str, Any] = book.document(AUDIT) or {"designs": 0, "trials": []}
+        rounds = (one for of_batch in rounds_of(book).values() for one in of_batch)
         self._stopped = {int(stop["trial"]) for one in rounds for stop in one["stopped"]}
         self._stopped.update(trial for trial, of in runs.trials().items() if any(map(_is_stopped, of)))
         self._stopped.update(self._audited["trials"])
@@ -84,8 +85,8 @@ class Race:
         Raises:
             StoreError, RecordingError: as in `Runs.complete`.
         """
-        path = self._folder / _FOLDER / f"{batch:05d}.json"
-        rounds = self._rounds(path)
+        name = f"racing/{batch:05d}"
+        rounds: list[dict[str, Any]] = self._book.document(name, [])
         repeats = self._space.search.repeats
         self._runs.recall(entries)
         upcoming: dict[str, Any] | None = None
@@ -95,7 +96,7 @@ class Race:
         while True:
             if upcoming is not None:
                 rounds.append(upcoming)
-                store.write_json(path, {"rounds": rounds})
+                self._book.keep(name, rounds)
             self._stop(rounds)
             stands = _stands(rounds, self._audited["trials"])
             for epochs in sorted(set(stands.values()), key=lambda n: math.inf if n is None else n):
@@ -107,10 +108,6 @@ class Race:
                 break
         left = [e for e in entries if e.trial not in self._stopped or not self._runs.of(e.trial)]
         self._runs.complete(left, repeats, after_each)
-
-    def _rounds(self, path: Path) -> list[dict[str, Any]]:
-        """Return the rounds of a batch so far; none from a damaged file: records tell what was decided."""
-        return list((store.read_or_remove(path, self._progress.note) or {"rounds": []})["rounds"])
 
     def _stop(self, rounds: Iterable[Mapping[str, Any]]) -> None:
         """Record what rounds have stopped, unless it is recorded."""
@@ -226,20 +223,20 @@ class Race:
             after_each: called when a run has ended.
             points_now: returns the design points of the study.
         """
-        path, known = self._folder / _FOLDER / _AUDIT, self._audited["trials"]
+        known = self._audited["trials"]
         if len(entries) > self._audited["designs"] and self._settings.audit:
             rng = seeds.generator(self._space.seed, {}, "racing audit", len(entries))
             left = sorted(self._stopped - set(known))
             drawn = sorted(left[i] for i in rng.permutation(len(left))[: self._settings.audit])
             self._audited = {"designs": len(entries), "trials": [*known, *drawn]}
-            store.write_json(path, self._audited)
+            self._book.keep(AUDIT, self._audited)
         trials = set(self._audited["trials"])
         self._runs.train_on(trials)
         sample = [entry for entry in entries if entry.trial in trials]
         self._runs.complete(sample, self._space.search.repeats, after_each)
         sentences = [self._saved(entries, trials), *self._lost(trials, points_now)] if self._stopped else []
         if sentences and self._audited.get("sentences") != sentences:
-            store.write_json(path, {**self._audited, "sentences": sentences})
+            self._book.keep(AUDIT, {**self._audited, "sentences": sentences})
         return sentences
 
     def _saved(self, entries: Sequence[Entry], audited: Collection[int]) -> str:
@@ -283,10 +280,15 @@ class Race:
             yield f"racing: of {n} stopped designs, drawn at random and trained on, none is on the front"
 
 
+def rounds_of(book: store.Book) -> dict[int, list[dict[str, Any]]]:
+    """Return batch -> the rounds that racing has decided in it."""
+    rows = book.rows("study", "name GLOB 'racing/[0-9]*'")
+    return {int(row["name"].removeprefix("racing/")): row["content"] for row in rows}
+
+
 def sentences(folder: Path) -> list[str]:
     """Return what racing has saved and lost in a study, as the last audit states it."""
-    path = folder / _FOLDER / _AUDIT
-    return list(store.read_json(path).get("sentences", [])) if path.exists() else []
+    return list(store.document(folder, AUDIT, {}).get("sentences", []))
 
 
 def _is_stopped(record: RunRecord) -> bool:

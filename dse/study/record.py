@@ -224,6 +224,8 @@ class RunRecord:
                 told=plain["status"] == TOLD,
             )
             _check(record, _KINDS)
+            if not all(isinstance(name, str) for name in record.classes):
+                raise TypeError("'classes'")
         except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
             raise store.damaged(where, f"key {error} is missing or invalid") from error
         return record
@@ -252,7 +254,7 @@ def load_record(folder: Path) -> RunRecord | None:
         StoreError: the record or a file that it names is damaged, missing, or of a newer schema.
     """
     plain = store.load_run(folder)
-    return None if plain is None else RunRecord.from_plain(plain, folder / "record.json")
+    return None if plain is None else RunRecord.from_plain(plain, folder)
 
 
 def is_stopped(folder: Path) -> bool:
@@ -261,7 +263,7 @@ def is_stopped(folder: Path) -> bool:
     Raises:
         StoreError: its record is damaged.
     """
-    return folder.is_dir() and store.read_record(folder).get("status") == STOPPED
+    return folder.is_file() and store.read_record(folder).get("status") == STOPPED
 
 
 def load_records(folder: Path, trial: int) -> list[RunRecord]:
@@ -279,8 +281,7 @@ def plain_records(folder: Path, trial: int) -> list[dict[str, Any]]:
     Raises:
         StoreError: an artefact is damaged, or the study has no such trial.
     """
-    folders = store.run_folder(folder, trial, 0).parent.glob("repeat_*")
-    records = [record for each in folders if (record := store.load_run(each)) is not None]
+    records = [record for run in store.runs_of(folder, trial) if (record := store.load_run(run)) is not None]
     if not records:
         raise StoreError(f"{folder}: there is no trial {trial}")
-    return sorted(records, key=lambda record: int(record["repeat"]))
+    return records

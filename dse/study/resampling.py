@@ -263,7 +263,7 @@ def _largest_se(folder: Path, rows: pandas.DataFrame) -> Floats:
     se = np.nan_to_num(numbers(rows, "accuracy_se")) if "accuracy_se" in rows else np.zeros(len(rows))
     trials = rows["trial"].to_numpy(np.int64)
     for places in rows.groupby("trial", sort=False).indices.values():
-        record = store.read_record(store.run_folder(folder, int(trials[places[0]]), 0))
+        record = store.read_record(store.run_file(folder, int(trials[places[0]]), 0))
         if record["status"] == TOLD:
             continue
         n = max(int(record["samples"]["validation"]), 1)
@@ -284,7 +284,7 @@ def right_answers(
     folder: Path, record: RunRecord, rows: pandas.DataFrame, answers: str = "response.npz"
 ) -> tuple[Ints, Bools]:
     """Return the recordings that a run was validated on, (n,), and which it answers right, (n, row)."""
-    path = store.run_folder(folder, record.trial, record.repeat) / answers
+    path = store.run_file(folder, record.trial, record.repeat) / answers
     arrays = store.load_arrays(path, _ANSWERS)
     right = np.zeros((len(arrays["index"]), len(rows)), dtype=bool)
     tasks = rows["task"].to_numpy(object) if record.heads else np.full(len(rows), "", object)

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from dse.skyline.goals import Goal
 
 
+EARLIER = ("journal.log", "environment.json", "artefacts")
+"""What folders of earlier versions hold (`dse.study.convert`)."""
+
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C, where PyYAML has it: ten times as fast
 
 
@@ -119,7 +122,7 @@ class Study:
             StoreError: as in `runs`, or the file is damaged.
         """
         return [
-            store.load_arrays(store.run_folder(self.folder, trial, record.repeat) / name)
+            store.load_arrays(store.run_file(self.folder, trial, record.repeat) / name)
             for record in load_records(self.folder, trial)
             if name in record.files
         ]
@@ -163,15 +166,15 @@ class Study:
     @property
     def warnings(self) -> list[str]:
         """Warnings about the study's recordings, such as levels that reveal the label."""
-        path = self.folder / store.WARNINGS
-        return list(store.read_json(path)) if path.exists() else []
+        return list(store.document(self.folder, store.WARNINGS, []))
 
     @property
     def audit(self) -> Audit | None:
         """The audit of the study's recordings and split; None where `dse audit` had not run before."""
         from dse.audit import record
 
-        return record.read(self.folder / record.FILE)
+        document = store.document(self.folder, record.DOCUMENT)
+        return None if document is None else record.of_plain(document)
 
 
 def open(folder: str | Path) -> Study:
@@ -184,6 +187,9 @@ def open(folder: str | Path) -> Study:
     for name in ("search_space.yaml", held.TRIALS, held.POINTS):
         if not (path / name).is_file():
             raise store.StoreError(f"{path}: is not the folder of a study with results: there is no {name}")
+    if not (path / store.BOOK).is_file() and any((path / name).exists() for name in EARLIER):
+        text = "an earlier version of dse wrote this study"
+        raise store.StoreError(f"{path}: {text}; `dse doctor {path} --repair` converts it")
     study = Study(path)
     study.load_plugins()
     return study
@@ -196,7 +202,7 @@ def plain_space(path: Path) -> dict[str, Any]:
         StoreError: it is missing or damaged.
     """
     try:
-        space = yaml.load(store.read_sealed_text(path), _LOADER)
+        space = yaml.load(store.read_text(path), _LOADER)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise store.damaged(path, f"cannot be read: {' '.join(str(error).split())}") from error
     if not isinstance(space, dict) or not space:

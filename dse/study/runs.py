@@ -14,6 +14,7 @@ import contextlib
 import dataclasses
 import functools
 import math
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -32,8 +33,9 @@ from dse.registry import PluginError
 from dse.search import cohorts
 from dse.store import Damaged, StoreError
 from dse.study import checkpoints, jobs, precision
+from dse.study.coordinators import Coordinator, Key
 from dse.study.executors.work import Failure
-from dse.study.journal import Entry
+from dse.study.ledger import Entry
 from dse.study.progress import Progress
 from dse.study.record import RunRecord, is_stopped, load_record
 from dse.study.workers import Workers
@@ -51,6 +53,7 @@ _OVER_BUDGET = "MemoryBudget"
 _ATTEMPTS = 3
 _NAMED = 3
 _LONGEST_S = 120.0  # estimated CPU seconds that a killed worker may lose
+_GLANCE_S = 1.0  # between looks at what other coordinators have trained
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,24 +76,35 @@ class _Data:
 
 
 class Runs:
-    """The runs of one study folder, which the caller has locked (`store.exclusive`)."""
+    """The runs of one study folder.
+
+    Args:
+        space: the search space.
+        book: of the study, which the caller has locked or joined.
+        profiles: of its hardware.
+        workers: train.
+        progress: is told what happens.
+        coordinator: shares trainings with others; None: nobody else trains.
+    """
 
     def __init__(
         self,
         space: SearchSpace,
-        folder: Path,
+        book: store.Book,
         profiles: Sequence[Profile],
         workers: Workers,
         progress: Progress,
+        coordinator: Coordinator | None = None,
     ) -> None:
         self._space = space
-        self._folder = folder
+        self._book, self._folder = book, book.folder
         self._profiles = tuple(profiles)
         self._workers = workers
         self._progress = progress
+        self._coordinator = coordinator
         execution = space.execution
         self._budget = workers.memory_budget(execution.memory_gib, execution.device)
-        self._cache = _opened_cache(folder, progress)
+        self._cache = _opened_cache(book.folder, progress)
         self._records: dict[int, dict[int, RunRecord]] = {}  # trial -> repeat -> record
         self._data_keys: dict[tuple[str, int | None], str] = {}  # of designs, without models, and folds
         self._warned: set[str] = set()
@@ -156,7 +170,7 @@ class Runs:
             for repeat in range(max(self._space.search.repeats, self._space.search.repeats_on_front)):
                 if self._has(entry.trial, repeat):
                     continue
-                folder = store.run_folder(self._folder, entry.trial, repeat)
+                folder = store.run_file(self._folder, entry.trial, repeat)
                 try:
                     record = load_record(folder)
                     if record is not None and not _is_of(entry, self._space.seed, record):
@@ -164,13 +178,29 @@ class Runs:
                 except Damaged as error:
                     what = str(error).removesuffix(f"; {store.REMEDY}")
                     self._progress.note(f"{what}; this run is repeated")
-                    store.remove(folder)
+                    self._forget(folder)
                     continue
-                if record is not None and (record.needs_bytes or math.inf) <= self._budget:
-                    store.remove(folder)
-                elif record is not None:
+                if record is None:
+                    if store.known_as(folder):
+                        store.note_files(self._book, [folder])
+                elif (record.needs_bytes or math.inf) <= self._budget:
+                    self._forget(folder)
+                else:
                     self._check_data(record)
+                    if record.stopped_at_epoch is None or entry.trial not in self._going_on:
+                        self._note(folder)  # else another one takes its place
                     self._records.setdefault(entry.trial, {})[repeat] = record
+
+    def _note(self, run: Path) -> None:
+        """Let the book know a run that is as it should be, unless it does."""
+        if not store.known_as(run):
+            store.note_files(self._book, [run])
+
+    def _forget(self, run: Path) -> None:
+        """Remove a run, if it is there, and let the book know; another one may take its place then."""
+        store.remove(run)
+        if store.known_as(run):
+            store.note_files(self._book, [run])
 
     def forget_checkpoints(self, *, of_stopped: bool = False) -> None:
         """Remove the checkpoints of runs that have finished or failed, or stopped at a rung."""
@@ -195,12 +225,19 @@ class Runs:
             if not self._has(trial, repeat) and self._is_paused(trial, repeat, epochs):
                 at_rung = self._paused[trial, repeat, epochs]
                 stopped = dataclasses.replace(at_rung, numbers=None, stopped_at_epoch=epochs, reason=reason)
-                store.save_run(store.run_folder(self._folder, trial, repeat), stopped.to_plain(), {})
+                run = store.run_file(self._folder, trial, repeat)
+                store.save_run(run, stopped.to_plain(), {})
+                self._note(run)
                 self._keep(stopped)
 
     def train_on(self, trials: Iterable[int]) -> None:
         """Let trials train to their ends that racing stopped; each keeps its record until it has another."""
         self._going_on = set(trials)
+        with self._book.together():  # another run takes the place of each
+            for record in (record for trial in self._going_on for record in self.of(trial)):
+                if record.stopped_at_epoch is not None:
+                    run = store.run_file(self._folder, record.trial, record.repeat)
+                    self._book.drop("file", "name = ?", run.relative_to(self._folder).as_posix())
         records = (record for trial in self._going_on for record in self.of(trial))
         self._progress.expect(sum(record.stopped_at_epoch is not None for record in records))
 
@@ -211,7 +248,7 @@ class Runs:
         after_each: Callable[[], None] = lambda: None,
         until: int | None = None,
     ) -> None:
-        """Train every missing run of some designs up to a number of repeats.
+        """Train every missing run of some designs up to a number of repeats, or wait for who trains it.
 
         Args:
             entries: the designs.
@@ -224,22 +261,50 @@ class Runs:
             RecordingError: no data set of any design could be prepared.
         """
         self.recall(entries)
-        missing = [
-            (entry, repeat)
+        wanted = {
+            (entry.trial, repeat): (entry, repeat)
             for entry in entries
             if not any(record.told for record in self._records.get(entry.trial, {}).values())
             for repeat in range(repeats)
-            if not self._has(entry.trial, repeat) and not self._is_paused(entry.trial, repeat, until)
-        ]
+        }
+        tried: set[Key] = set()
+        while missing := [
+            key
+            for key in wanted
+            if key not in tried and not self._has(*key) and not self._is_paused(*key, until)
+        ]:
+            unclaimed = missing if self._coordinator is None else self._coordinator.unclaimed(missing)
+            if unclaimed:
+                tried |= self._train([wanted[key] for key in unclaimed], until, after_each)
+            else:
+                time.sleep(_GLANCE_S)
+            if not tried.issuperset(missing):
+                n_before = self.count()
+                self.recall([wanted[key][0] for key in missing])
+                self._progress.expect(n_before - self.count())  # what others have trained
+                after_each()
+
+    def _train(
+        self, missing: Sequence[tuple[Entry, int]], until: int | None, after_each: Callable[[], None]
+    ) -> set[Key]:
+        """Train missing runs, but for those that other coordinators train by then; return the others."""
         waiting = self._planned(self._prepared(missing), until)
+        tried = {(entry.trial, repeat) for entry, repeat in missing}
+        tried -= {(run.trial, run.repeat) for cohort in waiting for run in cohort.runs}  # they failed
+        running: set[Key] = set()
         for attempt in range(_ATTEMPTS):
+            if not waiting:
+                break
             is_last = attempt == _ATTEMPTS - 1
             again: list[jobs.TrainingJob] = []
-            for cohort, ended in self._attempted(jobs.train, waiting, is_last):
+            claimed = self._claimed(waiting, running, tried)
+            for cohort, ended in self._attempted(jobs.train, claimed, is_last):
                 if isinstance(ended, Failure):
                     runs, why = cohort.runs, ended
                 elif ended[1] is None or not _by_machine(ended[1]):
-                    self._settle(cohort.runs[ended[0]], ended[1], until)
+                    run = cohort.runs[ended[0]]
+                    self._settle(run, ended[1], until)
+                    running.discard((run.trial, run.repeat))
                     after_each()
                     continue
                 else:
@@ -254,13 +319,37 @@ class Runs:
                 else:
                     again += [dataclasses.replace(cohort, runs=(run,)) for run in unfinished]
             waiting = again
+        if self._coordinator is not None:
+            self._coordinator.free()
+        return tried
+
+    def _claimed(
+        self, waiting: Iterable[jobs.TrainingJob], running: set[Key], tried: set[Key]
+    ) -> Iterator[jobs.TrainingJob]:
+        """Yield jobs as they can begin, without the runs that another coordinator trains or has trained.
+
+        Args:
+            waiting: the jobs.
+            running: runs that are claimed and have not ended; those of each job are added.
+            tried: runs that were begun before; those of each job are added.
+        """
+        for job in waiting:
+            runs = job.runs
+            if self._coordinator is not None:
+                keys = [(run.trial, run.repeat) for run in runs]
+                ours = self._coordinator.claim(keys, running)
+                runs = tuple(run for run, key in zip(runs, keys, strict=True) if key in ours)
+                runs = tuple(run for run in runs if not run.folder.is_file() or is_stopped(run.folder))
+            if runs:
+                running |= {(run.trial, run.repeat) for run in runs}
+                tried |= running
+                yield dataclasses.replace(job, runs=runs)
 
     def _attempted(
-        self, function: Callable[[Job], Iterable[Part]], waiting: Sequence[Job], one_by_one: bool
+        self, function: Callable[[Job], Iterable[Part]], waiting: Iterable[Job], one_by_one: bool
     ) -> Iterator[tuple[Job, Part | Failure]]:
         """Yield what `Workers.stream` does, of one job at a time where each is to have the machine alone."""
-        rounds = [[job] for job in waiting] if one_by_one else [waiting] if waiting else []
-        for jobs_at_once in rounds:
+        for jobs_at_once in ([job] for job in waiting) if one_by_one else [waiting]:
             yield from self._workers.stream(function, jobs_at_once)
 
     def shapes(self, designs: Iterable[Mapping[str, object]]) -> None:
@@ -331,6 +420,9 @@ class Runs:
                 if failed is not None:
                     at = f"trial {job.run.trial} at {weight_bits} bits, {pruned:g} pruned"
                     self._progress.note(f"precision: {at} failed: {failed.reason}")
+                else:
+                    path = precision.file_of(job.run.folder, (weight_bits, pruned))
+                    store.note_files(self._book, [path])
                 done += 1
                 self._progress.doing(f"precision: {done} of {n_settings} evaluations")
                 after_each()
@@ -347,7 +439,7 @@ class Runs:
                 if not record.finished:
                     continue
                 repeat = record.repeat
-                folder = store.run_folder(self._folder, entry.trial, repeat)
+                folder = store.run_file(self._folder, entry.trial, repeat)
                 if why := precision.refusal(folder):
                     left_out[f"{record.sections['model']['kind']} {why}"] = None
                 elif missing := precision.missing(folder, settings):
@@ -418,7 +510,7 @@ class Runs:
         _stop_if_blameless(why)
         unfinished = []
         for run in runs:
-            if run.folder.is_dir() and not is_stopped(run.folder):  # the worker died after publishing it
+            if run.folder.is_file() and not is_stopped(run.folder):  # the worker died after publishing it
                 self._settle(run, None)
             elif not self._has(run.trial, run.repeat) and not self._is_paused(run.trial, run.repeat, until):
                 unfinished.append(run)
@@ -439,6 +531,7 @@ class Runs:
             return
         record = load_record(run.folder) if why is None else None
         if record is not None:
+            self._note(run.folder)
             self._keep(record)
         elif why is None and self._is_paused(run.trial, run.repeat, until):
             self._progress.doing(f"trial {run.trial} has trained {until} epochs")
@@ -470,8 +563,9 @@ class Runs:
             details=why.details,
             needs_bytes=needs_bytes,
         )
-        folder = store.run_folder(self._folder, number, repeat)
+        folder = store.run_file(self._folder, number, repeat)
         store.save_run(folder, record.to_plain(), {}, replaces=is_stopped(folder))
+        store.note_files(self._book, [folder])
         checkpoints.remove(self._folder, number, repeat)
         self._keep(record)
 
@@ -626,7 +720,7 @@ class Runs:
             sections=sections,
             data=data,
             base=self._space.source.parent,
-            folder=store.run_folder(self._folder, entry.trial, repeat),
+            folder=store.run_file(self._folder, entry.trial, repeat),
             phi=tuple(self._space.decision.phi.tolist()),
             theta=tuple(self._space.decision.theta.tolist()),
             hardware=self._profiles,
@@ -637,28 +731,24 @@ class Runs:
 
     def _warn(self, keys: Iterable[str]) -> None:
         """Print the warnings about data sets once, and store them with the study."""
-        path, known = self._folder / store.WARNINGS, self._known_warnings()
         warnings = [text for key in sorted(keys) for text in dataset.warnings(self._cache / key)]
         for text in dict.fromkeys(warnings):
             if text not in self._warned:
                 self._warned.add(text)
                 self._progress.note(f"warning: {text}")
-        if set(warnings) - set(known):
-            store.write_json(path, list(dict.fromkeys([*known, *warnings])))
-
-    def _known_warnings(self) -> list[str]:
-        """Return the warnings that are stored; they are collected anew in place of a damaged file."""
-        known = store.read_or_remove(self._folder / store.WARNINGS, self._progress.note)
-        return known if isinstance(known, list) else []
+        with self._book.together():
+            known = self._book.document(store.WARNINGS, [])
+            if set(warnings) - set(known):
+                self._book.keep(store.WARNINGS, list(dict.fromkeys([*known, *warnings])))
 
     def remark(self, sentences: Sequence[str], prefix: str) -> None:
         """Print sentences about the study, and store them as warnings in place of those with the prefix."""
-        path, known = self._folder / store.WARNINGS, self._known_warnings()
+        known = self._book.document(store.WARNINGS, [])
         for text in sentences:
             self._progress.note(f"warning: {text}")
         now = [*(text for text in known if not text.startswith(prefix)), *sentences]
         if now != known:
-            store.write_json(path, now)
+            self._book.keep(store.WARNINGS, now)
 
     def _check_data(self, record: RunRecord) -> None:
         if not record.data:

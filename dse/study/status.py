@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +19,10 @@ import numpy as np
 from dse.config import ConfigError, load_space
 from dse.records import Floats
 from dse.skyline.admissible import COST
-from dse.store import RECORD, StoreError, is_held, read_json, read_record, run_folder, runs_in, verify
+from dse.store import StoreError, is_held, read_record, run_file, runs_in, verify
+from dse.study import environment
 from dse.study.fronts import GROUPS, fronts
-from dse.study.journal import Entry, read_journal, seconds
+from dse.study.ledger import Entry, read_entries
 from dse.study.record import STOPPED
 from dse.study.results import Study
 from dse.study.time_left import seconds_left
@@ -125,7 +127,7 @@ def status(folder: Path | str) -> Status:
     """Return the status of the study in a folder.
 
     A run ended when its record file was written. This time is clipped to the interval from the proposal of
-    the trial to its report, so that a copied folder falls back on the journal. Evaluations at other
+    the trial to its report, so that a copied folder falls back on the book. Evaluations at other
     precisions do not count as runs. Runs that repeat the front are missing if a design on the front of the
     last table has fewer runs than `search.repeats_on_front`.
 
@@ -135,8 +137,7 @@ def status(folder: Path | str) -> Status:
     study = Study(Path(folder))
     search = _search(study)
     goals = study.objectives
-    journal = read_journal(study.folder / "journal.log")
-    entries = {entry.trial: entry for entry in journal if not entry.excluded}
+    entries = {entry.trial: entry for entry in read_entries(study.folder) if not entry.excluded}
     written = _written(study.folder)
     outcomes = _outcomes(study.folder, written)
     runs = _timed(written, entries, outcomes, search.repeats)
@@ -201,7 +202,7 @@ def _written(folder: Path) -> _Runs:
     for trial, repeats in runs_in(folder).items():
         for repeat in repeats:
             with contextlib.suppress(OSError):  # it is being removed
-                at = os.stat(run_folder(folder, trial, repeat) / RECORD).st_mtime
+                at = os.stat(run_file(folder, trial, repeat)).st_mtime
                 written.setdefault(trial, {})[repeat] = at
     return written
 
@@ -217,7 +218,7 @@ def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
             outcomes[int(trial)] = Outcome(str(status), str(reason or ""), int(n_runs))
     for trial, runs in written.items():
         if trial not in outcomes or len(runs) > outcomes[trial].n_runs:
-            records = [_record(run_folder(folder, trial, repeat)) for repeat in runs]
+            records = [_record(run_file(folder, trial, repeat)) for repeat in runs]
             bad = [record for record in records if record.get("status") in ENDED_EARLY]
             decisive = bad[0] if bad else records[0]
             outcomes[trial] = Outcome(
@@ -290,18 +291,14 @@ def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessi
     happened += [entry.reported_s for entry in entries.values() if entry.reported_s is not None]
     events = np.sort(np.array(happened))
     try:
-        starts = sorted(seconds(session["started"]) for session in read_json(folder / "environment.json"))
+        moments = (session["started"] for session in environment.sessions(folder))
+        starts = sorted(datetime.fromisoformat(moment).timestamp() for moment in moments)
     except (StoreError, ValueError, KeyError, TypeError, OverflowError):
         starts = []
     start_s = np.array(starts or events[:1].tolist())
     last = np.searchsorted(events, np.append(start_s[1:], np.inf)) - 1  # the last event of each
     length_s = np.maximum(events[last] - start_s, 0) if len(events) else np.zeros(len(start_s))
     return _Sessions(start_s, length_s, max((*starts, *events.tolist()), default=None))
-
-
-def session_hours(folder: Path, entries: Sequence[Entry]) -> float:
-    """Return the length of the sessions of a study up to their last reports, in hours."""
-    return float(_sessions(folder, {entry.trial: entry for entry in entries}, {}).length_s.sum()) / 3600
 
 
 def _n_trials(folder: Path, search: _Search, entries: Mapping[int, Entry]) -> int | None:

@@ -13,7 +13,7 @@ from dse.hardware.profile import Profile, load_all
 from dse.seeds import design_key
 from dse.study import held, points, pricing
 from dse.study import trials as of_trials
-from dse.study.journal import Entry, read_journal
+from dse.study.ledger import Entry, read_entries
 from dse.study.record import IMPORTED, RunRecord, load_record
 from dse.study.results import plain_space
 
@@ -35,14 +35,14 @@ def write(
         folder: of the study, which the caller has locked.
         runs: trial -> records of its runs, repeat 0 first.
         profiles: of its hardware.
-        entries: of its journal; excluded designs have a row too, unless they have been trained since.
+        entries: of its book; excluded designs have a row too, unless they have been trained since.
     """
     pricing.keep(profiles, folder)
     trained = {design_key(entry.design) for entry in entries if not entry.excluded}
     excluded = [x for x in entries if x.excluded and design_key(x.design) not in trained]
     table = of_trials.trials_table(space, runs, excluded)
     digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in runs.items()})
-    with store.published(folder / held.TRIALS) as path:
+    with store.noted(folder / held.TRIALS) as path:
         store.write_table(path, table, json.dumps({"digests": digests}))
     points.write_points(folder / held.POINTS, space, folder, runs, profiles, digests)
     return table
@@ -50,7 +50,7 @@ def write(
 
 def n_held(space: SearchSpace, folder: Path) -> str:
     """Return how many trials of a search the tables of its study hold, in a sentence."""
-    n_designs = sum(not entry.excluded for entry in read_journal(folder / store.JOURNAL))
+    n_designs = sum(not entry.excluded for entry in read_entries(folder))
     n_trials = max(n_designs, space.search.n_trials or space.n_designs or 0)
     try:
         n = sum(trial < IMPORTED for trial in held.counted(held.read(folder / held.TRIALS)))
@@ -70,9 +70,9 @@ def write_again(folder: Path) -> dict[int, dict[str, Any]]:
     """
     plain_space(folder / store.SPACE)  # raises if it is not what was written
     space = load_space(folder / store.SPACE)
-    entries = read_journal(folder / store.JOURNAL)
+    entries = read_entries(folder)
     runs = {
-        trial: [record for x in repeats if (record := load_record(store.run_folder(folder, trial, x)))]
+        trial: [record for x in repeats if (record := load_record(store.run_file(folder, trial, x)))]
         for trial, repeats in store.runs_in(folder).items()
         if trial < len(entries) or trial >= IMPORTED
     }

@@ -18,7 +18,7 @@ from dse.config import Axis, SearchSpace
 from dse.measure.objectives import flat
 from dse.measure.objectives.accuracy import seeds_se
 from dse.measure.objectives.accuracy_unseen import as_arrays, merged, unseen_columns
-from dse.study.journal import Entry
+from dse.study.ledger import Entry
 from dse.study.record import STOPPED, TOLD, Numbers, RunRecord
 
 if TYPE_CHECKING:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from dse.config.axes import Axis
 from dse.config.resolved import Sections
 from dse.config.values import as_tuple
 from dse.config.yaml_lines import Raw
-from dse.study.journal import read_journal
+from dse.study.ledger import Entry, read_entries
 from dse.study.record import RunRecord, load_record
 from dse.study.results import plain_space
 
@@ -59,7 +58,7 @@ def earlier_trials(space: SearchSpace) -> list[Earlier]:
         same = all(then.get(key) == now.get(key) for key in _SAME)
         is_alike = same and set(now["hardware"]) <= set(then.get("hardware", ()))
         of_study, designs = [], 0
-        for entry in read_journal(folder / "journal.log"):
+        for entry in read_entries(folder):
             design = on_axes(space, entry.design)
             designs += design is not None
             if design is None or entry.excluded:
@@ -108,7 +107,7 @@ def axis_value(axis: Axis, written: object) -> tuple[Raw] | None:
 
 def _finished(folder: Path, trial: int) -> list[RunRecord]:
     records = []
-    for run in sorted(store.run_folder(folder, trial, 0).parent.glob("repeat_*")):
+    for run in store.runs_of(folder, trial):
         try:
             record = load_record(run)
         except store.StoreError:  # damaged: it is trained again
@@ -130,18 +129,18 @@ class Takeover:
             if trial.is_alike:
                 self._of_design.setdefault(seeds.design_key(trial.design), []).append(trial)
 
-    def take(self, trial: int, design: Mapping[str, Raw], repeats: int) -> int:
-        """Copy the runs of a trial that are trained already; return how many.
+    def over(self, entry: Entry) -> int:
+        """Copy the runs of a design that are trained already; return how many.
 
         Raises:
             StoreError: a run cannot be written.
         """
-        n = 0
-        for repeat in range(repeats):
-            target = store.run_folder(self._folder, trial, repeat)
-            source = None if target.exists() else self._equal(design, repeat)
+        n, design = 0, on_axes(self._space, entry.design)
+        for repeat in range(self._space.search.repeats if design is not None else 0):
+            target = store.run_file(self._folder, entry.trial, repeat)
+            source = None if design is None or target.exists() else self._equal(design, repeat)
             if source is not None:
-                _copy(source, repeat, trial, target)
+                _copy(source, repeat, entry.trial, target)
                 n += 1
         return n
 
@@ -171,39 +170,14 @@ def _plain(sections: Sections | Mapping[str, Any], name: str) -> Any:
 
 
 def _copy(earlier: Earlier, repeat: int, trial: int, target: Path) -> None:
-    """Publish an earlier run as one of this study, with where it was trained."""
-    source = store.run_folder(earlier.folder, earlier.trial, repeat)
-    record = store.read_record(source)
-    taken = {"study": str(record["study"]), "trial": earlier.trial, "version": record.get("version")}
-    copy_run(source, trial, target, taken)
-
-
-def copy_run(source: Path, trial: int, target: Path, taken_from: Mapping[str, Any] | None = None) -> None:
-    """Publish a run again, as one of another trial.
-
-    Args:
-        source: folder of the run.
-        trial: number of the other trial.
-        target: folder of the other run.
-        taken_from: where it was trained, if that is to be recorded.
+    """Publish an earlier run as one of this study, with where it was trained.
 
     Raises:
         StoreError: the run is damaged, or cannot be written.
     """
+    source = store.run_file(earlier.folder, earlier.trial, repeat)
     record = store.read_record(source)
+    taken = {"study": str(record["study"]), "trial": earlier.trial, "version": record.get("version")}
     about = {key: x for key, x in record.items() if key not in ("schema", "version", "study", "files")}
-    taken = {} if taken_from is None else {"taken_from": dict(taken_from)}
-    files = {name: _copier(source / name) for name in record["files"]}
-    store.save_run(target, about | {"trial": trial} | taken, files)
-
-
-def _copier(source: Path) -> Callable[[Path], None]:
-    """Return what copies a file; arrays become files of the study that they are copied to."""
-
-    def copy(path: Path) -> None:
-        store.verify(source)
-        shutil.copyfile(source, path)
-        if source.suffix == ".npz":
-            store.seal_archive(path)
-
-    return copy
+    parts = {name: store.load_arrays(source / name) for name in record["files"]}
+    store.save_run(target, about | {"trial": trial, "taken_from": taken}, parts)

@@ -150,7 +150,7 @@ def test_a_page_that_cannot_be_written_fails_no_run(
 def test_run_again_trains_nothing_and_prints_the_same(results: Path, capsys: Captured) -> None:
     space = results.parent.parent / "tiny.yaml"
     arguments = ["run", str(space), "--results", str(results.parent), "--jobs", "2", "--json", "--quiet"]
-    before = {path: path.stat().st_mtime_ns for path in results.glob("artefacts/**/record.json")}
+    before = {path: path.stat().st_mtime_ns for path in results.glob("runs/*.npz")}
     assert before
     assert main(arguments) == 0
     captured = capsys.readouterr()
@@ -158,7 +158,7 @@ def test_run_again_trains_nothing_and_prints_the_same(results: Path, capsys: Cap
     found = document(captured.out)
     assert found["rows"]
     assert any(note.startswith("page: ") and note.endswith("page.html") for note in found["notes"])
-    assert {path: path.stat().st_mtime_ns for path in results.glob("artefacts/**/record.json")} == before
+    assert {path: path.stat().st_mtime_ns for path in results.glob("runs/*.npz")} == before
 
 
 def test_run_reports_when_nothing_could_be_trained(

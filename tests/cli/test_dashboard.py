@@ -305,7 +305,7 @@ def test_a_view_of_a_plugin_of_the_study(
 
 def test_a_damaged_study_has_a_page_without_published_designs(tmp_path: Path) -> None:
     made = write(tmp_path / "damaged", [{"accuracy": 0.8}])
-    (store.run_folder(made.folder, 0, 0) / "record.json").unlink()
+    store.run_file(made.folder, 0, 0).unlink()
     page = held(write_page(made, tmp_path / "page.html"))
     assert page["marks"] == []
     assert any("Published designs are not shown: " in note for note in page["notes"])

@@ -120,10 +120,10 @@ def test_what_is_no_study_is_one_line(results: Path, tmp_path: Path, capsys: Cap
 
 
 def test_damage_is_one_line(results: Path, capsys: Captured) -> None:
-    store.run_folder(results / "nets", 0, 0).joinpath("record.json").unlink()
+    store.run_file(results / "nets", 0, 0).unlink()
     assert main(["report", str(results)]) == 2
     told = capsys.readouterr()
-    assert told.out == "" and told.err.count("\n") == 1 and "record.json" in told.err
+    assert told.out == "" and told.err.count("\n") == 1 and "00000-0.npz" in told.err
     (results / "nets" / "points.parquet").write_bytes(b"PAR1")
     assert main(["report", str(results)]) == 2
     assert "points.parquet: cannot be read" in capsys.readouterr().err

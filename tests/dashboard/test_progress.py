@@ -7,15 +7,18 @@ import json
 import os
 import shutil
 import threading
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import pandas as pd
 import pytest
 import yaml
 
+from dse import store
 from dse.dashboard.progress import MAX_LISTED, gather_progress
 from dse.store import StoreError, exclusive, is_held
 from dse.study import explore
+from dse.study.ledger import Entry, read_entries
 from dse.study.status import status
 from tests import tiny_study
 
@@ -36,31 +39,26 @@ class Folder:
         wanted = {"sampler": "random", "n_trials": 4, "batch": 2, "repeats": 1, "repeats_on_front": 1}
         space = {"study": "made", "objectives": OBJECTIVES, "search": wanted | search}
         (path / "search_space.yaml").write_text(yaml.safe_dump(space))
-        started = [{"started": moment(at)} for at in sessions]
-        (path / "environment.json").write_text(json.dumps(started))
-        self.write({"op_code": 0, "study_name": "dse", "directions": [2, 1]})
-
-    def write(self, entry, end="\n"):
-        with (self.path / "journal.log").open("a") as file:
-            file.write((entry if isinstance(entry, str) else json.dumps(entry)) + end)
+        store.keep(path, store.ENVIRONMENT, [{"started": moment(at)} for at in sessions])
 
     def ask(self, batch, *trials, at):
         for trial in trials:
             assert trial == self.n
             self.n += 1
-            said = {"batch": batch, "design": {"model.hidden": [8, trial], "rate": float("nan")}}
-            self.write({"op_code": 4, "datetime_start": moment(at), "state": 0, "user_attrs": said})
+            design = {"model.hidden": [8, trial], "rate": float("nan")}
+            self.put(Entry(trial, batch, design, START + at))
 
-    def tell(self, *trials, at, state=1):
+    def put(self, entry):
+        with store.Book(self.path, writes=True) as book:
+            book.put("trial", [entry.row()])
+
+    def tell(self, *trials, at):
         for trial in trials:
-            self.write({"op_code": 6, "trial_id": trial, "state": state, "datetime_complete": moment(at)})
+            self.put(replace(read_entries(self.path)[trial], reported_s=START + at))
 
     def end(self, trial, repeat=0, *, at, status="finished", reason=""):
-        path = self.path / "artefacts" / f"{trial:05d}" / f"repeat_{repeat}" / "record.json"
-        path.parent.mkdir(parents=True)
-        path.write_text(
-            json.dumps({"trial": trial, "repeat": repeat, "status": status, "reason": reason, "files": {}})
-        )
+        path = store.run_file(self.path, trial, repeat)
+        store.save_run(path, {"trial": trial, "repeat": repeat, "status": status, "reason": reason}, {})
         os.utime(path, (START + at, START + at))
 
     def table(self, trials, points=()):
@@ -131,21 +129,15 @@ def test_a_process_that_holds_the_study_runs_it_and_who_looks_is_in_nobody_s_way
 
 
 def test_looking_changes_nothing_in_the_folder(half):
-    half.write('{"op_code": 4, "datetime_st', end="")
-    (half.path / "journal.log.lock").touch()
     (half.path / ".lock").touch()
     before = contents(half.path)
     assert gather_progress(half.path)["trials"]["done"] == 3
     assert contents(half.path) == before
 
 
-@pytest.mark.parametrize(
-    "rest", ['{"op_code": 6, "trial_id": 3, "sta', "{}", "[1]", '{"op_code": 6}', "\x00\xff"]
-)
-def test_half_written_journal(half, rest):
-    whole = gather_progress(half.path)
-    half.write(rest, end="")
-    assert gather_progress(half.path) == whole
+def test_a_damaged_book(half):
+    (half.path / store.BOOK).write_bytes(b"torn")
+    assert gather_progress(half.path)["trials"]["done"] == 3
 
 
 def test_before_the_tables_and_before_anything(half):
@@ -155,9 +147,8 @@ def test_before_the_tables_and_before_anything(half):
     assert found["trials"] == {"total": 4, "done": 3, "running": 1, "failed": 1, "stopped": 0}
     assert found["figure"] is None
     assert found["hypervolume"] == []
-    shutil.rmtree(half.path / "artefacts")
-    (half.path / "journal.log").unlink()
-    (half.path / "environment.json").unlink()
+    shutil.rmtree(half.path / "runs")
+    (half.path / store.BOOK).unlink()
     found = gather_progress(half.path)
     assert found["trials"] == {"total": 4, "done": 0, "running": 0, "failed": 0, "stopped": 0}
     assert (found["hours"], found["time_left_s"], found["sign"]) == (0, None, None)
@@ -190,7 +181,7 @@ def test_time_between_sessions_does_not_count(tmp_path):
     assert found["figure"]["data"][1]["x"] == pytest.approx([1, 1 + 1000 / 3600, 1.5])
 
 
-def test_a_copied_folder_falls_back_on_the_journal(tmp_path):
+def test_a_copied_folder_falls_back_on_the_book(tmp_path):
     made = Folder(tmp_path / "made", n_trials=2, repeats_on_front=2)
     made.ask(0, 0, 1, at=0)
     for trial, repeat in ((0, 0), (0, 1), (1, 0)):
@@ -201,18 +192,17 @@ def test_a_copied_folder_falls_back_on_the_journal(tmp_path):
     assert found["sign"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
 
 
-def test_a_folder_without_its_artefacts_keeps_its_numbers(half):
+def test_a_folder_without_its_runs_keeps_its_numbers(half):
     half.end(3, at=1900)
     half.tell(2, 3, at=1900)
     half.table([(k, "finished", "", 1) for k in range(4)], [(0, 0.0, 0.0), (1, 0.5, 5.0), (2, 1.0, 10.0)])
-    shutil.rmtree(half.path / "artefacts")
+    shutil.rmtree(half.path / "runs")
     found = gather_progress(half.path)
     assert found["trials"]["done"] == 4
     assert found["runs"] == {"total": 4, "done": 4}
     assert found["time_left_s"] is None
     assert found["hypervolume"][0]["hours"] == pytest.approx(1900 / 3600)
-    for name in ("journal.log", "environment.json"):
-        (half.path / name).unlink()
+    (half.path / store.BOOK).unlink()
     (end,) = gather_progress(half.path)["hypervolume"]
     assert (end["trials"], end["hours"]) == (4, None)
 
@@ -277,7 +267,7 @@ def test_a_sampler_that_has_no_other_designs_ends_the_search(tmp_path):
     assert gather_progress(made.path)["trials"]["total"] == 100
     made.ask(1, 3, at=6)
     assert gather_progress(made.path)["trials"]["total"] == 100
-    made.tell(3, at=7, state=3)
+    made.tell(3, at=7)
     assert gather_progress(made.path)["trials"]["total"] == 4
 
 

@@ -29,6 +29,7 @@ from dse.study import explore, results
 from tests import tiny_study
 from tests.page_data import held
 from tests.plugins import with_targets
+from tests.rewriting import damage_part, rewrite
 from tests.serving import ask, served
 
 
@@ -128,12 +129,12 @@ def test_the_bundle_has_the_targets_of_the_search_space(
     with_targets.load(monkeypatch)
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
-    space = store.read_sealed_text(copy / "search_space.yaml")
+    space = store.read_text(copy / "search_space.yaml")
     for target, status, text in (
         ("arrays", 200, b""),
         ("stubborn", 422, b"A target of the search space cannot be written on the machine"),
     ):
-        store.write_sealed_text(copy / "search_space.yaml", f"{space}targets: [{target}]\n")
+        store.write_text(copy / "search_space.yaml", f"{space}targets: [{target}]\n")
         with serving(copy) as server:
             answer, _, body = ask(server, query())
         assert (answer, text in body) == (status, True), body
@@ -172,12 +173,11 @@ def test_no_such_point(folder: Path, temporary: Path, path: str) -> None:
 
 def test_a_damaged_artefact_is_said_without_its_path(folder: Path, temporary: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(folder, tmp_path / "copy")
-    run = store.run_folder(copy, 0, 0)
+    run = store.run_file(copy, 0, 0)
     with serving(copy) as server:
-        (run / "weights.npz").write_bytes(b"no weights")
+        damage_part(run, "weights.npz")
         damaged = ask(server, query())[::2]
-        (copy / "environment.json").unlink()
-        shutil.rmtree(run.parent)
+        run.unlink()
         missing = ask(server, query())[::2]
     said = b"This design cannot be exported: an artefact is damaged, or the disk is full.\n"
     assert damaged == missing == (422, said)
@@ -187,7 +187,8 @@ def test_a_damaged_artefact_is_said_without_its_path(folder: Path, temporary: Pa
 def test_a_point_that_was_not_evaluated_is_a_conflict(folder: Path, temporary: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(folder, tmp_path / "copy")
     points = results.open(copy).points()
-    store.write_table(copy / "points.parquet", points.assign(phi=points["phi"] + 1))
+    with store.noted(copy / "points.parquet") as path:
+        store.write_table(path, points.assign(phi=points["phi"] + 1))
     with serving(copy) as server:
         status, _, body = ask(server, query())
     assert status == 409
@@ -199,10 +200,8 @@ def test_an_encoder_that_knows_the_labels_is_not_deployed(
     folder: Path, temporary: Path, tmp_path: Path
 ) -> None:
     copy = shutil.copytree(folder, tmp_path / "copy")
-    path = store.run_folder(copy, 0, 0) / "record.json"
-    record = store.read_json(path)
-    record["sections"]["encoder"] = {"kind": "threshold", "matching": "own_label"}
-    store.write_json(path, record)
+    encoder = {"kind": "threshold", "matching": "own_label"}
+    rewrite(store.run_file(copy, 0, 0), lambda x: x | {"sections": x["sections"] | {"encoder": encoder}})
     with serving(copy) as server:
         status, _, body = ask(server, query())
     assert (status, body.startswith(b"This design cannot be deployed: ")) == (422, True)
@@ -258,7 +257,7 @@ def test_a_page_on_disk_carries_details(folder: Path, tmp_path: Path) -> None:
 def test_a_deterministic_design_is_as_uncertain_as_its_recordings_are_few(folder: Path) -> None:
     study = results.open(folder)
     points = study.points().assign(repeats=3, accuracy=0.75, accuracy_se=0.0)
-    n = store.read_json(store.run_folder(folder, int(points["trial"].iloc[0]), 0) / "record.json")["samples"]
+    n = store.read_record(store.run_file(folder, int(points["trial"].iloc[0]), 0))["samples"]
     shown = pages.with_recordings(study, points)
     error = float(wilson_se(round(0.75 * n["validation"]), n["validation"]))
     assert shown["accuracy_se"].tolist() == pytest.approx([error] * len(points))

@@ -72,7 +72,7 @@ def test_the_bundle_answers_as_the_trained_network_did(
     arrays |= {"spikes": arrays["spikes"][validation], "label": arrays["label"][validation]}
     np.savez(tmp_path / "new.npz", **arrays)
     found = evaluate(exported, tmp_path / "new.npz")
-    folder = store.run_folder(real.folder, 0, chosen["repeat"])
+    folder = store.run_file(real.folder, 0, chosen["repeat"])
     surface = store.load_arrays(folder / "surface.npz")
     assert found.accuracy == pytest.approx(surface["accuracy"][1, 1])
     assert found.accuracy_se == pytest.approx(surface["accuracy_se"][1, 1])
@@ -89,7 +89,7 @@ def test_the_repeat_nearest_the_mean_is_exported(real: Study, point: dict[str, A
     accuracies = np.array(read.evidence["accuracy_of_repeats"])
     assert accuracies.mean() == pytest.approx(point["accuracy"])
     assert read.evidence["repeat"] == np.abs(accuracies - accuracies.mean()).argmin()
-    weights = store.load_arrays(store.run_folder(real.folder, 0, read.evidence["repeat"]) / "weights.npz")
+    weights = store.load_arrays(store.run_file(real.folder, 0, read.evidence["repeat"]) / "weights.npz")
     assert isinstance(read.fitted, Network)
     assert np.array_equal(read.fitted.layers[0].weight, weights["0/weight"])
     assert (read.phi, read.theta) == (2.0, 0.6)
@@ -149,7 +149,7 @@ def test_a_rounded_network_is_exported_as_it_was_evaluated(tmp_path: Path) -> No
     for point in (base, base | {"phi": 2.0, "theta": 0.6}, base | {"read_out_ms": 40.0}):
         made = export(found, point, tmp_path / "bundle")
         read = bundle.read(tmp_path / "bundle")
-        run = store.run_folder(found.folder, 0, read.evidence["repeat"])
+        run = store.run_file(found.folder, 0, read.evidence["repeat"])
         trained = store.fitted_of(store.load_arrays(run / "weights.npz"))
         assert isinstance(read.fitted, Network) and isinstance(trained, Network)
         fewer = rounded(trained, 3, 0.5)

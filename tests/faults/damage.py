@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -42,13 +41,6 @@ def _drop(content: bytearray, rng: random.Random) -> None:
     content[:] = b"".join(lines)
 
 
-def unsealed(content: bytes) -> bytes:
-    """Return the content of a file as if an earlier version had written it, without its seal or checksums."""
-    if content[:2] == b"PK":  # the comment of an archive: its length, and its text
-        return content[: content.rindex(b"dse-sha256:") - 2] + bytes(2)
-    return re.sub(rb',"sum":"[0-9a-f]{16}"', b"", content).replace(b"dse-sha256:", b"dse-none:::")
-
-
 INSIDE: dict[str, Callable[[bytearray, random.Random], None]] = {
     "flip": _flip, "digit": _digit, "cut": _cut, "zero": _zero, "double": _double, "drop": _drop,
 }  # fmt: skip
@@ -57,7 +49,7 @@ INSIDE: dict[str, Callable[[bytearray, random.Random], None]] = {
 def damage(path: Path, rng: random.Random, foreign: Path | None = None) -> str:
     """Damage a file; return how. `foreign`: the same file of another study of the same name."""
     from_another = ["foreign"] * 2 if foreign is not None and foreign.is_file() else []
-    kind = rng.choice([*INSIDE, *INSIDE, "remove", "empty", "swap", "null", "unseal", *from_another])
+    kind = rng.choice([*INSIDE, *INSIDE, "remove", "empty", "swap", "null", *from_another])
     if kind in INSIDE:
         content = bytearray(path.read_bytes())
         if content:
@@ -69,14 +61,13 @@ def damage(path: Path, rng: random.Random, foreign: Path | None = None) -> str:
         path.unlink()
     elif kind == "empty":
         path.write_bytes(b"")
-    elif kind == "unseal":
-        path.write_bytes(unsealed(path.read_bytes()))
     elif kind == "null":
         path.write_text(rng.choice(("null", "[]", "{}", "3\n", "~\n")))
     else:
-        # of another run of the study, or of another entry of the cache
-        root = path.parents[2] if path.parent.name.startswith("repeat_") else path.parents[1]
-        others = sorted(x for x in root.rglob(path.name) if x != path)
+        # another run of the study, or a file of another entry of the cache
+        is_run = path.parent.name == "runs"
+        others = sorted(path.parent.glob("*.npz") if is_run else path.parents[1].rglob(path.name))
+        others = [other for other in others if other != path]
         if others:
             shutil.copy(rng.choice(others), path)
     return f"{kind} {path.name}"

@@ -1,4 +1,4 @@
-"""Fuzzing of everything that is read back: bundles, records, journals, recordings of every format.
+"""Fuzzing of everything that is read back: bundles, records, books, recordings of every format.
 
     python -m tests.faults.fuzz [--minutes M] [--seed S] [KIND ...]       make fuzz MINUTES=30
 
@@ -35,7 +35,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
 from dse import store
-from dse.config import ConfigError, load_space
+from dse.config import ConfigError
 from dse.config.faults import Fault
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
@@ -46,9 +46,9 @@ from dse.recordings.events import EventFile
 from dse.recordings.raster import RasterFile
 from dse.records import Array
 from dse.registry import known
-from dse.study import doctor, explore, lines, tables, workers
-from dse.study.journal import read_journal
-from dse.study.ledger import Ledger
+from dse.study import doctor, explore, tables, workers
+from dse.study.ledger import read_entries
+from dse.study.mended import opened
 from dse.study.results import Study
 from dse.testing.targets import small_bundle, small_recordings
 from tests import tiny_study
@@ -137,7 +137,7 @@ def spoilt_arrays(data: st.DataObject, arrays: Mapping[str, Array]) -> dict[str,
     return changed
 
 
-# ---- bundles, records, journals
+# ---- bundles, records, books
 
 
 def bundle_of(folder: Path) -> Kind:
@@ -179,19 +179,22 @@ def record_of(folder: Path) -> Kind:
 
     def fuzz(data: st.DataObject, place: Path) -> None:
         study = Path(shutil.copytree(whole, place / "results/tiny"))
-        runs = sorted(study.glob("artefacts/*/repeat_0"))
-        run = data.draw(st.sampled_from(runs))
-        path = run / store.RECORD
-        record = store.read_json(path)
-        if data.draw(st.booleans()):
-            name = data.draw(st.sampled_from(sorted(record["files"])))
-            store.save_arrays(run / name, spoilt_arrays(data, store.load_arrays(run / name)))
-            record["files"][name] = store.checksum(run / name)
-        else:
-            others = [study / store.ENVIRONMENT, study / store.WARNINGS]
-            path = data.draw(st.sampled_from([path, path, path, *others]))
-            record = spoilt_plain(data, store.read_json(path))
-        store.write_json(path, record)
+        run = data.draw(st.sampled_from(sorted(study.glob("runs/*-0.npz"))))
+        record = store.record_in(run)
+        parts = {name: store.load_arrays(run / name) for name in record.pop("files")}
+        kind = data.draw(st.sampled_from(["arrays", "record", "record", "document"]))
+        if kind == "arrays":
+            name = data.draw(st.sampled_from(sorted(parts)))
+            parts[name] = spoilt_arrays(data, parts[name])
+        elif kind == "record":
+            record = spoilt_plain(data, record)
+        with store.Book(study, writes=True) as book:
+            if kind == "document":
+                name = data.draw(st.sampled_from([store.ENVIRONMENT, store.WARNINGS]))
+                book.keep(name, spoilt_plain(data, book.document(name, [])))
+            elif isinstance(record, dict):
+                store.save_run(run, record, parts, replaces=True)
+                store.note_files(book, [run])
         opened, refusal = Study(study), None
         for read in (
             lambda: opened.trials, opened.points, lambda: opened.warnings, lambda: opened.runs(0),
@@ -208,29 +211,23 @@ def record_of(folder: Path) -> Kind:
     return fuzz
 
 
-def journal_of(folder: Path) -> Kind:
-    study, space = _study(folder), load_space(folder / "tiny.yaml")
-    whole = (study / "journal.log").read_bytes()
+def book_of(folder: Path) -> Kind:
+    study = _study(folder)
+    whole = (study / store.BOOK).read_bytes()
 
     def fuzz(data: st.DataObject, place: Path) -> None:
         target = place / "tiny"
-        shutil.copytree(study / "artefacts", target / "artefacts")
-        if data.draw(st.booleans()):
-            shutil.copy(study / store.ENVIRONMENT, target)
-        logs = [json.loads(line) for line in whole.splitlines()]
-        if data.draw(st.integers(0, 3)):
-            texts = [json.dumps(x, separators=(",", ":"))[:-1].encode() for x in spoilt_plain(data, logs)]
-            content = b"".join(b'%s,"sum":"%s"}\n' % (text, lines._sum(text)) for text in texts)
-        else:
-            content = spoilt(data, whole)
-        path = target / "journal.log"
-        path.write_bytes(content)
-        read_journal(path)
+        shutil.copytree(study / "runs", target / "runs")
+        for name in (store.BOOK, store.COPY):
+            (target / name).write_bytes(spoilt(data, whole))
+        read_entries(target)
         try:
-            Ledger(path, space).ask(0, [{"model.hidden": 4, "model.true_rate": 0.2}])
+            with opened(target):
+                pass
         except store.Damaged as error:
             raise AssertionError("a dead end") from error
-        assert Ledger(path, space).notes == [], "it was mended already"
+        with opened(target) as (_, notes):
+            assert notes == [], "it was mended already"
 
     return fuzz
 
@@ -316,7 +313,7 @@ _TABLES = {"x.csv": test_table.SAMPLES, "labels.csv": test_table.LABELS}
 KINDS: dict[str, Callable[[Path], Kind]] = {
     "bundle": bundle_of,
     "record": record_of,
-    "journal": journal_of,
+    "book": book_of,
     "raster": functools.partial(arrays_kind, RasterFile("x.npz", 5.0, columns={"a": "label"}), _SPIKES),
     "events": functools.partial(
         arrays_kind,

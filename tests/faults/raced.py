@@ -2,7 +2,7 @@
 
 As a program it runs a study for each line of stdin: in its own process, so that every kernel is loaded, or in
 a fork, which may send itself a signal at a moment. A moment is a change on the disk: a file or folder gets
-its name, or the journal is opened; in the coordinator, or in the fork that works for it.
+its name, or the book is written; in the coordinator, or in the fork that works for it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ import numpy as np
 import pytest
 import yaml
 
+from dse import store
 from dse.cli import main
 from dse.cli.commands import search
 from dse.study import workers
@@ -55,13 +57,11 @@ _MIXED: dict[str, Any] = {
 SPACES = {"race": _RACE, "mixed": _MIXED}
 
 MOMENTS = {
-    r"/racing/\d+\.json": "a rung is decided",
-    r"/racing/audit\.json": "an audit begins or ends",
     r"/checkpoints/.*": "a checkpoint",
-    r"/artefacts/[^/]*/(\.writing-)?repeat_\d+[^/]*": "a record",
-    r"/artefacts/.*/precision_.*": "a precision",
-    r"/journal\.log": "the journal",
+    r"/runs/[^/]*": "a record",
+    r"/precision/.*": "a precision",
     r"/(trials|points)\.parquet": "the tables",
+    r"/study\.sqlite\.copy": "the copy of the book",
 }
 """Pattern of a path in a study's folder -> what happens there."""
 
@@ -96,11 +96,18 @@ def write(folder: Path, name: str) -> None:
     (folder / "killed.yaml").write_text(yaml.safe_dump(space, sort_keys=False))
 
 
-def run(folder: Path, executor: type[InProcess]) -> int:
+def run(folder: Path, executor: type[InProcess], watch: _Watch) -> int:
     """Run the study of a folder by the command line, but for its page; return the exit code."""
-    real = time.monotonic
+    real, put = time.monotonic, store.Book.put
+
+    def noticed(book: store.Book, table: str, rows: Iterable[Mapping[str, Any]]) -> None:
+        written = list(rows)
+        watch.look_at(table, written)
+        put(book, table, written)
+
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()):
         patch.setattr(workers, "Loky", executor)
+        patch.setattr(store.Book, "put", noticed)
         patch.setattr(search, "_page", lambda study: "no page")
         patch.setattr(os, "fsync", lambda handle: None)  # the machine goes on
         patch.setattr(time, "monotonic", lambda: _FASTER * real())
@@ -118,6 +125,7 @@ class _Watch:
 
     def __init__(self, folder: Path, kill: dict[str, Any] | None) -> None:
         self._folder, self._kill, self._coordinator = folder, kill or {}, os.getpid()
+        self._is_audited = store.document(folder / "killed", "racing/audit") is not None
         self._seen = folder / "moments"
         self._seen.write_text("")
         if "after_s" in self._kill:
@@ -127,12 +135,18 @@ class _Watch:
 
     def look(self, event: str, arguments: tuple[Any, ...]) -> None:
         """Look at what Python is about to do (`sys.addaudithook`)."""
-        if event == "os.rename" or (event == "open" and str(arguments[1]).startswith("a")):
-            study, place = re.escape(f"{self._folder}/killed"), str(arguments[event == "os.rename"])
-            named = [name for pattern, name in MOMENTS.items() if re.fullmatch(study + pattern, place)]
-            for moment in named:
-                has_begun = (self._folder / "killed" / "racing" / "audit.json").exists()
-                self._notice(moment if "audit" in moment or not has_begun else f"{moment}, from the audit on")
+        if event == "os.rename":
+            study, place = re.escape(f"{self._folder}/killed"), str(arguments[1])
+            for moment in (name for pattern, name in MOMENTS.items() if re.fullmatch(study + pattern, place)):
+                self._notice(f"{moment}, from the audit on" if self._is_audited else moment)
+
+    def look_at(self, table: str, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Look at the rows that the coordinator is about to write to the book."""
+        names = {row["name"] for row in rows} if table == "study" else set()
+        self._is_audited |= "racing/audit" in names
+        moment = "the book" if not any(name.startswith("racing/") for name in names) else "a rung is decided"
+        later = f"{moment}, from the audit on" if self._is_audited else moment
+        self._notice("an audit begins or ends" if "racing/audit" in names else later)
 
     def _notice(self, moment: str) -> None:
         with self._seen.open("r+") as file:
@@ -161,7 +175,7 @@ def _serve() -> None:
             watch, code = _Watch(Path(place), kill), 1
             try:
                 with open(f"{place}/told", "w") as told, contextlib.redirect_stderr(told):
-                    code = run(Path(place), Forked if is_forked else InProcess)
+                    code = run(Path(place), Forked if is_forked else InProcess, watch)
             except BaseException:
                 Path(place, "told").write_text(traceback.format_exc())
             if is_forked:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import random
 import resource
@@ -19,12 +18,12 @@ from pandas.testing import assert_frame_equal
 from dse import dataset, store
 from dse.config import ConfigError, load_space
 from dse.dataset import cache
-from dse.study import explore, lines, results
+from dse.study import explore, results
 from dse.study.doctor import examine, repair
-from dse.study.journal import read_journal
-from dse.study.ledger import Ledger
+from dse.study.ledger import Ledger, read_entries
+from dse.study.mended import opened
 from dse.study.results import Study
-from tests.faults.damage import damage, unsealed
+from tests.faults.damage import damage
 
 
 def _read(study: Study) -> dict[str, object]:
@@ -61,7 +60,7 @@ def _same(one: object, other: object) -> bool:
 def _files(folder: Path) -> list[Path]:
     """Return the files of a study, those of runs as often as all others together."""
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != ".lock")
-    rare = [path for path in files if "artefacts" not in path.parts]
+    rare = [path for path in files if path.parent.name != "runs"]
     return files + rare * (len(files) // len(rare))
 
 
@@ -80,7 +79,7 @@ def test_no_reader_believes_a_damaged_file(
         is_changed = not path.exists() or path.read_bytes() != before
         read = _read(Study(copy))
         for name, part in read.items():
-            if name == "warnings" and what == "remove warnings.json":
+            if name == "warnings" and what == f"remove {store.BOOK}":
                 continue  # a study may have none
             is_refused = isinstance(part, Exception)
             assert is_refused or _same(part, expected[name]), (number, what, name)
@@ -93,36 +92,24 @@ def test_no_reader_believes_a_damaged_file(
     assert counts["refused"] and counts["found by doctor"] > n_faults // 2, counts
 
 
-def test_a_removed_seal_is_noticed_in_every_file(whole: Path, tmp_path: Path) -> None:
-    copy = Path(shutil.copytree(whole / "results" / "tiny", tmp_path / "tiny"))
-    names = {path.name: path for path in _files(copy)}
-    assert {"record.json", "search_space.yaml", "trials.parquet", "journal.log", "weights.npz"} <= set(names)
-    for path in names.values():
-        content = path.read_bytes()
-        path.write_bytes(unsealed(content))
-        assert path.read_bytes() != content, path
-        damages = examine(copy)
-        assert damages and all(Path(path.relative_to(copy)).is_relative_to(x.file) for x in damages), path
-        path.write_bytes(content)
-    assert examine(copy) == []
-
-
 def test_no_file_of_another_study_is_believed(whole: Path, another: Path, tmp_path: Path) -> None:
-    """Each file alone, then all that make a table, then all but the runs: those tell which study it is."""
+    """Each file alone, then both tables, then all but the runs."""
     expected = _read(results.open(whole / "results" / "tiny"))
     space, folder = load_space(whole / "tiny.yaml"), tmp_path / "results" / "tiny"
     shutil.copytree(whole / "results" / "tiny", folder)
     names = sorted({path.relative_to(folder) for path in _files(folder)})
-    of_study = [name for name in names if name.parts[0] != "artefacts"]
-    of_run = [name for name in names if name.parts[:2] == ("artefacts", "00003")]
-    alone = [[name] for name in (*of_study, of_run[0])]
-    for changed in (*alone, of_run, [Path("points.parquet"), Path("trials.parquet")], of_study):
-        for name in changed:
-            assert (folder / name).read_bytes() != (another / name).read_bytes()
+    of_study = [name for name in names if name.parts[0] != "runs"]
+    alone = [[name] for name in (*of_study, Path("runs/00003-0.npz"))]
+    for changed in (*alone, [Path("points.parquet"), Path("trials.parquet")], of_study):
+        copied = [name for name in changed if (folder / name).read_bytes() != (another / name).read_bytes()]
+        for name in copied:
             shutil.copy(another / name, folder / name)
         faults = {damage.file: damage.fault for damage in examine(folder)}
-        assert len(faults) == (1 if changed == of_run else len(changed)), (changed, faults)
-        assert all("another study" in fault or changed[0] == of_run[0] for fault in faults.values()), faults
+        assert faults or not copied, changed
+        if Path(store.BOOK) not in changed:
+            assert faults.keys() == {name.as_posix() for name in copied}
+            of_files = {fault for name, fault in faults.items() if name != store.COPY}
+            assert all("is not what was written" in fault for fault in of_files), faults
         explore.run(space, tmp_path / "results", progress=False)
         assert examine(folder) == [], changed
         read = _read(Study(folder))
@@ -143,7 +130,7 @@ def test_a_damaged_study_goes_on_to_the_same_tables(
         paths = [rng.choice(_files(copy)) for _ in range(rng.choice((1, 1, 3)))]
         what = [damage(x, rng, another / x.relative_to(copy)) for x in paths if x.exists()]
         if number % 2:
-            left = [x for x in repair(copy) if "artefacts" not in x.file]  # which are trained again
+            left = [x for x in repair(copy)[0] if not x.file.startswith("runs")]  # which are trained again
             assert not left or "search_space.yaml" in [x.file for x in left], (what, left)
         study = explore.run(space, tmp_path / "results", progress=False)
         read = _read(study)
@@ -155,29 +142,23 @@ def test_a_damaged_study_goes_on_to_the_same_tables(
         shutil.rmtree(copy)
 
 
-def test_no_damage_to_a_journal_loses_a_trial(
+def test_no_damage_to_a_book_loses_a_trial(
     whole: Path, tmp_path: Path, n_faults: int, tried: Counter[str]
 ) -> None:
-    source = whole / "results" / "tiny"
-    space, rng = load_space(whole / "tiny.yaml"), random.Random(22)
-    folder = tmp_path / "study" / "results" / "tiny"
-    shutil.copytree(source / "artefacts", folder / "artefacts")
-    shutil.copy(source / store.ENVIRONMENT, folder)
-    path, content = folder / "journal.log", (source / "journal.log").read_bytes()
-    path.write_bytes(content)
-    designs = [(entry.trial, entry.batch, entry.design) for entry in Ledger(path, space).entries]
+    source, rng = whole / "results" / "tiny", random.Random(22)
+    folder = tmp_path / "tiny"
+    shutil.copytree(source / "runs", folder / "runs")
+    path, content = folder / store.BOOK, (source / store.BOOK).read_bytes()
+    designs = [(entry.trial, entry.batch, entry.design) for entry in read_entries(source)]
     assert len(designs) == 6
     for number in range(n_faults):
         path.write_bytes(content)
         what = [damage(path, rng) for _ in range(rng.choice((1, 1, 2))) if path.exists()]
-        if not path.exists():
-            continue
-        entries = Ledger(path, space).entries
-        found = [(entry.trial, entry.batch, entry.design) for entry in entries]
-        assert found == designs[: len(found)], (number, what)
-        cut_off = Ledger(path, space).notes == [] and len(found) < len(designs)
-        assert len(found) == len(designs) or cut_off, (number, what)
-        tried["the journal"] += 1
+        (folder / store.COPY).unlink(missing_ok=True)
+        with opened(folder, load_space(whole / "tiny.yaml").search.batch) as (book, _):
+            found = [(entry.trial, entry.batch, entry.design) for entry in Ledger(book).entries]
+        assert found == designs, (number, what)
+        tried["the book"] += 1
 
 
 def test_a_damaged_cache_entry_is_never_used(
@@ -240,36 +221,17 @@ def test_a_folder_stays_locked_when_its_lock_file_is_removed(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("kind", ["pipe", "folder", "nothing", "empty"])
-def test_a_journal_that_is_no_journal_is_written_anew(whole: Path, tmp_path: Path, kind: str) -> None:
+def test_a_book_that_is_none_is_written_anew(whole: Path, tmp_path: Path, kind: str) -> None:
     folder = Path(shutil.copytree(whole / "results" / "tiny", tmp_path / "tiny"))
-    path, expected = folder / "journal.log", results.open(folder).trials
+    path, expected = folder / store.BOOK, results.open(folder).trials
     path.unlink()
     make = {"pipe": os.mkfifo, "folder": Path.mkdir, "nothing": lambda _: None, "empty": Path.touch}
     make[kind](path)
-    [found] = examine(folder)
-    assert found.file == "journal.log"
-    assert found.fault == (
-        "is not a file" if kind in ("pipe", "folder") else "is missing or empty, beside finished runs"
-    )
-    assert repair(folder) == [] and examine(folder) == []
-    assert len(read_journal(path)) == 6
+    assert store.BOOK in [damage.file for damage in examine(folder)]
+    left, [note] = repair(folder)
+    assert left == examine(folder) == [] and "study.sqlite.copy" in note
+    assert len(read_entries(folder)) == 6
     assert_frame_equal(results.open(folder).trials, expected, check_exact=True)
-
-
-def test_a_line_that_optuna_refuses_is_listed_and_mended(whole: Path, tmp_path: Path) -> None:
-    folder = Path(shutil.copytree(whole / "results" / "tiny", tmp_path / "tiny"))
-    path = folder / "journal.log"
-    content = path.read_bytes().splitlines(keepends=True)
-    number = next(n for n, line in enumerate(content) if json.loads(line)["op_code"] == lines.CREATE_TRIAL)
-    log = json.loads(content[number])
-    assert log.pop("sum") and log.pop("worker_id")  # which Optuna needs
-    text = json.dumps(log, separators=(",", ":"))[:-1].encode()
-    content[number] = b'%s,"sum":"%s"}\n' % (text, lines._sum(text))
-    path.write_bytes(b"".join(content))
-    [found] = examine(folder)
-    assert found.file == "journal.log" and "Optuna refuses operation" in found.fault
-    assert repair(folder) == [] and examine(folder) == []
-    assert len(read_journal(path)) == 6
 
 
 def test_a_copy_of_a_study_is_a_study(whole: Path, tmp_path: Path) -> None:

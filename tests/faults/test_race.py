@@ -18,7 +18,7 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 from dse import store
-from dse.study.journal import read_journal
+from dse.study.ledger import read_entries
 from tests.faults import raced
 from tests.study.test_crash import ROOT
 from tests.waiting import PATIENCE_S, until
@@ -94,9 +94,15 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 def ended(folder: Path) -> dict[str, tuple[int, int]]:
     """Return the runs that have finished or failed, and which file says so; those that stopped may go on."""
-    records = (folder / "killed" / "artefacts").glob("*/repeat_*/record.json")
-    last = {path: path.stat() for path in records if store.read_record(path.parent)["status"] != "stopped"}
+    runs = (folder / "killed" / "runs").glob("*.npz")
+    last = {path: path.stat() for path in runs if store.read_record(path)["status"] != "stopped"}
     return {str(path.relative_to(folder)): (x.st_ino, x.st_mtime_ns) for path, x in last.items()}
+
+
+def documents(study: Path) -> dict[str, Any]:
+    """Return what racing has written down in a study."""
+    with store.Book(study) as book:
+        return {row["name"]: row["content"] for row in book.rows("study", "name GLOB 'racing/*'")}
 
 
 def assert_same(folder: Path, whole: Path) -> None:
@@ -105,13 +111,13 @@ def assert_same(folder: Path, whole: Path) -> None:
         one, other = (t.drop(columns=[x for x in t if x.startswith("train_s")]) for t in tables)
         assert_frame_equal(one, other, check_exact=True)
     assert ended(folder).keys() == ended(whole).keys()
-    for path in (whole / "killed" / "racing").glob("*.json"):
-        assert store.read_json(folder / "killed" / "racing" / path.name) == store.read_json(path)
-    entries = [read_journal(of / "killed" / "journal.log") for of in (folder, whole)]
+    racing = [documents(of / "killed") for of in (folder, whole)]
+    assert racing[0] == racing[1]
+    entries = [read_entries(of / "killed") for of in (folder, whole)]
     one, other = ([(e.trial, e.batch, e.design, e.values, e.excluded) for e in each] for each in entries)
     assert one == other
     assert not list(folder.rglob(f"{store.TEMPORARY}*"))
-    assert not list((folder / "killed" / "checkpoints").glob("*/artefacts/*/repeat_*"))
+    assert not list((folder / "killed" / "checkpoints").glob("*/runs/*.npz"))
 
 
 def drawn(rng: random.Random, moments: Counter[str], seconds: float) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def write(
             accuracies of its runs where there are several, `on` its columns on each chip.
         sections: sections of every design's record that differ from SECTIONS.
         failed: how many designs failed.
-        of_record: what record.json holds beside.
+        of_record: what the record holds beside.
     """
     folder.mkdir(parents=True)
     rows, space = [], {"study": folder.name, "objectives": ["accuracy:max"]}
@@ -89,9 +89,9 @@ def write(
         n_classes = len(record["classes"])
         for repeat, accuracy in enumerate(accuracies):
             store.save_run(
-                store.run_folder(folder, trial, repeat),
+                store.run_file(folder, trial, repeat),
                 {**record, "repeat": repeat, "status": "finished"},
-                {name: _writer(x) for name, x in _arrays(float(accuracy), design, n_classes).items()},
+                _arrays(float(accuracy), design, n_classes),
             )
     trials = pd.DataFrame({"trial": range(len(designs) + failed)})
     trials["status"] = ["finished"] * len(designs) + ["failed"] * failed
@@ -125,10 +125,6 @@ def _arrays(accuracy: float, design: Mapping[str, Any], n_classes: int) -> dict[
             "accuracy": surface,
         }
     return arrays
-
-
-def _writer(arrays: Mapping[str, Any]) -> Any:
-    return lambda path: store.save_arrays(path, arrays)
 
 
 def rows_of(found: Report, system: str) -> dict[str, Row]:

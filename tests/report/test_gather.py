@@ -88,7 +88,7 @@ def test_a_study_whose_designs_all_failed_has_its_reason(tmp_path: Path) -> None
 def test_warnings_are_passed_on(tmp_path: Path) -> None:
     written = write(tmp_path / "traps", [{"accuracy": 0.9}])
     told = ["labels are given away", "level 0.9 of 7", "level 0.8 of 7", "level 0.91 of 12"]
-    store.write_json(written.folder / store.WARNINGS, told)
+    store.keep(written.folder, store.WARNINGS, told)
     found = [note for note in report([written]).notes if "warning" in note]
     assert found == [
         "traps: warning: labels are given away",
@@ -98,8 +98,8 @@ def test_warnings_are_passed_on(tmp_path: Path) -> None:
 
 def test_what_is_damaged_is_one_line(tmp_path: Path) -> None:
     written = write(tmp_path / "damaged", [{"accuracy": 0.9}])
-    (store.run_folder(written.folder, 0, 0) / "record.json").write_text("{")
-    with pytest.raises(store.StoreError, match=r"record\.json"):
+    store.run_file(written.folder, 0, 0).write_bytes(b"no run")
+    with pytest.raises(store.StoreError, match=r"00000-0\.npz: cannot be read"):
         report([written])
 
 

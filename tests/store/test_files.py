@@ -73,16 +73,16 @@ def test_only_one_process_holds_a_study(tmp_path: Path) -> None:
 
 
 def test_sweeping_removes_only_what_was_never_finished(tmp_path: Path) -> None:
-    store.save_run(store.run_folder(tmp_path, 0, 0), {"trial": 0}, {})
+    store.save_run(store.run_file(tmp_path, 0, 0), {"trial": 0}, {})
     left = [
         tmp_path / ".writing-points.parquet-12",
-        tmp_path / "artefacts" / "00000" / ".writing-repeat_1-12" / "weights.npz",
+        tmp_path / "runs" / ".writing-00000-1.npz-12",
     ]
     for path in left:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("half")
     store.sweep(tmp_path)
-    assert sorted(x.name for x in tmp_path.rglob("*") if x.is_file()) == ["record.json"]
+    assert sorted(x.name for x in tmp_path.rglob("*") if x.is_file()) == ["00000-0.npz"]
 
 
 def test_json_that_is_nested_without_end_is_damaged(tmp_path: Path) -> None:

@@ -20,11 +20,11 @@ def _save(folder: Path, **changes: Any) -> None:
         "columns": {"accuracy": np.float64(0.5), "fits": np.bool_(True)},
         **changes,
     }
-    store.save_run(folder, record, {"a.npz": lambda path: store.save_arrays(path, {"x": np.arange(3)})})
+    store.save_run(folder, record, {"a.npz": {"x": np.arange(3)}})
 
 
 def test_a_run_comes_back_with_its_checksums(tmp_path: Path) -> None:
-    folder = store.run_folder(tmp_path, 1, 0)
+    folder = store.run_file(tmp_path, 1, 0)
     assert store.load_run(folder) is None
     _save(folder)
     record = store.load_run(folder)
@@ -44,49 +44,57 @@ def _flip(path: Path) -> None:
     path.write_bytes(content)
 
 
-def _edit(path: Path) -> None:
-    path.write_text(path.read_text().replace('"accuracy": 0.5', '"accuracy": 0.6'))
-
-
+@pytest.mark.parametrize("is_noted", [False, True])
 @pytest.mark.parametrize(
-    ("name", "damage", "message"),
+    ("damage", "message"),
     [
-        ("a.npz", _truncate, "is damaged"),
-        ("a.npz", _flip, "is damaged"),
-        ("a.npz", os.remove, "is missing"),
-        ("record.json", _truncate, "is damaged"),
-        ("record.json", os.remove, "is missing"),
-        ("record.json", lambda path: (path.unlink(), os.mkfifo(path)), "is not a file"),
-        ("record.json", lambda path: path.write_text("[]"), "is not the record of a run"),
-        ("record.json", _edit, "is damaged"),
+        (_truncate, "cannot be read"),
+        (_flip, "is damaged|cannot be read|is not what was written"),
+        (lambda path: (path.unlink(), os.mkfifo(path)), "is not a file"),
+        (lambda path: path.write_text("[]"), "cannot be read"),
     ],
 )
-def test_damage_is_named(tmp_path: Path, name: str, damage: Any, message: str) -> None:
-    folder = store.run_folder(tmp_path, 1, 0)
-    _save(folder)
-    damage(folder / name)
-    with pytest.raises(store.Damaged, match=f"{name}: {message}.*; `dse doctor RESULTS` says"):
-        store.load_run(folder)
+def test_damage_is_named(tmp_path: Path, damage: Any, message: str, is_noted: bool) -> None:
+    run = store.run_file(tmp_path, 1, 0)
+    _save(run)
+    if is_noted:
+        with store.Book(tmp_path, writes=True) as book:
+            store.note_files(book, [run])
+    damage(run)
+    with pytest.raises(store.Damaged, match=f"{run.name}: ({message}).*; `dse doctor RESULTS` says"):
+        store.load_run(run)
+
+
+def test_another_run_in_its_place_is_not_what_was_written(tmp_path: Path) -> None:
+    run = store.run_file(tmp_path, 1, 0)
+    _save(run)
+    with store.Book(tmp_path, writes=True) as book:
+        store.note_files(book, [run])
+    _save(run, columns={"accuracy": 0.6})
+    assert store.read_record(run)["columns"]["accuracy"] == 0.5, "a finished run is never replaced"
+    run.unlink()
+    _save(run, columns={"accuracy": 0.6})
+    with pytest.raises(store.Damaged, match="is not what was written"):
+        store.load_run(run)
 
 
 def test_a_record_of_a_newer_schema_is_refused(tmp_path: Path) -> None:
-    folder = store.run_folder(tmp_path, 1, 0)
+    folder = store.run_file(tmp_path, 1, 0)
     _save(folder, schema=store.SCHEMA + 1)
     with pytest.raises(store.StoreError, match="is newer than"):
         store.load_run(folder)
 
 
 def test_a_run_in_the_place_of_another_is_refused(tmp_path: Path) -> None:
-    _save(store.run_folder(tmp_path, 1, 0))
-    other = store.run_folder(tmp_path, 3, 0)
-    other.parent.mkdir()
-    store.run_folder(tmp_path, 1, 0).rename(other)
-    with pytest.raises(store.Damaged, match="is the record of trial 1 repeat 0"):
+    _save(store.run_file(tmp_path, 1, 0))
+    other = store.run_file(tmp_path, 3, 0)
+    store.run_file(tmp_path, 1, 0).rename(other)
+    with pytest.raises(store.Damaged, match="is trial 1 repeat 0"):
         store.load_run(other)
 
 
 def test_a_process_without_file_descriptors_finds_no_damage(tmp_path: Path) -> None:
-    folder = store.run_folder(tmp_path, 1, 0)
+    folder = store.run_file(tmp_path, 1, 0)
     _save(folder)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))

@@ -54,8 +54,8 @@ def test_it_trains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = dse.open("results/texture_profile_as_printed")
     (trial,) = study.trials.to_dict("records")
     assert trial["epochs_trained"] == 3 and 1 <= trial["epoch_kept"] <= 3
-    (folder,) = {path.parent for path in Path("results").rglob("weights.npz")}
-    network = store.fitted_of(store.load_arrays(folder / "weights.npz"))
+    (run,) = Path("results").rglob("runs/*.npz")
+    network = store.fitted_of(store.load_arrays(run / "weights.npz"))
     assert isinstance(network, Network)
     hidden, outputs = network.layers
     assert hidden.delay is None and outputs.delay is not None

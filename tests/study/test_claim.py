@@ -9,7 +9,7 @@ import pytest
 
 from dse import registry
 from dse.config import ConfigError, load_space
-from dse.store import read_sealed_text
+from dse.store import Book, read_text
 from dse.study.claim import claim
 from dse.study.results import Study
 from tests.spaces import write_space
@@ -30,17 +30,19 @@ def test_a_plugin_that_changed_or_is_gone_is_one_line(trusting: None, tmp_path: 
     file, folder = tmp_path / "mine.py", tmp_path / "results" / "tiny"
     file.write_text(PLUGIN)
     path = write_space(tmp_path, ("seed: 3\n", "seed: 3\nplugins: [mine.py]\n"))
-    claim(load_space(path), folder)
+    folder.mkdir(parents=True)
+    book = Book(folder, writes=True)
+    claim(load_space(path), book)
     file.write_text(PLUGIN + "# changed before a run has finished\n")
-    claim(load_space(path), folder)
-    (folder / "artefacts" / "00000" / "repeat_0").mkdir(parents=True)
-    claim(load_space(path), folder)
+    claim(load_space(path), book)
+    (folder / "runs" / "00000-0.npz").mkdir(parents=True)
+    claim(load_space(path), book)
     [copy] = (folder / "plugins").iterdir()
-    assert (copy.name, read_sealed_text(copy)) == ("0_mine.py", file.read_text())
+    assert (copy.name, read_text(copy)) == ("0_mine.py", file.read_text())
 
     file.write_text(PLUGIN)
     with pytest.raises(ConfigError) as changed:
-        claim(load_space(path), folder)
+        claim(load_space(path), book)
     assert str(changed.value).startswith(
         f"{file}: differs from {copy}, which {folder} was started with; change"
     )

@@ -58,7 +58,7 @@ def test_that_accuracies_are_of_other_recordings_is_said_first(written, tmp_path
         shutil.copytree(EXAMPLE, path)
         folders.append(str(path))
     space = tmp_path / "other" / "example" / "search_space.yaml"
-    store.write_sealed_text(space, store.read_sealed_text(space).replace("at: middle", "at: onset"))
+    store.write_text(space, store.read_text(space).replace("at: middle", "at: onset"))
     assert main(["compare", *folders, "--html", str(page_path)]) == 0
     capsys.readouterr()
     page = Page(new_tab((1280, 720)), page_path).open("chosen=1.0")

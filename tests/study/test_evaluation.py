@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -224,7 +223,7 @@ def test_a_spiking_network_is_the_same_alone_in_a_cohort_and_after_a_stop(tmp_pa
     )
 
     before = both.trials
-    shutil.rmtree(store.run_folder(both.folder, 1, 1))
+    store.run_file(both.folder, 1, 1).unlink()
     assert both.trials["trial"].tolist() == [0], "a trial that lacks a run is left out"
     again = run(tmp_path, spikes, "both", model=SNN, **changes)
     pd.testing.assert_frame_equal(unlike(again.trials), unlike(before), check_exact=True)

@@ -53,7 +53,7 @@ def test_only_undecided_designs_are_repeated_and_rounds_survive_an_interruption(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = run(tmp_path / "whole")
-    rounds = store.read_json(whole.folder / "front_repeats.json")["rounds"]
+    rounds = store.document(whole.folder, "front_repeats")
     repeats = whole.trials.set_index("trial")["repeats"]
     last: dict[int, int] = {}
     for one in rounds:
@@ -79,7 +79,7 @@ def test_only_undecided_designs_are_repeated_and_rounds_survive_an_interruption(
         with pytest.raises(KeyboardInterrupt):
             run(tmp_path / "killed")
     again = run(tmp_path / "killed")
-    assert store.read_json(again.folder / "front_repeats.json")["rounds"] == rounds
+    assert store.document(again.folder, "front_repeats") == rounds
     for one, other in ((whole.trials, again.trials), (whole.points(), again.points())):
         assert_frame_equal(one.drop(columns="train_s"), other.drop(columns="train_s"))
 

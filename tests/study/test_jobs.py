@@ -48,7 +48,7 @@ def run(folder: Path, model: Any, number: int = 0, **training: Any) -> jobs.Run:
         sections=design_of(model, Training(**training)),
         data=folder / "data",
         base=folder,
-        folder=store.run_folder(folder, number, 0),
+        folder=store.run_file(folder, number, 0),
         phi=(0, 4),
         theta=(0.5, 0.9),
         hardware=(),
@@ -146,8 +146,8 @@ def test_a_run_of_a_joint_target_records_every_head(tmp_path: Path) -> None:
             assert own["columns"]["accuracy"] == record["columns"][f"accuracy_{name}"]
             confusion = store.load_arrays(one.folder / f"confusion_{name}.npz")
             assert confusion["validation"].sum() == 30 and confusion["test"].sum() == 10
-            assert (one.folder / f"surface_{name}.npz").exists() == (one is spiking)
-        assert not (one.folder / "read_out.npz").exists(), "both heads together have no earlier read-outs"
+            assert (f"surface_{name}.npz" in record["files"]) == (one is spiking)
+        assert "read_out.npz" not in record["files"], "both heads together have no earlier read-outs"
         assert store.load_arrays(one.folder / "confusion.npz")["validation"].shape == (5, 5)
         said = store.load_arrays(one.folder / "response.npz")
         assert said["index"].tolist() == data.validation.tolist()

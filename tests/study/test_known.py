@@ -22,8 +22,8 @@ from dse.hardware.profile import load_all
 from dse.search.limits import Known
 from dse.search.space import design_at
 from dse.study import explore
-from dse.study.journal import read_journal
 from dse.study.known import KnownBefore
+from dse.study.ledger import read_entries
 from dse.study.preview import preview
 from dse.study.results import Study
 from tests.tiny_study import REAL, write_recordings
@@ -45,7 +45,7 @@ def space(folder: Path, **changes: Any) -> SearchSpace:
 
 
 def trained(folder: Path) -> list[Mapping[str, object]]:
-    return [entry.design for entry in read_journal(folder / "results/real/journal.log") if not entry.excluded]
+    return [entry.design for entry in read_entries(folder / "results/real") if not entry.excluded]
 
 
 @pytest.fixture

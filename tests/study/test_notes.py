@@ -7,8 +7,8 @@ import threading
 import pandas as pd
 import pytest
 
-from dse.store import Damaged, StoreError, write_table
-from dse.study import doctor, notes
+from dse.store import BOOK, Book, Damaged, StoreError, write_table
+from dse.study import notes
 
 
 @pytest.fixture
@@ -17,6 +17,7 @@ def folder(tmp_path):
     points = pd.DataFrame({"trial": [0, 0, 3], "point": [0, 1, 0]})
     write_table(tmp_path / "points.parquet", points)
     write_table(tmp_path / "trials.parquet", pd.DataFrame({"trial": [0, 3]}))
+    Book(tmp_path, writes=True).close()
     return tmp_path
 
 
@@ -48,7 +49,7 @@ def test_a_note_is_written_replaced_and_removed_and_pins_come_first(folder):
 def test_what_cannot_be_noted_is_refused_and_nothing_is_written(folder, trial, point, text, fault):
     with pytest.raises(StoreError, match=fault):
         notes.write(folder, trial, point, text, True)
-    assert not (folder / notes.FILE).exists()
+    assert notes.of(folder) == []
 
 
 @pytest.mark.parametrize("text", ["", "3.", ".3", "3.1.2", "-1", "x", "3 ", "1" * 10])
@@ -71,12 +72,9 @@ def test_notes_that_are_written_at_once_are_all_kept(folder):
     assert len(notes.of(folder)) == 5
 
 
-def test_a_changed_byte_shows_and_the_doctor_keeps_the_file(folder):
+def test_a_changed_byte_shows(folder):
     notes.write(folder, 0, 1, "early", False)
-    path = folder / notes.FILE
+    path = folder / BOOK
     path.write_bytes(path.read_bytes().replace(b"early", b"later"))
-    with pytest.raises(Damaged, match="checksum differs"):
+    with pytest.raises(Damaged, match="a row of table note is not what was written"):
         notes.of(folder)
-    (damage,) = [one for one in doctor.examine(folder) if one.file == notes.FILE]
-    damage.repair()
-    assert not path.exists() and b"later" in (folder / "notes.json.damaged").read_bytes()

@@ -1,4 +1,4 @@
-"""The journal of a study, as `optuna.load_study` and optuna-dashboard's own API over HTTP read it."""
+"""A study as Optuna reads it, and as optuna-dashboard's own API over HTTP serves it."""
 
 from __future__ import annotations
 
@@ -13,46 +13,50 @@ from wsgiref.simple_server import WSGIRequestHandler, make_server
 import optuna
 import optuna_dashboard
 import pytest
-from optuna.storages import JournalStorage
-from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
+from dse import store
 from dse.config import load_space
 from dse.search.limits import Exclusion
 from dse.search.space import design_at
-from dse.study.ledger import Ledger
+from dse.study.as_optuna import as_optuna
+from dse.study.ledger import Ledger, read_entries
 from tests.spaces import write_space
 
 LIMIT = "n_weights <= 60"
 
 
 @pytest.fixture(scope="module")
-def journal(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A journal of an excluded, a finished, a failed and an open trial."""
-    folder = tmp_path_factory.mktemp("journal")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A study of an excluded, a finished, a failed and an open trial."""
+    folder = tmp_path_factory.mktemp("study")
     space = load_space(write_space(folder))
-    path = folder / "journal.log"
-    ledger = Ledger(path, space)
-    ledger.exclude(0, design_at(space, 5), Exclusion("cannot meet it", (LIMIT,), {LIMIT: 0.25}))
-    ledger.ask(0, [design_at(space, place) for place in (0, 1, 2)])
-    ledger.tell(1, (0.75, 42.0), {LIMIT: 0.0})
-    ledger.tell(2, None)
-    return path
+    store.write_text(folder / store.SPACE, space.to_yaml())
+    with store.Book(folder, writes=True) as book:
+        ledger = Ledger(book)
+        ledger.exclude(0, design_at(space, 5), Exclusion("cannot meet it", (LIMIT,), {LIMIT: 0.25}))
+        ledger.ask(0, [design_at(space, place) for place in (0, 1, 2)])
+        ledger.tell(1, (0.75, 42.0), {LIMIT: 0.0}, {3: 0.5})
+        ledger.tell(2, None)
+    return folder
 
 
-def test_optuna_loads_the_study(journal: Path) -> None:
-    study = optuna.load_study(study_name="dse", storage=JournalStorage(JournalFileBackend(str(journal))))
+def test_optuna_has_the_trials_of_the_study(folder: Path) -> None:
+    study = as_optuna(folder)
     assert study.metric_names == ["accuracy", "n_weights"]
     excluded, finished, failed, running = study.trials
     states = TrialState.PRUNED, TrialState.COMPLETE, TrialState.FAIL, TrialState.RUNNING
     assert tuple(trial.state for trial in study.trials) == states
     assert finished.params == {"encoder.thresholds": "[1.0, 2.0]", "model.hidden": 4}
-    assert finished.values == [0.75, 42.0]
+    assert (finished.values, finished.intermediate_values) == ([0.75, 42.0], {3: 0.5})
     assert (finished.constraints, excluded.constraints) == ({LIMIT: 0.0}, {LIMIT: 0.25})
     assert excluded.user_attrs["excluded"] == "cannot meet it"
     assert failed.values is None
     assert running.user_attrs["design"]["model.hidden"] == 12
     assert [trial.number for trial in study.best_trials] == [1]
+    for trial, entry in zip(study.trials, read_entries(folder), strict=True):
+        assert trial.datetime_start.timestamp() == pytest.approx(entry.proposed_s, abs=1e-5)
+        assert (trial.datetime_complete is None) == (entry.reported_s is None)
 
 
 class _Silent(WSGIRequestHandler):
@@ -61,8 +65,10 @@ class _Silent(WSGIRequestHandler):
 
 
 @pytest.fixture
-def served(journal: Path) -> Iterator[str]:
-    app = optuna_dashboard.wsgi(JournalStorage(JournalFileBackend(str(journal))))
+def served(folder: Path, tmp_path: Path) -> Iterator[str]:
+    place = f"sqlite:///{tmp_path}/optuna.db"
+    as_optuna(folder, place)
+    app = optuna_dashboard.wsgi(optuna.storages.RDBStorage(place))
     with make_server("127.0.0.1", 0, app, handler_class=_Silent) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
@@ -76,9 +82,9 @@ def answer(url: str) -> Any:
         return json.load(response)
 
 
-def test_the_dashboard_serves_the_study(served: str) -> None:
+def test_the_dashboard_serves_the_study(served: str, folder: Path) -> None:
     (summary,) = answer(f"{served}/api/studies")["study_summaries"]
-    assert summary["study_name"] == "dse"
+    assert summary["study_name"] == folder.name
     assert summary["directions"] == ["maximize", "minimize"]
     study = answer(f"{served}/api/studies/{summary['study_id']}")
     trials = study["trials"]

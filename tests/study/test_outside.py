@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pytest
 
 from dse.api.study import open as open_study
 from dse.cli.command_line import main
-from dse.study import explore, results
-from dse.study.journal import read_journal
+from dse.study import explore
+from dse.study.ledger import read_entries
 from dse.study.results import Study
 from tests import tiny_study
 
@@ -69,7 +68,7 @@ def test_designs_are_asked_for_told_and_on_the_front(
     study = run(tmp_path, search=settings)
     status = study.trials.set_index("trial")["status"].to_dict()
     assert status == {0: "failed", 1: "told", **dict.fromkeys(range(2, 6), "finished")}
-    assert read_journal(folder / "journal.log")[1].values == (0.9, 20.0, 0.5)
+    assert read_entries(folder)[1].values == (0.9, 20.0, 0.5)
     points = study.points()
     assert points[points["trial"] == 1]["origin"].tolist() == ["told"]
     lacking = points["accuracy_corrected"].isna()
@@ -82,40 +81,3 @@ def test_designs_are_asked_for_told_and_on_the_front(
     assert any(row["trial"] == 1 for row in shares)
     elsewhere = json.loads(dse("skyline", str(folder), "--hardware", "op_4.6_0.9", "--json"))["rows"]
     assert all(row["trial"] != 1 for row in elsewhere), "its costs are those of one chip"
-
-
-def test_two_studies_become_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def search(**more: Any) -> dict[str, Any]:
-        return {"sampler": "grid", "batch": 2, **more}
-
-    first = run(tmp_path, "a", search=search(n_trials=2)).folder
-    second = run(tmp_path, "b", search=search(repeats_on_front=2)).folder
-    into = tmp_path / "c" / "tiny"
-    assert main(["merge", str(second), str(first), "--into", str(into), "--json"]) == 2
-    assert "search.repeats_on_front" in capsys.readouterr().err
-    second = run(tmp_path, "d", search=search()).folder
-    assert main(["merge", str(first), str(second), "--into", str(into), "--json"]) == 0
-    [counts] = json.loads(capsys.readouterr().out)["rows"]
-    assert {k: counts[k] for k in ("designs", "in_both", "runs")} == {"designs": 6, "in_both": 2, "runs": 6}
-    one, whole = results.open(into), results.open(second)
-    for mine, theirs in ((one.trials, whole.trials), (one.points(), whole.points())):
-        pd.testing.assert_frame_equal(mine.drop(columns="train_s"), theirs.drop(columns="train_s"))
-    before = sorted(path.stat().st_mtime_ns for path in into.rglob("record.json"))
-    run(tmp_path, "c", search=search())
-    assert sorted(path.stat().st_mtime_ns for path in into.rglob("record.json")) == before
-    assert main(["doctor", str(into)]) == 0
-    capsys.readouterr()
-
-    other = run(tmp_path, "e", search=search(n_trials=1), training={"epochs": 3}).folder
-    tiny_study.write_recordings(tmp_path / "tiny.npz", seed=1)
-    moved = run(tmp_path, "f", search=search(n_trials=1)).folder
-    for a, b, c, fault in (
-        (first, other, "g", "training.epochs is 3, but 2 in "),
-        (first, moved, "g", "its runs were trained on other recordings than those in "),
-        (first, first, "g", "a study cannot be merged with itself"),
-        (first, second, "c/tiny", "exists already"),
-        (first, tmp_path / "nothing", "g", "is not the folder of a study"),
-    ):
-        assert main(["merge", str(a), str(b), "--into", str(tmp_path / c)]) == 2
-        assert fault in capsys.readouterr().err
-    assert not (tmp_path / "g").exists() and not list(tmp_path.rglob(".writing-*"))

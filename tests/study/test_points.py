@@ -61,15 +61,18 @@ def published(
         "columns": columns,
         "of_heads": {head: {"columns": columns, "hardware": {}} for head in heads},
     }
-    writers = {
-        f"{name}.npz": lambda path, content=content: store.save_arrays(path, content)
-        for name, content in arrays.items()
-    }
-    run = store.run_folder(folder, trial, repeat)
-    store.save_run(run, record, writers)
+    run = store.run_file(folder, trial, repeat)
+    store.save_run(run, record, {f"{name}.npz": content for name, content in arrays.items()})
     loaded = load_record(run)
     assert loaded is not None
     return loaded
+
+
+def evaluated(run: Path) -> None:
+    """Write what stands for an evaluation of a run at another precision."""
+    path = precision.file_of(run, (4, 0.0))
+    path.parent.mkdir(parents=True)
+    store.save_arrays(path, {"schema": np.array("none")})
 
 
 def test_full_read_outs_on_every_chip(space: SearchSpace, tmp_path: Path) -> None:
@@ -225,10 +228,11 @@ def study(space: SearchSpace, tmp_path: Path) -> Path:
 
 def test_arrays_that_disagree_are_named_with_their_trial(space: SearchSpace, tmp_path: Path) -> None:
     runs = [published(tmp_path, work=spiking(10.0))]
-    path = store.run_folder(tmp_path, 0, 0) / "read_out.npz"
-    arrays = store.load_arrays(path)
-    store.save_arrays(path, arrays | {"work/awake": np.zeros((0, 3))})
-    with pytest.raises(store.StoreError, match=r"artefacts/00000: its arrays cannot be evaluated \("):
+    run = store.run_file(tmp_path, 0, 0)
+    record, arrays = store.read_record(run), store.load_arrays(run / "read_out.npz")
+    torn = arrays | {"work/awake": np.zeros((0, 3))}
+    store.save_run(run, record, {"read_out.npz": torn}, replaces=True)
+    with pytest.raises(store.StoreError, match=r"runs/00000-0.npz: its arrays cannot be evaluated \("):
         points.points_table(space, tmp_path, {0: runs}, [LOIHI])
 
 
@@ -246,8 +250,8 @@ def test_points_are_priced_on_other_hardware_without_training(study: Path) -> No
 def test_a_study_keeps_the_figures_that_it_was_run_with(study: Path) -> None:
     pricing.keep([LOIHI], study)
     kept = study / "hardware" / "loihi1_silicon.yaml"
-    cheap = store.read_sealed_text(kept).replace("value: 35.5, low: 30.175", "value: 31.0, low: 30.175")
-    store.write_sealed_text(kept, cheap)
+    cheap = store.read_text(kept).replace("value: 35.5, low: 30.175", "value: 31.0, low: 30.175")
+    store.write_text(kept, cheap)
     cheaper, shipped = pricing.profile(study, "loihi1_silicon"), pricing.profile(study, "op_4.6_0.9")
     assert cheaper.at("value")["synaptic_event_pj"] == 31.0 and shipped == OPERATIONS
     changed = pricing.points(study, ["loihi1_silicon"])["energy_uj"]
@@ -285,9 +289,9 @@ def test_a_table_is_priced_as_it_was_written(
     found: dict[tuple[int, int], precision.Evaluation] = {}
 
     def rows(folder: Path) -> list[precision.Evaluation]:
-        if folder.parent.name != "00000":
+        trial, repeat = store.named(folder) or (1, 0)
+        if trial:
             return []
-        repeat = int(folder.name.removeprefix("repeat_"))
         return [one for (r, _), one in sorted(found.items(), key=lambda item: item[0]) if r == repeat]
 
     monkeypatch.setattr(precision, "rows", rows)
@@ -407,6 +411,7 @@ def test_a_table_is_written_again_only_where_it_would_differ(
     space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, chips = tmp_path / "points.parquet", [OPERATIONS, LOIHI]
+    store.Book(tmp_path, writes=True).close()
     trials = {2: [published(tmp_path, trial=2)], 5: [published(tmp_path, trial=5)]}
 
     def is_written() -> bool:
@@ -415,12 +420,12 @@ def test_a_table_is_written_again_only_where_it_would_differ(
         return path.stat().st_ino != before
 
     assert is_written() and not is_written()
-    store.remove(store.run_folder(tmp_path, 5, 0))
+    store.remove(store.run_file(tmp_path, 5, 0))
     trials[5] = [published(tmp_path, trial=5, accuracy=0.75)]
     assert is_written() and not is_written()
     chips.pop()
     assert is_written() and not is_written()
-    store.save_arrays(store.run_folder(tmp_path, 2, 0) / "precision_4_0.0.npz", {"schema": np.array("none")})
+    evaluated(store.run_file(tmp_path, 2, 0))
     assert is_written() and not is_written()
     del trials[2]
     assert is_written() and not is_written()
@@ -473,12 +478,12 @@ def test_rows_of_unchanged_trials_are_taken_over(
 
     assert read_again() == [1, 2, 3, 5]
     for trial in (1, 3):  # afterwards no row has phi
-        store.remove(store.run_folder(tmp_path, trial, 0))
+        store.remove(store.run_file(tmp_path, trial, 0))
         trials[trial] = [published(tmp_path, trial, accuracy=0.75)]
         assert read_again() == [trial]
     trials[4] = [published(tmp_path, 4, surface=surface)]
     assert read_again() == [4]
-    store.save_arrays(store.run_folder(tmp_path, 2, 1) / "precision_4_0.0.npz", {"schema": np.array("none")})
+    evaluated(store.run_file(tmp_path, 2, 1))
     assert read_again() == [2]
     del trials[1], trials[4]
     assert read_again() == []

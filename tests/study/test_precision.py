@@ -48,7 +48,7 @@ def trained(folder: Path, data: Dataset, model: Any, name: str = "run") -> jobs.
         sections=design_of(model, Training(epochs=2, batch_size=9, learning_rate=0.1)),
         data=folder / "data",
         base=folder,
-        folder=store.run_folder(folder / name, 0, 0),
+        folder=store.run_file(folder / name, 0, 0),
         phi=(0, 3),
         theta=(0.4, 0.9),
         hardware=(),
@@ -66,8 +66,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> jobs.Run:
 @pytest.fixture
 def run(made: jobs.Run, tmp_path: Path) -> jobs.Run:
     """The same with a folder of its own."""
-    folder = store.run_folder(tmp_path, 0, 0)
-    shutil.copytree(made.folder, folder)
+    folder = store.run_file(tmp_path, 0, 0)
+    folder.parent.mkdir()
+    shutil.copy(made.folder, folder)
     return dataclasses.replace(made, folder=folder)
 
 
@@ -101,7 +102,7 @@ def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run: jo
 def test_as_trained_it_is_the_run_itself(run: jobs.Run) -> None:
     done(run, AS_TRAINED)
     [found] = rows(run.folder)
-    record = store.read_json(run.folder / "record.json")
+    record = store.read_record(run.folder)
     assert {"accuracy", "peak_state", "train_s", "transductive"} <= set(found.numbers.columns)
     assert {name: record["columns"][name] for name in found.numbers.columns} == found.numbers.columns
     assert found.files.keys() == {"confusion.npz", "read_out.npz", "surface.npz"}
@@ -118,7 +119,7 @@ def test_a_joint_network_and_its_test_set(tmp_path: Path) -> None:
     one = trained(tmp_path, data, SNN(hidden=(6,), true_rate=0.5))
     done(one, AS_TRAINED, (3, 0.25))
     fewer, same = rows(one.folder)
-    record = store.read_json(one.folder / "record.json")
+    record = store.read_record(one.folder)
     assert same.numbers.of_heads.keys() == record["of_heads"].keys() and len(record["of_heads"]) > 1
     for name, head in record["of_heads"].items():
         assert same.numbers.of_heads[name].columns["accuracy"] == head["columns"]["accuracy"]
@@ -131,7 +132,7 @@ def test_a_joint_network_and_its_test_set(tmp_path: Path) -> None:
 def test_what_is_damaged_is_no_row_and_is_made_again(run: jobs.Run, damage: str) -> None:
     done(run, *SETTINGS)
     before = {x.setting: x for x in rows(run.folder)}
-    path = run.folder / "precision_4_0.5.npz"
+    path = precision.file_of(run.folder, (4, 0.5))
     content = path.read_bytes()
     if damage == "missing":
         path.unlink()
@@ -166,10 +167,10 @@ def test_a_file_is_there_whole_or_not_at_all(run: jobs.Run, monkeypatch: pytest.
     with monkeypatch.context() as patch:
         patch.setattr(precision.store, "save_arrays", torn)
         with pytest.raises(
-            store.StoreError, match=r"precision_4_0\.0\.npz: cannot be written: No space left"
+            store.StoreError, match=r"precision/00000-0/4_0\.0\.npz: cannot be written: No space left"
         ):
             list(evaluate(Job(run, SETTINGS)))
-    assert not list(run.folder.glob("*precision*"))
+    assert precision.files_of(run.folder) == []
     assert missing(run.folder, SETTINGS) == SETTINGS
 
 
@@ -196,14 +197,15 @@ def test_which_runs_have_other_precisions(run: jobs.Run, tmp_path: Path) -> None
 
 
 def test_repeats_have_the_settings_that_each_of_them_has(run: jobs.Run, tmp_path: Path) -> None:
-    other = dataclasses.replace(run, folder=store.run_folder(tmp_path / "other", 0, 0))
-    shutil.copytree(run.folder, other.folder)
+    other = dataclasses.replace(run, folder=store.run_file(tmp_path / "other", 0, 0))
+    other.folder.parent.mkdir(parents=True)
+    shutil.copy(run.folder, other.folder)
     done(run, *SETTINGS)
     done(other, (2, 0.0), (4, 0.5))
     found = common([run.folder, other.folder])
     assert [setting for setting, _ in found] == [(2, 0.0), (4, 0.5)]
     assert all(len(each) == 2 and {x.setting for x in each} == {setting} for setting, each in found)
-    assert common([run.folder, tmp_path]) == []
+    assert common([run.folder, store.run_file(tmp_path, 7, 0)]) == []
 
 
 def test_designs_on_the_front_and_near_it() -> None:
@@ -240,13 +242,13 @@ NO_AXIS = ("thresholds: {choice: [[1, 2], [1, 2, 4]]}", "thresholds: [1, 2]")
 
 def stored(folder: Path) -> dict[str, int]:
     """Return the files of settings in a study, and what tells each from one written again."""
-    return {str(path.relative_to(folder)): path.stat().st_ino for path in folder.rglob("precision_*.npz")}
+    return {str(path.relative_to(folder)): path.stat().st_ino for path in folder.glob("precision/*/*.npz")}
 
 
 def settings_of(found: Study) -> dict[int, set[precision.Setting]]:
     """Return the settings that every trial's first run was evaluated at."""
     numbers = found.trials["trial"].tolist()
-    folders = {number: store.run_folder(found.folder, number, 0) for number in numbers}
+    folders = {number: store.run_file(found.folder, number, 0) for number in numbers}
     return {number: {x.setting for x in rows(folder)} for number, folder in folders.items()}
 
 

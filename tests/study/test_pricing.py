@@ -19,6 +19,7 @@ from dse.study import pricing, resampling
 from dse.study.record import load_records
 from dse.study.results import open as open_study
 from tests.page_data import held
+from tests.rewriting import damage_part
 from tests.spaces import write_space
 
 Captured = pytest.CaptureFixture[str]
@@ -78,7 +79,7 @@ def test_a_copy_of_an_older_profile_is_one_line_and_is_repaired(
     own = answered(capsys, "skyline", str(folder))["rows"]
     stored = folder / "hardware" / "loihi1_silicon.yaml"
     lines = load("loihi1_silicon").text.replace("static_mw:", "rest_mw:").replace("value: 104.0", "value: 9")
-    store.write_sealed_text(stored, lines)
+    store.write_text(stored, lines)
     assert main(["skyline", str(folder), "--draws", "9"]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith(f"{stored}: another version of dse wrote this profile (static_mw is required")
@@ -256,8 +257,8 @@ def test_a_study_without_its_answers_says_why_there_are_no_probabilities(
     results: Path, tmp_path: Path, capsys: Captured
 ) -> None:
     shutil.copytree(results, tmp_path / "copy")
-    for path in (tmp_path / "copy").rglob("response.npz"):
-        path.unlink()
+    for path in (tmp_path / "copy" / "runs").glob("*.npz"):
+        damage_part(path, "response.npz")
     asked = ("--draws", "9", "--objectives", "accuracy:max,n_weights:min")
     document = answered(capsys, "skyline", str(tmp_path / "copy"), *asked)
     assert any(note.startswith("no front_probability: ") for note in document["notes"])
@@ -270,7 +271,7 @@ def test_a_profile_that_has_gained_numbers_says_what_costs_may_differ(tmp_path: 
     kept.parent.mkdir()
     before = re.sub(r"(?m)^tally_step_cycles:.*\n(?:[ ]+.*\n)*", "", chip.text)
     assert before != chip.text
-    store.write_sealed_text(kept, before)
+    store.write_text(kept, before)
     [note] = pricing.check([chip], tmp_path)
     assert "lacks 1 numbers that mcu_m4 has now" in note
     pricing.keep([chip], tmp_path)

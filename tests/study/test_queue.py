@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from dse.config import ConfigError, SearchSpace
+from dse.store import Book
 from dse.study import explore, queue
-from dse.study.journal import read_journal
+from dse.study.ledger import read_entries
 from tests.tiny_study import make_space, unregister
 
 
@@ -37,16 +38,18 @@ def test_enqueued_designs_are_trained_first_and_once(space: SearchSpace, tmp_pat
     queue.add(folder, designs)
     queue.add(folder, designs[:1])  # waits already
     study = explore.run(space, tmp_path / "results", progress=False)
-    entries = read_journal(folder / "journal.log")
+    entries = read_entries(folder)
     assert [e.design["model.hidden"] for e in entries] == [16, 4, 4, 8, 8, 16]
     assert [e.enqueued for e in entries] == [True, True, False, False, False, False]
     assert [e.batch for e in entries] == [0, 0, 1, 1, 2, 2]
-    assert not list((folder / "queue").iterdir())
+    with Book(folder) as book:
+        assert book.rows("queue") == []
     assert study.trials["status"].eq("finished").all()
     queue.add(folder, designs)  # both are trained
     again = explore.run(space, tmp_path / "results", progress=False)
     assert len(again.trials) == 6
-    assert not list((folder / "queue").iterdir())
+    with Book(folder) as book:
+        assert book.rows("queue") == []
 
 
 @pytest.mark.parametrize(

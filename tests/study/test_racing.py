@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import optuna
 import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
@@ -17,7 +16,8 @@ from pandas.testing import assert_frame_equal
 from dse import store
 from dse.cli.command_line import main
 from dse.study import explore
-from dse.study.journal import read_journal
+from dse.study.as_optuna import as_optuna
+from dse.study.ledger import read_entries
 from dse.study.racing import sentences
 from dse.study.results import Study
 from dse.study.workers import Workers
@@ -79,7 +79,7 @@ def test_one_in_three_goes_on_and_the_rest_is_as_without(
     # Of 24 designs 8 go on to the second rung, and 4 of these, two per objective, to the end; 2 others are
     # trained on at last.
     assert len(stopped) == 18 and (stopped["stopped_at_epoch"] == 2).sum() >= 14
-    rounds = store.read_json(raced.folder / "racing/00000.json")["rounds"]
+    rounds = store.document(raced.folder, "racing/00000")
     assert [(one["epochs"], len(one["trials"])) for one in rounds] == [(2, 24), (5, 8), (None, 4)]
     # The best of the smaller networks is the whole front; nobody can stop it.
     best = trials.index[(trials["model.true_rate"] == 0.9) & (trials["n_weights"] == 56)]
@@ -103,12 +103,8 @@ def test_one_in_three_goes_on_and_the_rest_is_as_without(
 
 
 def test_an_audit_trains_stopped_designs_on_and_says_what_was_lost(raced: Study) -> None:
-    found = store.read_json(raced.folder / "racing" / "audit.json")
-    stopped = {
-        s["trial"]
-        for one in store.read_json(raced.folder / "racing/00000.json")["rounds"]
-        for s in one["stopped"]
-    }
+    found = store.document(raced.folder, "racing/audit")
+    stopped = {s["trial"] for one in store.document(raced.folder, "racing/00000") for s in one["stopped"]}
     assert len(found["trials"]) == 2 and set(found["trials"]) <= stopped
     trials = raced.trials.set_index("trial")
     assert (trials.loc[found["trials"], "status"] == "finished").all()
@@ -118,11 +114,9 @@ def test_an_audit_trains_stopped_designs_on_and_says_what_was_lost(raced: Study)
     assert lost == "racing: of 2 stopped designs, drawn at random and trained on, none is on the front"
 
 
-def test_the_journal_is_optunas_with_intermediate_values(raced: Study) -> None:
-    path = str(raced.folder / "journal.log")
-    storage = optuna.storages.JournalStorage(optuna.storages.journal.JournalFileBackend(path))
-    loaded = optuna.load_study(study_name=None, storage=storage)
-    entries = read_journal(raced.folder / "journal.log")
+def test_optuna_has_the_intermediate_values(raced: Study) -> None:
+    loaded = as_optuna(raced.folder)
+    entries = read_entries(raced.folder)
     states = [trial.state.name for trial in loaded.trials]
     assert states.count("PRUNED") >= 5 and set(states) == {"PRUNED", "COMPLETE"}
     assert all(entry.is_reported and entry.values is not None for entry in entries)
@@ -174,9 +168,9 @@ def test_tables_are_written_while_an_audit_goes_on(
     assert n_finished[-3:] == [5, 6, 6] and all(set(one) <= {"f", "s"} for one in ended)
 
 
-@pytest.mark.parametrize("name", ["00000.json", "audit.json"])
+@pytest.mark.parametrize("name", ["racing/00000", "racing/audit"])
 @pytest.mark.parametrize("n_ends", [27, 35, None])
-def test_a_damaged_file_of_a_race_is_written_anew(
+def test_a_lost_document_of_a_race_is_written_anew(
     raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, n_ends: int | None
 ) -> None:
     monkeypatch.setattr(Workers, "stream", in_process)
@@ -191,9 +185,7 @@ def test_a_damaged_file_of_a_race_is_written_anew(
     with monkeypatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
         patch.setattr(explore._Tables, "refresh", interrupted)
         explore.run(space, tmp_path / "results", progress=False)
-    path = tmp_path / "results" / "tiny" / "racing" / name
-    path.parent.mkdir(exist_ok=True)
-    path.write_text("{}")
+    store.keep(tmp_path / "results" / "tiny", name, None)
     study = explore.run(space, tmp_path / "results", progress=False)
     for one, other in ((study.trials, raced.trials), (study.points(), raced.points())):
         assert_frame_equal(one.drop(columns="train_s"), other.drop(columns="train_s"), check_exact=True)
@@ -205,8 +197,8 @@ def test_a_batch_competes_with_those_before_it(tmp_path: Path, monkeypatch: pyte
     space = space_of(tmp_path, search={"racing": {"rungs": [2], "audit": 0}, "batch": 6})
     study = explore.run(space, tmp_path / "results", progress=False)
     going = [
-        [len(one["trials"]) for one in store.read_json(path)["rounds"]]
-        for path in sorted((study.folder / "racing").glob("0*.json"))
+        [len(one["trials"]) for one in store.document(study.folder, f"racing/{batch:05d}", [])]
+        for batch in range(4)
     ]
     # Rates rise from batch to batch, first with 56 weights, then with 63: of 12 the best 4 are all new ones.
     assert going[:2] == [[6, 4], [6, 4]]

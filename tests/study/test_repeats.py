@@ -13,7 +13,7 @@ import dse
 from dse.cli.command_line import main
 from dse.dashboard.study import PageRequest, write_page
 from dse.skyline.constraints import ExpressionError
-from dse.store import StoreError, run_folder
+from dse.store import StoreError, run_file
 from dse.study.question import Question
 from dse.study.record import load_record
 from dse.study.repeats import over_repeats
@@ -38,7 +38,7 @@ def test_every_number_is_of_the_chosen_run_and_points_stay(study):
         pd.testing.assert_frame_equal(table[identity], mean[identity])
         assert list(table.columns) == list(mean.columns)
         assert np.isfinite(table["energy_uj"]).all()
-    runs = [load_record(run_folder(study.folder, 0, repeat)).measured.columns for repeat in (0, 1)]
+    runs = [load_record(run_file(study.folder, 0, repeat)).measured.columns for repeat in (0, 1)]
     first, second = (run["accuracy"] for run in runs)
     assert mean["accuracy"][0] == pytest.approx((first + second) / 2)
     assert last["accuracy"][0] == second

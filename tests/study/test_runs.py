@@ -85,11 +85,11 @@ def test_folds_share_their_spikes_and_designs_their_folds(folded: tuple[Path, St
 
 def test_folds_are_known_again(folded: tuple[Path, Study]) -> None:
     folder, found = folded
-    files = sorted((found.folder / "artefacts").rglob("record.json"))
+    files = sorted((found.folder / "runs").glob("*.npz"))
     before = [(path, path.stat().st_mtime_ns) for path in files]
-    store.remove(store.run_folder(found.folder, 1, 2))
+    store.remove(store.run_file(found.folder, 1, 2))
     again = explore.run(space(folder), folder / "results", progress=False)
-    lost = store.run_folder(found.folder, 1, 2) / "record.json"
+    lost = store.run_file(found.folder, 1, 2)
     changed = {path for path, stamp in before if path.stat().st_mtime_ns != stamp}
     assert changed == {lost} and again.runs(1)[2]["sections"]["split"]["k_fold"]["fold"] == 2
 

@@ -24,10 +24,10 @@ from dse.dataset.files import read_meta
 from dse.measure import decision
 from dse.measure.run import read_out
 from dse.recordings import RecordingError
-from dse.study import explore, results, runs
+from dse.study import coordinators, explore, results, runs
 from dse.study import jobs as study_jobs
 from dse.study.executors.work import Failure
-from dse.study.journal import read_journal
+from dse.study.ledger import read_entries
 from dse.study.results import Study
 from dse.study.workers import Workers
 from tests import spaces, tiny_study
@@ -75,7 +75,7 @@ def assert_same(one: Study, other: Study) -> None:
 
 def finished_runs(folder: Path) -> dict[str, tuple[int, int]]:
     """Return what tells a run's record from one written again."""
-    records = (folder / "results" / "tiny" / "artefacts").rglob("record.json")
+    records = (folder / "results" / "tiny" / "runs").glob("*.npz")
     return {str(path): (path.stat().st_ino, path.stat().st_mtime_ns) for path in records}
 
 
@@ -97,13 +97,13 @@ def test_every_trial_has_its_record(finished: Study) -> None:
 
 
 def test_the_folder_says_what_was_explored_and_where(finished: Study) -> None:
-    [session] = store.read_json(finished.folder / "environment.json")
+    [session] = store.document(finished.folder, store.ENVIRONMENT)
     assert session["versions"]["numpy"] == np.__version__
     assert finished.space["model"]["hidden"] == {"choice": [4, 8, 16]}
     assert finished.objectives == [("accuracy", "max"), ("n_weights", "min"), ("energy_uj", "min")]
     [warning] = finished.warnings  # a grid of two phi is narrow
     assert warning.startswith("decision: the best setting of trials 0, 2, 3 and 2 more lies on the border of")
-    assert (finished.folder / "journal.log").exists()
+    assert (finished.folder / store.BOOK).exists()
 
 
 def test_points_are_what_the_stored_spikes_say(finished: Study) -> None:
@@ -111,7 +111,7 @@ def test_points_are_what_the_stored_spikes_say(finished: Study) -> None:
     assert len(points) == 6 * (1 + 2 * 3 + 19)  # the full read-out, the grid, earlier read-outs
     for number in (0, 5):
         [record] = finished.runs(number)
-        folder = store.run_folder(finished.folder, number, 0)
+        folder = store.run_file(finished.folder, number, 0)
         response = store.response_of(store.load_arrays(folder / "response.npz"))
         data = load(usual_root() / record["data"])
         target = data.target[data.validation]
@@ -180,12 +180,11 @@ def test_one_worker_and_another_order_of_axes_give_the_same_designs(
     assert_frame_equal(one, two[one.columns], check_exact=True)
 
 
-@pytest.mark.parametrize("damage", ["truncated", "missing", "torn record"])
+@pytest.mark.parametrize("damage", ["truncated", "missing"])
 def test_a_damaged_run_is_made_again_and_no_other(
     finished: Study, copied: Path, capsys: pytest.CaptureFixture[str], damage: str
 ) -> None:
-    folder = store.run_folder(copied / "results" / "tiny", 3, 0)
-    path = folder / ("record.json" if damage == "torn record" else "surface.npz")
+    path = store.run_file(copied / "results" / "tiny", 3, 0)
     content = path.read_bytes()
     path.unlink()
     if damage != "missing":
@@ -193,18 +192,18 @@ def test_a_damaged_run_is_made_again_and_no_other(
     before = finished_runs(copied)
     again = explore.run(make_space(copied), copied / "results", jobs=1)
     captured = capsys.readouterr()
-    assert "this run is repeated" in captured.err
+    assert ("this run is repeated" in captured.err) == (damage == "truncated")
     assert captured.out == ""
     assert_same(again, finished)
     after = finished_runs(copied)
     changed = {name for name in after if after[name] != before.get(name)}
-    assert changed == {str(folder / "record.json")}
+    assert changed == {str(path)}
 
 
 def test_a_damaged_data_set_is_prepared_again(finished: Study, copied: Path) -> None:
     spikes = usual_root() / read_meta(usual_root() / finished.runs(0)[0]["data"])["spikes"]
     (spikes / "channel.npy").write_bytes((spikes / "channel.npy").read_bytes()[:100])
-    shutil.rmtree(store.run_folder(copied / "results" / "tiny", 0, 0))
+    store.run_file(copied / "results" / "tiny", 0, 0).unlink()
     assert_same(explore.run(make_space(copied), copied / "results", jobs=1, progress=False), finished)
 
 
@@ -212,7 +211,7 @@ def cached(root: Path) -> dict[str, list[Path]]:
     """Return the folders of a cache: data sets, and the spikes that they name."""
     found: dict[str, list[Path]] = {"spikes": [], "dataset": []}
     for path in sorted(root.glob("*/meta.json")):
-        found[store.read_json(path, needs_seal=False)["schema"].split("/")[1]].append(path.parent)
+        found[store.read_json(path)["schema"].split("/")[1]].append(path.parent)
     return found
 
 
@@ -262,7 +261,7 @@ def test_data_sets_that_somebody_removed_are_prepared_again(
     before = finished_runs(copied)
     assert_same(explore.run(make_space(copied), copied / "results", progress=False), finished)
     assert finished_runs(copied) == before and not any(cached(copied / "cache").values())
-    shutil.rmtree(store.run_folder(copied / "results" / "tiny", 0, 0))
+    store.run_file(copied / "results" / "tiny", 0, 0).unlink()
     assert_same(explore.run(make_space(copied), copied / "results", progress=False), finished)
     assert [len(folders) for folders in cached(copied / "cache").values()] == [1, 1]
 
@@ -279,7 +278,7 @@ def test_a_data_set_that_is_evicted_before_its_worker_asks_is_prepared_again(
 
     monkeypatch.setattr(Workers, "stream", evicts)
     monkeypatch.setenv("DSE_CACHE", str(copied / "cache"))
-    shutil.rmtree(store.run_folder(copied / "results" / "tiny", 0, 0))
+    store.run_file(copied / "results" / "tiny", 0, 0).unlink()
     assert_same(explore.run(make_space(copied), copied / "results", jobs=1, progress=False), finished)
     assert [len(folders) for folders in cached(copied / "cache").values()] == [1, 1]
 
@@ -363,11 +362,10 @@ def test_warnings_stay_with_the_study(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize("kept", [0.0, 0.35, 0.6, 0.97])
-def test_a_torn_journal_loses_nothing(finished: Study, copied: Path, kept: float) -> None:
-    journal = copied / "results" / "tiny" / "journal.log"
-    content = journal.read_bytes()
-    journal.write_bytes(content[: int(kept * len(content))])
-    (journal.parent / "journal.log.lock").symlink_to(journal)
+def test_a_torn_book_loses_nothing(finished: Study, copied: Path, kept: float) -> None:
+    book = copied / "results" / "tiny" / store.BOOK
+    content = book.read_bytes()
+    book.write_bytes(content[: int(kept * len(content))])
     before = finished_runs(copied)
     assert_same(explore.run(make_space(copied), copied / "results", progress=False), finished)
     assert finished_runs(copied) == before
@@ -424,7 +422,7 @@ def test_what_the_machine_did_fails_no_design(
     assert reason in capsys.readouterr().err
     [note] = [text for text in found.warnings if text.startswith(runs.UNTRAINED)]
     assert "2 designs, trial 0, 3, because of the machine" in note
-    assert [entry.is_reported for entry in read_journal(found.folder / "journal.log")] == [
+    assert [entry.is_reported for entry in read_entries(found.folder)] == [
         False,
         True,
         True,
@@ -455,9 +453,11 @@ TOGETHER: dict[str, Any] = {**tiny_study.plain()["model"], "kind": "together"}
 
 def sizes(found: Study) -> list[int]:
     """Return how many runs were in the cohort of each finished run."""
-    folders = sorted((found.folder / "artefacts").glob("*/repeat_*"))
+    runs = [run for trial in store.runs_in(found.folder) for run in store.runs_of(found.folder, trial)]
     return [
-        int(store.load_arrays(f / "history.npz")["members"]) for f in folders if (f / "history.npz").exists()
+        int(store.load_arrays(run / "history.npz")["members"])
+        for run in runs
+        if "history.npz" in store.read_record(run)["files"]
     ]
 
 
@@ -592,7 +592,7 @@ def test_front_designs_are_repeated_and_averaged(tmp_path: Path) -> None:
     assert row["accuracy_se"] == pytest.approx(accuracy.std(ddof=1) / np.sqrt(3))
     surfaces = np.stack(
         [
-            store.load_arrays(store.run_folder(found.folder, number, k) / "surface.npz")["accuracy"]
+            store.load_arrays(store.run_file(found.folder, number, k) / "surface.npz")["accuracy"]
             for k in range(3)
         ]
     )
@@ -653,9 +653,9 @@ def test_more_hardware_needs_no_training(finished: Study, copied: Path) -> None:
     with pytest.raises(ConfigError, match=r"hardware is .* was started with"):
         explore.run(first, copied / "results", progress=False)
     kept = found.folder / "hardware" / "loihi1_silicon.yaml"
-    store.write_sealed_text(kept, "# looked at\n" + store.read_sealed_text(kept))
+    store.write_text(kept, "# looked at\n" + store.read_text(kept))
     explore.run(more, copied / "results", progress=False)
-    store.write_sealed_text(kept, store.read_sealed_text(kept).replace("value: 35.5", "value: 35.4"))
+    store.write_text(kept, store.read_text(kept).replace("value: 35.5", "value: 35.4"))
     with pytest.raises(ConfigError, match=r"loihi1_silicon: the numbers differ from those in .*yaml; change"):
         explore.run(more, copied / "results", progress=False)
 
@@ -719,7 +719,10 @@ def test_recordings_that_fit_no_design_stop_the_study_and_leave_it_open(tmp_path
     assert len(explore.run(good, tmp_path / "results", jobs=1, progress=False).trials) == 1
 
 
-def test_two_processes_cannot_run_one_study(copied: Path) -> None:
+def test_a_study_that_another_command_works_on_is_refused(
+    copied: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(coordinators, "_PATIENCE_S", 0)
     with (
         store.exclusive(copied / "results" / "tiny"),
         pytest.raises(store.StoreError, match="another process is running this study"),

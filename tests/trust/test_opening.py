@@ -60,7 +60,6 @@ READ = {
     "report": ("{study}", 2),
     "note": ("{study} 0 seen", 0),
     "doctor": ("{study}", 0),
-    "merge": ("{study} {root}/again --into merged", 2),
     "tell": ("{study} 0 accuracy=0.5", 2),
     "enqueue": ("{space} {root}/designs.yaml --results results", 2),
     "ask": ("{space} --results results", 2),
@@ -211,7 +210,6 @@ def test_consent_is_for_a_content_and_is_asked_once(others: Others, capsys: Capt
     check = ["check", str(others.space), "--json"]
     assert main(check) == 2
     assert main([*check, "--trust"]) == 0 and others.trace.exists()
-    shutil.copytree(others.study, "twin")
     capsys.readouterr()
     for arguments in (
         check,
@@ -219,7 +217,6 @@ def test_consent_is_for_a_content_and_is_asked_once(others: Others, capsys: Capt
         ["pick", str(others.study), "--export", "picked"],
         ["report", str(others.study)],
         ["run", str(others.space), "--results", "results", "--quiet"],
-        ["merge", str(others.study), "twin", "--into", "merged"],
     ):
         others.trace.unlink()
         with forgotten():

@@ -195,7 +195,7 @@ def test_data_keep_their_names(hostile: Path, capsys: Captured) -> None:
     assert main([*evaluate, "--json"]) == 0
     assert {row["true"] for row in json.loads(capsys.readouterr().out)["rows"]} == names
     assert set(bundle.read(hostile / "bundle").classes) == names
-    record = store.read_json(store.run_folder(hostile / "results" / "tiny", 0, 0) / "record.json")
+    record = store.read_record(store.run_file(hostile / "results" / "tiny", 0, 0))
     assert set(record["classes"]) == names
 
 

@@ -101,8 +101,8 @@ def doctor(results: str, *, repair: bool = False) -> Answer:
     """Say what is damaged or missing in a study's folder and what it costs; repair what can be repaired.
 
     Args:
-        repair: remove damaged runs, checkpoints and copies, or move them aside; write the journal and the
-            tables again. `dse run` trains what is missing then.
+        repair: remove damaged runs, checkpoints and copies, or move them aside; write the book and the
+            tables again; convert the folder of an earlier version. `dse run` trains what is missing then.
 
     Returns:
         A row per damage; exit code 1 while there is some that is not repaired.
@@ -115,11 +115,11 @@ def doctor(results: str, *, repair: bool = False) -> Answer:
         return Answer([], text=f"{folder}: nothing is damaged")
     if not repair:
         mended = any(x.repair is not None for x in damages)
-        left, notes = damages, [f"`dse doctor {folder} --repair` repairs what it can"] if mended else []
+        left, notes = list(damages), [f"`dse doctor {folder} --repair` repairs what it can"] if mended else []
     else:
-        left = examining.repair(folder)
+        left, notes = examining.repair(folder)
         n_left = len({x.file for x in left} & {x.file for x in damages})
-        notes = [f"{len(damages) - n_left} of {len(damages)} repaired"]
+        notes += [f"{len(damages) - n_left} of {len(damages)} repaired"]
         notes += [f"not repaired: {x.file} {x.fault}; {x.remedy}" for x in left]
     rows = [{"file": x.file, "fault": x.fault, "cost": x.cost, "remedy": x.remedy} for x in damages]
     return Answer(rows, notes, all_rows=True, code=1 if left else 0)
@@ -143,20 +143,6 @@ def enqueue(
     queue.add(folder, read)
     n = f"{len(read)} design{'s' if len(read) > 1 else ''}"
     return Answer(read, [f"{n} enqueued in {folder}; `dse run` trains them"])
-
-
-def merge(first: str, second: str, *, into: str) -> Answer:
-    """Join two studies of one search space: equal designs once, with the repeats of both.
-
-    Args:
-        first: folder of a study.
-        second: folder of another study.
-        into (DIR): folder of the new study; its name is the study's.
-    """
-    from dse.study import merge as merging
-
-    counts = merging.merge(Path(first), Path(second), Path(into))
-    return Answer([{"study": into, **counts}])
 
 
 def run(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import dse
+from dse import store
 from dse.cli import main
 from dse.config.locate import shipped_folder
 
@@ -58,9 +59,9 @@ def test_a_users_neuron_goes_from_a_file_to_a_bundle(
     results = tmp_path / "results" / "adaptive"
     run("run", space, "--results", tmp_path / "results", "--quiet", "--trust", capsys=capsys)
     space.write_text(SPACE.replace("n_trials: 1", "n_trials: 2"), encoding="utf-8")
-    first = np.load(results / "artefacts" / "00000" / "repeat_0" / "weights.npz")["0/weight"]
+    first = store.load_arrays(results / "runs" / "00000-0.npz" / "weights.npz")["0/weight"]
     run("run", space, "--results", tmp_path / "results", "--quiet", capsys=capsys)  # trains what is missing
-    stored = np.load(results / "artefacts" / "00000" / "repeat_0" / "weights.npz")
+    stored = store.load_arrays(results / "runs" / "00000-0.npz" / "weights.npz")
     assert str(stored["0/neuron"]) == "adaptive"
     np.testing.assert_array_equal(stored["0/weight"], first)
     front = run("skyline", results, capsys=capsys)

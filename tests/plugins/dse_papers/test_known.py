@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from dse import store
 from dse.audit import Audit, AuditRow, record
 from dse.recordings.scene import SceneTrials
 from dse.study.results import Study
@@ -39,7 +40,7 @@ def study_of(folder: Path, known: float | None = None, key: str = KEY, **design:
             test_se=0.018,
             data=key,
         )
-        record.write(Audit((row,), ()), folder / record.FILE)
+        store.keep(folder, record.DOCUMENT, record.plain(Audit((row,), ())))
     return study
 
 

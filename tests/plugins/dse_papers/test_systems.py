@@ -13,6 +13,7 @@ from dse.measure.objectives.accuracy import wilson_se
 from dse.report.gather import report
 from dse_papers.report.papers import publication, publication_of, systems
 from tests.report.made import noted, rows_of, write
+from tests.rewriting import damage_part
 
 
 def test_every_printed_system_has_a_title_a_source_and_families() -> None:
@@ -232,6 +233,6 @@ def test_a_system_without_the_printed_leak_shows_the_printed_figure(tmp_path: Pa
 
 def test_what_is_damaged_is_one_line(tmp_path: Path) -> None:
     written = write(tmp_path / "damaged", [{"accuracy": 0.9, "t_p_ms": 3.0}])
-    (store.run_folder(written.folder, 0, 0) / "read_out.npz").unlink()
-    with pytest.raises(store.StoreError, match=r"repeat_0/read_out\.npz: is missing"):
+    damage_part(store.run_file(written.folder, 0, 0), "read_out.npz")
+    with pytest.raises(store.StoreError, match=r"00000-0\.npz/read_out\.npz: cannot be read"):
         report([written])

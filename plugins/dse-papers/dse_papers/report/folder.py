@@ -33,8 +33,8 @@ from dse_papers.report.ours import Side
 from dse_papers.report.papers import Redrawn, publication
 
 _COMPARED, _README = "compared.csv", "README.md"
-_KEPT = ("environment.json", "trials.parquet", "points.parquet")
-_JOURNAL, _SMALL_BYTES = "journal.log", 64_000
+_KEPT = ("trials.parquet", "points.parquet")
+_SMALL_BYTES = 64_000
 _PNG_SCALE = 1.0
 _SHOWN = (
     *("where", "quantity", "condition", "printed", "ours", "se", "runs", "why"),
@@ -75,15 +75,15 @@ def write_paper(studies: Sequence[Study], key: str, folder: Path) -> PaperReport
 def _keep(study: Path, kept: Path) -> None:
     """Copy the tables of a study, not its runs; plugins are named without their folders of this machine."""
     kept.mkdir(parents=True)
-    journal = study / _JOURNAL
-    is_small = journal.is_file() and journal.stat().st_size <= _SMALL_BYTES
-    for name in (*_KEPT, *([_JOURNAL] if is_small else [])):
+    book = study / store.BOOK
+    is_small = book.is_file() and book.stat().st_size <= _SMALL_BYTES
+    for name in (*_KEPT, *([store.BOOK] if is_small else [])):
         if (study / name).is_file():
             shutil.copyfile(study / name, kept / name)
     space = plain_space(study / store.SPACE)
     if plugins := space.get("plugins"):
         space["plugins"] = [Path(str(name)).name for name in plugins]
-    store.write_sealed_text(kept / store.SPACE, dump(space))
+    store.write_text(kept / store.SPACE, dump(space))
 
 
 def _redraw(figure: Redrawn, sides: Sequence[Side], folder: Path) -> Iterator[str]:

@@ -1,0 +1,32 @@
+"""Runs of a study on disk, changed as if dse had written them so, or as a disk may."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from dse import store
+
+
+def rewrite(run: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+    """Change the record of a run, which the book of its study knows."""
+    record = store.record_in(run)
+    parts = {name: store.load_arrays(run / name) for name in record.pop("files")}
+    store.save_run(run, change(record), parts, replaces=True)
+    with store.Book(run.parents[1], writes=True) as book:
+        store.note_files(book, [run])
+
+
+def damage_part(run: Path, name: str) -> None:
+    """Change a bit of every array of a part of a run."""
+    content = bytearray(run.read_bytes())
+    with zipfile.ZipFile(run) as archive:
+        for member in archive.infolist():
+            if member.filename.startswith(f"{Path(name).stem}/"):
+                head = member.header_offset
+                sizes = content[head + 26 : head + 30]
+                begin = head + 30 + int.from_bytes(sizes[:2], "little") + int.from_bytes(sizes[2:], "little")
+                content[begin + member.compress_size // 2] ^= 1
+    run.write_bytes(content)
