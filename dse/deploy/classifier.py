@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from dse.config import Sections
 from dse.deploy.prefix import DEFAULT
@@ -35,7 +35,7 @@ class Input:
     width: int
     height: int
     n_steps: int
-    step_ms: float
+    step_ms: Annotated[float, 0]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ delays, the decision in whole numbers, how recordings become spikes, and how far
     Net      layers of neurons, input copies, steps, arithmetic: what a chip or a graph holds
     Rule     the decision of a network, in whole numbers
     Frame    the input, window and answers of any classifier; its encoder or pooling
+    Spiking  a frame with the layers and the rule of its network: all that runs
 
 and refuses by `Unsupported` what it cannot hold. Nothing here knows a target.
 """
@@ -34,7 +35,7 @@ from dse.preprocessing import Pooling
 from dse.recordings.pooling import pooling
 from dse.recordings.raster import RasterFile
 from dse.recordings.scene import SceneTrials
-from dse.records import Arithmetic, Array, Floats, Ints, Layer, Network
+from dse.records import Arithmetic, Array, Bools, Floats, Ints, Layer, Network
 
 FrontEnd = Literal["samples", "events", "spikes"]
 _BOUNDED = (cuba_lif.Population, resonator.Population, xylo_lif.Population)
@@ -50,6 +51,7 @@ class Unsupported(ValueError):
 class LayerForm:
     """One layer of a network, as it runs.
 
+    k: its number, from 1.
     neuron: name of its kind. population: the neurons.
     weights: (input, neuron) float32, weight units, on the 8-bit grid in integer arithmetic.
     recurrent: (neuron, neuron) likewise, row = presynaptic, one step later; None: none.
@@ -57,6 +59,7 @@ class LayerForm:
     bounds: of the states within the window; None of neurons or windows that do not tell.
     """
 
+    k: int
     neuron: str
     population: Population[Any]
     weights: Floats
@@ -85,6 +88,11 @@ class LayerForm:
     def most_spikes(self) -> int:
         """Of a neuron in a step."""
         return most_spikes(self.population)
+
+    @property
+    def turns(self) -> Bools:
+        """Which neurons resonate, (n_neurons,)."""
+        return np.broadcast_to(getattr(self.population, "resonates", False), self.n_neurons)
 
     @property
     def state_bits(self) -> int:
@@ -122,8 +130,8 @@ def net_of(network: Network, n_steps: int | None = None) -> Net:
         n_steps: network steps of a window, which the bounds of states follow from; None: unknown.
     """
     layers, arriving = [], 1
-    for layer in network.layers:
-        layers.append(_layer(layer, network.arithmetic, n_steps, arriving))
+    for k, layer in enumerate(network.layers, 1):
+        layers.append(_layer(k, layer, network.arithmetic, n_steps, arriving))
         arriving = layers[-1].most_spikes
     return Net(
         tuple(layers), network.n_channels, network.delays, network.steps_per_sample, network.arithmetic
@@ -156,8 +164,8 @@ def most_spikes(population: object) -> int:
     return int(population.most_spikes) if isinstance(population, xylo_lif.Population) else 1
 
 
-def _layer(layer: Layer, arithmetic: Arithmetic, n_steps: int | None, arriving: int) -> LayerForm:
-    """Return a layer whose inputs spike up to `arriving` times in a step."""
+def _layer(k: int, layer: Layer, arithmetic: Arithmetic, n_steps: int | None, arriving: int) -> LayerForm:
+    """Return layer k, whose inputs spike up to `arriving` times in a step."""
     population = population_of(layer.neuron, layer.parameters)
     rounding = quantise if arithmetic == "integer" else np.asarray
     forward, back = rounding(layer.weight).T, None
@@ -170,7 +178,7 @@ def _layer(layer: Layer, arithmetic: Arithmetic, n_steps: int | None, arriving: 
             both = np.concatenate([both, in_steps(back) * most_spikes(population)])
         bound = bounds(both, population, n_steps)
     delays = None if layer.delay is None else layer.delay.T
-    return LayerForm(layer.neuron, population, forward, back, delays, bound)
+    return LayerForm(k, layer.neuron, population, forward, back, delays, bound)
 
 
 @dataclass(frozen=True)
@@ -304,6 +312,63 @@ class Frame:
     def channel_words(self) -> int:
         """Words of 32 bits with a bit per channel."""
         return -(-self.n_channels // 32)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spiking(Frame):
+    """A spiking network with its input, its window and its decision: all that runs.
+
+    layers: with the bounds of their states within a window.
+    steps_per_sample: network steps per input step.
+    delays: of the copies of the inputs, network steps (`Net`).
+    """
+
+    layers: tuple[LayerForm, ...]
+    steps_per_sample: int
+    delays: tuple[int, ...]
+    arithmetic: Arithmetic
+    rule: Rule
+
+    @property
+    def network_steps(self) -> int:
+        """Network steps of the window."""
+        return self.n_steps * self.steps_per_sample
+
+    @property
+    def n_slots(self) -> int:
+        """Input steps whose spikes must be remembered."""
+        return max(self.delays) // self.steps_per_sample + 1
+
+    @property
+    def is_delayed(self) -> bool:
+        """Whether there are delayed copies of the inputs."""
+        return any(self.delays)
+
+
+def spiking_of(bundle: Classifier) -> Spiking:
+    """Return all that runs of a bundle of a network.
+
+    Raises:
+        Unsupported: the bundle does not say what recordings it takes.
+    """
+    network, frame = bundle.fitted, frame_of(bundle)
+    assert isinstance(network, Network)
+    per_sample = network.steps_per_sample
+    rule = rule_of(bundle, frame.n_steps * per_sample, network.sizes[-1], frame.step_ms / per_sample)
+    return spiking_with(frame, network, rule)
+
+
+def spiking_with(frame: Frame, network: Network, rule: Rule) -> Spiking:
+    """Return a network with what surrounds it."""
+    net = net_of(network, frame.n_steps * network.steps_per_sample)
+    return Spiking(
+        **vars(frame),
+        layers=net.layers,
+        steps_per_sample=net.steps_per_sample,
+        delays=net.delays,
+        arithmetic=net.arithmetic,
+        rule=rule,
+    )
 
 
 def frame_of(bundle: Classifier) -> Frame:

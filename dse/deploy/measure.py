@@ -17,7 +17,7 @@ import numpy as np
 
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
-from dse.deploy.c.counting import planned
+from dse.deploy.c.counting import code_of
 from dse.deploy.form import Unsupported
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.reference import Reference, of_recordings
@@ -166,7 +166,7 @@ def _priced(engine: str, steps: Floats, inferences: Floats, work: Callable[[], i
 def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
     none = np.zeros(0)
     try:
-        plan = planned(bundle)
+        plan = code_of(bundle)
         commands, options = (None, []) if reference is None else replay.of_recordings(reference, plan)
         if commands is None:
             windows = _windows_of_spikes(bundle, reference)

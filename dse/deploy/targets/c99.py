@@ -14,33 +14,31 @@ import dse
 from dse.config.resolved import Sections
 from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import code_size, counting_source, files, host, replay, source
-from dse.deploy.c.counting import CountingPlan, planned
+from dse.deploy.c import code_size, files, host, replay
+from dse.deploy.c.code import Code
+from dse.deploy.c.counting import code_of
 from dse.deploy.c.least import RAM, least_memory
-from dse.deploy.c.plan import Plan
 from dse.deploy.reference import Reference
 from dse.deploy.targets import BackEnd, Engine, TargetError
 from dse.records import Ints
 from dse.registry import Column, register
 
 
-class InC(BackEnd[Plan | CountingPlan]):
+class InC(BackEnd[Code]):
     """A target that is C, for one processor or any; a subclass says how it is compiled and executed."""
 
     has_prefix: ClassVar[bool] = True
 
-    def form(self, bundle: Bundle) -> Plan | CountingPlan:
+    def form(self, bundle: Bundle) -> Code:
         """Return the classifier as C holds it."""
-        return planned(bundle)
+        return code_of(bundle)
 
-    def emit(self, form: Plan | CountingPlan, bundle: Bundle, folder: Path) -> None:
+    def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
         title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(form.classes)}"
-        files.write(_code(form), folder, title, dse.__version__, bundle.prefix)
+        files.write(form, folder, title, dse.__version__, bundle.prefix)
 
-    def engines(
-        self, form: Plan | CountingPlan, bundle: Bundle, folder: Path, reference: Reference
-    ) -> Iterator[Engine]:
+    def engines(self, form: Code, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
         """Compile the files, run them on recordings: all spikes and decisions, those of an encoder too."""
         recorded, options = replay.of_recordings(reference, form)
         done = self.executed(form, folder, reference, recorded, options)
@@ -51,7 +49,7 @@ class InC(BackEnd[Plan | CountingPlan]):
     @abstractmethod
     def executed(
         self,
-        form: Plan | CountingPlan,
+        form: Code,
         folder: Path,
         reference: Reference,
         recorded: Sequence[Ints] | None,
@@ -88,9 +86,9 @@ class C99(InC):
         code is compiled once per kind of classifier: instructions of others of the kind differ by some
         bytes. Without a compiler it is left out.
         """
-        plan = planned(bundle)
+        plan = code_of(bundle)
         front_end = plan.front_end, plan.encoder, plan.pooling is not None
-        instructions = _instructions(_Kind((frozenset(code_size.parts(plan).items()), front_end), plan))
+        instructions = _instructions(_Kind((frozenset(plan.parts().items()), front_end), plan))
         if instructions is None:
             return code_size.footprint(plan)
         return code_size.footprint(plan) | {"flash_bytes": instructions + code_size.constant_bytes(plan)}
@@ -101,7 +99,7 @@ class C99(InC):
 
     def executed(
         self,
-        form: Plan | CountingPlan,
+        form: Code,
         folder: Path,
         reference: Reference,
         recorded: Sequence[Ints] | None,
@@ -121,20 +119,16 @@ class _Kind:
     """What the instructions of a classifier follow from; `example` is one of the kind."""
 
     parts: Hashable
-    example: Plan | CountingPlan = field(compare=False)
+    example: Code = field(compare=False)
 
 
 @functools.cache
 def _instructions(kind: _Kind) -> float | None:
     """Return the bytes of the instructions of a kind as compiled here; None without compiler or `size`."""
     with tempfile.TemporaryDirectory() as folder:
-        files.write(_code(kind.example), Path(folder) / "c", "", dse.__version__)
+        files.write(kind.example, Path(folder) / "c", "", dse.__version__)
         try:
             flash = host.sizes(Path(folder) / "c").get("flash_bytes")
         except (host.NoCompiler, host.RunFailed):
             return None
     return None if flash is None else flash - code_size.constant_bytes(kind.example)
-
-
-def _code(plan: Plan | CountingPlan) -> files.Code:
-    return source.code(plan) if isinstance(plan, Plan) else counting_source.code(plan)

@@ -15,7 +15,8 @@ from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, host, replay
 from dse.deploy.c.arrays import Matrix
-from dse.deploy.c.counting import CountingPlan, planned
+from dse.deploy.c.code import Code
+from dse.deploy.c.counting import code_of
 from dse.deploy.c.least import FLASH, RAM, least_memory
 from dse.deploy.c.plan import Plan
 from dse.deploy.form import Unsupported
@@ -51,9 +52,9 @@ class CortexM(InC):
         """Bytes of the parts of the code (dse.deploy.c.code_size)."""
         return code_size.CORTEX_M if self.core.has_thumb_2 else code_size.CORTEX_M0_PLUS
 
-    def form(self, bundle: Bundle) -> Plan | CountingPlan:
+    def form(self, bundle: Bundle) -> Code:
         """Return the classifier as C holds it, if it fits into the flash."""
-        plan = planned(bundle)
+        plan = code_of(bundle)
         chip, flash = "the emulator", MOST_FLASH_BYTES
         if self.profile:
             flash_kib = load(self.profile).at("value")["flash_kib"]
@@ -64,14 +65,14 @@ class CortexM(InC):
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its memory before it is written: in flash constants exactly, code from measured parts."""
-        plan = planned(bundle)
+        plan = code_of(bundle)
         return code_size.footprint(plan) | {"flash_bytes": code_size.flash_bytes(plan, self.code_bytes)}
 
     def least_footprint(self, sections: Sections, shape: Shape) -> dict[str, tuple[float, float]]:
         """Return its memory before a design is trained (`dse.deploy.c.least`)."""
         return least_memory(sections, shape, self.code_bytes)
 
-    def emit(self, form: Plan | CountingPlan, bundle: Bundle, folder: Path) -> None:
+    def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""
         super().emit(form, bundle, folder)
         readme = folder / "README.md"
@@ -80,7 +81,7 @@ class CortexM(InC):
 
     def executed(
         self,
-        form: Plan | CountingPlan,
+        form: Code,
         folder: Path,
         reference: Reference,
         recorded: Sequence[Ints] | None,
