@@ -443,7 +443,6 @@ def _is_empty(folder: Path) -> bool:
 
 
 def _readme(bundle: Bundle) -> str:
-    what, weights_are = _described(bundle)
     title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(bundle.answers)}"
     known: dict[str, Any] = registry.known("targets") if bundle.targets else {}
     targets = []
@@ -452,14 +451,18 @@ def _readme(bundle: Bundle) -> str:
         use = "" if verdict.kind == "unsupported" else prefixed(getattr(target, "use", ""), bundle.prefix)
         row = {"name": markdown(name), "label": getattr(target, "label", ""), "use": use}
         targets.append({**row, "verdict": _in_words(verdict)})
+    fitted, at = bundle.fitted, bundle.read_out_ms
     return filled(
         Path(__file__).parent / "templates" / "README.md",
+        bundle,
         title=markdown(title),
-        what=what,
-        rule=_rule(bundle),
-        weights=weights_are,
-        record=[{"name": markdown(str(x)), "value": markdown(str(y))} for x, y in bundle.record.items()],
-        targets=targets,
+        when="at the end of the window" if at is None else f"after {at:g} ms",
+        early=bundle.phi is not None,
+        spikes=f"{bundle.phi or 0:g}",
+        fraction=f"{bundle.theta or 0:g}",
+        **(_of_network(fitted) if isinstance(fitted, Network) else _of_family(bundle, fitted)),
+        rows=[{"name": markdown(str(x)), "value": markdown(str(y))} for x, y in bundle.record.items()],
+        verdicts=targets,
     )
 
 
@@ -474,46 +477,28 @@ def _in_words(verdict: Verdict) -> str:
     return "; ".join(words)
 
 
-def _rule(bundle: Bundle) -> str:
-    when = "at the end of the window" if bundle.read_out_ms is None else f"after {bundle.read_out_ms:g} ms"
-    if isinstance(bundle.fitted, Parameters):
-        return f"The class that the classifier names {when}."
-    if bundle.phi is None:
-        return f"The class with most output spikes {when} (lowest on ties)."
-    return (
-        f"The class that has at least the fraction {bundle.theta:g} of the output spikes, at the first step "
-        f"with more than {bundle.phi:g} of them; without such a step the class with most at the end (lowest "
-        "on ties)."
-    )
+def _of_family(bundle: Bundle, fitted: Parameters) -> dict[str, object]:
+    """Return what README.md says of a classifier that is no single network."""
+    arrays = ", ".join(f"`own/{markdown(name)}`" for name in fitted.arrays)
+    return {"network": False, "kind": bundle.sections.kinds["model"], "arrays": arrays}
 
 
-def _described(bundle: Bundle) -> tuple[str, str]:
-    """Return a description of the classifier, and one of its arrays."""
-    fitted = bundle.fitted
-    if isinstance(fitted, Parameters):
-        names = ", ".join(f"`own/{markdown(name)}`" for name in fitted.arrays)
-        kind = bundle.sections.kinds["model"]
-        return (
-            f"A classifier of family `{kind}` (`dse describe model {kind}`) on {fitted.n_channels} channels.",
-            f"`weights.npz` holds what the family stores: {names}.",
-        )
+def _of_network(fitted: Network) -> dict[str, object]:
+    """Return what README.md says of a network."""
     kinds = {layer.neuron: (neuron_of(layer.neuron), layer.parameters) for layer in fitted.layers}
-    matrices = (
-        "`k/weight` (neuron, input) before 8-bit rounding, `k/weight_8bit` what runs on a chip (value / 32)"
-        if all("fixed_point" in neuron.exports for neuron, _ in kinds.values())
-        else "`k/weight` (neuron, input)"
-    )
+    has_8_bits = all("fixed_point" in neuron.exports for neuron, _ in kinds.values())
+    eight = " before 8-bit rounding, `k/weight_8bit` what runs on a chip (value / 32)" if has_8_bits else ""
     parameters = [
         f"`k/{name}`" + (f" in {neuron.units[name]}" if name in neuron.units else "")
         for neuron, names in kinds.values()
         for name in names
     ]
-    labels = " and ".join(neuron.label for neuron, _ in kinds.values())
-    return (
-        f"A {'-'.join(map(str, fitted.sizes))} network of {labels} neurons ({fitted.arithmetic} arithmetic).",
-        "`weights.npz` holds per layer k (0 is nearest the input)"
-        f"{', as far as its neurons have them' if len(kinds) > 1 else ''}: "
-        f"{', '.join([matrices, *dict.fromkeys(parameters)])}. "
-        f"Input column d * {fitted.n_channels} + c is channel c, `delays[d]` steps ago."
-        + (" `k/delay` (neuron, input) are the synapses' own delays, steps." if fitted.delay_bits else ""),
-    )
+    own = " `k/delay` (neuron, input) are the synapses' own delays, steps." if fitted.delay_bits else ""
+    return {
+        "network": True,
+        "sizes": "-".join(map(str, fitted.sizes)),
+        "labels": " and ".join(neuron.label for neuron, _ in kinds.values()),
+        "as_far": ", as far as its neurons have them" if len(kinds) > 1 else "",
+        "arrays": ", ".join([f"`k/weight` (neuron, input){eight}", *dict.fromkeys(parameters)]),
+        "own_delays": own,
+    }

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
+import numpy as np
+
 from dse.config import Sections
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.verdict import Verdict
-from dse.records import Head, Network, Parameters
+from dse.records import Head, Ints, Network, Parameters
 
 
 class BundleError(ValueError):
@@ -77,6 +79,16 @@ class Classifier:
         return sum(len(head.classes) for head in self.heads) or len(self.classes)
 
     @property
+    def answering(self) -> Head | None:
+        """The head that answers alone; None: all of them together, or there are none."""
+        return next((head for head in self.heads if head.name == self.head), None)
+
+    @property
     def answers(self) -> tuple[str, ...]:
         """Names of the classes that it answers: those of the head that answers, else all."""
-        return next((head.classes for head in self.heads if head.name == self.head), self.classes)
+        return self.classes if self.answering is None else self.answering.classes
+
+    def answered(self, label: Ints) -> Ints:
+        """Return classes of the whole network as those that it answers; -1 stays."""
+        head = self.answering
+        return label if head is None else np.where(label >= 0, head.of_class[label], -1)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -200,6 +201,26 @@ class Rule:
     heads: tuple[tuple[int, int], ...] = ()
     joint: tuple[int, ...] = ()
 
+    @property
+    def parts(self) -> tuple[tuple[int, int], ...]:
+        """First output neuron and number of them, of each part that answers."""
+        return self.heads or ((self.first, self.n),)
+
+    def is_met(self, counts: Sequence[int]) -> bool:
+        """Return whether output spikes suffice; they always do where the answer comes at a fixed time."""
+        if self.least_total is None:
+            return True
+        total, confidence = sum(counts), self.confidence
+        is_sure = max(counts) * confidence.denominator >= total * confidence.numerator
+        return total >= self.least_total and is_sure
+
+    def label(self, counts: Sequence[Sequence[int]]) -> int:
+        """Return the class by the most output spikes of each part, the lowest on ties; -1: there is none."""
+        at = 0
+        for part in counts:
+            at = at * len(part) + part.index(max(part))
+        return self.joint[at] if self.joint else at
+
 
 def rule_of(bundle: Classifier, network_steps: int, n_outputs: int, step_ms: float) -> Rule:
     """Return the decision of a bundle of a network.
@@ -211,11 +232,9 @@ def rule_of(bundle: Classifier, network_steps: int, n_outputs: int, step_ms: flo
         step_ms: duration of a network step.
     """
     sizes = [len(head.classes) for head in bundle.heads]
-    firsts = np.cumsum([0, *sizes]).tolist()
-    first, n = 0, n_outputs
-    for head, begin, size in zip(bundle.heads, firsts, sizes, strict=False):
-        if head.name == bundle.head:
-            first, n = begin, size
+    heads = tuple(zip(np.cumsum([0, *sizes]).tolist(), sizes, strict=False))
+    named = {head.name: part for head, part in zip(bundle.heads, heads, strict=True)}
+    first, n = named.get(bundle.head, (0, n_outputs))
     if bundle.phi is not None and bundle.theta is not None:
         total = math.floor(bundle.phi) + 1
         return Rule(first, n, total, simplest_fraction(bundle.theta, network_steps * n), network_steps - 1)
@@ -225,9 +244,7 @@ def rule_of(bundle: Classifier, network_steps: int, n_outputs: int, step_ms: flo
     if bundle.heads and not bundle.head:
         combinations = np.stack([x.ravel() for x in np.indices(sizes)], axis=1)
         joint = tuple(joint_label(combinations, bundle.heads).tolist())
-        return Rule(
-            0, n_outputs, None, Fraction(0), steps - 1, tuple(zip(firsts, sizes, strict=False)), joint
-        )
+        return Rule(0, n_outputs, None, Fraction(0), steps - 1, heads, joint)
     return Rule(first, n, None, Fraction(0), steps - 1)
 
 

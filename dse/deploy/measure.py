@@ -21,12 +21,11 @@ from dse.deploy.c.counting import code_of
 from dse.deploy.form import Unsupported
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.reference import Reference, of_recordings
-from dse.deploy.sources import by_step, items_of_recording
+from dse.deploy.sources import by_step, recordings_of
 from dse.deploy.stream import Decision, Passed, Stream, Windows
 from dse.deploy.targets.c99 import C99
 from dse.hardware.counter import measured_power
-from dse.recordings import trials_of
-from dse.records import Array, Block, Floats, Ints, Network, Rasters, Signals
+from dse.records import Array, Block, Floats, Ints, Network
 
 SPIKE_RATE = 0.02
 """Input spikes per channel and step of random windows."""
@@ -99,13 +98,10 @@ def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Record
                 [partial(Stream.spikes, channels=x) for x in spikes],
             )
         return
-    input_ms = Stream(bundle).step_ms
-    simulated = not isinstance(inputs, Signals | Rasters) and trials_of(inputs) is not None
-    for i, first in enumerate(reference.first_step.tolist()):
-        items: list[Block | Array | Passed] = []
-        for item in items_of_recording(inputs, i):
-            items += by_step(item, input_ms) if isinstance(item, Block) else [item]
-        make = partial(Stream, bundle, Windows("once", first=first), 0 if simulated else None)
+    for make, recorded in recordings_of(bundle, inputs, reference.first_step):
+        step_ms, items = make().step_ms, list[Block | Array | Passed]()
+        for item in recorded:
+            items += by_step(item, step_ms) if isinstance(item, Block) else [item]
         yield make, [partial(Stream.push, item=item) for item in items]
 
 

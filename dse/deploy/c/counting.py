@@ -183,7 +183,7 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
         ends=ends,
         rows=rows,
         per_window=per_window,
-        labels=_labels(bundle, classes),
+        labels=tuple(bundle.answered(classes).tolist()),
     )
 
 
@@ -191,14 +191,6 @@ def _most(ends: Sequence[int], per_window: int, n_channels: int) -> int:
     """Return the most spikes of a counting window that one count can hold."""
     longest = max(np.diff([0, *ends]).tolist())
     return int(longest) * (1 if per_window > 1 else n_channels)
-
-
-def _labels(bundle: Bundle, classes: Ints) -> tuple[int, ...]:
-    """Return what each class answers: itself, or its class of the head that answers."""
-    for head in bundle.heads:
-        if head.name == bundle.head:
-            return tuple(head.of_class[classes].tolist())
-    return tuple(classes.tolist())
 
 
 def _classifier(

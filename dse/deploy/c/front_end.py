@@ -110,7 +110,7 @@ def front_end(plan: Frame) -> str:
 def _send_on_delta(encoder: SendOnDeltaForm) -> str:
     return filled("numbers.c") + filled(
         "send_on_delta.c",
-        rule=encoder.rule,
+        encoder,
         **{f"is_{rule}": encoder.rule == rule for rule in ("value", "step", "level")},
         n_thresholds=len(encoder.thresholds),
         exact=", ".join(map(real, encoder.thresholds)),
@@ -132,9 +132,9 @@ def _receptors(plan: ReceptorsForm) -> str:
     }
     return filled("numbers.c") + filled(
         "receptors.c",
+        plan,
         **{name: real(x) for name, x in numbers.items()},
         gain_sa=real(encoder.gain_sa) if encoder.sa else "",
-        n_sensors=plan.n_sensors,
         low=wrapped(real(x) for x in encoder.low),
         span=wrapped(real(max(b - a, 0.0)) for a, b in zip(encoder.low, encoder.high, strict=True)),
         names=", ".join(KINDS if encoder.sa else KINDS[1:]),
@@ -161,11 +161,10 @@ def _pooling(pools: Pooling) -> str:
         several += [Table("uint8_t", f"n_{axis}", lengths[cut])] if others else []
     return filled(
         "pooling.c",
+        pools,
         tables="".join(table.text for table in [*tables, *several]),
         columns=columns,
         rows=rows,
-        start_us=pools.start_us,
-        bin_us=pools.bin_us,
         stop_us="" if _is_endless(pools) else pools.end_us,
         too_late="" if _is_endless(pools) else " || t_us >= net.stop_us",
         crop_x=x,

@@ -3,7 +3,8 @@
 Contract: `Target`. To add one, here or in a module of your own, write a file with a frozen dataclass that
 `@register("targets", "my_target")` names: what it refuses, what it writes, and how that is run. A `BackEnd`
 walks the form of a classifier (dse.deploy.form), and has refusal, writing and verdict from there. One that
-runs the C extends `dse.deploy.targets.c99.InC`, and says how it is compiled and executed.
+runs the C extends `dse.deploy.targets.c99.InC`, and says how it is compiled and executed; in the emulator,
+`dse.deploy.targets.emulated.Emulated`, with a core and its instruction set.
 `dse.testing.check_target` says what it lacks.
 """
 
