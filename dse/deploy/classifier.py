@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 
 from dse.config import Sections
+from dse.config.contracts import Encoder
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.verdict import Verdict
 from dse.records import Head, Ints, Network, Parameters
@@ -38,6 +39,14 @@ class Input:
     height: int
     n_steps: int
     step_ms: Annotated[float, 0]
+
+    @classmethod
+    def of_channels(cls, encoder: Encoder | None, n_channels: int, n_steps: int, step_ms: float) -> Self:
+        """Return the samples that an encoder makes spikes of so many channels of; without one, the spikes."""
+        if encoder is None:
+            return cls("spikes", n_channels, 0, 0, n_steps, step_ms)
+        n_in = next(n for n in range(1, n_channels + 1) if encoder.n_channels(n) == n_channels)
+        return cls("samples", n_in, 0, 0, n_steps, step_ms)
 
 
 @dataclass(frozen=True)

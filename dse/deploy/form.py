@@ -267,6 +267,10 @@ class SendOnDeltaForm:
     merged: bool
 
     @property
+    def n_thresholds(self) -> int:
+        return len(self.thresholds)
+
+    @property
     def takes_whole(self) -> bool:
         """Whether samples may be integers."""
         return self.whole is not None
@@ -292,9 +296,10 @@ class ReceptorsForm:
         return parameters(self.encoder.sa)
 
     @property
-    def smoothed(self) -> int:
-        """Samples of the moving average; 1: none."""
-        return max(1, round(self.encoder.smoothing_ms / self.step_ms))
+    def n_totals(self) -> int:
+        """Sums that the moving average needs, of all samples up to each of its own; 0: there is none."""
+        smoothed = max(1, round(self.encoder.smoothing_ms / self.step_ms))
+        return smoothed + 1 if smoothed > 1 else 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -332,18 +337,12 @@ class Frame:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spiking(Frame):
+class Spiking(Frame, Net):
     """A spiking network with its input, its window and its decision: all that runs.
 
-    layers: with the bounds of their states within a window.
-    steps_per_sample: network steps per input step.
-    delays: of the copies of the inputs, network steps (`Net`).
+    Its layers have the bounds of their states within a window.
     """
 
-    layers: tuple[LayerForm, ...]
-    steps_per_sample: int
-    delays: tuple[int, ...]
-    arithmetic: Arithmetic
     rule: Rule
 
     @property
@@ -378,14 +377,7 @@ def spiking_of(bundle: Classifier) -> Spiking:
 def spiking_with(frame: Frame, network: Network, rule: Rule) -> Spiking:
     """Return a network with what surrounds it."""
     net = net_of(network, frame.n_steps * network.steps_per_sample)
-    return Spiking(
-        **vars(frame),
-        layers=net.layers,
-        steps_per_sample=net.steps_per_sample,
-        delays=net.delays,
-        arithmetic=net.arithmetic,
-        rule=rule,
-    )
+    return Spiking(**{**vars(net), **vars(frame)}, rule=rule)
 
 
 def frame_of(bundle: Classifier) -> Frame:

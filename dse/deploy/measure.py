@@ -163,13 +163,14 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
     none = np.zeros(0)
     try:
         plan = code_of(bundle)
-        commands, options = (None, []) if reference is None else replay.of_recordings(reference, plan)
+        recorded = replay.Recorded() if reference is None else replay.of_recordings(reference, plan)
+        commands = recorded.commands
         if commands is None:
             windows = _windows_of_spikes(bundle, reference)
             counts = [np.array([len(x) for x in window]) for window in windows]
             commands = [replay.of_window(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
         with tempfile.TemporaryDirectory() as temporary:
-            program = _program(bundle, Path(temporary), options)
+            program = _program(bundle, Path(temporary), recorded.options)
             text = np.concatenate(commands).astype(np.int32).tobytes()
             first = _played(program, text, 1)
             seconds = max(1e-4, sum(float(x.sum()) for x, _ in first) * 1e-9)
@@ -190,7 +191,7 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
         return Times("c99", none, none, None, str(error))
 
 
-def _program(bundle: Bundle, folder: Path, options: list[str]) -> Path:
+def _program(bundle: Bundle, folder: Path, options: Sequence[str]) -> Path:
     C99().write(dataclasses.replace(bundle, prefix=DEFAULT), folder / "c")
     source = importlib.resources.files("dse.deploy.c") / "measure.c"
     with importlib.resources.as_file(source) as measure_c:

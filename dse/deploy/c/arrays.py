@@ -8,13 +8,15 @@ fewest bits b for q that hold all of a matrix.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from dse.deploy.c.text import wrapped
+from dse.deploy.c.text import filled, wrapped
 from dse.records import Array, Ints
 
 _BYTES = {
@@ -51,6 +53,21 @@ class Member:
         """Its declaration."""
         purpose = f" /* {self.purpose} */" if self.purpose else ""
         return f"    {self.kind} {self.name}{''.join(f'[{n}]' for n in self.lengths)};{purpose}\n"
+
+
+_DECLARED = re.compile(r"(0 )?(\w+) (\w+)((?:\[\d+\])*); ?(.*)\n")
+
+
+def members_of(table: str | Path, *objects: object, **values: Any) -> list[Member]:
+    """Return the variables that a template declares (arguments of `filled`).
+
+    A line is `TYPE NAME[LENGTH]...; PURPOSE`, after a 0 where the variable is 0 at the start of a window.
+    """
+    out = []
+    for cleared, kind, name, lengths, purpose in _DECLARED.findall(filled(table, *objects, **values)):
+        sizes = tuple(int(n) for n in re.findall(r"\d+", lengths))
+        out.append(Member(kind, name, sizes, purpose, bool(cleared)))
+    return out
 
 
 def declared(members: Sequence[Member]) -> str:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c.arrays import Member, Table
+from dse.deploy.c.arrays import Member, Table, members_of
 from dse.deploy.c.code import Code
 from dse.deploy.c.plan import plan_of
 from dse.deploy.c.text import filled
@@ -86,16 +86,7 @@ class CountingPlan(Code):
 
     def own_members(self) -> list[Member]:
         """Return its variables."""
-        return [
-            Member(self.counter, "counts", (self.n_features,), "spikes by window and channel"),
-            Member("uint32_t", "step", (), "steps since dse_reset()"),
-            Member("uint32_t", "answered", (), "step of the answer"),
-            Member("uint16_t", "window", (), "counting window"),
-            Member("int16_t", "answer", (), "the class + 1; 0: none so far"),
-            Member("uint32_t", "spikes", (1, self.channel_words), "input spikes, a bit per channel"),
-            Member("uint8_t", "pushed", (), "whether there are any in this step"),
-            *self.classifier.members,
-        ]
+        return [*members_of("counting_members.txt", self), *self.classifier.members]
 
     def tables(self) -> list[Table]:
         """Return counting windows, answers, and what the classifier has learnt."""

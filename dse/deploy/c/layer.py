@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.deploy.bounds import Bounds
-from dse.deploy.c.arrays import Matrix, Member, Table, stored
+from dse.deploy.c.arrays import Matrix, Table, stored
 from dse.deploy.c.text import filled, indented
 from dse.deploy.form import LayerForm, in_steps
 from dse.neurons import cuba_lif, resonator, xylo_lif
@@ -133,6 +133,11 @@ class LayerPlan(LayerForm):
         return 0 if delays is None else 1 + int(delays.max(initial=0))
 
     @property
+    def n_held(self) -> int:
+        """Numbers that are held for them."""
+        return self.n_later * self.n_neurons
+
+    @property
     def held(self) -> str:
         """What arrives at neuron i in this step where synapses have delays; '' where none has."""
         return f"net.later_{self.k}[net.now_{self.k} * {self.n_neurons}u + i]" if self.n_later else ""
@@ -159,18 +164,6 @@ class LayerPlan(LayerForm):
             return "CUBA-LIF"
         n = int(np.count_nonzero(self.turns))
         return f"{n} resonators, others CUBA-LIF" if n < self.n_neurons else "resonators"
-
-    def members(self) -> Iterator[Member]:
-        """Yield its variables."""
-        k, kind = self.k, self.type
-        yield Member(kind, f"{self.a}_{k}", (self.n_places,), f"layer {k}", True)
-        yield Member(kind, f"{self.b}_{k}", (self.n_neurons,), is_cleared=True)
-        yield Member("uint8_t", f"awake_{k}", (), "whether a state is not 0", True)
-        if self.n_later:
-            held = (self.n_later * self.n_neurons,)
-            yield Member(kind, f"later_{k}", held, "input from this step on", True)
-            yield Member("uint8_t", f"now_{k}", (), f"this step in later_{k}", True)
-            yield Member("uint8_t", f"busy_{k}", (), "steps for which there may be input", True)
 
     def tables(self) -> Iterator[Table]:
         """Yield its weights, and the parameters that differ between its neurons."""

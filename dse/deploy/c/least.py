@@ -124,13 +124,11 @@ def _bytes(n: int, n_inputs: int, shared: Ints | None = None) -> Floats:
 
 def _input(sections: Sections, shape: Shape, n_steps: int) -> Input:
     """Return recordings that become spikes of a shape."""
-    encoder, preprocessing, n = sections.encoder, sections.preprocessing, len(shape.positions)
+    encoder, preprocessing = sections.encoder, sections.preprocessing
     if preprocessing is not None:
         return Input("events", 0, *_frame(preprocessing, shape.positions), n_steps, shape.step_ms)
-    if not isinstance(encoder, SendOnDelta | Receptors):
-        return Input("spikes", n, 0, 0, n_steps, shape.step_ms)
-    n_in = next(n_in for n_in in range(1, n + 1) if encoder.n_channels(n_in) == n)
-    return Input("samples", n_in, 0, 0, n_steps, shape.step_ms)
+    known = encoder if isinstance(encoder, SendOnDelta | Receptors) else None
+    return Input.of_channels(known, len(shape.positions), n_steps, shape.step_ms)
 
 
 def _frame(settings: Preprocessing, positions: Ints) -> tuple[int, int]:

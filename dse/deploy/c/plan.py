@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dse.deploy.c.arrays import Member, Table, index
+from dse.deploy.c.arrays import Member, Table, index, members_of
 from dse.deploy.c.code import Code
 from dse.deploy.c.layer import LayerPlan, Population
 from dse.deploy.c.text import filled, indented
@@ -40,37 +40,20 @@ class Plan(Spiking, Code):
         return self.layers[-1].n_neurons
 
     @property
-    def _longest_ring(self) -> int:
+    def longest_ring(self) -> int:
         """Neurons of the largest recurrent layer; 0 without any."""
         return max((x.n_neurons for x in self.layers if x.back is not None), default=0)
 
     def own_members(self) -> list[Member]:
         """Return its variables."""
-        out = [member for layer in self.layers for member in layer.members()]
-        if longest := self._longest_ring:
-            out.append(
-                Member(index(longest), "fired", (longest,), "neurons of a recurrent layer in this step")
-            )
-        if often := max((x.n_neurons for x in self.layers if x.back is not None and x.several), default=0):
-            out.append(Member("uint8_t", "times", (often,), "how often they did"))
-        counted = "uint16_t" if self.network_steps < 2**16 else "uint32_t"
-        places = self.n_slots, self.channel_words
-        out += [
-            Member(counted, "counts", (self.n_outputs,), "output spikes", True),
-            Member("uint32_t", "total", (), "of all outputs that answer"),
-            Member("uint32_t", "step", (), "network steps since dse_reset()"),
-            Member("uint32_t", "answered", (), "step of the answer"),
-            Member("int16_t", "answer", (), "the class + 1; 0: none so far"),
-            Member("uint8_t", "confident"),
-            Member("uint8_t", "changed", (), "whether an output spiked since the last look"),
-            Member("uint32_t", "spikes", places, "input spikes, a bit per channel", True),
-        ]
-        if self.is_delayed:
-            out += [
-                Member("uint32_t", "sample", (), "input steps since dse_reset()", True),
-                Member("uint16_t", "slot", (), "of this step in `spikes`", True),
-            ]
-        return [*out, Member("uint8_t", "pushed", (), "whether there are any in this step", True)]
+        often = (x.n_neurons for x in self.layers if x.back is not None and x.several)
+        return members_of(
+            "members.txt",
+            self,
+            neuron=index(self.longest_ring),
+            often=max(often, default=0),
+            counter="uint16_t" if self.network_steps < 2**16 else "uint32_t",
+        )
 
     def tables(self) -> list[Table]:
         """Return weights and parameters of the layers, delays of inputs, answers of joint heads."""
@@ -130,7 +113,7 @@ class Plan(Spiking, Code):
         rule, is_last, inside = self.rule, layer is self.layers[-1], ""
         if (rule.first, rule.n) != (0, layer.n_neurons):
             inside = f"i < {rule.n}u" if rule.first == 0 else f"i - {rule.first}u < {rule.n}u"
-        values = {"next": layer.k + 1, "last": is_last, "inside": inside, "fired": index(self._longest_ring)}
+        values = {"next": layer.k + 1, "last": is_last, "inside": inside, "fired": index(self.longest_ring)}
         spikes = filled("spike.c", layer, **values, **{"in": "    " if layer.several else ""})
         update = indented(indented(layer.update(indented(spikes))))
         return filled("layer.c", layer, n_layers=len(self.layers), update=update)
@@ -185,9 +168,8 @@ def planned(form: Spiking) -> Plan:
         if not isinstance(layer.population, Population):
             names = "CUBA-LIF neurons, resonators and xylo_lif"
             raise Unsupported(f"C is written for {names}, got neuron {layer.neuron}")
-    widest = max(len(form.layers[0].weights), *(layer.n_neurons for layer in form.layers))
-    if max(widest, form.n_channels) > _MOST_CHANNELS:
-        raise Unsupported(f"C numbers neurons with 16 bits, and a layer has {widest}")
+    if max(*form.sizes, form.n_channels) > _MOST_CHANNELS:
+        raise Unsupported(f"C numbers neurons with 16 bits, and a layer has {max(form.sizes)}")
     if any(x.bounds is None or max(x.bounds.first, x.bounds.second) >= 2**50 for x in form.layers):
         raise Unsupported("the states of a layer may exceed 50 bits within its window")
     if (most := form.layers[-1].most_spikes) > 1:

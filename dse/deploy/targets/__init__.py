@@ -17,8 +17,8 @@ from typing import ClassVar, Generic, Protocol, TypeVar
 
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import Unsupported
-from dse.deploy.reference import Reference
-from dse.deploy.run import Engine, Run, TargetError, compare, verdict_of
+from dse.deploy.reference import Reference, Run
+from dse.deploy.run import Engine, TargetError, compare, verdict_of
 from dse.deploy.verdict import Verdict
 
 __all__ = ["BackEnd", "Engine", "Run", "Target", "TargetError", "Verdict", "compare"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import tempfile
 from abc import abstractmethod
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -18,9 +18,9 @@ from dse.deploy.c import code_size, files, host, replay
 from dse.deploy.c.code import Code
 from dse.deploy.c.counting import code_of
 from dse.deploy.c.least import RAM, least_memory
+from dse.deploy.c.replay import Executed, Recorded
 from dse.deploy.reference import Reference
 from dse.deploy.targets import BackEnd, Engine, TargetError
-from dse.records import Ints
 from dse.registry import Column, register
 
 
@@ -40,29 +40,20 @@ class InC(BackEnd[Code]):
 
     def engines(self, form: Code, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
         """Compile the files, run them on recordings: all spikes and decisions, those of an encoder too."""
-        recorded, options = replay.of_recordings(reference, form)
-        done = self.executed(form, folder, reference, recorded, options)
+        done = self.executed(form, folder, reference, replay.of_recordings(reference, form))
         run = replay.run_of(done.played, form, reference)
         has_same_input = replay.same_input(done.played, reference)
         yield Engine(done.run_by, run, done.figures, done.compiler, has_same_input)
 
     @abstractmethod
-    def executed(
-        self,
-        form: Code,
-        folder: Path,
-        reference: Reference,
-        recorded: Sequence[Ints] | None,
-        options: Sequence[str],
-    ) -> replay.Executed:
+    def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Compile the C in a folder with replay.c, and execute it.
 
         Args:
             form: what was written.
             folder: of the files.
             reference: the recordings.
-            recorded: commands that push them; None: their input spikes are pushed.
-            options: of the compiler.
+            recorded: commands that push them, or none: then their input spikes are pushed.
 
         Raises:
             TargetError: it does not compile or run here.
@@ -97,19 +88,12 @@ class C99(InC):
         """Return its memory before a design is trained (`dse.deploy.c.least`)."""
         return least_memory(sections, shape)
 
-    def executed(
-        self,
-        form: Code,
-        folder: Path,
-        reference: Reference,
-        recorded: Sequence[Ints] | None,
-        options: Sequence[str],
-    ) -> replay.Executed:
+    def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Compile and run the files on this machine (`InC`); figures are the memory of src/dse.c."""
         try:
-            played = host.played(folder, recorded or replay.of_spikes(reference), *options)
-            sizes = host.sizes(folder, *options)
-            return replay.Executed(played, sizes, host.compiler_name(), (host.compiler_version(),))
+            commands, options = recorded.commands or replay.of_spikes(reference), recorded.options
+            played, sizes = host.played(folder, commands, *options), host.sizes(folder, *options)
+            return Executed(played, sizes, host.compiler_name(), (host.compiler_version(),))
         except (host.NoCompiler, host.RunFailed) as error:
             raise TargetError(str(error)) from None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import ClassVar
 
@@ -13,6 +13,7 @@ from dse.deploy.c import host, replay
 from dse.deploy.c.arrays import Matrix
 from dse.deploy.c.code import Code
 from dse.deploy.c.plan import Plan
+from dse.deploy.c.replay import Executed, Recorded
 from dse.deploy.reference import Reference
 from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import InC
@@ -30,21 +31,15 @@ class Emulated(InC):
     core: ClassVar[Core]
     extra: ClassVar[str] = "targets"
 
-    def executed(
-        self,
-        form: Code,
-        folder: Path,
-        reference: Reference,
-        recorded: Sequence[Ints] | None,
-        options: Sequence[str],
-    ) -> replay.Executed:
+    def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Compile the files for the core, and run all recordings in an emulator (`InC`).
 
         Figures per inference are means over the recordings, from `dse_reset` to the answer, input spikes
         pushed: front_end_instructions is what an encoder or preprocessing in C adds to them.
         """
+        options, of_spikes = recorded.options, replay.of_spikes(reference)
         traced = Machine(self.program(folder, "-DDSE_TRACE", *options), self.core)
-        played = _played(traced, recorded or replay.of_spikes(reference))
+        played = _played(traced, recorded.commands or of_spikes)
         machine, answers = self.inferred(folder, reference, played.steps, *options)
         assert np.array_equal(answers.label, played.label)  # traced or not
         counts, n = machine.counts(), max(1, reference.n_recordings)
@@ -58,14 +53,14 @@ class Emulated(InC):
         if isinstance(form, Plan):
             apart = Machine(self.program(folder, "-fno-inline", *options), self.core)
             figures |= _of_functions(apart, form, reference)
-        if recorded is not None:
+        if recorded.commands is not None:
             instructions = []
-            for commands in (recorded, replay.of_spikes(reference)):
+            for commands in (recorded.commands, of_spikes):
                 machine.forget()
                 _played(machine, commands[:_APART])
                 instructions.append(machine.counts().instructions)
             figures["front_end_instructions"] = (instructions[0] - instructions[1]) / max(1, min(_APART, n))
-        return replay.Executed(played, figures, emulator.compiler_name(), tuple(emulator.versions()))
+        return Executed(played, figures, emulator.compiler_name(), tuple(emulator.versions()))
 
     def program(self, folder: Path, *options: str) -> Program:
         """Return the C in a folder, with replay.c to drive it, compiled for the core."""
