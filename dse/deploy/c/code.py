@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Collection
+from functools import cached_property
 from typing import Any, ClassVar
 
 from dse.deploy.c.arrays import Member, Table, declared, struct_bytes
@@ -45,13 +46,14 @@ class Code(Frame):
     def own_members(self) -> list[Member]:
         """Return its variables, without those of the front end."""
 
+    @cached_property
     @abstractmethod
     def tables(self) -> list[Table]:
-        """Return its constant data, without that of the front end."""
+        """Its constant data, without that of the front end."""
 
     @abstractmethod
     def values(self) -> dict[str, Any]:
-        """Return what the template needs beside the attributes of the program."""
+        """Return what the template needs beside the attributes of the code."""
 
     @abstractmethod
     def own_parts(self) -> Counter[str]:
@@ -71,7 +73,7 @@ class Code(Frame):
     @property
     def kinds(self) -> Collection[str]:
         """Types of its tables."""
-        return {table.kind for table in self.tables()}
+        return {table.kind for table in self.tables}
 
     @property
     def needs_double(self) -> bool:
@@ -86,7 +88,7 @@ class Code(Frame):
     @property
     def table_bytes(self) -> int:
         """Constants, without those of the front end and names of classes."""
-        return sum(table.n_bytes for table in self.tables())
+        return sum(table.n_bytes for table in self.tables)
 
     @property
     def n_classes(self) -> int:
@@ -104,7 +106,7 @@ class Code(Frame):
             self,
             title=TITLE,
             floats=floats(self, self.kinds),
-            tables="\n".join(table.text for table in self.tables()) + level_type(self),
+            tables="\n".join(table.text for table in self.tables) + level_type(self),
             members=declared(self.members()),
             front_end=front_end(self),
             init=begin(self),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -88,8 +89,9 @@ class CountingPlan(Code):
         """Return its variables."""
         return [*members_of("counting_members.txt", self), *self.classifier.members]
 
+    @cached_property
     def tables(self) -> list[Table]:
-        """Return counting windows, answers, and what the classifier has learnt."""
+        """Counting windows, answers, and what the classifier has learnt."""
         return [
             Table("uint32_t", "ends", np.array(self.ends)),
             Table("int16_t", "rows", np.array(self.rows)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -55,8 +56,9 @@ class Plan(Spiking, Code):
             counter="uint16_t" if self.network_steps < 2**16 else "uint32_t",
         )
 
+    @cached_property
     def tables(self) -> list[Table]:
-        """Return weights and parameters of the layers, delays of inputs, answers of joint heads."""
+        """Weights and parameters of the layers, delays of inputs, answers of joint heads."""
         out = [table for layer in self.layers for table in layer.tables()]
         if self.is_delayed:
             later = [(d, copy) for copy, d in enumerate(self.delays) if d]

@@ -18,7 +18,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _LONGEST_STRING = 4096  # what C99 wants every compiler to take, the null at its end included
 
 
-class _Lines(Template):
+class _Line(Template):
     idpattern = r"(?a:[a-z_][a-z0-9_]*(?:\.[a-z_][a-z0-9_]*)*)"
 
 
@@ -56,8 +56,12 @@ def filled(template: str | Path, *objects: object, **values: Any) -> str:
         objects: their attributes are values too, the first object's first.
         values: come before attributes.
     """
-    text = (_TEMPLATES / template).read_text(encoding="utf-8")
-    return "".join(_filled(text.splitlines(keepends=True), _Values(objects, values)))
+    return "".join(_filled(_lines(_TEMPLATES / template), _Values(objects, values)))
+
+
+@functools.cache
+def _lines(template: Path) -> tuple[str, ...]:
+    return tuple(template.read_text(encoding="utf-8").splitlines(keepends=True))
 
 
 def _filled(lines: Iterable[str], values: _Values) -> Iterator[str]:
@@ -73,7 +77,7 @@ def _filled(lines: Iterable[str], values: _Values) -> Iterator[str]:
             for each in values[name[0]]:
                 yield from _filled(block, values.inside(each))
         else:
-            yield _Lines(line).substitute(values)
+            yield _Line(line).substitute(values)
 
 
 def _block(ahead: Iterator[str]) -> tuple[list[str], list[str]]:
