@@ -31,7 +31,7 @@ from dse.deploy.bundle import Bundle, Input
 from dse.deploy.reference import Reference, answered, decided
 from dse.deploy.targets.c99 import C99
 from dse.deploy.targets.cortex_m import CortexM
-from dse.deploy.targets.emulator import CORES
+from dse.deploy.targets.thumb import CORES
 from dse.hardware.kinds.processor import counts_of, network_work
 from dse.measure.run import load_of
 from dse.models.counts.elm import ELM

@@ -139,36 +139,62 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
     with store.published(folder) as temporary:
         temporary.mkdir()
         store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
-        plugins = [_copied(source, temporary) for source in bundle.plugins]
+        plugins = tuple(_copied(source, temporary) for source in bundle.plugins)
         text = _readme(dataclasses.replace(bundle, targets=verdicts))
         (temporary / _README).write_text(text, encoding="utf-8")
         files = [_WEIGHTS, _README, *(name for name in plugins if name.endswith(".py"))]
         for name, source in sources.items():
-            files += _copied_target(source, name, temporary)
-        document = {
-            "schema": SCHEMA,
-            "sections": bundle.sections.to_plain(),
-            "classes": bundle.classes,
-            "decision": {
-                "phi": bundle.phi,
-                "theta": bundle.theta,
-                "undecided": "argmax at the end, lowest class on ties",
-                "read_out_ms": bundle.read_out_ms,
-                "head": bundle.head,
-            },
-            "heads": store.heads_document(bundle.heads),
-            "prefix": bundle.prefix,
-            "input": None if bundle.input is None else dataclasses.asdict(bundle.input),
-            "record": bundle.record,
-            "evidence": bundle.evidence,
-            "plugins": plugins,
-            "targets": {name: dataclasses.asdict(verdict) for name, verdict in verdicts.items()},
-            "files": {name: store.checksum(temporary / name) for name in files},
-        }
-        content = json.dumps(sealed(document), indent=1, default=store.plain) + "\n"
+            copy = temporary / _TARGETS / name
+            shutil.copytree(source, copy)
+            files += sorted(x.relative_to(temporary).as_posix() for x in copy.rglob("*") if x.is_file())
+        document = _Document(
+            schema=SCHEMA,
+            sections=bundle.sections.to_plain(),
+            decision=_Decision(
+                phi=bundle.phi, theta=bundle.theta, read_out_ms=bundle.read_out_ms, head=bundle.head
+            ),
+            plugins=plugins,
+            targets=verdicts,
+            files={name: store.checksum(temporary / name) for name in files},
+            **{name: getattr(bundle, name) for name in _SHARED},
+        )
+        content = json.dumps(sealed(dataclasses.asdict(document)), indent=1, default=store.plain) + "\n"
         (temporary / _DOCUMENT).write_text(content, encoding="utf-8")
         _copy_others(folder, temporary)
         store.remove(folder)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Decision:
+    """The decision rule, as bundle.json holds it."""
+
+    phi: Annotated[float, 0] | None
+    theta: Share | None
+    undecided: str = "argmax at the end, lowest class on ties"
+    read_out_ms: Annotated[float, 0] | None
+    head: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Document:
+    """bundle.json, without its own checksum; files: name -> checksum."""
+
+    schema: str
+    sections: Mapping[str, Any]
+    classes: tuple[str, ...]
+    decision: _Decision
+    heads: tuple[Head, ...]
+    prefix: str = DEFAULT
+    input: Input | None
+    record: Mapping[str, Any]
+    evidence: Mapping[str, Any]
+    plugins: tuple[str, ...]
+    targets: Mapping[str, Verdict]
+    files: Mapping[str, Any]
+
+
+_SHARED = ("classes", "heads", "prefix", "input", "record", "evidence")
+"""Keys of bundle.json that are fields of a bundle."""
 
 
 def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -190,10 +216,9 @@ def read(folder: str | Path) -> Bundle:
         document = _document(path)
         where = path
         _check_files(path, document)
-        plugins = document.texts("plugins")
-        if unlisted := [x for x in plugins if x.endswith(".py") and x not in document.mapping("files")]:
+        if unlisted := [x for x in document.plugins if x.endswith(".py") and x not in document.files]:
             raise ValueError(f"plugin {unlisted[0]} must be one of its files")
-        sources = tuple(str(path / name) if name.endswith(".py") else name for name in plugins)
+        sources = tuple(str(path / name) if name.endswith(".py") else name for name in document.plugins)
         where = path / _WEIGHTS
         checks.check_archive(where)
         arrays = store.load_arrays(where)
@@ -227,7 +252,7 @@ def copy_target(folder: Path, name: str, place: Path) -> None:
     root = f"{_TARGETS}/{name}/"
     place.mkdir()
     try:
-        for listed in _listed(folder):
+        for listed in _document(folder).files:
             if listed.startswith(root):
                 with store.explained(place):
                     copy = place / listed.removeprefix(root)
@@ -239,18 +264,7 @@ def copy_target(folder: Path, name: str, place: Path) -> None:
         raise BundleError(f"{folder}: {error}") from None
 
 
-def _listed(folder: Path) -> list[str]:
-    """Return the files that a bundle lists.
-
-    Raises:
-        BundleError: it is no bundle of this version.
-        ValueError: it is damaged.
-        StoreError: it cannot be read.
-    """
-    return list(_document(folder).mapping("files"))
-
-
-def _document(folder: Path) -> checks.Document:
+def _document(folder: Path) -> _Document:
     """Return bundle.json, checked against its own checksum.
 
     Raises:
@@ -276,17 +290,18 @@ def _document(folder: Path) -> checks.Document:
         raise BundleError(f"{path}: schema is {schema}, but this version of dse reads {SCHEMA}: {other}")
     if content.get("checksum") != sealed(content)["checksum"]:
         raise ValueError("is damaged (its checksum differs)")
-    return checks.Document(content)
+    document: _Document = checks.typed(content, _Document)
+    return document
 
 
-def _check_files(folder: Path, document: checks.Document) -> None:
+def _check_files(folder: Path, document: _Document) -> None:
     """Check that the files of a bundle are as it lists them; others, such as compiled programs, are ignored.
 
     Raises:
         BundleError: one is missing or damaged, or of no target.
         ValueError: a path leaves the folder, or names no regular file.
     """
-    files = document.mapping("files")
+    files = document.files
     if _WEIGHTS not in files:
         raise ValueError(f"key 'files' must list {_WEIGHTS}")
     for name, expected in files.items():
@@ -296,61 +311,36 @@ def _check_files(folder: Path, document: checks.Document) -> None:
             raise BundleError(f"{folder}/{name}: {error}") from None
         if store.checksum(path) != expected:
             raise BundleError(f"{path}: is damaged (its checksum differs)")
-    verdicts = document.mapping("targets")
     for name in files:
-        if name.startswith(f"{_TARGETS}/") and name.split("/")[1] not in verdicts:
+        if name.startswith(f"{_TARGETS}/") and name.split("/")[1] not in document.targets:
             raise BundleError(f"{folder / name}: is of no target of {_DOCUMENT}")
 
 
-@dataclass(frozen=True)
-class _Decision:
-    """The decision rule, as bundle.json holds it."""
-
-    phi: Annotated[float, 0] | None
-    theta: Share | None
-    read_out_ms: Annotated[float, 0] | None
-    head: str
-
-
-def _bundle(
-    document: checks.Document, arrays: Mapping[str, Array], where: str, plugins: tuple[str, ...]
-) -> Bundle:
+def _bundle(document: _Document, arrays: Mapping[str, Array], where: str, plugins: tuple[str, ...]) -> Bundle:
     """Return the bundle of a document and its arrays.
 
     Raises:
-        ValueError: a key is missing or invalid.
-        ConfigError: a section is.
+        ValueError: keys disagree.
+        ConfigError: a section is wrong.
         StoreError: an array is missing.
     """
-    sections = Sections.from_plain(document.mapping("sections"), where)
-    classes = document.texts("classes")
+    decision, classes = document.decision, document.classes
     if not classes:
         raise ValueError("key 'classes' must name at least one class")
-    decision = document.record("decision", _Decision)
     if (decision.phi is None) != (decision.theta is None):
         raise ValueError("keys 'decision.phi' and 'decision.theta' must both be numbers or null")
-    heads = tuple(
-        Head(
-            head.text("name"),
-            head.texts("classes"),
-            np.array(head.integers("of_class", 0, len(head.texts("classes")) - 1), np.int64),
-        )
-        for head in document.parts("heads")
-    )
-    checks.check_heads(heads, len(classes), decision.head)
-    verdicts, later = document.part("targets"), ("compiler", "output_f1", "run_by")
+    checks.check_heads(document.heads, len(classes), decision.head)
+    checked(document.prefix)
     return Bundle(
         fitted=store.fitted_of({k: x for k, x in arrays.items() if not k.endswith(_8_BIT)}),
-        sections=sections,
-        classes=classes,
-        **vars(decision),
-        record=document.mapping("record"),
-        evidence=document.mapping("evidence"),
-        heads=heads,
+        sections=Sections.from_plain(document.sections, where),
+        phi=decision.phi,
+        theta=decision.theta,
+        read_out_ms=decision.read_out_ms,
+        head=decision.head,
         plugins=plugins,
-        input=None if document.is_null("input") else document.record("input", Input),
-        prefix=checked(document.text("prefix")) if "prefix" in document.keys() else DEFAULT,
-        targets={name: verdicts.record(name, Verdict, *later) for name in verdicts.keys()},
+        targets=document.targets,
+        **{name: getattr(document, name) for name in _SHARED},
     )
 
 
@@ -423,13 +413,6 @@ def _copied(source: str, bundle: Path) -> str:
     return f"{_PLUGINS}/{name}"
 
 
-def _copied_target(source: Path, name: str, bundle: Path) -> list[str]:
-    """Copy the files of a target into a bundle; return their names in it."""
-    folder = bundle / _TARGETS / name
-    shutil.copytree(source, folder)
-    return sorted(x.relative_to(bundle).as_posix() for x in folder.rglob("*") if x.is_file())
-
-
 def _copy_others(folder: Path, bundle: Path) -> None:
     """Copy what is none of a bundle's own files from its old folder to the new one.
 
@@ -444,7 +427,7 @@ def _copy_others(folder: Path, bundle: Path) -> None:
         else:
             shutil.copy2(path, bundle / path.name, follow_symlinks=False)
     try:
-        own = set(_listed(folder))
+        own = set(_document(folder).files)
     except (ValueError, StoreError):
         return
     for path in sorted((folder / _TARGETS).rglob("*")):
@@ -460,7 +443,6 @@ def _is_empty(folder: Path) -> bool:
 
 
 def _readme(bundle: Bundle) -> str:
-    what, weights_are = _described(bundle)
     title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(bundle.answers)}"
     known: dict[str, Any] = registry.known("targets") if bundle.targets else {}
     targets = []
@@ -469,14 +451,18 @@ def _readme(bundle: Bundle) -> str:
         use = "" if verdict.kind == "unsupported" else prefixed(getattr(target, "use", ""), bundle.prefix)
         row = {"name": markdown(name), "label": getattr(target, "label", ""), "use": use}
         targets.append({**row, "verdict": _in_words(verdict)})
+    fitted, at = bundle.fitted, bundle.read_out_ms
     return filled(
         Path(__file__).parent / "templates" / "README.md",
+        bundle,
         title=markdown(title),
-        what=what,
-        rule=_rule(bundle),
-        weights=weights_are,
-        record=[{"name": markdown(str(x)), "value": markdown(str(y))} for x, y in bundle.record.items()],
-        targets=targets,
+        when="at the end of the window" if at is None else f"after {at:g} ms",
+        early=bundle.phi is not None,
+        spikes=f"{bundle.phi or 0:g}",
+        fraction=f"{bundle.theta or 0:g}",
+        **(_of_network(fitted) if isinstance(fitted, Network) else _of_family(bundle, fitted)),
+        rows=[{"name": markdown(str(x)), "value": markdown(str(y))} for x, y in bundle.record.items()],
+        verdicts=targets,
     )
 
 
@@ -491,46 +477,28 @@ def _in_words(verdict: Verdict) -> str:
     return "; ".join(words)
 
 
-def _rule(bundle: Bundle) -> str:
-    when = "at the end of the window" if bundle.read_out_ms is None else f"after {bundle.read_out_ms:g} ms"
-    if isinstance(bundle.fitted, Parameters):
-        return f"The class that the classifier names {when}."
-    if bundle.phi is None:
-        return f"The class with most output spikes {when} (lowest on ties)."
-    return (
-        f"The class that has at least the fraction {bundle.theta:g} of the output spikes, at the first step "
-        f"with more than {bundle.phi:g} of them; without such a step the class with most at the end (lowest "
-        "on ties)."
-    )
+def _of_family(bundle: Bundle, fitted: Parameters) -> dict[str, object]:
+    """Return what README.md says of a classifier that is no single network."""
+    arrays = ", ".join(f"`own/{markdown(name)}`" for name in fitted.arrays)
+    return {"network": False, "kind": bundle.sections.kinds["model"], "arrays": arrays}
 
 
-def _described(bundle: Bundle) -> tuple[str, str]:
-    """Return a description of the classifier, and one of its arrays."""
-    fitted = bundle.fitted
-    if isinstance(fitted, Parameters):
-        names = ", ".join(f"`own/{markdown(name)}`" for name in fitted.arrays)
-        kind = bundle.sections.kinds["model"]
-        return (
-            f"A classifier of family `{kind}` (`dse describe model {kind}`) on {fitted.n_channels} channels.",
-            f"`weights.npz` holds what the family stores: {names}.",
-        )
+def _of_network(fitted: Network) -> dict[str, object]:
+    """Return what README.md says of a network."""
     kinds = {layer.neuron: (neuron_of(layer.neuron), layer.parameters) for layer in fitted.layers}
-    matrices = (
-        "`k/weight` (neuron, input) before 8-bit rounding, `k/weight_8bit` what runs on a chip (value / 32)"
-        if all("fixed_point" in neuron.exports for neuron, _ in kinds.values())
-        else "`k/weight` (neuron, input)"
-    )
+    has_8_bits = all("fixed_point" in neuron.exports for neuron, _ in kinds.values())
+    eight = " before 8-bit rounding, `k/weight_8bit` what runs on a chip (value / 32)" if has_8_bits else ""
     parameters = [
         f"`k/{name}`" + (f" in {neuron.units[name]}" if name in neuron.units else "")
         for neuron, names in kinds.values()
         for name in names
     ]
-    labels = " and ".join(neuron.label for neuron, _ in kinds.values())
-    return (
-        f"A {'-'.join(map(str, fitted.sizes))} network of {labels} neurons ({fitted.arithmetic} arithmetic).",
-        "`weights.npz` holds per layer k (0 is nearest the input)"
-        f"{', as far as its neurons have them' if len(kinds) > 1 else ''}: "
-        f"{', '.join([matrices, *dict.fromkeys(parameters)])}. "
-        f"Input column d * {fitted.n_channels} + c is channel c, `delays[d]` steps ago."
-        + (" `k/delay` (neuron, input) are the synapses' own delays, steps." if fitted.delay_bits else ""),
-    )
+    own = " `k/delay` (neuron, input) are the synapses' own delays, steps." if fitted.delay_bits else ""
+    return {
+        "network": True,
+        "sizes": "-".join(map(str, fitted.sizes)),
+        "labels": " and ".join(neuron.label for neuron, _ in kinds.values()),
+        "as_far": ", as far as its neurons have them" if len(kinds) > 1 else "",
+        "arrays": ", ".join([f"`k/weight` (neuron, input){eight}", *dict.fromkeys(parameters)]),
+        "own_delays": own,
+    }

@@ -6,20 +6,19 @@ large as their headers declare. Every fault is a ValueError of one sentence, wit
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import stat
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.lib import format as npy
 
-from dse.records import Head, Parameters
-
-R = TypeVar("R")
+from dse.records import Head, Ints, Parameters
 
 MOST_BYTES = 2**31
 """Most bytes that the arrays of a bundle may take."""
@@ -82,121 +81,78 @@ def check_archive(path: Path) -> None:
                 )
 
 
-class Document:
-    """A mapping of bundle.json whose values are taken by key and type.
+def typed(value: Any, hint: Any, name: str = "") -> Any:
+    """Return a value of a JSON document as an annotation says it must be.
 
-    Every method raises a ValueError that names the key.
+    Args:
+        value: as read.
+        hint: a dataclass, whose fields with a default may be missing; str, int (not negative), float,
+            `Annotated[float, low, high]`, a `Literal`, an array of integers; a tuple or a mapping of any of
+            these; any of these or None; Any.
+        name: of its key; '' for a document.
+
+    Raises:
+        ValueError: it is something else; the sentence names the key.
     """
+    origin, options = get_origin(hint), get_args(hint)
+    if type(None) in options:
+        [hint] = (option for option in options if option is not type(None))
+        return None if value is None else typed(value, hint, name)
+    if dataclasses.is_dataclass(hint):
+        return _record(value, hint, name)
+    if origin is Mapping:
+        values = _expected(value, dict, "a mapping", name)
+        for key in values if options[1] is not Any else ():
+            if not _NAME.fullmatch(key):
+                raise ValueError(f"key '{name}.{key}' must be a word")
+        return {key: typed(x, options[1], f"{name}.{key}") for key, x in values.items()}
+    if origin is tuple:
+        is_text = options[0] is str
+        values = _expected(value, list, "a list of texts" if is_text else "a list", name)
+        if is_text and not all(isinstance(x, str) for x in values):
+            raise ValueError(f"key '{name}' must be a list of texts, got {_article(value)}")
+        return tuple(typed(x, options[0], f"{name}[{i}]") for i, x in enumerate(values))
+    if hint == Ints:
+        whole = _expected(value, list, "a list of integers", name)
+        return np.array([typed(x, int, f"{name}[{i}]") for i, x in enumerate(whole)], np.int64)
+    if origin is Literal:
+        if _expected(value, str, "a text", name) not in options:
+            raise ValueError(f"key '{name}' must be one of {', '.join(options)}, got {value!r}")
+    elif hint is str:
+        _expected(value, str, "a text", name)
+    elif hint is not Any:
+        low, high = (*options[1:], math.inf)[:2] if origin is Annotated else (-math.inf, math.inf)
+        return _number(value, hint, name, *((0, 2**31) if hint is int else (low, high)))
+    return value
 
-    def __init__(self, values: object, place: str = "") -> None:
-        if not isinstance(values, dict):
-            raise ValueError(f"{place or 'it'} must be a mapping, got {_article(values)}")
-        self._values, self._place = values, place
 
-    def _value(self, key: str) -> Any:
-        if key not in self._values:
-            raise ValueError(f"key '{self._name(key)}' is missing")
-        return self._values[key]
+def _record(value: Any, cls: Any, name: str) -> Any:
+    """Return a mapping as a dataclass."""
+    values, hints = _expected(value, dict, "a mapping", name), get_type_hints(cls, include_extras=True)
+    found = {}
+    for field in dataclasses.fields(cls):
+        key = f"{name}.{field.name}" if name else field.name
+        if field.name in values:
+            found[field.name] = typed(values[field.name], hints[field.name], key)
+        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            raise ValueError(f"key '{key}' is missing")
+    return cls(**found)
 
-    def _name(self, key: str) -> str:
-        return f"{self._place}.{key}" if self._place else key
 
-    def mapping(self, key: str) -> dict[str, Any]:
-        """Return a mapping."""
-        value = self._value(key)
-        return Document(value, f"key '{self._name(key)}'")._values
+def _number(value: Any, hint: Any, name: str, low: float, high: float) -> float:
+    """Return a finite number within bounds, or an integer."""
+    is_number = type(value) is int or (type(value) is float and hint is not int)
+    if not is_number or not (math.isfinite(value) and low <= value <= high):
+        within = f" in [{low:g}, {high:g}]" if math.isfinite(high) else f" >= {low:g} and finite"
+        within = within if math.isfinite(low) else ""
+        raise ValueError(f"key '{name}' must be a number{within}, got {value!r:.60}")
+    return value if hint is int else float(value)
 
-    def part(self, key: str) -> Document:
-        """Return a mapping as a document."""
-        return Document(self._value(key), self._name(key))
 
-    def text(self, key: str) -> str:
-        """Return a text."""
-        value = self._value(key)
-        if not isinstance(value, str):
-            raise ValueError(f"key '{self._name(key)}' must be a text, got {_article(value)}")
-        return value
-
-    def is_null(self, key: str) -> bool:
-        """Return whether there is no value."""
-        return self._value(key) is None
-
-    def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of texts."""
-        value = self._value(key)
-        if not isinstance(value, list) or not all(isinstance(x, str) for x in value):
-            raise ValueError(f"key '{self._name(key)}' must be a list of texts, got {_article(value)}")
-        return tuple(value)
-
-    def parts(self, key: str) -> list[Document]:
-        """Return a list of mappings."""
-        value = self._value(key)
-        if not isinstance(value, list):
-            raise ValueError(f"key '{self._name(key)}' must be a list, got {_article(value)}")
-        return [Document(x, f"{self._name(key)}[{i}]") for i, x in enumerate(value)]
-
-    def integers(self, key: str, low: int, high: int) -> list[int]:
-        """Return a list of integers within bounds."""
-        value = self._value(key)
-        if not isinstance(value, list) or not all(type(x) is int and low <= x <= high for x in value):
-            raise ValueError(f"key '{self._name(key)}' must be a list of integers in [{low}, {high}]")
-        return list(value)
-
-    def number(self, key: str, low: float = 0.0, high: float = math.inf) -> float:
-        """Return a finite number within bounds."""
-        value = self._value(key)
-        if type(value) not in (int, float) or not (math.isfinite(value) and low <= value <= high):
-            within = f"in [{low:g}, {high:g}]" if math.isfinite(high) else f">= {low:g} and finite"
-            raise ValueError(f"key '{self._name(key)}' must be a number {within}, got {value!r}")
-        return float(value)
-
-    def record(self, key: str, cls: type[R], *optional: str) -> R:
-        """Return a mapping as a frozen dataclass: its annotations say what each key must be.
-
-        Args:
-            key: of the mapping.
-            cls: fields are texts, numbers, numbers of `Annotated[float, low, high]`, words of a `Literal`,
-                tuples of texts, mappings of numbers, and any of these or None.
-            optional: keys that may be missing.
-        """
-        part, hints = self.part(key), get_type_hints(cls, include_extras=True)
-        return cls(
-            **{
-                name: part._of_type(name, hint)
-                for name, hint in hints.items()
-                if name not in optional or name in part._values
-            }
-        )
-
-    def _of_type(self, key: str, hint: Any) -> Any:
-        options = get_args(hint)
-        if type(None) in options:
-            [hint] = (option for option in options if option is not type(None))
-            return None if self._value(key) is None else self._of_type(key, hint)
-        if hint is str:
-            return self.text(key)
-        if get_origin(hint) is tuple:
-            return self.texts(key)
-        if get_origin(hint) is Literal:
-            if (text := self.text(key)) not in options:
-                choices = ", ".join(options)
-                raise ValueError(f"key '{self._name(key)}' must be one of {choices}, got {text!r}")
-            return text
-        if get_origin(hint) is Annotated:
-            return self.number(key, *options[1:])
-        if hint is int:
-            return int(self.number(key, high=2**31))
-        if hint is float:
-            return self.number(key)
-        numbers = self.part(key)
-        return {name: numbers.number(name, -math.inf) for name in numbers.keys()}
-
-    def keys(self) -> tuple[str, ...]:
-        """Return its keys, each a word of letters, digits and underscores."""
-        for key in self._values:
-            if not isinstance(key, str) or not _NAME.fullmatch(key):
-                raise ValueError(f"key '{self._name(str(key))}' must be a word")
-        return tuple(self._values)
+def _expected(value: Any, cls: type, what: str, name: str) -> Any:
+    if not isinstance(value, cls):
+        raise ValueError(f"key '{name}' must be {what}, got {_article(value)}")
+    return value
 
 
 def _article(value: object) -> str:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
 
 from dse.config import Sections
+from dse.config.contracts import Encoder
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.verdict import Verdict
-from dse.records import Head, Network, Parameters
+from dse.records import Head, Ints, Network, Parameters
 
 
 class BundleError(ValueError):
@@ -35,7 +38,15 @@ class Input:
     width: int
     height: int
     n_steps: int
-    step_ms: float
+    step_ms: Annotated[float, 0]
+
+    @classmethod
+    def of_channels(cls, encoder: Encoder | None, n_channels: int, n_steps: int, step_ms: float) -> Self:
+        """Return the samples that an encoder makes spikes of so many channels of; without one, the spikes."""
+        if encoder is None:
+            return cls("spikes", n_channels, 0, 0, n_steps, step_ms)
+        n_in = next(n for n in range(1, n_channels + 1) if encoder.n_channels(n) == n_channels)
+        return cls("samples", n_in, 0, 0, n_steps, step_ms)
 
 
 @dataclass(frozen=True)
@@ -77,6 +88,16 @@ class Classifier:
         return sum(len(head.classes) for head in self.heads) or len(self.classes)
 
     @property
+    def answering(self) -> Head | None:
+        """The head that answers alone; None: all of them together, or there are none."""
+        return next((head for head in self.heads if head.name == self.head), None)
+
+    @property
     def answers(self) -> tuple[str, ...]:
         """Names of the classes that it answers: those of the head that answers, else all."""
-        return next((head.classes for head in self.heads if head.name == self.head), self.classes)
+        return self.classes if self.answering is None else self.answering.classes
+
+    def answered(self, label: Ints) -> Ints:
+        """Return classes of the whole network as those that it answers; -1 stays."""
+        head = self.answering
+        return label if head is None else np.where(label >= 0, head.of_class[label], -1)

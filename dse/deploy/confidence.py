@@ -7,6 +7,7 @@ decides alike; the simplest is taken: 7 / 20 for theta = 0.35.
 
 from __future__ import annotations
 
+import functools
 from fractions import Fraction
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from dse.records import Ints
 
 
+@functools.lru_cache(maxsize=1024)
 def simplest_fraction(theta: float, largest_total: int) -> Fraction:
     """Return the fraction f with m / S >= f exactly where float64(m / S) >= theta, for 0 <= m <= S.
 

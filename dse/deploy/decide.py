@@ -20,10 +20,7 @@ def decided(bundle: Classifier, data: Dataset, response: Response | Answers) -> 
         column = (
             -1 if bundle.read_out_ms is None else int(np.abs(response.time_ms - bundle.read_out_ms).argmin())
         )
-        label = response.label[:, column]
-        for head in bundle.heads:
-            if head.name == bundle.head:
-                label = head.of_class[label]
+        label = bundle.answered(response.label[:, column])
         return label, np.full(len(label), response.time_ms[column]), np.ones(len(label), bool)
     n, n_steps = response.output.shape[:2]
     parts = dict(zip((x.name for x in bundle.heads), head_slices(data), strict=False))  # without heads: one

@@ -121,10 +121,7 @@ def evaluate(
     response = respond()
     power = None if rest_s is None else measured_power(respond, rest_s)
     label, time_ms, reached = decided(classifier, data, response)
-    target, classes = np.asarray(data.target[data.test]), classifier.classes
-    for head in classifier.heads:
-        if head.name == classifier.head:
-            target, classes = np.where(target >= 0, head.of_class[target], -1), head.classes
+    target, classes = classifier.answered(np.asarray(data.target[data.test])), classifier.answers
     known = target >= 0
     correct, total = int((label == target)[known].sum()), int(known.sum())
     return Evaluation(

@@ -166,7 +166,7 @@ def _input(sections: Sections, fitted: Network | Parameters, study: Path, artefa
         study: folder of the study.
         artefacts: folder of the run; its response tells what the sections leave open.
     """
-    encoder, preprocessing, n = sections.encoder, sections.preprocessing, fitted.n_channels
+    encoder, preprocessing = sections.encoder, sections.preprocessing
     response = store.load_arrays(artefacts / "response.npz")
     if "shape" in response:
         step_ms = float(response["step_ms"])
@@ -182,10 +182,7 @@ def _input(sections: Sections, fitted: Network | Parameters, study: Path, artefa
     if not step_ms:
         return None
     n_steps = round(window_ms / step_ms)
-    if encoder is None:
-        return Input("spikes", n, 0, 0, n_steps, step_ms)
-    n_in = next(n_in for n_in in range(1, n + 1) if encoder.n_channels(n_in) == n)
-    return Input("samples", n_in, 0, 0, n_steps, step_ms)
+    return Input.of_channels(encoder, fitted.n_channels, n_steps, step_ms)
 
 
 def _frame(data: Source, study: Path) -> tuple[int, int] | None:

@@ -6,6 +6,7 @@ delays, the decision in whole numbers, how recordings become spikes, and how far
     Net      layers of neurons, input copies, steps, arithmetic: what a chip or a graph holds
     Rule     the decision of a network, in whole numbers
     Frame    the input, window and answers of any classifier; its encoder or pooling
+    Spiking  a frame with the layers and the rule of its network: all that runs
 
 and refuses by `Unsupported` what it cannot hold. Nothing here knows a target.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -34,7 +36,7 @@ from dse.preprocessing import Pooling
 from dse.recordings.pooling import pooling
 from dse.recordings.raster import RasterFile
 from dse.recordings.scene import SceneTrials
-from dse.records import Arithmetic, Array, Floats, Ints, Layer, Network
+from dse.records import Arithmetic, Array, Bools, Floats, Ints, Layer, Network
 
 FrontEnd = Literal["samples", "events", "spikes"]
 _BOUNDED = (cuba_lif.Population, resonator.Population, xylo_lif.Population)
@@ -50,6 +52,7 @@ class Unsupported(ValueError):
 class LayerForm:
     """One layer of a network, as it runs.
 
+    k: its number, from 1.
     neuron: name of its kind. population: the neurons.
     weights: (input, neuron) float32, weight units, on the 8-bit grid in integer arithmetic.
     recurrent: (neuron, neuron) likewise, row = presynaptic, one step later; None: none.
@@ -57,6 +60,7 @@ class LayerForm:
     bounds: of the states within the window; None of neurons or windows that do not tell.
     """
 
+    k: int
     neuron: str
     population: Population[Any]
     weights: Floats
@@ -85,6 +89,11 @@ class LayerForm:
     def most_spikes(self) -> int:
         """Of a neuron in a step."""
         return most_spikes(self.population)
+
+    @property
+    def turns(self) -> Bools:
+        """Which neurons resonate, (n_neurons,)."""
+        return np.broadcast_to(getattr(self.population, "resonates", False), self.n_neurons)
 
     @property
     def state_bits(self) -> int:
@@ -122,8 +131,8 @@ def net_of(network: Network, n_steps: int | None = None) -> Net:
         n_steps: network steps of a window, which the bounds of states follow from; None: unknown.
     """
     layers, arriving = [], 1
-    for layer in network.layers:
-        layers.append(_layer(layer, network.arithmetic, n_steps, arriving))
+    for k, layer in enumerate(network.layers, 1):
+        layers.append(_layer(k, layer, network.arithmetic, n_steps, arriving))
         arriving = layers[-1].most_spikes
     return Net(
         tuple(layers), network.n_channels, network.delays, network.steps_per_sample, network.arithmetic
@@ -156,8 +165,8 @@ def most_spikes(population: object) -> int:
     return int(population.most_spikes) if isinstance(population, xylo_lif.Population) else 1
 
 
-def _layer(layer: Layer, arithmetic: Arithmetic, n_steps: int | None, arriving: int) -> LayerForm:
-    """Return a layer whose inputs spike up to `arriving` times in a step."""
+def _layer(k: int, layer: Layer, arithmetic: Arithmetic, n_steps: int | None, arriving: int) -> LayerForm:
+    """Return layer k, whose inputs spike up to `arriving` times in a step."""
     population = population_of(layer.neuron, layer.parameters)
     rounding = quantise if arithmetic == "integer" else np.asarray
     forward, back = rounding(layer.weight).T, None
@@ -170,7 +179,7 @@ def _layer(layer: Layer, arithmetic: Arithmetic, n_steps: int | None, arriving: 
             both = np.concatenate([both, in_steps(back) * most_spikes(population)])
         bound = bounds(both, population, n_steps)
     delays = None if layer.delay is None else layer.delay.T
-    return LayerForm(layer.neuron, population, forward, back, delays, bound)
+    return LayerForm(k, layer.neuron, population, forward, back, delays, bound)
 
 
 @dataclass(frozen=True)
@@ -192,6 +201,26 @@ class Rule:
     heads: tuple[tuple[int, int], ...] = ()
     joint: tuple[int, ...] = ()
 
+    @property
+    def parts(self) -> tuple[tuple[int, int], ...]:
+        """First output neuron and number of them, of each part that answers."""
+        return self.heads or ((self.first, self.n),)
+
+    def is_met(self, counts: Sequence[int]) -> bool:
+        """Return whether output spikes suffice; they always do where the answer comes at a fixed time."""
+        if self.least_total is None:
+            return True
+        total, confidence = sum(counts), self.confidence
+        is_sure = max(counts) * confidence.denominator >= total * confidence.numerator
+        return total >= self.least_total and is_sure
+
+    def label(self, counts: Sequence[Sequence[int]]) -> int:
+        """Return the class by the most output spikes of each part, the lowest on ties; -1: there is none."""
+        at = 0
+        for part in counts:
+            at = at * len(part) + part.index(max(part))
+        return self.joint[at] if self.joint else at
+
 
 def rule_of(bundle: Classifier, network_steps: int, n_outputs: int, step_ms: float) -> Rule:
     """Return the decision of a bundle of a network.
@@ -203,11 +232,9 @@ def rule_of(bundle: Classifier, network_steps: int, n_outputs: int, step_ms: flo
         step_ms: duration of a network step.
     """
     sizes = [len(head.classes) for head in bundle.heads]
-    firsts = np.cumsum([0, *sizes]).tolist()
-    first, n = 0, n_outputs
-    for head, begin, size in zip(bundle.heads, firsts, sizes, strict=False):
-        if head.name == bundle.head:
-            first, n = begin, size
+    heads = tuple(zip(np.cumsum([0, *sizes]).tolist(), sizes, strict=False))
+    named = {head.name: part for head, part in zip(bundle.heads, heads, strict=True)}
+    first, n = named.get(bundle.head, (0, n_outputs))
     if bundle.phi is not None and bundle.theta is not None:
         total = math.floor(bundle.phi) + 1
         return Rule(first, n, total, simplest_fraction(bundle.theta, network_steps * n), network_steps - 1)
@@ -217,9 +244,7 @@ def rule_of(bundle: Classifier, network_steps: int, n_outputs: int, step_ms: flo
     if bundle.heads and not bundle.head:
         combinations = np.stack([x.ravel() for x in np.indices(sizes)], axis=1)
         joint = tuple(joint_label(combinations, bundle.heads).tolist())
-        return Rule(
-            0, n_outputs, None, Fraction(0), steps - 1, tuple(zip(firsts, sizes, strict=False)), joint
-        )
+        return Rule(0, n_outputs, None, Fraction(0), steps - 1, heads, joint)
     return Rule(first, n, None, Fraction(0), steps - 1)
 
 
@@ -240,6 +265,10 @@ class SendOnDeltaForm:
     shift: int
     rule: str
     merged: bool
+
+    @property
+    def n_thresholds(self) -> int:
+        return len(self.thresholds)
 
     @property
     def takes_whole(self) -> bool:
@@ -267,9 +296,10 @@ class ReceptorsForm:
         return parameters(self.encoder.sa)
 
     @property
-    def smoothed(self) -> int:
-        """Samples of the moving average; 1: none."""
-        return max(1, round(self.encoder.smoothing_ms / self.step_ms))
+    def n_totals(self) -> int:
+        """Sums that the moving average needs, of all samples up to each of its own; 0: there is none."""
+        smoothed = max(1, round(self.encoder.smoothing_ms / self.step_ms))
+        return smoothed + 1 if smoothed > 1 else 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,6 +334,50 @@ class Frame:
     def channel_words(self) -> int:
         """Words of 32 bits with a bit per channel."""
         return -(-self.n_channels // 32)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spiking(Frame, Net):
+    """A spiking network with its input, its window and its decision: all that runs.
+
+    Its layers have the bounds of their states within a window.
+    """
+
+    rule: Rule
+
+    @property
+    def network_steps(self) -> int:
+        """Network steps of the window."""
+        return self.n_steps * self.steps_per_sample
+
+    @property
+    def n_slots(self) -> int:
+        """Input steps whose spikes must be remembered."""
+        return max(self.delays) // self.steps_per_sample + 1
+
+    @property
+    def is_delayed(self) -> bool:
+        """Whether there are delayed copies of the inputs."""
+        return any(self.delays)
+
+
+def spiking_of(bundle: Classifier) -> Spiking:
+    """Return all that runs of a bundle of a network.
+
+    Raises:
+        Unsupported: the bundle does not say what recordings it takes.
+    """
+    network, frame = bundle.fitted, frame_of(bundle)
+    assert isinstance(network, Network)
+    per_sample = network.steps_per_sample
+    rule = rule_of(bundle, frame.n_steps * per_sample, network.sizes[-1], frame.step_ms / per_sample)
+    return spiking_with(frame, network, rule)
+
+
+def spiking_with(frame: Frame, network: Network, rule: Rule) -> Spiking:
+    """Return a network with what surrounds it."""
+    net = net_of(network, frame.n_steps * network.steps_per_sample)
+    return Spiking(**{**vars(net), **vars(frame)}, rule=rule)
 
 
 def frame_of(bundle: Classifier) -> Frame:

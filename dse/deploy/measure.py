@@ -17,16 +17,15 @@ import numpy as np
 
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
-from dse.deploy.c.counting import planned
+from dse.deploy.c.counting import code_of
 from dse.deploy.form import Unsupported
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.reference import Reference, of_recordings
-from dse.deploy.sources import by_step, items_of_recording
+from dse.deploy.sources import by_step, recordings_of
 from dse.deploy.stream import Decision, Passed, Stream, Windows
 from dse.deploy.targets.c99 import C99
 from dse.hardware.counter import measured_power
-from dse.recordings import trials_of
-from dse.records import Array, Block, Floats, Ints, Network, Rasters, Signals
+from dse.records import Array, Block, Floats, Ints, Network
 
 SPIKE_RATE = 0.02
 """Input spikes per channel and step of random windows."""
@@ -99,13 +98,10 @@ def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Record
                 [partial(Stream.spikes, channels=x) for x in spikes],
             )
         return
-    input_ms = Stream(bundle).step_ms
-    simulated = not isinstance(inputs, Signals | Rasters) and trials_of(inputs) is not None
-    for i, first in enumerate(reference.first_step.tolist()):
-        items: list[Block | Array | Passed] = []
-        for item in items_of_recording(inputs, i):
-            items += by_step(item, input_ms) if isinstance(item, Block) else [item]
-        make = partial(Stream, bundle, Windows("once", first=first), 0 if simulated else None)
+    for make, recorded in recordings_of(bundle, inputs, reference.first_step):
+        step_ms, items = make().step_ms, list[Block | Array | Passed]()
+        for item in recorded:
+            items += by_step(item, step_ms) if isinstance(item, Block) else [item]
         yield make, [partial(Stream.push, item=item) for item in items]
 
 
@@ -166,14 +162,15 @@ def _priced(engine: str, steps: Floats, inferences: Floats, work: Callable[[], i
 def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
     none = np.zeros(0)
     try:
-        plan = planned(bundle)
-        commands, options = (None, []) if reference is None else replay.of_recordings(reference, plan)
+        plan = code_of(bundle)
+        recorded = replay.Recorded() if reference is None else replay.of_recordings(reference, plan)
+        commands = recorded.commands
         if commands is None:
             windows = _windows_of_spikes(bundle, reference)
             counts = [np.array([len(x) for x in window]) for window in windows]
             commands = [replay.of_window(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
         with tempfile.TemporaryDirectory() as temporary:
-            program = _program(bundle, Path(temporary), options)
+            program = _program(bundle, Path(temporary), recorded.options)
             text = np.concatenate(commands).astype(np.int32).tobytes()
             first = _played(program, text, 1)
             seconds = max(1e-4, sum(float(x.sum()) for x, _ in first) * 1e-9)
@@ -194,7 +191,7 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
         return Times("c99", none, none, None, str(error))
 
 
-def _program(bundle: Bundle, folder: Path, options: list[str]) -> Path:
+def _program(bundle: Bundle, folder: Path, options: Sequence[str]) -> Path:
     C99().write(dataclasses.replace(bundle, prefix=DEFAULT), folder / "c")
     source = importlib.resources.files("dse.deploy.c") / "measure.c"
     with importlib.resources.as_file(source) as measure_c:

@@ -23,15 +23,24 @@ from torch import Tensor
 from dse import store
 from dse.deploy.classifier import BundleError, Classifier
 from dse.deploy.reference import prepared
-from dse.engine.autograd import TorchCalculus, later, layer_spikes, loss_of, on_torch, quantised
+from dse.engine.autograd import (
+    TorchCalculus,
+    first_drive,
+    later,
+    layer_spikes,
+    loss_of,
+    on_torch,
+    quantised,
+)
 from dse.engine.checks import check_network
+from dse.engine.events import Rows, gather
 from dse.engine.goal import Goal
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.quantise import BITS, stored
 from dse.models.snn.settings import Stack
 from dse.neurons import population_of
 from dse.neurons.surrogate import Exponential
-from dse.records import Arithmetic, Array, Head, Ints, Layer, Network
+from dse.records import Arithmetic, Array, Head, Ints, Layer, Network, Spikes
 
 SCHEMA = "dse/module/1"
 
@@ -69,28 +78,18 @@ class LayerModule(torch.nn.Module):
             number = copies_of(layer.shared).number.reshape(layer.shared.shape)
             self.register_buffer("_number", torch.tensor(number), persistent=False)
 
-    def forward(self, arriving: Tensor) -> Tensor:
-        """Return the spikes of the layer, (step, sample, neuron), given those that reach it."""
-        weight = self._running(self._matrix())
-        return self.fired(self._delayed(weight, lambda w: arriving @ w.T))
+    def forward(self, arriving: Tensor | Rows, samples: slice = slice(None)) -> Tensor:
+        """Return the spikes of the layer, (step, sample, neuron), in the step in which they fire.
 
-    def first(self, sample: Tensor, step: Tensor, column: Tensor, n_samples: int, n_steps: int) -> Tensor:
-        """Return the spikes of the layer, as `forward`, given a list of those that reach it."""
-        weight = self._running(self._matrix())
-        row = step * n_samples + sample
-        order = torch.argsort(row, stable=True)
-        offsets = torch.searchsorted(row[order], torch.arange(n_steps * n_samples + 1, device=row.device))
+        Args:
+            arriving: spikes that reach it, (step, sample, input), or rows of input spikes.
+            samples: of the rows.
+        """
 
         def summed(w: Tensor) -> Tensor:
-            of_rows = torch.nn.functional.embedding_bag(
-                column[order], w.T, offsets, mode="sum", include_last_offset=True
-            )
-            return of_rows.reshape(n_steps, n_samples, -1)
+            return first_drive(arriving, samples, w.T) if isinstance(arriving, Rows) else arriving @ w.T
 
-        return self.fired(self._delayed(weight, summed))
-
-    def fired(self, drive: Tensor) -> Tensor:
-        """Return the spikes of the layer given its weighted input, both (step, sample, neuron)."""
+        drive = self._delayed(self._running(self._matrix()), summed)
         calculus = TorchCalculus(self._arithmetic, self._surrogate, self.weight.device)
         ring = None if self.recurrent is None else self._running(self._kept(self.recurrent, "recurrent")).T
         return layer_spikes(drive, on_torch(self._population, calculus), calculus, ring)
@@ -105,11 +104,6 @@ class LayerModule(torch.nn.Module):
 
         ring = None if self.recurrent is None else on_grid(self._kept(self.recurrent, "recurrent"))
         return dataclasses.replace(self._layer, weight=on_grid(self._matrix()), recurrent=ring)
-
-    @property
-    def dtype(self) -> torch.dtype:
-        """Type of the states."""
-        return TorchCalculus(self._arithmetic, self._surrogate).dtype
 
     def _matrix(self) -> Tensor:
         """Return the weights of all synapses, (neuron, input)."""
@@ -126,7 +120,7 @@ class LayerModule(torch.nn.Module):
     def _running(self, weights: Tensor) -> Tensor:
         if self._arithmetic == "integer":
             weights = quantised(weights, self._grid.weight_bits, self._grid.exponent)
-        return weights.to(self.dtype)
+        return weights.to(TorchCalculus(self._arithmetic, self._surrogate).dtype)
 
     def _delayed(self, weight: Tensor, summed: Any) -> Tensor:
         """Return the weighted input; of synapses with delays a sum for each delay, that much later."""
@@ -178,11 +172,24 @@ class ClassifierModule(torch.nn.Module):
         Raises:
             ValueError: spikes of another shape, or other values.
         """
-        return later(self._fired(spikes)[-1]).transpose(0, 1)
+        return later(self.run(*self._rows(spikes))[-1]).transpose(0, 1)
 
     def fired(self, spikes: Tensor) -> list[Tensor]:
         """Return the spikes of every layer in the step in which they fire, (sample, network step, neuron)."""
-        return [x.transpose(0, 1) for x in self._fired(spikes)]
+        return [x.transpose(0, 1) for x in self.run(*self._rows(spikes))]
+
+    def run(self, rows: Rows, samples: slice) -> list[Tensor]:
+        """Return the spikes of every layer, (step, sample, neuron) each, in the step in which they fire.
+
+        Args:
+            rows: input spikes with their delayed copies (dse.engine.events).
+            samples: of the rows.
+        """
+        first, *others = self.layers
+        fired = [first(rows, samples)]
+        for layer in others:
+            fired.append(layer(later(fired[-1])))
+        return fired
 
     def loss(self, output: Tensor, label: Tensor) -> Tensor:
         """Return the loss that the network was trained with, summed over samples.
@@ -210,27 +217,21 @@ class ClassifierModule(torch.nn.Module):
         layers = tuple(layer.stored() for layer in self.layers if isinstance(layer, LayerModule))
         return dataclasses.replace(self._network, layers=layers)
 
-    def _fired(self, spikes: Tensor) -> list[Tensor]:
-        """Return the spikes of every layer, (step, sample, neuron) each."""
+    def _rows(self, spikes: Tensor) -> tuple[Rows, slice]:
+        """Return spikes (sample, input step, channel) as rows with delayed copies, and all samples."""
         network = self._network
         if spikes.ndim != 3 or spikes.shape[2] != network.n_channels:
             shape = tuple(spikes.shape)
             raise ValueError(f"spikes must be (sample, input step, {network.n_channels}), got {shape}")
         if not bool(((spikes == 0) | (spikes == 1)).all()):
             raise ValueError("spikes must be 0 or 1")
-        n_steps = spikes.shape[1] * network.steps_per_sample
-        sample, step, channel = spikes.nonzero(as_tuple=True)
-        copies = [
-            (sample, step * network.steps_per_sample + delay, channel + k * network.n_channels)
-            for k, delay in enumerate(network.delays)
-        ]
-        sample, step, column = (torch.cat(parts) for parts in zip(*copies, strict=True))
-        seen = step < n_steps
-        first, *others = (layer for layer in self.layers if isinstance(layer, LayerModule))
-        fired = [first.first(sample[seen], step[seen], column[seen], len(spikes), n_steps)]
-        for layer in others:
-            fired.append(layer(later(fired[-1])))
-        return fired
+        n, n_steps, n_channels = spikes.shape
+        row, channel = np.nonzero(spikes.detach().cpu().numpy().reshape(n * n_steps, n_channels))
+        offsets = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n * n_steps))])
+        sparse = Spikes(offsets, channel.astype(np.int32), n_steps, n_channels, 1.0)
+        delays, start = network.delays, np.zeros(n, np.int64)
+        rows = gather(sparse, np.arange(n), start, n_steps, delays, network.steps_per_sample)
+        return rows, slice(0, n)
 
 
 def of_bundle(bundle: Classifier, arithmetic: Arithmetic | None = None) -> ClassifierModule:

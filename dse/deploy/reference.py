@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import glob
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -14,6 +16,8 @@ from dse.config.contracts import Recordings, Source
 from dse.dataset.assemble import New
 from dse.deploy.classifier import BundleError, Classifier
 from dse.deploy.decide import decided
+from dse.deploy.form import Net
+from dse.engine.events import Rows, gather
 from dse.models.snn.respond import spikes_of_layers
 from dse.recordings import RecordingError, arrays
 from dse.recordings.event_files import EventFiles
@@ -23,8 +27,43 @@ from dse.records import Answers, Bools, Dataset, Floats, Ints, Network, Rasters,
 
 
 @dataclass(frozen=True)
-class Reference:
-    """What the engine of a bundle answers on n recordings.
+class Run:
+    """What a classifier did on n recordings.
+
+    label, time_ms, decided: (n,) decisions as `dse evaluate` gives them; label -1: a combination of the
+        heads' answers that no training recording had.
+    fired: per layer after the input, (n_spikes, 3) int32: recording, network step in which the neuron fires,
+        neuron; sorted. The next layer, or who decides, receives the spike one step later, and never that of
+        the last step. Empty where the classifier is no single network.
+    """
+
+    label: Ints
+    time_ms: Floats
+    decided: Bools
+    fired: Sequence[Ints]
+
+    @classmethod
+    def of_fired(cls, bundle: Classifier, reference: Reference, fired: Sequence[Ints]) -> Self:
+        """Return the run of a target that only spikes: its bundle's rule decides from the last layer.
+
+        Args:
+            bundle: the decision rule.
+            reference: the recordings.
+            fired: as in `Reference`.
+        """
+        n, n_steps, spikes = reference.n_recordings, reference.n_steps, np.asarray(fired[-1], np.int64)
+        assert isinstance(bundle.fitted, Network)
+        output = np.zeros((n, n_steps, bundle.fitted.sizes[-1]), np.uint8)
+        recording, step, neuron = spikes[spikes[:, 1] < n_steps - 1].T
+        np.add.at(output, (recording, step + 1, neuron), 1)
+        none = np.zeros((n, n_steps, 0), np.int32)
+        response = Response(output, none, none, reference.step_ms, peak_state=0)
+        return cls(*decided(bundle, reference.dataset, response), fired)
+
+
+@dataclass(frozen=True)
+class Reference(Run):
+    """What the engine of a bundle did.
 
     inputs: the recordings as read, which an encoder or preprocessing is fed; None where they are the input
         spikes already. Encoders run from a recording's first sample on, and bins of recorded events
@@ -33,11 +72,6 @@ class Reference:
     dataset: the same after encoder and preprocessing: spikes, windows.
     spikes_in: input spikes of the windows, (n_spikes, 3) int32: recording, input step of the window, channel;
         sorted. Input copies by delays are not in it.
-    fired: per layer after the input, (n_spikes, 3) int32: recording, network step in which the neuron fires,
-        neuron; sorted. The next layer, or who decides, receives the spike one step later, and never that of
-        the last step. Empty where the classifier is no single network.
-    label, time_ms, decided: (n,) decisions as `dse evaluate` gives them; label -1: a combination of the
-        heads' answers that no training recording had.
     n_steps: network steps of a window.
     step_ms: duration of a network step.
     """
@@ -46,16 +80,17 @@ class Reference:
     first_step: Ints
     dataset: Dataset
     spikes_in: Ints
-    fired: tuple[Ints, ...]
-    label: Ints
-    time_ms: Floats
-    decided: Bools
     n_steps: int
     step_ms: float
 
     @property
     def n_recordings(self) -> int:
         return len(self.label)
+
+    def arriving(self, network: Network | Net) -> Rows:
+        """Return the spikes that reach the first layer of a network, with their delayed copies."""
+        data, delays, per_sample = self.dataset, network.delays, network.steps_per_sample
+        return gather(data.spikes, data.test, data.start[data.test], data.n_steps, delays, per_sample)
 
 
 def of_recordings(bundle: Classifier, data_file: str | Path, *, repair: bool = False) -> Reference:

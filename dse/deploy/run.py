@@ -10,49 +10,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
-from dse.deploy.classifier import BundleError, Classifier
-from dse.deploy.decide import decided
+from dse.deploy.classifier import BundleError
 from dse.deploy.form import Net
-from dse.deploy.reference import Reference
+from dse.deploy.reference import Reference, Run
 from dse.deploy.verdict import KINDS, Verdict
-from dse.engine.events import gather
-from dse.records import Array, Bools, Floats, Ints, Network, Response
+from dse.records import Array, Ints, Network
 
 
 class TargetError(BundleError):
     """A target cannot be written or run on this machine, such as for want of a compiler; one line."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """What a target did on the recordings of a reference; fields as in `Reference`."""
-
-    label: Ints
-    time_ms: Floats
-    decided: Bools
-    fired: Sequence[Ints]
-
-    @classmethod
-    def of_fired(cls, bundle: Classifier, reference: Reference, fired: Sequence[Ints]) -> Self:
-        """Return the run of a target that only spikes: its bundle's rule decides from the last layer.
-
-        Args:
-            bundle: the decision rule.
-            reference: the recordings.
-            fired: as in `Reference`.
-        """
-        n, n_steps, spikes = reference.n_recordings, reference.n_steps, np.asarray(fired[-1], np.int64)
-        assert isinstance(bundle.fitted, Network)
-        output = np.zeros((n, n_steps, bundle.fitted.sizes[-1]), np.uint8)
-        recording, step, neuron = spikes[spikes[:, 1] < n_steps - 1].T
-        np.add.at(output, (recording, step + 1, neuron), 1)
-        none = np.zeros((n, n_steps, 0), np.int32)
-        response = Response(output, none, none, reference.step_ms, peak_state=0)
-        return cls(*decided(bundle, reference.dataset, response), fired)
 
 
 @dataclass(frozen=True)
@@ -238,12 +207,9 @@ def of_script(
     Raises:
         TargetError: it fails.
     """
-    data = reference.dataset
-    start, delays = data.start[data.test], network.delays
     with tempfile.TemporaryDirectory() as folder:
         spikes, fired = Path(folder) / "spikes.npz", Path(folder) / "fired.npz"
-        n, t = reference.n_recordings, reference.n_steps
-        arriving = gather(data.spikes, data.test, start, data.n_steps, delays, network.steps_per_sample)
+        n, t, arriving = reference.n_recordings, reference.n_steps, reference.arriving(network)
         np.savez(spikes, spikes=arriving.listed(), n_recordings=n, n_steps=t)
         command = [str(x) for x in (python, "-I", script, *arguments, spikes, fired)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)

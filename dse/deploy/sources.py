@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
@@ -25,7 +26,7 @@ from dse.deploy.reference import prepared
 from dse.deploy.stream import Decision, Passed, Stream, Windows
 from dse.native.extras import MissingExtra
 from dse.recordings import RecordingError, Recordings, trials_of
-from dse.records import Array, Block, Rasters, Signals
+from dse.records import Array, Block, Ints, Rasters, Signals
 
 _CHUNK = 2**16
 _LONGEST_LINE = 2**22
@@ -215,6 +216,23 @@ def items_of_recording(recordings: Recordings, i: int) -> Iterator[Block | Array
             yield Passed(trials.duration_us)
 
 
+def recordings_of(
+    bundle: Bundle, recordings: Recordings, first_step: Ints, windows: Windows | None = None
+) -> Iterator[tuple[Callable[[], Stream], Iterator[Block | Array | Passed]]]:
+    """Yield what makes a stream of each recording, and what it takes.
+
+    Args:
+        bundle: as read.
+        recordings: that it takes.
+        first_step: (n,) where the window of each begins.
+        windows: where they begin instead.
+    """
+    t0_us = None if isinstance(recordings, Signals | Rasters) or trials_of(recordings) is None else 0
+    for i, first in enumerate(first_step.tolist()):
+        once = windows or Windows("once", first=first)
+        yield partial(Stream, bundle, once, t0_us), items_of_recording(recordings, i)
+
+
 def paced(items: Iterable[Item], step_ms: float) -> Iterator[Item]:
     """Yield items when they are due by their own time, that of the first one being now."""
     began, n, first_us = time.monotonic(), 0, None
@@ -287,11 +305,9 @@ def replayed(
         RecordingError: the recordings do not fit.
     """
     new = prepared(bundle, data_file)
-    trials = None if isinstance(new.recordings, Signals | Rasters) else trials_of(new.recordings)
-    first_step = (new.first + new.dataset.start).tolist()
-    for i, first in enumerate(first_step):
-        stream = Stream(bundle, windows or Windows("once", first=first), None if trials is None else 0)
-        items = items_of_recording(new.recordings, i)
+    first_step = new.first + new.dataset.start
+    for make, items in recordings_of(bundle, new.recordings, first_step, windows):
+        stream = make()
         for item in paced(items, stream.step_ms) if realtime else items:
             assert not isinstance(item, End)  # a recording has none inside
             yield from stream.push(item)

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from dse.config.contracts import RunningEncoder
 from dse.deploy.classifier import BundleError, Classifier, Input
-from dse.deploy.window import Collected, Running, Stepwise, Verdict, Whole, opener_of
+from dse.deploy.window import Window, opener_of
 from dse.native.compiled import compiled
 from dse.preprocessing.bins import Bin, Bins
 from dse.recordings import RecordingError
@@ -116,8 +115,8 @@ class Stream:
                 pools = pooling(settings, self._input.width, self._input.height)
                 self._bins = Bins(pools, settings.every_event, t0_us)
                 self._n_in = pools.n_channels
-            self._classifier = opener_of(bundle, self._input)
-            first = self._track()
+            self._open = opener_of(bundle, self._input)
+            first = _Track(self)
         except ValueError as error:
             raise BundleError(str(error)) from None
         self._tracks = [] if self._cut else [first]
@@ -200,31 +199,12 @@ class Stream:
     def _advance(self, step: Callable[[_Track], list[Decision]]) -> list[Decision]:
         """Take a step; begin and end the recordings that a stream is cut into."""
         if self._cut and self._step % self._every == 0:
-            self._tracks.append(self._track())
+            self._tracks.append(_Track(self))
         decisions = [decision for track in self._tracks for decision in step(track)]
         self._step += 1
         if self._tracks and self._step - self._tracks[0].begin == self._cut:
             del self._tracks[0]
         return decisions
-
-    def _track(self) -> _Track:
-        encoder, first = self._bundle.sections.encoder, 0
-        if encoder is not None and self._bins is not None:
-            # Spikes of recordings are stored, and encoded, from where training windows may begin.
-            first = max(self._windows.first - self._bundle.sections.window.jitter_steps, 0)
-        return _Track(
-            begin=self._step,
-            windows=self._windows,
-            most=1 if self._cut else math.inf,
-            classifier=self._classifier,
-            classes=self._bundle.answers,
-            numbers=self._numbers,
-            step_ms=self._input.step_ms,
-            onset_threshold=self._bundle.sections.window.onset_threshold,
-            encoder=None if encoder is None else encoder.running(self._n_in, self._input.step_ms),
-            n_in=self._n_in,
-            encodes_from=first,
-        )
 
     def _checked(self, item: Array) -> Floats:
         """Return a sample as float32.
@@ -270,45 +250,22 @@ def _usual(bundle: Classifier, recordings: Input) -> Windows:
 
 
 class _Track:
-    """One recording within a stream: its encoder, and its windows.
+    """One recording within a stream, from its present step on: its encoder, and its windows."""
 
-    Args:
-        begin: step of the stream at which the recording begins.
-        windows: where they begin.
-        most: how many.
-        classifier: opens them. classes: names of its answers.
-        numbers: of the windows of the stream.
-        step_ms: duration of an input step.
-        onset_threshold: of section window.
-        encoder: at the start of the recording.
-        n_in: channels before the encoder.
-        encodes_from: step of the recording from which pooled events are encoded.
-    """
-
-    def __init__(
-        self,
-        *,
-        begin: int,
-        windows: Windows,
-        most: float,
-        classifier: Stepwise | Whole,
-        classes: Sequence[str],
-        numbers: Iterator[int],
-        step_ms: float,
-        onset_threshold: float,
-        encoder: RunningEncoder | None,
-        n_in: int,
-        encodes_from: int,
-    ) -> None:
-        self.begin = begin
-        self.windows: list[tuple[int, float, Running | Collected]] = []
-        self._rule, self._left = windows, 1 if windows.rule == "once" else most
-        self._classifier, self._numbers, self._step_ms = classifier, numbers, step_ms
-        self._classes = classes
-        self._onset_threshold = onset_threshold
-        self._encoder, self._encodes_from = encoder, encodes_from
+    def __init__(self, stream: Stream) -> None:
+        self.begin = stream._step
+        self.windows: list[tuple[int, float, Window]] = []
+        self._stream, self._rule, self._step, self._touched = stream, stream._windows, 0, False
+        self._left = 1 if stream._cut or self._rule.rule == "once" else math.inf
+        sections, n_in = stream._bundle.sections, stream._n_in
+        self._encoder, self._encodes_from = None, 0
+        if sections.encoder is not None:
+            self._encoder = sections.encoder.running(n_in, stream.step_ms)
+        if sections.encoder is not None and stream._bins is not None:
+            # Spikes of recordings are stored, and encoded, from where training windows may begin.
+            self._encodes_from = max(self._rule.first - sections.window.jitter_steps, 0)
+        self._onset_threshold = sections.window.onset_threshold
         self._counts = np.zeros(n_in, np.float32)
-        self._step, self._touched = 0, False
         self._first_sample: Floats | None = None
 
     def sample(self, row: Floats) -> list[Decision]:
@@ -332,10 +289,10 @@ class _Track:
 
     def step(self, channels: Ints, t_us: Ints | None, moved: float) -> list[Decision]:
         """Take the spikes of a step, and what contact is told by: it touches from the onset threshold on."""
-        touches = bool(moved >= self._onset_threshold)
+        touches, stream = bool(moved >= self._onset_threshold), self._stream
         if self._left and self._begins(touches):
-            begin_ms = (self.begin + self._step) * self._step_ms
-            self.windows.append((next(self._numbers), begin_ms, self._classifier.open()))
+            begin_ms = (self.begin + self._step) * stream.step_ms
+            self.windows.append((next(stream._numbers), begin_ms, stream._open()))
             self._left -= 1
         self._touched = touches
         self._step += 1
@@ -344,8 +301,10 @@ class _Track:
             verdict = window.step(channels, t_us)
             if verdict is None:
                 still.append((number, begin_ms, window))
-            else:
-                decisions.append(_decision(number, begin_ms, verdict, self._classes))
+                continue
+            answer = stream._bundle.answers[verdict.label] if verdict.label >= 0 else None
+            time_ms, confidence, margin = verdict.time_ms, verdict.confidence, verdict.margin
+            decisions.append(Decision(number, begin_ms, answer, time_ms, confidence, margin, verdict.decided))
         self.windows = still
         return decisions
 
@@ -359,13 +318,6 @@ class _Track:
         if self._rule.rule == "onset":
             return touches and not self._touched and not self.windows
         return not self.windows
-
-
-def _decision(number: int, begin_ms: float, verdict: Verdict, classes: Sequence[str]) -> Decision:
-    answer = classes[verdict.label] if verdict.label >= 0 else None
-    return Decision(
-        number, begin_ms, answer, verdict.time_ms, verdict.confidence, verdict.margin, verdict.decided
-    )
 
 
 @compiled()

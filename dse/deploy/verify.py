@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import filecmp
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -136,27 +136,17 @@ def publish(
     Raises:
         BundleError, RecordingError, StoreError: as of `export_targets`.
     """
-    targets = {name: target_named(name) for name in names}
-    reference = of_recordings(bundle, recordings) if targets and recordings is not None else None
+    reference = of_recordings(bundle, recordings) if names and recordings is not None else None
+
+    def run(name: str, target: Target, place: Path) -> Verdict:
+        return _written(target, bundle, place, reference)
+
     with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
-        files = dict(kept or {})
-        verified, faults = {}, []
-        for name, target in targets.items():
-            written = Path(temporary) / name
-            written.mkdir()
-            try:
-                verdict = _written(target, bundle, written, reference)
-            except BundleError as error:
-                faults.append(f"target {name}: {error}")
-                continue
-            if _is_written(verdict):
-                files[name] = written
-            verdict = _on(verdict, recordings)
-            verified[name] = Verified(verdict, bundle.targets.get(name))
-        if faults:
-            raise TargetError("\n".join(faults))
+        verified = _each(bundle, names, Path(temporary), recordings, run)
         verdicts = {name: each.verdict for name, each in verified.items()}
-        write(dataclasses.replace(bundle, targets={**bundle.targets, **verdicts}), folder, files)
+        files = {name: Path(temporary) / name for name, verdict in verdicts.items() if _is_written(verdict)}
+        targets = {**bundle.targets, **verdicts}
+        write(dataclasses.replace(bundle, targets=targets), folder, {**(kept or {}), **files})
     return verified
 
 
@@ -185,20 +175,40 @@ def verify(
             raise BundleError(f"{folder}: has no target '{name}'; {_has(written)}")
     if not written:
         raise BundleError(f"{folder}: {_has(written)}; `dse export` writes them")
-    targets = {name: target_named(name) for name in names or written}
     reference = of_recordings(bundle, recordings)
+
+    def run(name: str, target: Target, place: Path) -> Verdict:
+        if (verdict := _written(target, bundle, place, None)).kind == "unsupported":
+            return verdict
+        return _differs(path, name, place) or target.verify(bundle, place, reference)
+
+    with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
+        return _each(bundle, names or written, Path(temporary), recordings, run)
+
+
+def _each(
+    bundle: Bundle,
+    names: Iterable[str],
+    place: Path,
+    recordings: str | Path | None,
+    run: Callable[[str, Target, Path], Verdict],
+) -> dict[str, Verified]:
+    """Return what a run finds of every target, each with an empty folder in a place.
+
+    Raises:
+        BundleError: a target is unknown, or some cannot be written or run here; all of them are named.
+    """
     verified, faults = {}, []
-    for name, target in targets.items():
+    for name, target in {name: target_named(name) for name in names}.items():
+        (folder := place / name).mkdir()
         try:
-            with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
-                anew = Path(temporary) / name
-                anew.mkdir()
-                if (verdict := _written(target, bundle, anew, None)).kind != "unsupported":
-                    verdict = _differs(path, name, anew) or target.verify(bundle, anew, reference)
+            verdict = run(name, target, folder)
         except BundleError as error:
             faults.append(f"target {name}: {error}")
             continue
-        verified[name] = Verified(_on(verdict, recordings), bundle.targets[name])
+        if recordings is not None and verdict.n_recordings:
+            verdict = dataclasses.replace(verdict, recordings=Path(recordings).name)
+        verified[name] = Verified(verdict, bundle.targets.get(name))
     if faults:
         raise TargetError("\n".join(faults))
     return verified
@@ -234,13 +244,6 @@ def _differs(bundle: Path, name: str, written: Path) -> Verdict | None:
 
 def _is_written(verdict: Verdict) -> bool:
     return verdict.kind != "unsupported"
-
-
-def _on(verdict: Verdict, recordings: str | Path | None) -> Verdict:
-    """Return a verdict with the name of the recordings that it is from."""
-    if recordings is None or not verdict.n_recordings:
-        return verdict
-    return dataclasses.replace(verdict, recordings=Path(recordings).name)
 
 
 def _has(written: Iterable[str]) -> str:

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from dse.deploy.classifier import BundleError, Classifier, Input
 from dse.deploy.decide import decided
+from dse.deploy.form import Rule, rule_of
 from dse.engine.stepping import RunningStack
-from dse.measure.heads import head_answers, head_slices, joint_label
+from dse.measure.heads import head_slices
 from dse.models.snn.respond import layers_of
 from dse.records import Answers, Dataset, Ints, Network, Response, Spikes
 
 _NONE = np.zeros(0, np.int64)
 
 
-class Verdict(NamedTuple):
+class Answer(NamedTuple):
     """An answer to a window.
 
     label: class, as of `dse.deploy.reference.decided`. time_ms: since the window's first step.
@@ -33,35 +34,41 @@ class Verdict(NamedTuple):
     margin: float | None
 
 
-def opener_of(bundle: Classifier, recordings: Input) -> Stepwise | Whole:
+class Window(Protocol):
+    """A window without an answer so far."""
+
+    def step(self, channels: Ints, t_us: Ints | None) -> Answer | None:
+        """Take the spikes of the next input step; return the answer if it falls in it.
+
+        Args:
+            channels: int32 channels that spike, rising; with times, in their order.
+            t_us: int32 times of the spikes since the start of the step; None: a spike has that of the step.
+        """
+        ...
+
+
+def opener_of(bundle: Classifier, taken: Input) -> Callable[[], Window]:
     """Return what opens windows: a network that runs step by step, or a classifier that needs whole windows.
 
     Args:
         bundle: as read.
-        recordings: what it takes.
+        taken: the recordings that it takes.
 
     Raises:
         BundleError: it refuses such windows.
     """
     network = bundle.fitted
-    if isinstance(network, Network):
-        return Stepwise(bundle, network, recordings)
-    return Whole(bundle, recordings)
+    if not isinstance(network, Network):
+        return Whole(bundle, taken).open
+    layers, per_sample = layers_of(network), network.steps_per_sample  # all windows share the weights
+    step_ms = taken.step_ms / per_sample
+    rule = rule_of(bundle, taken.n_steps * per_sample, network.sizes[-1], step_ms)
 
+    def opened() -> Running:
+        stack = RunningStack(layers, network.n_channels, network.delays, per_sample)
+        return Running(rule, stack, network.sizes[-1], per_sample, step_ms)
 
-def _data(bundle: Classifier, spikes: Spikes) -> Dataset:
-    """Return one window as the only sample of a data set; families do not read positions in an answer."""
-    zero = np.zeros(1, np.int32)
-    return Dataset(
-        spikes=spikes, target=np.full(1, -1), classes=bundle.classes, start=zero, start_low=zero,
-        start_high=zero, n_steps=spikes.n_steps, train=_NONE, validation=_NONE, test=np.zeros(1, np.int64),
-        positions=np.zeros((spikes.n_channels, 3), np.int32), heads=bundle.heads,
-    )  # fmt: skip
-
-
-def _parts(bundle: Classifier, data: Dataset) -> dict[str, slice]:
-    """Return the outputs of each head of a bundle by its name."""
-    return dict(zip((head.name for head in bundle.heads), head_slices(data), strict=False))
+    return opened
 
 
 def shares(counts: Sequence[int]) -> tuple[float, float]:
@@ -73,136 +80,103 @@ def shares(counts: Sequence[int]) -> tuple[float, float]:
     return first / total, (first - second) / total
 
 
-class Stepwise:
-    """A network; all windows share its weights."""
-
-    def __init__(self, bundle: Classifier, network: Network, recordings: Input) -> None:
-        self._network, self._layers = network, layers_of(network)
-        self.per_sample = network.steps_per_sample
-        self.n_outputs = network.sizes[-1]
-        self._step_ms = recordings.step_ms / self.per_sample
-        spikes = Spikes(np.zeros(2, np.int64), _NONE, 1, network.n_channels, recordings.step_ms)
-        self._data = _data(bundle, spikes)
-        parts = _parts(bundle, self._data)
-        self._part = parts.get(bundle.head, slice(None))
-        self._parts = list(parts.values()) if not bundle.head else []
-        self._heads = bundle.heads
-        self._phi, self._theta = bundle.phi, bundle.theta
-        self._n_steps = recordings.n_steps * self.per_sample
-        if self._phi is None and bundle.read_out_ms is not None:
-            self._n_steps = min(self._n_steps, max(1, round(bundle.read_out_ms / self._step_ms)))
-
-    def open(self) -> Running:
-        """Return a window at its first step."""
-        network = self._network
-        stack = RunningStack(self._layers, network.n_channels, network.delays, self.per_sample)
-        return Running(self, stack)
-
-    def verdict(self, counts: list[int], n_steps: int, has_changed: bool) -> Verdict | None:
-        """Return the answer after so many network steps, if it falls in the last of them.
-
-        The rule is that of dse.measure.decision.
-
-        Args:
-            counts: (output,) spikes so far.
-            n_steps: network steps so far, > 0.
-            has_changed: whether the last step added any.
-        """
-        is_last = n_steps == self._n_steps
-        if not (has_changed or is_last):
-            return None
-        part = counts[self._part]
-        confidence, margin = shares(part)
-        decides = self._phi is None
-        if self._phi is not None and self._theta is not None:
-            decides = sum(part) > self._phi and confidence >= self._theta
-            if not (decides or is_last):
-                return None
-        elif not is_last:
-            return None
-        if self._parts and self._phi is None:
-            label = int(joint_label(head_answers(self._data, np.array([counts])), self._heads)[0])
-            confidence, margin = (min(x) for x in zip(*(shares(counts[p]) for p in self._parts), strict=True))
-        else:
-            label = part.index(max(part))
-        return Verdict(label, n_steps * self._step_ms, decides, confidence, margin)
-
-
 class Running:
-    """A window of a network without an answer so far: its states, and its output spikes."""
+    """A window of a network: its states, and its output spikes.
 
-    def __init__(self, classifier: Stepwise, stack: RunningStack) -> None:
-        self._classifier, self._stack = classifier, stack
-        self._counts = [0] * classifier.n_outputs
-        self._n_steps = 0
+    Args:
+        rule: of the decision.
+        stack: the network at rest.
+        n_outputs: output neurons.
+        per_sample: network steps per input step.
+        step_ms: duration of a network step.
+    """
 
-    def step(self, channels: Ints, _: Ints | None) -> Verdict | None:
-        """Take the next input step: int32 channels that spike, rising; return the answer if there is one."""
-        for _part in range(self._classifier.per_sample):
-            self._n_steps += 1
+    def __init__(
+        self, rule: Rule, stack: RunningStack, n_outputs: int, per_sample: int, step_ms: float
+    ) -> None:
+        self._rule, self._stack, self._per_sample, self._step_ms = rule, stack, per_sample, step_ms
+        self._counts = [0] * n_outputs
+        self._step = 0
+
+    def step(self, channels: Ints, _: Ints | None) -> Answer | None:
+        """Take the spikes of the next input step; return the answer if it falls in it (`Window`)."""
+        for _part in range(self._per_sample):
             output = set(self._stack.output.tolist())
             for neuron in output:
                 self._counts[neuron] += 1
-            verdict = self._classifier.verdict(self._counts, self._n_steps, bool(output))
-            if verdict is not None:
-                return verdict
+            if (answer := self._answer(bool(output))) is not None:
+                return answer
+            self._step += 1
             self._stack.step(channels)
         return None
+
+    def _answer(self, has_changed: bool) -> Answer | None:
+        """Return the answer if it falls in this network step; has_changed: whether an output has spiked."""
+        rule, is_last = self._rule, self._step == self._rule.last
+        if not is_last and (rule.least_total is None or not has_changed):
+            return None
+        parts = [self._counts[first : first + n] for first, n in rule.parts]
+        decides = rule.is_met(parts[0])
+        if not (decides or is_last):
+            return None
+        confidence, margin = (min(x) for x in zip(*map(shares, parts), strict=True))
+        time_ms = (self._step + 1) * self._step_ms
+        return Answer(rule.label(parts), time_ms, decides, confidence, margin)
 
 
 class Whole:
     """A classifier that is shown a window when it is over, or when as much of it is there as it reads."""
 
-    def __init__(self, bundle: Classifier, recordings: Input) -> None:
-        self._bundle, self._recordings = bundle, recordings
+    def __init__(self, bundle: Classifier, taken: Input) -> None:
+        self._bundle, self._taken = bundle, taken
         settings = bundle.sections.preprocessing
         self._has_times = settings is not None and settings.every_event and bundle.sections.encoder is None
-        self.n_needed = recordings.n_steps
+        self.n_needed = taken.n_steps
         try:
-            response = self._respond([], [])
+            data, response = self._responded([], [])
         except ValueError as error:
             raise BundleError(str(error)) from None
         if isinstance(response, Answers):
-            time_ms = decided(bundle, self._shown([], []), response)[1][0]
-            self.n_needed = min(self.n_needed, math.ceil(time_ms / recordings.step_ms - 1e-9))
+            time_ms = decided(bundle, data, response)[1][0]
+            self.n_needed = min(self.n_needed, math.ceil(time_ms / taken.step_ms - 1e-9))
 
     def open(self) -> Collected:
         """Return a window at its first step."""
         return Collected(self)
 
-    def verdict(self, channels: list[Ints], t_us: list[Ints | None]) -> Verdict:
+    def answer(self, channels: list[Ints], t_us: list[Ints | None]) -> Answer:
         """Return the answer to the spikes of a window's first steps; the others are taken for empty."""
-        response = self._respond(channels, t_us)
-        label, time_ms, reached = decided(self._bundle, self._shown(channels, t_us), response)
+        data, response = self._responded(channels, t_us)
+        label, time_ms, reached = decided(self._bundle, data, response)
         confidence, margin = None, None
         if isinstance(response, Response):
-            n = round(float(time_ms[0]) / response.step_ms)
-            parts = _parts(self._bundle, self._shown([], []))
+            n, heads = round(float(time_ms[0]) / response.step_ms), self._bundle.heads
+            parts = dict(zip((head.name for head in heads), head_slices(data), strict=False))
             counts = response.output[0, :n, parts.get(self._bundle.head, slice(None))].sum(axis=0)
             confidence, margin = shares(counts.tolist())
-        return Verdict(int(label[0]), float(time_ms[0]), bool(reached[0]), confidence, margin)
+        return Answer(int(label[0]), float(time_ms[0]), bool(reached[0]), confidence, margin)
 
-    def _respond(self, channels: list[Ints], t_us: list[Ints | None]) -> Response | Answers:
-        data = self._shown(channels, t_us)
-        return self._bundle.sections.model.respond(self._bundle.fitted, data, data.test)
+    def _responded(self, channels: list[Ints], t_us: list[Ints | None]) -> tuple[Dataset, Response | Answers]:
+        """Return a window as the only sample of a data set, and what the family answers to it.
 
-    def _shown(self, channels: list[Ints], t_us: list[Ints | None]) -> Dataset:
-        n_steps, step_ms = self._recordings.n_steps, self._recordings.step_ms
-        counts = np.zeros(n_steps, np.int64)
+        Families do not read positions in an answer.
+        """
+        bundle, n_steps, step_ms = self._bundle, self._taken.n_steps, self._taken.step_ms
+        n_channels, counts = bundle.fitted.n_channels, np.zeros(n_steps, np.int64)
         counts[: len(channels)] = [len(x) for x in channels]
         times = None
         if self._has_times:
             since = [round(i * step_ms * 1000) + x for i, x in enumerate(t_us) if x is not None]
             times = np.concatenate([*since, np.zeros(0, np.int32)]).astype(np.int32)
-        spikes = Spikes(
-            np.concatenate([[0], np.cumsum(counts)]),
-            np.concatenate([*channels, np.zeros(0, np.int32)]).astype(np.int32),
-            n_steps,
-            self._bundle.fitted.n_channels,
-            step_ms,
-            times,
-        )
-        return _data(self._bundle, spikes)
+        channel = np.concatenate([*channels, np.zeros(0, np.int32)]).astype(np.int32)
+        offsets, zero = np.concatenate([[0], np.cumsum(counts)]), np.zeros(1, np.int32)
+        data = Dataset(
+            spikes=Spikes(offsets, channel, n_steps, n_channels, step_ms, times), target=np.full(1, -1),
+            classes=bundle.classes, start=zero, start_low=zero, start_high=zero, n_steps=n_steps, train=_NONE,
+            validation=_NONE, test=np.zeros(1, np.int64), positions=np.zeros((n_channels, 3), np.int32),
+            heads=bundle.heads,
+        )  # fmt: skip
+        return data, bundle.sections.model.respond(bundle.fitted, data, data.test)
 
 
 class Collected:
@@ -213,15 +187,10 @@ class Collected:
         self._channels: list[Ints] = []
         self._t_us: list[Ints | None] = []
 
-    def step(self, channels: Ints, t_us: Ints | None) -> Verdict | None:
-        """Take the spikes of the next input step; return the answer if it falls in it.
-
-        Args:
-            channels: int32 channels, rising; with times, in their order.
-            t_us: int32 times of the spikes since the start of the step; None: a spike has that of the step.
-        """
+    def step(self, channels: Ints, t_us: Ints | None) -> Answer | None:
+        """Take the spikes of the next input step; return the answer if it falls in it (`Window`)."""
         self._channels.append(channels)
         self._t_us.append(t_us)
         if len(self._channels) < self._classifier.n_needed:
             return None
-        return self._classifier.verdict(self._channels, self._t_us)
+        return self._classifier.answer(self._channels, self._t_us)

@@ -116,7 +116,7 @@ def _cut(name: str) -> Any:
         (_edit(schema="dse/bundle/"), "is not a bundle of dse"),
         (_edit(sections=WITHOUT_TASK), r"bundle\.json: section 'task' is required"),
         (_edit(classes=None), r"bundle\.json: key 'classes' is missing"),
-        (_edit(decision=[1]), r"bundle\.json: decision must be a mapping, got a list"),
+        (_edit(decision=[1]), r"bundle\.json: key 'decision' must be a mapping, got a list"),
     ],
 )
 def test_damage_is_one_line(made: Bundle, tmp_path: Path, damage: Any, message: str) -> None:

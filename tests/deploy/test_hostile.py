@@ -134,7 +134,7 @@ DOCUMENTS = {
     "heads a mapping": (document(heads={}), "key 'heads' must be a list, got a mapping"),
     "heads of others": (
         document(heads=[{"name": "a", "classes": ["x"], "of_class": [0, 1, 0]}]),
-        r"must be a list of integers in \[0, 0\]",
+        r"head 'a' must have classes in 0\.\.0",
     ),
     "heads of fewer": (
         document(heads=[{"name": "a", "classes": ["x"], "of_class": [0]}]),
@@ -150,16 +150,16 @@ DOCUMENTS = {
     "plugin outside": (document(plugins=["../evil.py"]), r"plugin \.\./evil\.py must be one of its files"),
     "plugin unknown": (document(plugins=["no_such_module"]), "no module 'no_such_module' is installed"),
     "plugin no name": (document(plugins=["a b"]), "must be the name of a module"),
-    "input a list": (document(input=[]), "input must be a mapping"),
+    "input a list": (document(input=[]), "key 'input' must be a mapping"),
     "input of a kind": (document(input__kind="smells"), "key 'input.kind' must be one of samples, spikes"),
     "targets a list": (document(targets=[]), "key 'targets' must be a mapping"),
-    "target outside": (document(targets={"../x": {}}), "targets/arrays"),
+    "target outside": (document(targets={"../x": {}}), r"key 'targets\.\.\./x' must be a word"),
     "verdict by hand": (
         document(targets__arrays__kind="perfect"),
         "must be one of faithful, equivalent, approximate",
     ),
     "verdict endless": (document(targets__arrays__figures={"ram_bytes": float("inf")}), "must be a number"),
-    "verdict short": (document(targets__arrays__reason=None), "key 'targets.arrays.reason' is missing"),
+    "verdict short": (document(targets__arrays__kind=None), "key 'targets.arrays.kind' is missing"),
 }
 NETWORKS = {
     "recurrent of one": (arrays(**{"0_recurrent": np.ones((1, 1), np.float32)}), r"0/recurrent' must have"),

@@ -8,13 +8,15 @@ fewest bits b for q that hold all of a matrix.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from dse.deploy.c.text import wrapped
+from dse.deploy.c.text import filled, wrapped
 from dse.records import Array, Ints
 
 _BYTES = {
@@ -51,6 +53,21 @@ class Member:
         """Its declaration."""
         purpose = f" /* {self.purpose} */" if self.purpose else ""
         return f"    {self.kind} {self.name}{''.join(f'[{n}]' for n in self.lengths)};{purpose}\n"
+
+
+_DECLARED = re.compile(r"(0 )?(\w+) (\w+)((?:\[\d+\])*); ?(.*)\n")
+
+
+def members_of(table: str | Path, *objects: object, **values: Any) -> list[Member]:
+    """Return the variables that a template declares (arguments of `filled`).
+
+    A line is `TYPE NAME[LENGTH]...; PURPOSE`, after a 0 where the variable is 0 at the start of a window.
+    """
+    out = []
+    for cleared, kind, name, lengths, purpose in _DECLARED.findall(filled(table, *objects, **values)):
+        sizes = tuple(int(n) for n in re.findall(r"\d+", lengths))
+        out.append(Member(kind, name, sizes, purpose, bool(cleared)))
+    return out
 
 
 def declared(members: Sequence[Member]) -> str:
@@ -131,24 +148,48 @@ class Matrix:
     delays: Ints | None = None
 
     @property
+    def kind(self) -> str:
+        """Its form, and whether weights act later: all rows of a kind are added alike."""
+        return self.form if self.delays is None else f"{self.form}_later"
+
+    @property
+    def n_columns(self) -> int:
+        """Neurons that it reaches."""
+        return int(self.weights.shape[1])
+
+    @property
+    def column_type(self) -> str:
+        """Type of the number of a column."""
+        return index(self.n_columns)
+
+    @property
+    def sign(self) -> int:
+        """Bit of a packed weight that is its sign."""
+        return 1 << (self.bits - 1)
+
+    @property
+    def mask(self) -> int:
+        """Bits of a packed weight."""
+        return (1 << self.bits) - 1
+
+    @property
     def per_word(self) -> int:
         """Weights in a word of 32 bits."""
         return 32 // self.bits
 
     @property
     def words_per_row(self) -> int:
-        return -(-int(self.weights.shape[1]) // self.per_word)
+        return -(-self.n_columns // self.per_word)
 
     @property
     def row_length(self) -> int:
         """Neurons that a row reaches, those that fill its last word included."""
-        n = int(self.weights.shape[1])
-        return self.words_per_row * self.per_word if self.form == "words" else n
+        return self.words_per_row * self.per_word if self.form == "words" else self.n_columns
 
     def tables(self, name: str) -> list[Table]:
         """Return it as constant data."""
         q: Ints = self.weights >> self.exponent
-        n = int(self.weights.shape[1])
+        n = self.n_columns
         if self.form == "words":
             fields = np.zeros((len(q), self.words_per_row * self.per_word), np.int64)
             fields[:, :n] = q & (2**self.bits - 1)
@@ -162,7 +203,7 @@ class Matrix:
             begin = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(q)))])
             rows = [
                 Table("uint16_t" if row.size < 2**16 else "uint32_t", f"{name}_begin", begin),
-                Table(index(n), f"{name}_column", _not_empty(column)),
+                Table(self.column_type, f"{name}_column", _not_empty(column)),
             ]
             q = _not_empty(q[row, column])
             later = None if self.delays is None else _not_empty(self.delays[row, column])

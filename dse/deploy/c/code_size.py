@@ -8,18 +8,10 @@ arithmetic of doubles. On networks left out of the fit, flash is off by 0.6 % in
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 
-import numpy as np
-
-from dse.deploy.c import counting_source, source
-from dse.deploy.c.arrays import struct_bytes
-from dse.deploy.c.counting import CountingPlan
-from dse.deploy.c.neurons import adder_name, is_short
-from dse.deploy.c.plan import Plan
+from dse.deploy.c.code import Code
 from dse.deploy.form import Frame, ReceptorsForm
-from dse.neurons import resonator, xylo_lif
 
 _PARTS = {
     "base": (1245.0, 1276.9),
@@ -59,69 +51,23 @@ _PARTS = {
 CORTEX_M, CORTEX_M0_PLUS = ({name: sizes[k] for name, sizes in _PARTS.items()} for k in range(2))
 
 
-def footprint(plan: Plan | CountingPlan) -> dict[str, float]:
+def footprint(code: Code) -> dict[str, float]:
     """Return ram_bytes, all static data as a compiler lays it out, and table_bytes, constants.
 
     The stack holds a few words more.
     """
-    if isinstance(plan, Plan):
-        members, tables = source.members(plan), source.tables(plan)
-    else:
-        members, tables = counting_source.members(plan), counting_source.tables(plan)
-    return {"ram_bytes": float(struct_bytes(members)), "table_bytes": float(sum(x.n_bytes for x in tables))}
+    return {"ram_bytes": float(code.ram_bytes), "table_bytes": float(code.table_bytes)}
 
 
-def constant_bytes(plan: Plan | CountingPlan) -> float:
-    """Return the bytes of all constants of a plan."""
-    return footprint(plan)["table_bytes"] + other_constants(plan)
+def constant_bytes(code: Code) -> float:
+    """Return the bytes of all constants of a code."""
+    return float(code.table_bytes + other_constants(code))
 
 
-def flash_bytes(plan: Plan | CountingPlan, bytes_of_part: Mapping[str, float]) -> float:
+def flash_bytes(code: Code, bytes_of_part: Mapping[str, float]) -> float:
     """Return code and constant data, in bytes."""
-    code = sum(n * bytes_of_part[part] for part, n in parts(plan).items())
-    return float(round(constant_bytes(plan) + code))
-
-
-def parts(plan: Plan | CountingPlan) -> Counter[str]:
-    """Return how often each part of the code occurs."""
-    n = _classifier_parts(plan) if isinstance(plan, CountingPlan) else _network_parts(plan)
-    if plan.front_end != "spikes":
-        n["receptors" if isinstance(plan.encoder, ReceptorsForm) else plan.front_end] = 1
-    return n
-
-
-def _classifier_parts(plan: CountingPlan) -> Counter[str]:
-    n = Counter(counting=1, **plan.classifier.parts)
-    n["many_places"], n["two_places"] = len(plan.labels) > 4, len(plan.labels) <= 2  # unrolled loops
-    n["several_words"] = plan.channel_words > 1
-    # Encoder and classifier call the same routines.
-    n["doubles_again"] = plan.classifier.has_doubles and isinstance(plan.encoder, ReceptorsForm)
-    return n
-
-
-def _network_parts(plan: Plan) -> Counter[str]:
-    adders: dict[str, str] = {}
-    n = Counter(base=1, delayed_copies=any(plan.delays), confidence=plan.rule.least_total is not None)
-    n["many_classes"] = len(plan.classes) > 4  # their names are searched with a longer loop
-    for layer in plan.layers:
-        turning = np.broadcast_to(getattr(layer.population, "resonates", False), layer.n_neurons)
-        is_mixed = isinstance(layer.population, resonator.Population) and turning.any() and not turning.all()
-        kind = "mixed" if is_mixed else "resonators" if turning.all() else "cuba_lif"
-        if isinstance(layer.population, xylo_lif.Population):
-            kind = "xylo_lif" if layer.most_spikes > 1 else "xylo_output"
-        n[kind] += 1
-        n["recurrent"] += layer.back is not None
-        n["held"] += layer.n_later > 0
-        for matrix in (layer.forward, layer.back):
-            if matrix is None:
-                continue
-            if is_short(matrix):
-                n["short_matrix"] += 1
-                n["short_row"] += matrix.row_length
-            else:
-                adders[adder_name(matrix, layer)] = "later" if matrix.delays is not None else matrix.form
-    n.update(f"add_{form}" for form in adders.values())
-    return n
+    instructions = sum(n * bytes_of_part[part] for part, n in code.parts().items())
+    return float(round(constant_bytes(code) + instructions))
 
 
 def other_constants(plan: Frame) -> int:

@@ -1,17 +1,21 @@
-"""What the C of a classifier of counts does: spikes counted in windows, then one answer at a fixed time."""
+"""A classifier of counts as C: spikes counted in windows, then one answer at a fixed time."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c.arrays import Member, Table
-from dse.deploy.c.plan import Plan, plan_of
-from dse.deploy.form import Frame, Unsupported, frame_of
+from dse.deploy.c.arrays import Member, Table, members_of
+from dse.deploy.c.code import Code
+from dse.deploy.c.plan import plan_of
+from dse.deploy.c.text import filled
+from dse.deploy.form import ReceptorsForm, Unsupported, frame_of
 from dse.models.counts.elm import ELM, borders
 from dse.models.counts.knn import KNN
 from dse.models.counts.mlp import MLP
@@ -37,14 +41,9 @@ class Classifier:
     members: tuple[Member, ...] = ()
     parts: Mapping[str, int] = field(default_factory=dict)
 
-    @property
-    def has_doubles(self) -> bool:
-        """Whether it computes in double."""
-        return any(table.kind == "double" for table in self.tables)
-
 
 @dataclass(frozen=True, kw_only=True)
-class CountingPlan(Frame):
+class CountingPlan(Code):
     """All that the C of a classifier of counts needs of a bundle.
 
     family: its name.
@@ -62,6 +61,20 @@ class CountingPlan(Frame):
     per_window: int
     labels: tuple[int, ...]
 
+    template: ClassVar[str] = "counting.c"
+    steps_per_sample: ClassVar[int] = 1
+
+    @property
+    def what(self) -> str:
+        """What it is, a sentence."""
+        counts = f"{self.n_features} spike counts. {self.classifier.arithmetic}"
+        return f"A classifier of family {self.family} on {counts}"
+
+    @property
+    def n_outputs(self) -> int:
+        """It has no output neurons."""
+        return 0
+
     @property
     def n_features(self) -> int:
         """Counts that the classifier looks at."""
@@ -72,9 +85,42 @@ class CountingPlan(Frame):
         """Type of a count."""
         return "uint16_t" if _most(self.ends, self.per_window, self.n_channels) < 2**16 else "uint32_t"
 
+    def own_members(self) -> list[Member]:
+        """Return its variables."""
+        return [*members_of("counting_members.txt", self), *self.classifier.members]
 
-def planned(bundle: Bundle) -> Plan | CountingPlan:
-    """Return the plan of a bundle of any family.
+    @cached_property
+    def tables(self) -> list[Table]:
+        """Counting windows, answers, and what the classifier has learnt."""
+        return [
+            Table("uint32_t", "ends", np.array(self.ends)),
+            Table("int16_t", "rows", np.array(self.rows)),
+            Table("int16_t", "labels", np.array(self.labels)),
+            *self.classifier.tables,
+        ]
+
+    def own_parts(self) -> Counter[str]:
+        """Return how often each part of the code occurs."""
+        n = Counter(counting=1, **self.classifier.parts)
+        n["many_places"], n["two_places"] = len(self.labels) > 4, len(self.labels) <= 2  # unrolled loops
+        n["several_words"] = self.channel_words > 1
+        # Encoder and classifier call the same routines.
+        n["doubles_again"] = "double" in self.kinds and isinstance(self.encoder, ReceptorsForm)
+        return n
+
+    def values(self) -> dict[str, Any]:
+        """Return what counting.c needs: where a spike is counted, and what looks at the counts."""
+        row, each = "(uint32_t)rows[net.window]", self.per_window > 1 or self.n_channels == 1
+        shared = {"n_places": len(self.labels), "count": self.counter}
+        return {
+            "n_windows": len(self.ends),
+            "place": f"{row} * {self.per_window}u + channel" if each else row,
+            "classify": filled(self.classifier.template, self, **shared, **self.classifier.values),
+        }
+
+
+def code_of(bundle: Bundle) -> Code:
+    """Return the C of a bundle of any family.
 
     Raises:
         Unsupported: C cannot hold its classifier; the reason.
@@ -130,7 +176,7 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
         ends=ends,
         rows=rows,
         per_window=per_window,
-        labels=_labels(bundle, classes),
+        labels=tuple(bundle.answered(classes).tolist()),
     )
 
 
@@ -138,14 +184,6 @@ def _most(ends: Sequence[int], per_window: int, n_channels: int) -> int:
     """Return the most spikes of a counting window that one count can hold."""
     longest = max(np.diff([0, *ends]).tolist())
     return int(longest) * (1 if per_window > 1 else n_channels)
-
-
-def _labels(bundle: Bundle, classes: Ints) -> tuple[int, ...]:
-    """Return what each class answers: itself, or its class of the head that answers."""
-    for head in bundle.heads:
-        if head.name == bundle.head:
-            return tuple(head.of_class[classes].tolist())
-    return tuple(classes.tolist())
 
 
 def _classifier(

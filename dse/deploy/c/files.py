@@ -3,40 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dse.deploy.c.arrays import Member, Table, struct_bytes
-from dse.deploy.c.front_end import binned, needs_double
+from dse.deploy.c.arrays import struct_bytes
+from dse.deploy.c.code import Code
+from dse.deploy.c.front_end import binned
 from dse.deploy.c.text import NAMES, TITLE, filled, real, strings
 from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
 from dse.deploy.prefix import DEFAULT, prefixed
 from dse.preprocessing import Pooling
 from dse.text import c_comment, markdown
-
-
-@dataclass(frozen=True)
-class Code:
-    """A classifier as C.
-
-    frame: its input and answers.
-    source: the text of dse.c, but for its title and the names of classes.
-    n_outputs: output neurons that are counted; 0: none.
-    steps_per_sample: network steps per input step.
-    members: its variables. tables: constant data of the classifier.
-    what: what it is, and in which arithmetic, in a sentence.
-    """
-
-    frame: Frame
-    source: str
-    n_outputs: int
-    steps_per_sample: int
-    members: Sequence[Member]
-    tables: Sequence[Table]
-    what: str
 
 
 def write(code: Code, folder: Path, title: str, version: str, prefix: str = DEFAULT) -> None:
@@ -49,79 +28,63 @@ def write(code: Code, folder: Path, title: str, version: str, prefix: str = DEFA
         version: of dse.
         prefix: of the names (`dse.deploy.prefix`).
     """
-    heading, title = markdown(title), c_comment(title)
-    names, values = strings(code.frame.classes), _values(code, version, prefix)
+    heading, title, source = markdown(title), c_comment(title), code.source()
+    names, values = strings(code.classes), _values(code, source, version, prefix)
     for name, template in (
         ("src/dse.h", "dse.h"),
         ("src/dse.c", ""),
         ("main.c", "main.c"),
         ("CMakeLists.txt", "CMakeLists.txt"),
         ("library.properties", "library.properties"),
-        ("examples/touch/touch.ino", f"touch_{code.frame.front_end}.ino"),
+        ("examples/touch/touch.ino", f"touch_{code.front_end}.ino"),
         ("README.md", "README.md"),
     ):
         path = folder / prefixed(name, prefix)
         path.parent.mkdir(parents=True, exist_ok=True)
-        text = filled(template, **values) if template else code.source
+        text = filled(template, code, **values) if template else source
         # What the user has named keeps its letters.
         text = prefixed(text, prefix).replace(NAMES, names, 1)
         path.write_text(text.replace(TITLE, heading if name == "README.md" else title, 1), encoding="utf-8")
 
 
-def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
-    """Return what stands in the templates of all files."""
-    plan, encoder = code.frame, code.frame.encoder
-    of_double = needs_double(plan, [table.kind for table in code.tables])
+def _values(code: Code, source: str, version: str, prefix: str) -> dict[str, Any]:
+    """Return what stands in the templates of all files beside the attributes of the code."""
+    encoder, front_end = code.encoder, code.front_end
     is_whole = encoder is not None and encoder.takes_whole
-    onset = float(plan.onset_threshold)
-    of_main = {
-        "rows": _ROWS[plan.front_end],
-        "longest_line": _LONGEST_LINE[plan.front_end],
-        "reading": filled(f"main_{plan.front_end}.c"),
-        # Of samples it says how far a sensor moves, in float32; of others how many events there are.
-        "onset": real(float(np.float32(onset)) if plan.front_end == "samples" else onset),
-        "window_at": plan.window.upper(),
-        **binned(plan),
-        "crop": [] if plan.pooling is None else _crop(plan.pooling),
-        "t0_us": plan.t0_us,
-        "n_bins": plan.n_bins,
-    }
-    of_readme = {
-        "what": code.what,
-        "no_front_end": plan.no_front_end,
-        "is_delta": is_whole and isinstance(encoder, SendOnDeltaForm),
-        "is_receptors": isinstance(encoder, ReceptorsForm),
-        "is_real": encoder is not None and not is_whole,
-        "simulated": plan.t0_us is not None,
-        "begins": _WINDOWS[plan.window],
-        "ram_bytes": struct_bytes(code.members),
-        "of_reals_bytes": struct_bytes(code.members, of_reals=True),
-        "table_bytes": sum(table.n_bytes for table in code.tables),
-        "rounded": "FP_CONTRACT" in code.source,
-    }
+    onset = float(code.onset_threshold)
+    # Of samples it says how far a sensor moves, in float32; of others how many events there are.
+    onset_text = real(float(np.float32(onset)) if front_end == "samples" else onset)
+    crop = [] if code.pooling is None else _crop(code.pooling)
     return {
         "title": TITLE,
         "project": "dse_touch",
         "library": prefix[:-1],
         "version": version,
-        "architectures": ",".join(_OF_64_BIT_DOUBLE) if of_double else "*",  # the double of AVR has 32 bits
-        "n_channels": plan.n_channels,
+        "architectures": ",".join(_OF_64_BIT_DOUBLE) if code.needs_double else "*",  # that of AVR has 32
         "n_sensors": 0 if encoder is None else encoder.n_sensors,
         "takes_whole": is_whole,
-        "n_classes": len(plan.classes),
-        "n_outputs": code.n_outputs,
-        "n_steps": plan.n_steps,
-        "steps_per_sample": code.steps_per_sample,
-        "step_ms": real(plan.step_ms),
-        **{f"is_{name}": plan.front_end == name for name in _ROWS},
-        "reset_comment": _KEPT[plan.front_end],
-        **of_readme,
-        **of_main,
-        **_sketched(plan, of_main),
+        "step_ms": real(code.step_ms),
+        **{f"is_{name}": front_end == name for name in _ROWS},
+        "reset_comment": _KEPT[front_end],
+        "is_delta": is_whole and isinstance(encoder, SendOnDeltaForm),
+        "is_receptors": isinstance(encoder, ReceptorsForm),
+        "is_real": encoder is not None and not is_whole,
+        "simulated": code.t0_us is not None,
+        "begins": _WINDOWS[code.window],
+        "of_reals_bytes": struct_bytes(code.members(), of_reals=True),
+        "rounded": "FP_CONTRACT" in source,
+        "rows": _ROWS[front_end],
+        "longest_line": _LONGEST_LINE[front_end],
+        "reading": filled(f"main_{front_end}.c"),
+        "onset": onset_text,
+        "window_at": code.window.upper(),
+        **binned(code),
+        "crop": crop,
+        **_sketched(code, onset_text, crop),
     }
 
 
-def _sketched(plan: Frame, of_main: Mapping[str, Any]) -> dict[str, Any]:
+def _sketched(plan: Frame, onset: str, crop: Sequence[Mapping[str, object]]) -> dict[str, Any]:
     """Return what stands in touch.ino: windows begin as in `dse.deploy.stream.Stream` as in training.
 
     Of recordings that overlap in a stream, a board takes those that begin while none runs.
@@ -133,11 +96,11 @@ def _sketched(plan: Frame, of_main: Mapping[str, Any]) -> dict[str, Any]:
         "windows": f"Windows begin {begins}" + (f" of recordings of {cut} steps." if cut else "."),
         "constants": filled(
             "constants.ino",
-            onset_of_contact=of_main["onset"] if at_contact else "0.0",
+            onset_of_contact=onset if at_contact else "0.0",
             first=first,
             cut=cut,
             every=-(-cut // apart) * apart,
-            crop=of_main["crop"],
+            crop=crop,
         ),
         "window": filled("window.ino"),
         "contact": filled("contact.ino") if at_contact else "",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from dse.deploy.c.arrays import Member, Table, index
+from dse.deploy.c.arrays import Member, Table, index, members_of
 from dse.deploy.c.text import filled, real, wrapped
 from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
 from dse.encoders.receptors import KINDS
@@ -59,36 +59,21 @@ def level_type(plan: Frame) -> str:
 
 def front_end_members(plan: Frame) -> list[Member]:
     """Return the variables of what makes the input spikes."""
-    out = []
-    if isinstance(plan.encoder, SendOnDeltaForm):
-        places = (len(plan.encoder.thresholds), plan.encoder.n_sensors)
-        kind = "level_t" if plan.encoder.takes_whole else "double"  # level_t: of whole samples
-        out += [Member(kind, "level", places, "last sent"), Member("uint8_t", "begun")]
-    if isinstance(plan.encoder, ReceptorsForm):
-        places, n_totals = (len(plan.encoder.kinds), plan.encoder.n_sensors), plan.encoder.smoothed + 1
-        out += [
-            Member("double", "v", places, "potential of receptors, mV"),
-            Member("double", "u", places, "their adaptation"),
-            Member("double", "last", places[1:], "value of every sensor"),
-            Member("uint8_t", "begun"),
-        ]
-        if n_totals > 2:
-            out += [
-                Member("double", "sums", (n_totals, places[1]), "of all samples, up to each of the last"),
-                Member("uint32_t", "newest", (), "place of the last total"),
-                Member("uint32_t", "n_totals", (), "that there are"),
-            ]
-    if plan.pooling is not None:
-        out += [
-            Member("int64_t", "begin_us", (), "first bin"),
-            Member("int64_t", "end_us", (), "end of this bin"),
-            Member("uint8_t", "started"),
-        ]
-        if not _is_endless(plan.pooling):
-            out.append(Member("int64_t", "stop_us", (), "events from here on are too late"))
-        if plan.pooling.counts_needed:
-            out.append(Member("uint8_t", "events", (plan.n_channels,), "of every pool in this bin", True))
-    return out
+    encoder, pools = plan.encoder, plan.pooling
+    of_encoder: dict[str, object] = {}
+    if isinstance(encoder, SendOnDeltaForm):  # level_t: of whole samples
+        of_encoder = {"level": "level_t" if encoder.takes_whole else "double"}
+    if isinstance(encoder, ReceptorsForm):
+        of_encoder = {"n_kinds": len(encoder.kinds), "n_totals": encoder.n_totals}
+    return members_of(
+        "front_end_members.txt",
+        plan,
+        encoder,
+        is_delta=isinstance(encoder, SendOnDeltaForm),
+        is_receptors=isinstance(encoder, ReceptorsForm),
+        is_endless=pools is not None and _is_endless(pools),
+        **of_encoder,
+    )
 
 
 def begin(plan: Frame) -> str:
@@ -110,9 +95,8 @@ def front_end(plan: Frame) -> str:
 def _send_on_delta(encoder: SendOnDeltaForm) -> str:
     return filled("numbers.c") + filled(
         "send_on_delta.c",
-        rule=encoder.rule,
+        encoder,
         **{f"is_{rule}": encoder.rule == rule for rule in ("value", "step", "level")},
-        n_thresholds=len(encoder.thresholds),
         exact=", ".join(map(real, encoder.thresholds)),
         whole=", ".join(map(str, encoder.whole or ())),
         channel="k * DSE_SENSORS + c" if encoder.merged else "(2u * k + (d > 0 ? 1u : 0u)) * DSE_SENSORS + c",
@@ -132,16 +116,15 @@ def _receptors(plan: ReceptorsForm) -> str:
     }
     return filled("numbers.c") + filled(
         "receptors.c",
+        plan,
         **{name: real(x) for name, x in numbers.items()},
         gain_sa=real(encoder.gain_sa) if encoder.sa else "",
-        n_sensors=plan.n_sensors,
         low=wrapped(real(x) for x in encoder.low),
         span=wrapped(real(max(b - a, 0.0)) for a, b in zip(encoder.low, encoder.high, strict=True)),
         names=", ".join(KINDS if encoder.sa else KINDS[1:]),
         n_kinds=len(kinds),
         kinds=", ".join(f"{{{', '.join(map(real, kind))}}}" for kind in kinds.tolist()),
         half_steps=encoder.method == "half_steps",
-        n_totals=plan.smoothed + 1 if plan.smoothed > 1 else 0,
         falling=0 if encoder.sa else 1,
         solver_steps=solver_steps,
         copies=encoder.spikes_per_step,
@@ -161,11 +144,10 @@ def _pooling(pools: Pooling) -> str:
         several += [Table("uint8_t", f"n_{axis}", lengths[cut])] if others else []
     return filled(
         "pooling.c",
+        pools,
         tables="".join(table.text for table in [*tables, *several]),
         columns=columns,
         rows=rows,
-        start_us=pools.start_us,
-        bin_us=pools.bin_us,
         stop_us="" if _is_endless(pools) else pools.end_us,
         too_late="" if _is_endless(pools) else " || t_us >= net.stop_us",
         crop_x=x,

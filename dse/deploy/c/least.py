@@ -20,9 +20,9 @@ from dse.config.settings import Preprocessing, pair
 from dse.dataset.shape import Shape
 from dse.deploy.bounds import Bounds
 from dse.deploy.c.code_size import flash_bytes, footprint
-from dse.deploy.c.plan import Plan, plan_on
+from dse.deploy.c.plan import Plan, planned
 from dse.deploy.classifier import Input
-from dse.deploy.form import Rule, Unsupported, frame_with
+from dse.deploy.form import Rule, Unsupported, frame_with, spiking_with
 from dse.encoders.receptors import Receptors
 from dse.encoders.send_on_delta import SendOnDelta
 from dse.models.snn.family import SNN
@@ -84,7 +84,7 @@ def least_plan(sections: Sections, shape: Shape) -> Plan | None:
     taken = _input(sections, shape, n_steps)
     frame = frame_with(sections, taken, network.n_channels, ("",) * shape.n_outputs)
     rule = Rule(0, shape.n_outputs, None, Fraction(0), n_steps * network.steps_per_sample - 1)
-    plan = plan_on(frame, network, rule)
+    plan = planned(spiking_with(frame, network, rule))
     layers = tuple(dataclasses.replace(layer, bounds=Bounds(0, 0)) for layer in plan.layers)
     return dataclasses.replace(plan, layers=layers)
 
@@ -124,13 +124,11 @@ def _bytes(n: int, n_inputs: int, shared: Ints | None = None) -> Floats:
 
 def _input(sections: Sections, shape: Shape, n_steps: int) -> Input:
     """Return recordings that become spikes of a shape."""
-    encoder, preprocessing, n = sections.encoder, sections.preprocessing, len(shape.positions)
+    encoder, preprocessing = sections.encoder, sections.preprocessing
     if preprocessing is not None:
         return Input("events", 0, *_frame(preprocessing, shape.positions), n_steps, shape.step_ms)
-    if not isinstance(encoder, SendOnDelta | Receptors):
-        return Input("spikes", n, 0, 0, n_steps, shape.step_ms)
-    n_in = next(n_in for n_in in range(1, n + 1) if encoder.n_channels(n_in) == n)
-    return Input("samples", n_in, 0, 0, n_steps, shape.step_ms)
+    known = encoder if isinstance(encoder, SendOnDelta | Receptors) else None
+    return Input.of_channels(known, len(shape.positions), n_steps, shape.step_ms)
 
 
 def _frame(settings: Preprocessing, positions: Ints) -> tuple[int, int]:

@@ -11,8 +11,7 @@ import numpy as np
 
 from dse.deploy.c.plan import Plan
 from dse.deploy.form import Frame
-from dse.deploy.reference import Reference
-from dse.deploy.run import Run
+from dse.deploy.reference import Reference, Run
 from dse.recordings import EventSource, trials_of
 from dse.records import Bools, Floats, Ints, Rasters, Signals
 
@@ -33,6 +32,13 @@ class Played:
     steps: Ints
     confident: Bools
     counts: Ints
+
+
+class Recorded(NamedTuple):
+    """Commands that push what was recorded, None where C makes no spikes of it; options of the compiler."""
+
+    commands: list[Ints] | None = None
+    options: Sequence[str] = ()
 
 
 class Executed(NamedTuple):
@@ -64,7 +70,7 @@ def of_spikes(reference: Reference, steps: Sequence[int] | Ints | None = None) -
     return commands
 
 
-def of_recordings(reference: Reference, plan: Frame) -> tuple[list[Ints] | None, list[str]]:
+def of_recordings(reference: Reference, plan: Frame) -> Recorded:
     """Return the commands that push what was recorded, and what its samples ask of the compiler.
 
     There are none where C makes no spikes of recordings. Samples are pushed as floating point if they, or
@@ -79,10 +85,11 @@ def of_recordings(reference: Reference, plan: Frame) -> tuple[list[Ints] | None,
         else:
             values = values.astype(np.float32)
         pieces = [values[a:b] for a, b in pairwise(inputs.offsets)]
-        return [of_samples(x, first, n_steps) for x, first in zip(pieces, starts, strict=True)], options
+        commands = [of_samples(x, first, n_steps) for x, first in zip(pieces, starts, strict=True)]
+        return Recorded(commands, options)
     if plan.pooling is not None and inputs is not None and not isinstance(inputs, Signals | Rasters):
-        return [_of_events(inputs, i, plan, first, n_steps) for i, first in enumerate(starts)], []
-    return None, []
+        return Recorded([_of_events(inputs, i, plan, first, n_steps) for i, first in enumerate(starts)])
+    return Recorded()
 
 
 def _of_events(source: EventSource, i: int, plan: Frame, first: int, n_steps: int) -> Ints:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,17 +18,53 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _LONGEST_STRING = 4096  # what C99 wants every compiler to take, the null at its end included
 
 
-def filled(template: str | Path, **values: Any) -> str:
-    """Return the text of a template, here or at a path, with values: `$name` in a line, and blocks of lines.
+class _Line(Template):
+    idpattern = r"(?a:[a-z_][a-z0-9_]*(?:\.[a-z_][a-z0-9_]*)*)"
+
+
+class _Values(dict[str, Any]):
+    """Values by name; a name that is not there is an attribute of one of some objects, `a.b` one of that."""
+
+    def __init__(self, objects: Sequence[object], values: Mapping[str, Any]) -> None:
+        super().__init__(values)
+        self.objects = objects
+
+    def __missing__(self, name: str) -> Any:
+        first, *others = name.split(".")
+        if first in self:
+            return functools.reduce(getattr, others, self[first])
+        for each in self.objects:
+            if hasattr(each, first):
+                return functools.reduce(getattr, (first, *others), each)
+        raise KeyError(name)
+
+    def inside(self, each: object) -> _Values:
+        """Return the values within a block for one of a sequence: a mapping, or an object."""
+        if isinstance(each, Mapping):
+            return _Values(self.objects, {**self, **each})
+        return _Values((each, *self.objects), self)
+
+
+def filled(template: str | Path, *objects: object, **values: Any) -> str:
+    """Return the text of a template, here or at a path: `$name` or `$name.name` in a line, blocks of lines.
 
     @if NAME ... @else ... @end     where a value is true, or else; `@if not NAME` where it is not
-    @each NAME ... @end             once for each mapping of a sequence, whose values come first
+    @each NAME ... @end             once for each mapping or object of a sequence, whose values come first
+
+    Args:
+        template: its name or path.
+        objects: their attributes are values too, the first object's first.
+        values: come before attributes.
     """
-    text = (_TEMPLATES / template).read_text(encoding="utf-8")
-    return "".join(_filled(text.splitlines(keepends=True), values))
+    return "".join(_filled(_lines(_TEMPLATES / template), _Values(objects, values)))
 
 
-def _filled(lines: Iterable[str], values: Mapping[str, Any]) -> Iterator[str]:
+@functools.cache
+def _lines(template: Path) -> tuple[str, ...]:
+    return tuple(template.read_text(encoding="utf-8").splitlines(keepends=True))
+
+
+def _filled(lines: Iterable[str], values: _Values) -> Iterator[str]:
     ahead = iter(lines)
     for line in ahead:
         word, *name = line.split()[:3] or [""]
@@ -38,9 +75,9 @@ def _filled(lines: Iterable[str], values: Mapping[str, Any]) -> Iterator[str]:
         elif word == "@each":
             block, _ = _block(ahead)
             for each in values[name[0]]:
-                yield from _filled(block, {**values, **each})
+                yield from _filled(block, values.inside(each))
         else:
-            yield Template(line).substitute(values)
+            yield _Line(line).substitute(values)
 
 
 def _block(ahead: Iterator[str]) -> tuple[list[str], list[str]]:

@@ -3,7 +3,8 @@
 Contract: `Target`. To add one, here or in a module of your own, write a file with a frozen dataclass that
 `@register("targets", "my_target")` names: what it refuses, what it writes, and how that is run. A `BackEnd`
 walks the form of a classifier (dse.deploy.form), and has refusal, writing and verdict from there. One that
-runs the C extends `dse.deploy.targets.c99.InC`, and says how it is compiled and executed.
+runs the C extends `dse.deploy.targets.c99.InC`, and says how it is compiled and executed; in the emulator,
+`dse.deploy.targets.emulated.Emulated`, with a core and its instruction set.
 `dse.testing.check_target` says what it lacks.
 """
 
@@ -16,8 +17,8 @@ from typing import ClassVar, Generic, Protocol, TypeVar
 
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import Unsupported
-from dse.deploy.reference import Reference
-from dse.deploy.run import Engine, Run, TargetError, compare, verdict_of
+from dse.deploy.reference import Reference, Run
+from dse.deploy.run import Engine, TargetError, compare, verdict_of
 from dse.deploy.verdict import Verdict
 
 __all__ = ["BackEnd", "Engine", "Run", "Target", "TargetError", "Verdict", "compare"]

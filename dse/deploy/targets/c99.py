@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import tempfile
 from abc import abstractmethod
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -14,57 +14,46 @@ import dse
 from dse.config.resolved import Sections
 from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import code_size, counting_source, files, host, replay, source
-from dse.deploy.c.counting import CountingPlan, planned
+from dse.deploy.c import code_size, files, host, replay
+from dse.deploy.c.code import Code
+from dse.deploy.c.counting import code_of
 from dse.deploy.c.least import RAM, least_memory
-from dse.deploy.c.plan import Plan
+from dse.deploy.c.replay import Executed, Recorded
 from dse.deploy.reference import Reference
 from dse.deploy.targets import BackEnd, Engine, TargetError
-from dse.records import Ints
 from dse.registry import Column, register
 
 
-class InC(BackEnd[Plan | CountingPlan]):
+class InC(BackEnd[Code]):
     """A target that is C, for one processor or any; a subclass says how it is compiled and executed."""
 
     has_prefix: ClassVar[bool] = True
 
-    def form(self, bundle: Bundle) -> Plan | CountingPlan:
+    def form(self, bundle: Bundle) -> Code:
         """Return the classifier as C holds it."""
-        return planned(bundle)
+        return code_of(bundle)
 
-    def emit(self, form: Plan | CountingPlan, bundle: Bundle, folder: Path) -> None:
+    def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
         title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(form.classes)}"
-        files.write(_code(form), folder, title, dse.__version__, bundle.prefix)
+        files.write(form, folder, title, dse.__version__, bundle.prefix)
 
-    def engines(
-        self, form: Plan | CountingPlan, bundle: Bundle, folder: Path, reference: Reference
-    ) -> Iterator[Engine]:
+    def engines(self, form: Code, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
         """Compile the files, run them on recordings: all spikes and decisions, those of an encoder too."""
-        recorded, options = replay.of_recordings(reference, form)
-        done = self.executed(form, folder, reference, recorded, options)
+        done = self.executed(form, folder, reference, replay.of_recordings(reference, form))
         run = replay.run_of(done.played, form, reference)
         has_same_input = replay.same_input(done.played, reference)
         yield Engine(done.run_by, run, done.figures, done.compiler, has_same_input)
 
     @abstractmethod
-    def executed(
-        self,
-        form: Plan | CountingPlan,
-        folder: Path,
-        reference: Reference,
-        recorded: Sequence[Ints] | None,
-        options: Sequence[str],
-    ) -> replay.Executed:
+    def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Compile the C in a folder with replay.c, and execute it.
 
         Args:
             form: what was written.
             folder: of the files.
             reference: the recordings.
-            recorded: commands that push them; None: their input spikes are pushed.
-            options: of the compiler.
+            recorded: commands that push them, or none: then their input spikes are pushed.
 
         Raises:
             TargetError: it does not compile or run here.
@@ -88,9 +77,9 @@ class C99(InC):
         code is compiled once per kind of classifier: instructions of others of the kind differ by some
         bytes. Without a compiler it is left out.
         """
-        plan = planned(bundle)
+        plan = code_of(bundle)
         front_end = plan.front_end, plan.encoder, plan.pooling is not None
-        instructions = _instructions(_Kind((frozenset(code_size.parts(plan).items()), front_end), plan))
+        instructions = _instructions(_Kind((frozenset(plan.parts().items()), front_end), plan))
         if instructions is None:
             return code_size.footprint(plan)
         return code_size.footprint(plan) | {"flash_bytes": instructions + code_size.constant_bytes(plan)}
@@ -99,19 +88,12 @@ class C99(InC):
         """Return its memory before a design is trained (`dse.deploy.c.least`)."""
         return least_memory(sections, shape)
 
-    def executed(
-        self,
-        form: Plan | CountingPlan,
-        folder: Path,
-        reference: Reference,
-        recorded: Sequence[Ints] | None,
-        options: Sequence[str],
-    ) -> replay.Executed:
+    def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Compile and run the files on this machine (`InC`); figures are the memory of src/dse.c."""
         try:
-            played = host.played(folder, recorded or replay.of_spikes(reference), *options)
-            sizes = host.sizes(folder, *options)
-            return replay.Executed(played, sizes, host.compiler_name(), (host.compiler_version(),))
+            commands, options = recorded.commands or replay.of_spikes(reference), recorded.options
+            played, sizes = host.played(folder, commands, *options), host.sizes(folder, *options)
+            return Executed(played, sizes, host.compiler_name(), (host.compiler_version(),))
         except (host.NoCompiler, host.RunFailed) as error:
             raise TargetError(str(error)) from None
 
@@ -121,20 +103,16 @@ class _Kind:
     """What the instructions of a classifier follow from; `example` is one of the kind."""
 
     parts: Hashable
-    example: Plan | CountingPlan = field(compare=False)
+    example: Code = field(compare=False)
 
 
 @functools.cache
 def _instructions(kind: _Kind) -> float | None:
     """Return the bytes of the instructions of a kind as compiled here; None without compiler or `size`."""
     with tempfile.TemporaryDirectory() as folder:
-        files.write(_code(kind.example), Path(folder) / "c", "", dse.__version__)
+        files.write(kind.example, Path(folder) / "c", "", dse.__version__)
         try:
             flash = host.sizes(Path(folder) / "c").get("flash_bytes")
         except (host.NoCompiler, host.RunFailed):
             return None
     return None if flash is None else flash - code_size.constant_bytes(kind.example)
-
-
-def _code(plan: Plan | CountingPlan) -> files.Code:
-    return source.code(plan) if isinstance(plan, Plan) else counting_source.code(plan)

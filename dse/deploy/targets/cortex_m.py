@@ -2,58 +2,46 @@
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
-
 from dse.config.resolved import Sections
 from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import code_size, host, replay
-from dse.deploy.c.arrays import Matrix
-from dse.deploy.c.counting import CountingPlan, planned
+from dse.deploy.c import code_size
+from dse.deploy.c.code import Code
+from dse.deploy.c.counting import code_of
 from dse.deploy.c.least import FLASH, RAM, least_memory
-from dse.deploy.c.plan import Plan
 from dse.deploy.form import Unsupported
 from dse.deploy.prefix import prefixed
-from dse.deploy.reference import Reference
-from dse.deploy.targets import emulator
-from dse.deploy.targets.c99 import InC
-from dse.deploy.targets.emulator import CORES, MOST_FLASH_BYTES, Core, Machine, Program, compiled
+from dse.deploy.targets.emulated import Emulated
+from dse.deploy.targets.emulator import MOST_FLASH_BYTES, Core
+from dse.deploy.targets.thumb import CORES
 from dse.hardware.profile import load
-from dse.records import Array, Ints
 from dse.registry import Column, register
 
-_MEMORY = Path(__file__).parent / "memory"
-_APART = 16
-"""Recordings over which the instructions of single functions are counted."""
 
-
-class CortexM(InC):
+class CortexM(Emulated):
     """The target of one core.
 
-    core: which; its row in `emulator.CORES` is all that differs.
+    core: which; its row in `thumb.CORES` is all that differs.
     profile: hardware profile that predicts its cycles; '' for none.
     """
 
-    core: ClassVar[Core]
     profile: ClassVar[str]
     known_before: ClassVar[tuple[Column, ...]] = (RAM, FLASH)
-    extra: ClassVar[str] = "targets"
     use: ClassVar[str] = "compile `src/dse.c` there with your firmware; README.md beside it has the flags"
 
     @property
     def code_bytes(self) -> Mapping[str, float]:
         """Bytes of the parts of the code (dse.deploy.c.code_size)."""
-        return code_size.CORTEX_M if self.core.has_thumb_2 else code_size.CORTEX_M0_PLUS
+        return code_size.CORTEX_M0_PLUS if self.core is CORES["cortex_m0plus"] else code_size.CORTEX_M
 
-    def form(self, bundle: Bundle) -> Plan | CountingPlan:
+    def form(self, bundle: Bundle) -> Code:
         """Return the classifier as C holds it, if it fits into the flash."""
-        plan = planned(bundle)
+        plan = code_of(bundle)
         chip, flash = "the emulator", MOST_FLASH_BYTES
         if self.profile:
             flash_kib = load(self.profile).at("value")["flash_kib"]
@@ -64,81 +52,19 @@ class CortexM(InC):
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its memory before it is written: in flash constants exactly, code from measured parts."""
-        plan = planned(bundle)
+        plan = code_of(bundle)
         return code_size.footprint(plan) | {"flash_bytes": code_size.flash_bytes(plan, self.code_bytes)}
 
     def least_footprint(self, sections: Sections, shape: Shape) -> dict[str, tuple[float, float]]:
         """Return its memory before a design is trained (`dse.deploy.c.least`)."""
         return least_memory(sections, shape, self.code_bytes)
 
-    def emit(self, form: Plan | CountingPlan, bundle: Bundle, folder: Path) -> None:
+    def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""
         super().emit(form, bundle, folder)
         readme = folder / "README.md"
         text = readme.read_text(encoding="utf-8") + prefixed(_readme(self.core), bundle.prefix)
         readme.write_text(text, encoding="utf-8")
-
-    def executed(
-        self,
-        form: Plan | CountingPlan,
-        folder: Path,
-        reference: Reference,
-        recorded: Sequence[Ints] | None,
-        options: Sequence[str],
-    ) -> replay.Executed:
-        """Compile the files for the core, and run all recordings in an emulator (`InC`).
-
-        Figures per inference are means over the recordings, from `dse_reset` to the answer, input spikes
-        pushed: front_end_instructions is what an encoder or preprocessing in C adds to them.
-        """
-        traced = Machine(self.program(folder, "-DDSE_TRACE", *options), self.core)
-        played = _played(traced, recorded or replay.of_spikes(reference))
-        machine, answers = self.inferred(folder, reference, played.steps, *options)
-        assert np.array_equal(answers.label, played.label)  # traced or not
-        counts, n = machine.counts(), max(1, reference.n_recordings)
-        figures = {
-            "ram_bytes": float(machine.program.ram_bytes),
-            "stack_bytes": float(machine.stack_bytes),
-            "flash_bytes": float(machine.program.flash_bytes),
-            "instructions_per_inference": counts.instructions / n,
-            "cycles_per_inference": counts.cycles(self.core) / n,
-        }
-        if isinstance(form, Plan):
-            apart = Machine(self.program(folder, "-fno-inline", *options), self.core)
-            figures |= _of_functions(apart, form, reference)
-        if recorded is not None:
-            instructions = []
-            for commands in (recorded, replay.of_spikes(reference)):
-                machine.forget()
-                _played(machine, commands[:_APART])
-                instructions.append(machine.counts().instructions)
-            figures["front_end_instructions"] = (instructions[0] - instructions[1]) / max(1, min(_APART, n))
-        return replay.Executed(played, figures, emulator.compiler_name(), tuple(emulator.versions()))
-
-    def program(self, folder: Path, *options: str) -> Program:
-        """Return the C in a folder, with replay.c to drive it, compiled for the core."""
-        with tempfile.TemporaryDirectory() as place:
-            sources, all_options = host.driven(folder, Path(place), *options)
-            return compiled(sources, self.core, f"-isystem{_MEMORY}", *all_options)
-
-    def inferred(
-        self, folder: Path, reference: Reference, steps: Ints | None = None, *options: str
-    ) -> tuple[Machine, replay.Played]:
-        """Execute the C in a folder on the input spikes of every window, up to its answer.
-
-        Args:
-            folder: of the C.
-            reference: what is run.
-            steps: (n,) network steps until each answer; None: those of the reference.
-            options: of the compiler.
-
-        Returns:
-            The machine, which has counted, and the answers.
-        """
-        if steps is None:
-            steps = np.rint(reference.time_ms / reference.step_ms).astype(np.int64)
-        machine = Machine(self.program(folder, *options), self.core)
-        return machine, _played(machine, replay.of_spikes(reference, steps))
 
 
 def _target(core: Core) -> type[CortexM]:
@@ -157,66 +83,6 @@ def _target(core: Core) -> type[CortexM]:
 TARGETS = {name: register("targets", name)(_target(core)) for name, core in CORES.items()}
 """Name -> target of every core."""
 globals().update({cls.__name__: cls for cls in TARGETS.values()})  # where pickle looks for classes
-
-
-def _played(machine: Machine, commands: Iterable[Array]) -> replay.Played:
-    """Run recordings through replay.c in the emulator."""
-    answers = []
-    for numbers in commands:
-        words = np.ascontiguousarray(numbers, np.int32)
-        machine.write("memory_in", words.tobytes())
-        for name, value in (("memory_n_in", len(words)), ("memory_read", 0), ("memory_n_out", 0)):
-            machine.write(name, value.to_bytes(4, "little"))
-        machine.call("main")
-        length = int.from_bytes(machine.read("memory_n_out"), "little")
-        answers.append(np.frombuffer(machine.read("memory_out", 4 * length), np.int32))
-    return replay.parsed(np.concatenate(answers))
-
-
-def _of_functions(machine: Machine, plan: Plan, reference: Reference) -> Mapping[str, float]:
-    """Return the instructions per weight that a spike meets, per neuron and step, and per step of a decision.
-
-    The program is compiled without inlining, so that its functions can be told apart.
-    """
-    n = min(_APART, reference.n_recordings)
-    _played(machine, replay.of_spikes(reference)[:n])
-
-    def instructions(*prefixes: str) -> int:
-        names = [name for name in machine.program.symbols if name.startswith(prefixes)]
-        return sum(machine.counts_of(name).instructions for name in names)
-
-    steps = max(1, n * reference.n_steps)
-    neurons = sum(layer.n_neurons for layer in plan.layers)
-    met = max(1, weights_met(plan, reference, n))
-    return {
-        "instructions_per_synapse": instructions("reach_", "return_", "dse_add_") / met,
-        "instructions_per_neuron_step": instructions("step_", "leak") / (steps * neurons),
-        "instructions_per_decision_step": instructions("decide") / steps,
-    }
-
-
-def weights_met(plan: Plan, reference: Reference, n: int) -> int:
-    """Return how many stored weights the spikes of the first n windows meet; dense rows store zeros."""
-    inputs = reference.spikes_in[reference.spikes_in[:, 0] < n].astype(np.int64)
-    step, channel = inputs[:, 1] * plan.steps_per_sample, inputs[:, 2]
-    arriving = [
-        channel[step + delay < reference.n_steps] + copy * plan.n_channels
-        for copy, delay in enumerate(plan.delays)
-    ]
-    fired = [np.concatenate(arriving), *(x[x[:, 0] < n, 2] for x in reference.fired)]
-    total = 0
-    for layer, before, own in zip(plan.layers, fired, fired[1:], strict=False):
-        total += int(_row_lengths(layer.forward)[before].sum())
-        if layer.back is not None:
-            total += int(_row_lengths(layer.back)[own].sum())
-    return total
-
-
-def _row_lengths(matrix: Matrix) -> Ints:
-    """Return how many weights each row of a matrix stores."""
-    if matrix.form == "sparse":
-        return np.asarray(np.count_nonzero(matrix.weights, axis=1))
-    return np.full(len(matrix.weights), matrix.row_length)
 
 
 def _readme(core: Core) -> str:

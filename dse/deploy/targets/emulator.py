@@ -1,4 +1,4 @@
-"""C for Cortex-M processors: cross-compiled, executed in an emulator, its instructions counted.
+"""C for a processor: cross-compiled, executed in an emulator, its instructions counted.
 
 The emulator, Unicorn, executes instructions and knows no time. Every basic block that it enters is counted,
 so that the number of instructions is exact: those that pass through the pipeline. One of an IT block whose
@@ -16,7 +16,7 @@ import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -55,64 +55,60 @@ SECTIONS {{
 
 
 @dataclass(frozen=True)
+class InstructionSet:
+    """What cores share that have the same instructions.
+
+    architecture: name of the emulator's. modes: of the emulator.
+    stack, link, counter: registers, as the emulator calls them. arguments: of a call; the first returns.
+    code_bit: what is added to addresses of code.
+    block: the code of a block -> its instructions, its loads and stores in words, loads whose cycle the next
+        load or store hides, cycles of waiting.
+    """
+
+    architecture: str
+    modes: tuple[str, ...]
+    stack: str
+    link: str
+    counter: str
+    arguments: tuple[str, ...]
+    code_bit: int
+    block: Callable[[bytes], tuple[int, int, int, int, int]]
+
+
+@dataclass(frozen=True)
 class Core:
     """A processor core.
 
     name: of the compiler and, in capitals, of the emulator.
     label: what it is called.
+    instructions: that it has.
     emulated: name of the emulator's model; of a core that it lacks, one with the same instructions.
-    unit: of the compiler, what computes with floats of 32 bits; '' for none. Doubles are software.
+    target: of the compiler, with its options.
     load, store: cycles of a load or a store beyond that of every instruction.
     pipelined: whether a load or store directly after a load hides the load's cycle.
     branch: cycles of a taken branch beyond that of every instruction.
     pace: cycles of this core per cycle of the rule.
     profile: hardware profile that predicts its cycles; '' for none.
-    has_thumb_2: whether it has more than the instructions of 16 bits. note: about it, for `dse describe`.
+    note: about it, for `dse describe`.
     """
 
     name: str
     label: str
+    instructions: InstructionSet
     emulated: str
-    unit: str = ""
+    target: tuple[str, ...]
     load: int = 1
     store: int = 0
     pipelined: bool = True
     branch: int = 2
     pace: float = 1.0
     profile: str = ""
-    has_thumb_2: bool = True
     note: str = ""
 
     @property
     def options(self) -> tuple[str, ...]:
         """Options of the compiler for this core."""
-        abi, unit = ("eabihf", f"+{self.unit}") if self.unit else ("eabi", "")
-        return "-target", f"thumb-freestanding-{abi}", f"-mcpu={self.name}{unit}", *FLAGS
-
-
-CORES = {
-    core.name: core
-    for core in (
-        # Arm, Cortex-M0+ technical reference manual, Table 3.1, without wait states.
-        Core(
-            "cortex_m0plus",
-            "Cortex-M0+",
-            "CORTEX_M0",
-            store=1,
-            pipelined=False,
-            branch=1,
-            has_thumb_2=False,
-            note="; the core has no instruction for divisions or long products",
-        ),
-        # Arm, Cortex-M3 technical reference manual, Table 18.1; the Cortex-M4 has the same pipeline.
-        # Its floating-point instructions: Cortex-M4 technical reference manual, Table 7.1.
-        Core("cortex_m4", "Cortex-M4", "CORTEX_M4", "vfp4d16sp", profile="mcu_m4"),
-        # No tables are published: by the ratio of CoreMark per MHz, 3.40 of a Cortex-M4 to 5.01 and 4.02. The
-        # emulator lacks the unit for doubles that many a Cortex-M7 has.
-        Core("cortex_m7", "Cortex-M7", "CORTEX_M7", "fp_armv8d16sp", pace=3.40 / 5.01, profile="mcu_m7"),
-        Core("cortex_m33", "Cortex-M33", "CORTEX_M33", "fp_armv8d16sp", pace=3.40 / 4.02, profile="mcu_m33"),
-    )
-}
+        return "-target", *self.target, *FLAGS
 
 
 def missing() -> str:
@@ -255,13 +251,13 @@ class Machine:
 
     def __init__(self, program: Program, core: Core) -> None:
         import unicorn
-        from unicorn import arm_const
         from unicorn.unicorn_py3.unicorn import uclib
 
-        self.program = program
-        self._registers = arm_const
-        self._uc: Any = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
-        self._uc.ctl_set_cpu_model(getattr(arm_const, f"UC_CPU_ARM_{core.emulated}"))
+        of, self.program, self._set = core.instructions, program, core.instructions
+        self._names = importlib.import_module(f"unicorn.{of.architecture.lower()}_const")
+        mode = sum(getattr(unicorn, f"UC_MODE_{name}") for name in of.modes)
+        self._uc: Any = unicorn.Uc(getattr(unicorn, f"UC_ARCH_{of.architecture}"), mode)
+        self._uc.ctl_set_cpu_model(getattr(self._names, f"UC_CPU_{of.architecture}_{core.emulated}"))
         for start, length in ((FLASH, MOST_FLASH_BYTES), (RAM, _RAM_BYTES), (HOST, _HOST_BYTES)):
             self._uc.mem_map(start, length)
         for at, _, content in program.sections.values():
@@ -296,17 +292,21 @@ class Machine:
         """
         import unicorn
 
-        names, uc = self._registers, self._uc
-        uc.reg_write(names.UC_ARM_REG_SP, RAM + _RAM_BYTES)
-        uc.reg_write(names.UC_ARM_REG_LR, _EXIT | 1)
-        for i, value in enumerate(arguments):
-            uc.reg_write(getattr(names, f"UC_ARM_REG_R{i}"), value)
+        of, uc = self._set, self._uc
+        uc.reg_write(self._register(of.stack), RAM + _RAM_BYTES)
+        uc.reg_write(self._register(of.link), _EXIT | of.code_bit)
+        for name, value in zip(of.arguments, arguments, strict=False):
+            uc.reg_write(self._register(name), value)
         try:
-            uc.emu_start(self.program.symbols[function][0] | 1, _EXIT)
+            uc.emu_start(self.program.symbols[function][0] | of.code_bit, _EXIT)
         except unicorn.UcError as error:
-            at = uc.reg_read(names.UC_ARM_REG_PC)
+            at = uc.reg_read(self._register(of.counter))
             raise TargetError(f"{function} fails at {at:#x}: {error}") from None
-        return int(uc.reg_read(names.UC_ARM_REG_R0))
+        return int(uc.reg_read(self._register(of.arguments[0])))
+
+    def _register(self, name: str) -> int:
+        number: int = getattr(self._names, f"UC_{self._set.architecture}_REG_{name}")
+        return number
 
     def write(self, variable: str, content: bytes, at: int = 0) -> None:
         """Write into a variable, from byte `at` on."""
@@ -352,7 +352,8 @@ class Machine:
         last = int(self._blocks[0, 2]) // 3 - 2  # it has returned, but no block came after it
         for at in entered.tolist():
             times, size, left = self._blocks[2 + at].tolist()
-            totals += times * np.array(_block(bytes(self._uc.mem_read(FLASH + 2 * at, size))), np.int64)
+            code = bytes(self._uc.mem_read(FLASH + 2 * at, size))
+            totals += times * np.array(self._set.block(code), np.int64)
             branches += left + (at == last)
         instructions, loads, stores, hidden, waits = totals.tolist()
         return Counts(instructions, loads, stores, hidden, branches, waits)
@@ -378,65 +379,3 @@ def _counter() -> Any:
 
     arguments = (types.voidptr, types.int64, types.int32, types.CPointer(types.int64))
     return numba.cfunc(types.void(*arguments), cache=True)(count)
-
-
-def _block(code: bytes) -> tuple[int, int, int, int, int]:
-    """Return the instructions of a block, its loads and stores in words, loads that another one hides, waits.
-
-    Encodings: Arm, ARMv7-M architecture reference manual, A5.
-    """
-    halves = np.frombuffer(code, "<u2").tolist()
-    instructions = loads = stores = hidden = waits = at = 0
-    after_load = False
-    while at < len(halves):
-        first = halves[at]
-        wide = first >> 11 in (0b11101, 0b11110, 0b11111)
-        load, store, single = _moved(first, halves[at + 1]) if wide else _moved_by_half(first)
-        hidden += after_load and single
-        after_load = bool(load) and single
-        instructions, loads, stores = instructions + 1, loads + load, stores + store
-        waits += _waits(first, halves[at + 1]) if wide else 0
-        at += 1 + wide
-    return instructions, loads, stores, hidden, waits
-
-
-def _moved_by_half(code: int) -> tuple[int, int, bool]:
-    """Return the words that a 16-bit instruction loads and stores, and whether it moves a single one."""
-    top = code >> 12
-    if code >> 11 == 0b01001:
-        return 1, 0, True
-    if top == 0b0101:
-        load = code >> 9 & 7 >= 3
-    elif top in (0b0110, 0b0111, 0b1000, 0b1001):
-        load = bool(code >> 11 & 1)
-    elif top == 0b1100 or code & 0xF600 == 0xB400:
-        words = (code & 0xFF).bit_count() + (top == 0b1011 and code >> 8 & 1)
-        return (words, 0, False) if code >> 11 & 1 else (0, words, False)
-    else:
-        return 0, 0, False
-    return int(load), int(not load), True
-
-
-def _moved(first: int, second: int) -> tuple[int, int, bool]:
-    """Return the same of a 32-bit instruction."""
-    load = bool(first >> 4 & 1)
-    if first >> 9 == 0b1110100:
-        words = 2 if first >> 6 & 1 else second.bit_count()
-        return (words, 0, False) if load else (0, words, False)
-    if first >> 9 == 0b1111100:
-        return int(load), int(not load), True
-    if first >> 9 == 0b1110110 and second & 0x0E00 == 0x0A00 and first & 0x01A0:  # floats; not two registers
-        alone = first >> 8 & 1 and not first >> 5 & 1
-        words = 1 + (second >> 8 & 1) if alone else second & 0xFF
-        return (words, 0, False) if load else (0, words, False)
-    return 0, 0, False
-
-
-def _waits(first: int, second: int) -> int:
-    """Return the cycles of a 32-bit instruction beyond one: of floats, divided or multiplied and added."""
-    if first >> 8 != 0b11101110 or second & 0x0E10 != 0x0A00:
-        return 0
-    operation = first >> 4 & 0b1011
-    if operation == 0b1000 or (operation == 0b1011 and first & 15 == 1 and second & 0xC0 == 0xC0):
-        return 13  # quotient, or square root
-    return 2 if operation in (0b0000, 0b0001, 0b1001, 0b1010) else 0

@@ -20,11 +20,11 @@ from dse.deploy.form import network_in
 from dse.deploy.reference import Reference
 from dse.deploy.run import require
 from dse.deploy.targets import BackEnd, Engine, Run
-from dse.records import Floats, Ints, Network
+from dse.records import Ints, Network
 from dse.registry import register
 
 _FILE = "module.pt"
-_MOST_NUMBERS = 2**25  # of a batch of dense input spikes
+_MOST_NUMBERS = 2**25  # of inputs in the steps of a batch
 _MOST_RECORDINGS = 128
 
 
@@ -56,22 +56,13 @@ class Torch(BackEnd[Network]):
         from dse.deploy.module import listed, load
 
         module = load(folder / _FILE).eval()
+        rows = reference.arriving(module.network())  # of the file
+        size = max(1, min(_MOST_RECORDINGS, _MOST_NUMBERS // (rows.n_steps * rows.n_inputs)))
         fired: list[list[Ints]] = [[np.zeros((0, 3), np.int64)] for _ in reference.fired]
         with torch.no_grad():
-            for first, spikes in _batches(reference):
-                for layer, of_layer in zip(fired, module.fired(torch.from_numpy(spikes)), strict=True):
-                    layer.append(listed(of_layer, first))
+            for first in range(0, rows.n_samples, size):
+                batch = module.run(rows, slice(first, min(first + size, rows.n_samples)))
+                for layer, of_layer in zip(fired, batch, strict=True):
+                    layer.append(listed(of_layer.transpose(0, 1), first))
         run = Run.of_fired(bundle, reference, [np.concatenate(x) for x in fired])
         yield Engine((f"torch {torch.__version__}",), run)
-
-
-def _batches(reference: Reference) -> Iterator[tuple[int, Floats]]:
-    """Yield the number of the first recording, and (recording, input step, channel) float32 spikes."""
-    data, n = reference.dataset, reference.n_recordings
-    size = max(1, min(_MOST_RECORDINGS, _MOST_NUMBERS // (data.n_steps * data.spikes.n_channels)))
-    for first in range(0, n, size):
-        spikes = np.zeros((min(size, n - first), data.n_steps, data.spikes.n_channels), np.float32)
-        recording, step, channel = reference.spikes_in.T
-        here = (recording >= first) & (recording < first + size)
-        spikes[recording[here] - first, step[here], channel[here]] = 1
-        yield first, spikes

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,15 +13,13 @@ import pytest
 
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c import host
-from dse.deploy.decide import decided
-from dse.deploy.reference import Reference, answered
+from dse.deploy.reference import Reference
 from dse.models.snn.quantise import rounded
-from dse.models.snn.respond import spikes_of_layers
 from dse.neurons import cuba_lif, parameters_of, resonator, xylo_lif
 from dse.preprocessing import Pooling
 from dse.recordings.pooling import pooling
-from dse.records import Array, Dataset, Head, Layer, Network
-from dse.testing.small import places, spikes_of
+from dse.records import Array, Head, Layer, Network
+from tests.deploy import bundles
 from tests.spaces import RASTER, sections
 
 STEP_MS = 5.0
@@ -59,44 +59,10 @@ def pools_of(made: Bundle) -> Pooling:
     return pooling(preprocessing, taken.width, taken.height)
 
 
-def dataset(fired: Array, n_classes: int) -> Dataset:
-    """Return recordings of spikes, (sample, step, channel), that are tested whole."""
-    n, n_steps, n_channels = fired.shape
-    zeros = np.zeros(n, np.int32)
-    none = np.zeros(0, np.int64)
-    return Dataset(
-        spikes=spikes_of(fired, STEP_MS),
-        target=np.zeros(n, np.int64),
-        classes=tuple(map(str, range(n_classes))),
-        start=zeros,
-        start_low=zeros,
-        start_high=zeros,
-        n_steps=n_steps,
-        train=none,
-        validation=none,
-        test=np.arange(n),
-        positions=places(n_channels),
-    )
-
-
 def reference(made: Bundle, fired: Array) -> Reference:
-    """Return what the engine of a bundle does on recordings of spikes."""
-    network = made.fitted
-    assert isinstance(network, Network)
-    data = replace(dataset(fired, network.sizes[-1]), heads=made.heads)
-    label, time_ms, sure = decided(made, data, answered(made, data, "made up"))
-    return Reference(
-        inputs=None,
-        first_step=np.zeros(len(fired), np.int64),
-        dataset=data,
-        spikes_in=np.argwhere(fired).astype(np.int32),
-        fired=tuple(spikes_of_layers(network, data, data.test)),
-        label=label,
-        time_ms=time_ms,
-        decided=sure,
-        n_steps=data.n_steps * network.steps_per_sample,
-        step_ms=STEP_MS / network.steps_per_sample,
-    )
+    """Return what the engine of a bundle does on recordings of spikes, (sample, step, channel)."""
+    with tempfile.TemporaryDirectory() as folder:
+        return bundles.reference(made, fired, Path(folder))
 
 
 def case(number: int) -> tuple[Bundle, Array]:

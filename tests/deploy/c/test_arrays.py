@@ -1,11 +1,15 @@
-"""Stored weights: the smallest form, and nothing lost in it."""
+"""Stored weights: the smallest form, and nothing lost in it; variables and text from templates."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from dse.deploy.c.arrays import Matrix, Table, stored
+from dse.deploy.c.arrays import Matrix, Member, Table, declared, members_of, stored, struct_bytes
+from dse.deploy.c.text import filled
 from dse.records import Array
 
 
@@ -58,3 +62,29 @@ def test_nothing_but_zeros(shape: tuple[int, int]) -> None:
     matrix = stored(np.zeros(shape, np.int64))
     assert not read_back(matrix).any()
     assert all(isinstance(table, Table) and table.values.size for table in matrix.tables("w"))
+
+
+def test_a_template_walks_objects(tmp_path: Path) -> None:
+    each = "@each layers\n@if recurrent\n$k.$state.first;\n@else\n${k}u of $n\n@end\n@end\n"
+    (tmp_path / "x").write_text(f"{each}@if not n\nnone\n@end\n")
+    layers = [SimpleNamespace(k=k, recurrent=k == 2, state=SimpleNamespace(first=7)) for k in (1, 2)]
+    assert filled(tmp_path / "x", SimpleNamespace(layers=layers, n=5), n=9) == "1u of 9\n2.7;\n"
+    assert filled(tmp_path / "x", layers=[{"k": 0, "recurrent": 0}], n=0) == "0u of 0\nnone\n"
+    with pytest.raises(KeyError, match="layers"):
+        filled(tmp_path / "x", n=1)
+
+
+def test_variables_are_declared_once(tmp_path: Path) -> None:
+    (tmp_path / "x").write_text("uint8_t pushed; any: yes; no\n0 int32_t u[$n][2];\ndouble last[3]; of all\n")
+    members = members_of(tmp_path / "x", n=5)
+    assert members == [
+        Member("uint8_t", "pushed", (), "any: yes; no"),
+        Member("int32_t", "u", (5, 2), "", True),
+        Member("double", "last", (3,), "of all"),
+    ]
+    assert struct_bytes(members) == 72  # 24 + 40 + 1, as doubles lie
+    assert declared(members).splitlines() == [
+        "    double last[3]; /* of all */",
+        "    int32_t u[5][2];",
+        "    uint8_t pushed; /* any: yes; no */",
+    ]

@@ -12,7 +12,7 @@ import pytest
 from dse import registry
 from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
-from dse.deploy.c import code_size, counting_source
+from dse.deploy.c import code_size
 from dse.deploy.c.counting import counting_plan_of
 from dse.deploy.decide import decided
 from dse.deploy.reference import Reference, answered, spikes_of_windows
@@ -142,7 +142,7 @@ def test_flash_is_counted_in_the_numbers_that_the_c_stores(model: Any, table: st
     if table == "uint16_t":  # a count above 255
         arrays = {**made.fitted.arrays, "counts": made.fitted.arrays["counts"] + 256}  # type: ignore[union-attr]
         made = replace(made, fitted=replace(made.fitted, arrays=arrays))  # type: ignore[type-var]
-    [largest] = sorted(counting_source.tables(counting_plan_of(made)), key=lambda x: x.n_bytes)[-1:]
+    [largest] = sorted(counting_plan_of(made).tables, key=lambda x: x.n_bytes)[-1:]
     bits = made.sections.model.respond(made.fitted, data, data.test).stored_bits  # type: ignore[attr-defined]
     assert (largest.kind, bits) == (table, 8 * largest.n_bytes // largest.values.size)
 

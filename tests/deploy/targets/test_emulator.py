@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from dse.deploy.targets import TargetError, emulator
-from dse.deploy.targets.emulator import CORES, Counts, Machine, Program, compiled
+from dse.deploy.targets.emulator import Counts, Machine, Program, compiled
+from dse.deploy.targets.thumb import CORES
 
 M0, M4, M7 = (CORES[name] for name in ("cortex_m0plus", "cortex_m4", "cortex_m7"))
 

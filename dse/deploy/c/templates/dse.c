@@ -44,7 +44,7 @@ $leaks${rows}void dse_push_spike(uint16_t channel)
 @end
 }
 
-@if delayed
+@if is_delayed
 /* Spikes of `lag` input steps ago reach layer 1 as a delayed copy of the inputs. */
 static APART void deliver(uint32_t lag, uint32_t first)
 {
@@ -70,9 +70,9 @@ static APART void deliver(uint32_t lag, uint32_t first)
 $layers/* The decision at this step, from the output spikes of the steps before. */
 static APART void decide(void)
 {
-@if joint
+@if rule.joint
     uint32_t i, best, at = 0;
-    if (net.step != ${last}u) {
+    if (net.step != ${rule.last}u) {
         return;
     }
 @each heads
@@ -88,13 +88,13 @@ static APART void decide(void)
     net.confident = 1;
 @else
     uint32_t i, best;
-@if least
-    if (net.answer != 0 || (!(net.step == ${last}u) && (!net.changed || !(net.total >= ${least}u)))) {
+@if rule.least_total
+    if (net.answer != 0 || (!(net.step == ${rule.last}u) && (!net.changed || !(net.total >= ${rule.least_total}u)))) {
         return;
     }
     net.changed = 0;
 @else
-    if (!(net.step == ${last}u)) {
+    if (!(net.step == ${rule.last}u)) {
         return;
     }
 @end
@@ -104,9 +104,9 @@ static APART void decide(void)
             best = i;
         }
     }
-@if least
-    net.confident = net.total >= ${least}u$sure;
-    if (!net.confident && !(net.step == ${last}u)) {
+@if rule.least_total
+    net.confident = net.total >= ${rule.least_total}u$sure;
+    if (!net.confident && !(net.step == ${rule.last}u)) {
         return;
     }
 @else
@@ -129,9 +129,9 @@ void dse_step(void)
         return;
     }
 @if part
-    for (part = 0; part < ${per_sample}u; part++) {
+    for (part = 0; part < ${steps_per_sample}u; part++) {
 @end
-@if delayed
+@if is_delayed
 ${in}for (i = 0; i < ${n_later}u; i++) {
 ${in}    if (lags[i] <= net.sample$of_part) {
 ${in}        deliver(lags[i], copies[i]);
@@ -146,7 +146,7 @@ ${in}net.step++;
 @if part
     }
 @end
-@if delayed
+@if is_delayed
     net.sample++;
 @end
 @if several_slots

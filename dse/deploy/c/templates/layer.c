@@ -1,4 +1,4 @@
-/* Layer $k of $n_layers: $n neurons ($kinds). |$a| <= $first, |$b| <= $second within a window. */
+/* Layer $k of $n_layers: $n_neurons neurons ($kinds). |$a| <= ${bounds.first}, |$b| <= ${bounds.second} within a window. */
 static APART void step_$k(void)
 {
     uint32_t i;
@@ -6,14 +6,22 @@ static APART void step_$k(void)
 @if several
     uint32_t j;
 @end
-@if recurrent
+@if back
     uint32_t n_fired = 0;
 @end
-    if (!net.awake_$k$busy) {
+@if held
+    if (!net.awake_$k && net.busy_$k == 0) {
+@else
+    if (!net.awake_$k) {
+@end
         return;
     }
-    for (i = 0; i < ${n}u; i++) {
-        $type $a = net.${a}_$k[i]$arriving, $b = net.${b}_$k[i];
+    for (i = 0; i < ${n_neurons}u; i++) {
+@if held
+        $type $a = net.${a}_$k[i] + $held, $b = net.${b}_$k[i];
+@else
+        $type $a = net.${a}_$k[i], $b = net.${b}_$k[i];
+@end
 @if held
         $held = 0;
 @end
@@ -32,7 +40,7 @@ $update        net.${a}_$k[i] = $a;
     net.now_$k = (uint8_t)(net.now_$k + 1u < ${n_later}u ? net.now_$k + 1u : 0u);
     net.busy_$k -= net.busy_$k != 0;
 @end
-@if recurrent
+@if back
     for (i = 0; i < n_fired; i++) {
 @if several
         for (j = 0; j < net.times[i]; j++) {

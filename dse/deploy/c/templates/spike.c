@@ -22,7 +22,7 @@ ${in}net.awake_$next = 1;
 @if several
 }
 @end
-@if recurrent
+@if back
 @if several
 net.times[n_fired] = (uint8_t)n;
 @end

@@ -4,7 +4,7 @@ v += SATURATED(u - lost);
 v = SATURATED(v);
 if (v >= $threshold) {
 @if several
-    const uint32_t n = (uint32_t)(v / $threshold < $most ? v / $threshold : $most);
+    const uint32_t n = (uint32_t)(v / $threshold < $most_spikes ? v / $threshold : $most_spikes);
     v -= (int32_t)n * $threshold;
 @else
     v -= $threshold;

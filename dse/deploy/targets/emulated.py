@@ -1,0 +1,148 @@
+"""C that is cross-compiled for a core and executed in an emulator (`emulator`)."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from dse.deploy.c import host, replay
+from dse.deploy.c.arrays import Matrix
+from dse.deploy.c.code import Code
+from dse.deploy.c.plan import Plan
+from dse.deploy.c.replay import Executed, Recorded
+from dse.deploy.reference import Reference
+from dse.deploy.targets import emulator
+from dse.deploy.targets.c99 import InC
+from dse.deploy.targets.emulator import Core, Machine, Program, compiled
+from dse.records import Array, Ints
+
+_MEMORY = Path(__file__).parent / "memory"
+_APART = 16
+"""Recordings over which the instructions of single functions are counted."""
+
+
+class Emulated(InC):
+    """A target that is C, executed in an emulator of a core."""
+
+    core: ClassVar[Core]
+    extra: ClassVar[str] = "targets"
+
+    def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
+        """Compile the files for the core, and run all recordings in an emulator (`InC`).
+
+        Figures per inference are means over the recordings, from `dse_reset` to the answer, input spikes
+        pushed: front_end_instructions is what an encoder or preprocessing in C adds to them.
+        """
+        options, of_spikes = recorded.options, replay.of_spikes(reference)
+        traced = Machine(self.program(folder, "-DDSE_TRACE", *options), self.core)
+        played = _played(traced, recorded.commands or of_spikes)
+        machine, answers = self.inferred(folder, reference, played.steps, *options)
+        assert np.array_equal(answers.label, played.label)  # traced or not
+        counts, n = machine.counts(), max(1, reference.n_recordings)
+        figures = {
+            "ram_bytes": float(machine.program.ram_bytes),
+            "stack_bytes": float(machine.stack_bytes),
+            "flash_bytes": float(machine.program.flash_bytes),
+            "instructions_per_inference": counts.instructions / n,
+            "cycles_per_inference": counts.cycles(self.core) / n,
+        }
+        if isinstance(form, Plan):
+            apart = Machine(self.program(folder, "-fno-inline", *options), self.core)
+            figures |= _of_functions(apart, form, reference)
+        if recorded.commands is not None:
+            instructions = []
+            for commands in (recorded.commands, of_spikes):
+                machine.forget()
+                _played(machine, commands[:_APART])
+                instructions.append(machine.counts().instructions)
+            figures["front_end_instructions"] = (instructions[0] - instructions[1]) / max(1, min(_APART, n))
+        return Executed(played, figures, emulator.compiler_name(), tuple(emulator.versions()))
+
+    def program(self, folder: Path, *options: str) -> Program:
+        """Return the C in a folder, with replay.c to drive it, compiled for the core."""
+        with tempfile.TemporaryDirectory() as place:
+            sources, all_options = host.driven(folder, Path(place), *options)
+            return compiled(sources, self.core, f"-isystem{_MEMORY}", *all_options)
+
+    def inferred(
+        self, folder: Path, reference: Reference, steps: Ints | None = None, *options: str
+    ) -> tuple[Machine, replay.Played]:
+        """Execute the C in a folder on the input spikes of every window, up to its answer.
+
+        Args:
+            folder: of the C.
+            reference: what is run.
+            steps: (n,) network steps until each answer; None: those of the reference.
+            options: of the compiler.
+
+        Returns:
+            The machine, which has counted, and the answers.
+        """
+        if steps is None:
+            steps = np.rint(reference.time_ms / reference.step_ms).astype(np.int64)
+        machine = Machine(self.program(folder, *options), self.core)
+        return machine, _played(machine, replay.of_spikes(reference, steps))
+
+
+def _played(machine: Machine, commands: Iterable[Array]) -> replay.Played:
+    """Run recordings through replay.c in the emulator."""
+    answers = []
+    for numbers in commands:
+        words = np.ascontiguousarray(numbers, np.int32)
+        machine.write("memory_in", words.tobytes())
+        for name, value in (("memory_n_in", len(words)), ("memory_read", 0), ("memory_n_out", 0)):
+            machine.write(name, value.to_bytes(4, "little"))
+        machine.call("main")
+        length = int.from_bytes(machine.read("memory_n_out"), "little")
+        answers.append(np.frombuffer(machine.read("memory_out", 4 * length), np.int32))
+    return replay.parsed(np.concatenate(answers))
+
+
+def _of_functions(machine: Machine, plan: Plan, reference: Reference) -> Mapping[str, float]:
+    """Return the instructions per weight that a spike meets, per neuron and step, and per step of a decision.
+
+    The program is compiled without inlining, so that its functions can be told apart.
+    """
+    n = min(_APART, reference.n_recordings)
+    _played(machine, replay.of_spikes(reference)[:n])
+
+    def instructions(*prefixes: str) -> int:
+        names = [name for name in machine.program.symbols if name.startswith(prefixes)]
+        return sum(machine.counts_of(name).instructions for name in names)
+
+    steps = max(1, n * reference.n_steps)
+    neurons = sum(layer.n_neurons for layer in plan.layers)
+    met = max(1, weights_met(plan, reference, n))
+    return {
+        "instructions_per_synapse": instructions("reach_", "return_", "dse_add_") / met,
+        "instructions_per_neuron_step": instructions("step_", "leak") / (steps * neurons),
+        "instructions_per_decision_step": instructions("decide") / steps,
+    }
+
+
+def weights_met(plan: Plan, reference: Reference, n: int) -> int:
+    """Return how many stored weights the spikes of the first n windows meet; dense rows store zeros."""
+    inputs = reference.spikes_in[reference.spikes_in[:, 0] < n].astype(np.int64)
+    step, channel = inputs[:, 1] * plan.steps_per_sample, inputs[:, 2]
+    arriving = [
+        channel[step + delay < reference.n_steps] + copy * plan.n_channels
+        for copy, delay in enumerate(plan.delays)
+    ]
+    fired = [np.concatenate(arriving), *(x[x[:, 0] < n, 2] for x in reference.fired)]
+    total = 0
+    for layer, before, own in zip(plan.layers, fired, fired[1:], strict=False):
+        total += int(_row_lengths(layer.forward)[before].sum())
+        if layer.back is not None:
+            total += int(_row_lengths(layer.back)[own].sum())
+    return total
+
+
+def _row_lengths(matrix: Matrix) -> Ints:
+    """Return how many weights each row of a matrix stores."""
+    if matrix.form == "sparse":
+        return np.asarray(np.count_nonzero(matrix.weights, axis=1))
+    return np.full(len(matrix.weights), matrix.row_length)
