@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dse.config.faults import ConfigError
 from dse.hardware.cost import cost, drawn
-from dse.hardware.kinds.operations import CountedOperations
+from dse.hardware.kinds.linear import CountedOperations
 from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import load, names
 from dse.records import Operations, Workload
