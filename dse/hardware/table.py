@@ -139,15 +139,9 @@ def cost_row(
     plan = profile.plan(load, profile.ends)
     row = _with_energies(row, plan, inference.counts_on(profile), priced)
     if priced.timed:
-        row = _with_times(row, inference, priced, getattr(load, "pipeline_steps", 0))
-        n_cores: Interval[int | None] = priced.n_cores
-        row = replace(
-            row,
-            n_cores=Interval(None, n_cores.low, n_cores.high) if profile.interval_only else n_cores,
-            fits=priced.fits,
-            misfits=priced.misfits,
-            assumptions=priced.assumptions,
-        )
+        row = _with_times(row, inference, plan, priced, getattr(load, "pipeline_steps", 0))
+    if profile.interval_only:
+        row = replace(row, n_cores=replace(row.n_cores, value=None))
     if n_draws is not None:
         row = _with_quantiles(row, profile, inference, n_draws)
     if duty is not None and priced.timed:
@@ -177,13 +171,13 @@ def _blank(profile: Profile, inference: Inference, duty: Duty | None, n_draws: i
 
 
 def _with_energies(row: CostRow, plan: Plan, counts: Floats, priced: Cost) -> CostRow:
-    """Add the terms of the dynamic energy, the static energies and the totals."""
+    """Add the terms of the dynamic energy, and the totals."""
 
     def term(per_count: Floats, value: Floats) -> Interval[Known]:
         _, low, high = (sum_of_products(counts, one) for one in per_count * 1e-6)
         return _known(Interval(value, low, high))
 
-    row = replace(
+    return replace(
         row,
         energy_uj=_known(priced.energy_uj),
         energy_throttled_uj=_known(priced.energy_throttled_uj),
@@ -192,37 +186,34 @@ def _with_energies(row: CostRow, plan: Plan, counts: Floats, priced: Cost) -> Co
             cause: term(per_count, priced.breakdown[cause]) for cause, per_count in plan.energy_pj.items()
         },
     )
-    if not priced.timed:
-        return row
-    row = replace(
-        row,
-        energy_static_uj=_known(priced.static_uj),
-        energy_static_throttled_uj=_known(priced.static_throttled_uj),
-    )
-    if plan.share >= 1:
-        return row
-    return replace(
-        row,
-        energy_static_share_uj=_known(priced.static_uj.map(lambda uj: plan.share * uj)),
-        energy_static_throttled_share_uj=_known(priced.static_throttled_uj.map(lambda uj: plan.share * uj)),
-    )
 
 
-def _with_times(row: CostRow, inference: Inference, priced: Cost, pipeline_steps: int) -> CostRow:
-    """Add times, and power at rest and while computing."""
+def _with_times(row: CostRow, inference: Inference, plan: Plan, priced: Cost, pipeline_steps: int) -> CostRow:
+    """Add static energies, times, powers, cores and limits."""
 
     def latency(step_us: Floats) -> Floats:
         pipeline_ms = pipeline_steps * np.maximum(inference.step_ms, step_us * 1e-3)
         return np.asarray(latency_ms(inference.decision_ms, inference.step_ms, step_us) + pipeline_ms)
 
+    def share(of_chip: Interval[Floats]) -> Interval[Known]:
+        return UNKNOWN if plan.share >= 1 else _known(of_chip.map(lambda uj: plan.share * uj))
+
     return replace(
         row,
+        energy_static_uj=_known(priced.static_uj),
+        energy_static_share_uj=share(priced.static_uj),
+        energy_static_throttled_uj=_known(priced.static_throttled_uj),
+        energy_static_throttled_share_uj=share(priced.static_throttled_uj),
         pipeline_ms=_number(priced.pipeline_ms),
         step_time_us=_known(priced.step_time_us),
         hardware_latency_ms=_known(priced.step_time_us.map(lambda us: us * 1e-3 * inference.n_steps)),
         latency_ms=_known(priced.step_time_us.map(latency)),
         power_idle_w=priced.power_idle_w.map(_number),
         power_w=_known(priced.power_w),
+        n_cores=Interval(*priced.n_cores),
+        fits=priced.fits,
+        misfits=priced.misfits,
+        assumptions=priced.assumptions,
     )
 
 

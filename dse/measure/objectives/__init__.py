@@ -160,7 +160,7 @@ def need_no_decisions(columns: Iterable[str]) -> bool:
     return of_read_outs.issuperset(columns)
 
 
-_ORDER = ("accuracy", "accuracy_shifted", "accuracy_unseen", "work", "macro", "information", "reaction_times")
+_ORDER = ("accuracy", "accuracy_shifted", "accuracy_unseen", "work", "recognition", "reaction_times")
 """Objectives in the order of their columns in tables; others follow by name."""
 
 
