@@ -24,7 +24,6 @@ import dse
 from dse import registry, store
 from dse.config import SearchSpace
 from dse.hardware.profile import Figures, Profile
-from dse.measure.objectives.accuracy import seeds_se
 from dse.measure.objectives.accuracy_unseen import merged, unseen_columns
 from dse.measure.on_chips import columns_on, drawn_on
 from dse.measure.run import unseen_name
@@ -509,25 +508,8 @@ def _unseen(runs: Sequence[Numbers], arrays: Sequence[Mapping[str, Array]]) -> d
 
 
 def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """Return the columns of several runs: mean of every number, `all` of every claim, accuracy's error."""
-    columns: dict[str, Array] = {}
-    for name in runs[0]:
-        if not all(name in run for run in runs):
-            continue  # a run of an earlier version did not measure it
-        stacked = np.stack([run[name] for run in runs])
-        if stacked.dtype == bool:
-            columns[name] = stacked.all(axis=0).ravel()
-        else:  # whole numbers that agree stay whole
-            columns[name] = (stacked[0] if (stacked == stacked[0]).all() else stacked.mean(axis=0)).ravel()
-    if len(runs) > 1:
-        for name in [name for name, column in registry.columns().items() if column.ranged]:
-            if name in columns:
-                stacked = np.stack([run[name] for run in runs])
-                columns[f"{name}_min"] = stacked.min(axis=0).ravel()
-                columns[f"{name}_max"] = stacked.max(axis=0).ravel()
-        for name in tables.with_errors(columns):
-            columns[f"{name}_se"] = seeds_se(np.stack([run[name] for run in runs])).ravel()
-    return columns
+    """Return the columns of points of several runs (`dse.study.trials.over_runs`), (row,) each."""
+    return {name: x.ravel() for name, x in tables.over_runs(runs).items()}
 
 
 def _repeated(value: object, n: int) -> Array:
