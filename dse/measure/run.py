@@ -176,10 +176,11 @@ class _Target:
 
     def confusion(self, label: Ints, truth: Ints) -> Ints:
         """Return the confusion of (n,) answers; of joint classes, a last column counts the labels -1."""
+        if not self.is_joint:
+            return confusion(label, truth, self.n_classes)
         named = label >= 0
-        matrix = confusion(label[named], truth[named], self.n_classes)
         unnamed = np.bincount(truth[~named], minlength=self.n_classes)
-        return np.column_stack([matrix, unnamed]) if self.is_joint else matrix
+        return np.column_stack([confusion(label[named], truth[named], self.n_classes), unnamed])
 
 
 @dataclass(frozen=True)
