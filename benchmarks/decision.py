@@ -80,7 +80,7 @@ def read_early() -> None:
     print(f"{'early, all lengths at once':<52} {ours:>9.3f}")
     print(
         f"{'surface of every length':<52} {seconds:>9.3f} {f'{seconds / ours:.0f} x faster':>12} "
-        f"{np.abs(found.t_p_ms - each).max():>11g}"
+        f"{np.abs(found['t_p_ms'] - each).max():>11g}"
     )
 
 

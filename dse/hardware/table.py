@@ -9,6 +9,7 @@ In a notebook:
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -47,7 +48,7 @@ class Duty:
     battery_mwh: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CostRow:
     """Everything that a profile says about an inference; None where it says nothing.
 
@@ -65,10 +66,8 @@ class CostRow:
     """
 
     hardware: str
-    n_weights: int
-    decision_ms: float
-    evidence: Mapping[str, int]
     not_applicable: str | None = None
+    n_weights: int
     energy_uj: Interval[Known] = UNKNOWN
     energy_throttled_uj: Interval[Known] = UNKNOWN
     energy_dynamic_uj: Interval[Known] = UNKNOWN
@@ -78,57 +77,42 @@ class CostRow:
     energy_static_throttled_share_uj: Interval[Known] = UNKNOWN
     step_time_us: Interval[Known] = UNKNOWN
     hardware_latency_ms: Interval[Known] = UNKNOWN
+    decision_ms: float
     pipeline_ms: Known = None
     latency_ms: Interval[Known] = UNKNOWN
+    power_idle_w: Interval[Known] = UNKNOWN
+    power_w: Interval[Known] = UNKNOWN
     n_cores: Interval[int | None] = field(default=Interval(None, None, None))
     fits: bool | None = None
     misfits: tuple[Misfit, ...] | None = None
     assumptions: tuple[str, ...] | None = None
-    terms_uj: Mapping[str, Interval[Known]] = field(default_factory=dict)
+    evidence: Mapping[str, int]
     energy_quantiles_uj: Interval[Known] | None = None
     energy_throttled_quantiles_uj: Interval[Known] | None = None
-    power_idle_w: Interval[Known] = UNKNOWN
-    power_w: Interval[Known] = UNKNOWN
     power_mw: Interval[Known] | None = None
     battery_h: Interval[Known] | None = None
+    terms_uj: Mapping[str, Interval[Known]] = field(default_factory=dict)
 
     def columns(self) -> dict[str, object]:
-        """Return the row under the names of its table columns."""
-        row: dict[str, object] = {
-            "hardware": self.hardware,
-            "not_applicable": self.not_applicable,
-            "n_weights": self.n_weights,
-            **self.energy_uj.columns("energy_uj"),
-            **self.energy_throttled_uj.columns("energy_throttled_uj"),
-            **self.energy_dynamic_uj.columns("energy_dynamic_uj"),
-            **self.energy_static_uj.columns("energy_static_uj"),
-            **self.energy_static_share_uj.columns("energy_static_share_uj"),
-            **self.energy_static_throttled_uj.columns("energy_static_throttled_uj"),
-            **self.energy_static_throttled_share_uj.columns("energy_static_throttled_share_uj"),
-            **self.step_time_us.columns("step_time_us"),
-            **self.hardware_latency_ms.columns("hardware_latency_ms"),
-            "decision_ms": self.decision_ms,
-            "pipeline_ms": self.pipeline_ms,
-            **self.latency_ms.columns("latency_ms"),
-            **self.power_idle_w.columns("power_idle_w"),
-            **self.power_w.columns("power_w"),
-            **self.n_cores.columns("n_cores"),
-            "fits": self.fits,
+        """Return the row under the names of its table columns, in the order of the fields."""
+        plain: dict[str, object] = {
             "misfits": None if self.misfits is None else [vars(misfit) for misfit in self.misfits],
             "assumptions": None if self.assumptions is None else list(self.assumptions),
             "evidence": list(self.evidence),
         }
-        for name, quantiles in (
-            ("energy_uj", self.energy_quantiles_uj),
-            ("energy_throttled_uj", self.energy_throttled_quantiles_uj),
-        ):
-            if quantiles is not None:
-                row |= zip((name + end for end in _QUANTILES), quantiles, strict=True)
-        for name, interval in (("power_mw", self.power_mw), ("battery_h", self.battery_h)):
-            if interval is not None:
-                row |= interval.columns(name)
-        for cause, term in self.terms_uj.items():
-            row |= term.columns(f"energy_{cause}_uj")
+        row: dict[str, object] = {}
+        for name in (x.name for x in dataclasses.fields(self)):
+            value = getattr(self, name)
+            if name == "terms_uj":
+                for cause, term in self.terms_uj.items():
+                    row |= term.columns(f"energy_{cause}_uj")
+            elif "_quantiles" in name:
+                ends = (name.replace("_quantiles", "") + end for end in _QUANTILES)
+                row |= {} if value is None else dict(zip(ends, value, strict=True))
+            elif isinstance(value, Interval):
+                row |= value.columns(name)
+            elif name not in ("power_mw", "battery_h"):
+                row[name] = plain.get(name, value)
         return row
 
 
@@ -155,15 +139,9 @@ def cost_row(
     plan = profile.plan(load, profile.ends)
     row = _with_energies(row, plan, inference.counts_on(profile), priced)
     if priced.timed:
-        row = _with_times(row, inference, priced, getattr(load, "pipeline_steps", 0))
-        n_cores: Interval[int | None] = priced.n_cores
-        row = replace(
-            row,
-            n_cores=Interval(None, n_cores.low, n_cores.high) if profile.interval_only else n_cores,
-            fits=priced.fits,
-            misfits=priced.misfits,
-            assumptions=priced.assumptions,
-        )
+        row = _with_times(row, inference, plan, priced, getattr(load, "pipeline_steps", 0))
+    if profile.interval_only:
+        row = replace(row, n_cores=replace(row.n_cores, value=None))
     if n_draws is not None:
         row = _with_quantiles(row, profile, inference, n_draws)
     if duty is not None and priced.timed:
@@ -193,13 +171,13 @@ def _blank(profile: Profile, inference: Inference, duty: Duty | None, n_draws: i
 
 
 def _with_energies(row: CostRow, plan: Plan, counts: Floats, priced: Cost) -> CostRow:
-    """Add the terms of the dynamic energy, the static energies and the totals."""
+    """Add the terms of the dynamic energy, and the totals."""
 
     def term(per_count: Floats, value: Floats) -> Interval[Known]:
         _, low, high = (sum_of_products(counts, one) for one in per_count * 1e-6)
         return _known(Interval(value, low, high))
 
-    row = replace(
+    return replace(
         row,
         energy_uj=_known(priced.energy_uj),
         energy_throttled_uj=_known(priced.energy_throttled_uj),
@@ -208,37 +186,34 @@ def _with_energies(row: CostRow, plan: Plan, counts: Floats, priced: Cost) -> Co
             cause: term(per_count, priced.breakdown[cause]) for cause, per_count in plan.energy_pj.items()
         },
     )
-    if not priced.timed:
-        return row
-    row = replace(
-        row,
-        energy_static_uj=_known(priced.static_uj),
-        energy_static_throttled_uj=_known(priced.static_throttled_uj),
-    )
-    if plan.share >= 1:
-        return row
-    return replace(
-        row,
-        energy_static_share_uj=_known(priced.static_uj.map(lambda uj: plan.share * uj)),
-        energy_static_throttled_share_uj=_known(priced.static_throttled_uj.map(lambda uj: plan.share * uj)),
-    )
 
 
-def _with_times(row: CostRow, inference: Inference, priced: Cost, pipeline_steps: int) -> CostRow:
-    """Add times, and power at rest and while computing."""
+def _with_times(row: CostRow, inference: Inference, plan: Plan, priced: Cost, pipeline_steps: int) -> CostRow:
+    """Add static energies, times, powers, cores and limits."""
 
     def latency(step_us: Floats) -> Floats:
         pipeline_ms = pipeline_steps * np.maximum(inference.step_ms, step_us * 1e-3)
         return np.asarray(latency_ms(inference.decision_ms, inference.step_ms, step_us) + pipeline_ms)
 
+    def share(of_chip: Interval[Floats]) -> Interval[Known]:
+        return UNKNOWN if plan.share >= 1 else _known(of_chip.map(lambda uj: plan.share * uj))
+
     return replace(
         row,
+        energy_static_uj=_known(priced.static_uj),
+        energy_static_share_uj=share(priced.static_uj),
+        energy_static_throttled_uj=_known(priced.static_throttled_uj),
+        energy_static_throttled_share_uj=share(priced.static_throttled_uj),
         pipeline_ms=_number(priced.pipeline_ms),
         step_time_us=_known(priced.step_time_us),
         hardware_latency_ms=_known(priced.step_time_us.map(lambda us: us * 1e-3 * inference.n_steps)),
         latency_ms=_known(priced.step_time_us.map(latency)),
         power_idle_w=priced.power_idle_w.map(_number),
         power_w=_known(priced.power_w),
+        n_cores=Interval(*priced.n_cores),
+        fits=priced.fits,
+        misfits=priced.misfits,
+        assumptions=priced.assumptions,
     )
 
 

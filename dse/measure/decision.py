@@ -44,30 +44,6 @@ class Decisions(NamedTuple):
     decided: NDArray[np.bool_]
 
 
-class Early(NamedTuple):
-    """What one net is worth when its input ends early, each (k,), one number per input length.
-
-    time_ms: input length. accuracy: by argmax of the spikes so far, at its end.
-    accuracy_best: the highest over the grid of phi and theta.
-    t_p_ms, phi_p, theta_p: fastest setting of that accuracy.
-    t_h_ms, phi_h, theta_h: fastest that reaches the human baseline, NaN where none does.
-    accuracy_best_strict, t_p_strict_ms, t_h_strict_ms: the same where undecided samples count as wrong.
-    """
-
-    time_ms: NDArray[np.float64]
-    accuracy: NDArray[np.float64]
-    accuracy_best: NDArray[np.float64]
-    t_p_ms: NDArray[np.float64]
-    phi_p: NDArray[np.float64]
-    theta_p: NDArray[np.float64]
-    t_h_ms: NDArray[np.float64]
-    phi_h: NDArray[np.float64]
-    theta_h: NDArray[np.float64]
-    accuracy_best_strict: NDArray[np.float64]
-    t_p_strict_ms: NDArray[np.float64]
-    t_h_strict_ms: NDArray[np.float64]
-
-
 class Setting(NamedTuple):
     """One point of a surface."""
 
@@ -142,10 +118,17 @@ def early(
     phi: ArrayLike,
     theta: ArrayLike,
     step_ms: float,
-) -> Early:
-    """Return accuracy and decision times of one net whose input ends after each of several lengths.
+) -> dict[str, NDArray[np.float64]]:
+    """Return what one net is worth when its input ends after each of several lengths, (k,) per column.
 
     The same as `surface(output[:, :length])` for every length, exactly, in one pass over the spikes.
+
+        time_ms                 input length
+        accuracy                by argmax of the spikes so far, at its end
+        accuracy_best           the highest over the grid of phi and theta
+        t_p_ms, phi_p, theta_p  fastest setting of that accuracy
+        t_h_ms, phi_h, theta_h  fastest that reaches the human baseline, NaN where none does
+        accuracy_best_strict, t_p_strict_ms, t_h_strict_ms: where undecided samples count as wrong
 
     Args:
         output: (n, T, class) uint8 output spikes.
@@ -163,26 +146,19 @@ def early(
     steps = _lengths(lengths, n_steps)
     of_lengths, accuracy = _surfaces(spikes, target, steps, phi, theta, step_ms, np.empty((n, n_steps, 0)))
     never = Setting(np.nan, np.nan, np.nan, np.nan)
-    peak, peak_strict = (
-        np.array([t_p(one, strict=strict) for one in of_lengths]) for strict in (False, True)
-    )
-    human, human_strict = (
-        np.array([t_h(one, strict=strict) or never for one in of_lengths]) for strict in (False, True)
-    )
-    return Early(
-        time_ms=steps * float(step_ms),
-        accuracy=accuracy,
-        accuracy_best=peak[:, 1],
-        t_p_ms=peak[:, 0],
-        phi_p=peak[:, 2],
-        theta_p=peak[:, 3],
-        t_h_ms=human[:, 0],
-        phi_h=human[:, 2],
-        theta_h=human[:, 3],
-        accuracy_best_strict=peak_strict[:, 1],
-        t_p_strict_ms=peak_strict[:, 0],
-        t_h_strict_ms=human_strict[:, 0],
-    )
+    columns = {"time_ms": steps * float(step_ms), "accuracy": accuracy}
+    for strict, end in ((False, ""), (True, "_strict")):
+        peak = np.array([t_p(one, strict=strict) for one in of_lengths])
+        human = np.array([t_h(one, strict=strict) or never for one in of_lengths])
+        columns |= {
+            f"accuracy_best{end}": peak[:, 1],
+            f"t_p{end}_ms": peak[:, 0],
+            f"t_h{end}_ms": human[:, 0],
+        }
+        if not strict:
+            columns |= {"phi_p": peak[:, 2], "theta_p": peak[:, 3]}
+            columns |= {"phi_h": human[:, 2], "theta_h": human[:, 3]}
+    return columns
 
 
 def early_at(

@@ -7,7 +7,7 @@ import numpy as np
 from dse.hardware.cost import NotApplicable, cost, drawn
 from dse.hardware.profile import Figures, Profile
 from dse.measure.objectives import Priced, measured
-from dse.measure.objectives.latency import latency_of
+from dse.measure.objectives.on_chip import latency_of
 from dse.records import Array, Operations, Workload
 
 DRAWN = ("energy_uj", "energy_throttled_uj", "hardware_latency_ms", "latency_ms")

@@ -1,11 +1,13 @@
 """One training run -> the record's columns, as the registered objectives measure them.
 
+A run answers to targets (one, or the heads of a joint net and all of them together), on parts of the samples
+(validation, test, moved windows, groups that a training left out), at places: after each input length, and at
+every (phi, theta). `_Target` and `_How` are these keys; accuracies are computed for all of them alike.
+
 The full read-out answers at the end of the window: a spiking network by argmax of its output spike counts
 (lowest class on ties), any other classifier as it does. Earlier read-outs answer after a shorter input. Every
 (phi, theta) setting of a spiking network answers when it is confident; what that costs is the mean work that
 was done up to each sample's own decision, never a share of the whole.
-
-A joint target has a measurement for each of its heads; its own accuracy counts samples with every head right.
 """
 
 from __future__ import annotations
@@ -24,7 +26,6 @@ from dse.measure import decision
 from dse.measure.confusion import confusion
 from dse.measure.heads import head_answers, head_slices, joint_label
 from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, measured
-from dse.measure.objectives.accuracy import accuracy
 from dse.measure.objectives.accuracy_unseen import Unseen
 from dse.measure.on_chips import columns_on
 from dse.neurons import neuron_of
@@ -51,12 +52,6 @@ READ_OUTS = 20
 
 Columns = dict[str, Array]
 
-# What the decision maker reaches when the input ends after each length, and the settings that do it.
-_OF_DECISIONS = (
-    *("accuracy_best", "t_p_ms", "phi_p", "theta_p", "t_h_ms", "phi_h", "theta_h"),
-    *("accuracy_best_strict", "t_p_strict_ms", "t_h_strict_ms"),
-)
-
 
 @dataclass(frozen=True)
 class Measurement:
@@ -64,7 +59,7 @@ class Measurement:
 
     columns: the full read-out, column -> number.
     points: column -> (phi, theta); empty without a decision grid.
-    read_outs: column -> (k,), after time_ms[j] of the input.
+    read_outs: column -> (k,), after time_ms[j] of the input; empty of a joint net, whose heads have them.
         In both, `unseen_name` names the accuracies of a fold.
     points_load, read_outs_load: mean work of the same answers, which any hardware can be asked the cost of.
     hardware: profile -> `columns_on` of the full read-out.
@@ -89,14 +84,14 @@ class Measurement:
 
 @dataclass(frozen=True)
 class Accuracies:
-    """Accuracies of one target: of the full read-out, after k input lengths, and at every (phi, theta).
+    """Accuracies of one target on some samples, at all places.
 
-    read_outs: (k,); None of a joint target as a whole. grid: None without a grid.
+    read_outs: (k,) after k input lengths, the last of which is the full read-out.
+    grid: (phi, theta); None without a grid.
     """
 
-    full: float
-    read_outs: Floats | None = None
-    grid: Floats | None = None
+    read_outs: Floats
+    grid: Floats | None
 
 
 OfTargets = Mapping[str, Accuracies]
@@ -106,97 +101,100 @@ UnseenTargets = Mapping[str, Mapping[str, OfTargets]]
 
 
 @dataclass(frozen=True)
-class _Target:
-    """What is to be answered: true classes of both sets, their number, and the outputs that answer.
+class _How:
+    """Where answers are read out: the arguments of `measure` of these names."""
 
-    joint_of: (n_joint,) class of each joint class, where answers are joint classes; None where they are not.
+    phi: Array
+    theta: Array
+    weight_bits: int = 8
+    read_out_every_ms: float | None = None
+
+    @property
+    def has_grid(self) -> bool:
+        return bool(len(self.phi) and len(self.theta))
+
+
+@dataclass(frozen=True)
+class _Target:
+    """What is to be answered: the classes of a data set, or one head of them.
+
+    head: None: the classes themselves; of a joint target they are right where all heads are.
+    outputs: output neurons that answer.
     """
 
-    validation: Ints
-    test: Ints
-    n_classes: int
-    outputs: slice
-    joint_of: Ints | None = None
+    dataset: Dataset
+    head: Head | None = None
+    outputs: slice = field(default_factory=lambda: slice(None))
+
+    @property
+    def is_joint(self) -> bool:
+        """Whether several heads are to be right together; they answer at the end of the window alone."""
+        return self.head is None and bool(self.dataset.heads)
+
+    @property
+    def n_classes(self) -> int:
+        return len((self.head or self.dataset).classes)
+
+    @property
+    def lengths(self) -> slice:
+        """Those of the input lengths after which it is answered."""
+        return slice(-1, None) if self.is_joint else slice(None)
+
+    def truth(self, samples: Ints) -> Ints:
+        """Return the true classes of some samples, (n,)."""
+        classes = self.dataset.target[samples]
+        return classes if self.head is None else self.head.of_class[classes]
+
+    def output(self, response: Response) -> Array:
+        """Return the output spikes that answer, (n, T, output)."""
+        return response.output[..., self.outputs]
+
+    def steps(self, response: Response, how: _How) -> Ints:
+        """Return the steps after which a response is read out, (k,)."""
+        steps = read_out_steps(response.output.shape[1], response.step_ms, how.read_out_every_ms)
+        return steps[self.lengths]
+
+    def label(self, answers: Response | Answers, how: _How) -> Ints:
+        """Return the class that is answered after k input lengths, (n, k); -1 where heads name no class."""
+        if isinstance(answers, Answers):
+            label = answers.label[:, self.lengths]
+            return label if self.head is None else self.head.of_class[label]
+        if self.is_joint:
+            counts = answers.output.sum(axis=1, dtype=np.int64)
+            return joint_label(head_answers(self.dataset, counts), self.dataset.heads)[:, None]
+        output = self.output(answers)
+        counts = [output[:, :n].sum(axis=1, dtype=np.int64) for n in self.steps(answers, how)]
+        return np.asarray(np.stack(counts, axis=1).argmax(axis=2))
+
+    def accuracies(self, answers: Response | Answers, samples: Ints, how: _How) -> Accuracies:
+        """Return the accuracies of the answers to some samples."""
+        truth, grid = self.truth(samples), None
+        if how.has_grid and isinstance(answers, Response) and not self.is_joint:
+            surface = decision.surface(self.output(answers), truth, how.phi, how.theta, answers.step_ms)
+            grid = surface.accuracy
+        return Accuracies(_share_right(self.label(answers, how), truth), grid)
+
+    def confusion(self, label: Ints, truth: Ints) -> Ints:
+        """Return the confusion of (n,) answers; of joint classes, a last column counts the labels -1."""
+        if not self.is_joint:
+            return confusion(label, truth, self.n_classes)
+        named = label >= 0
+        unnamed = np.bincount(truth[~named], minlength=self.n_classes)
+        return np.column_stack([confusion(label[named], truth[named], self.n_classes), unnamed])
 
 
 @dataclass(frozen=True)
 class _Answered:
-    """What a run answers to one target.
+    """What a run answers to one target, as objectives take it.
 
     read_outs: after k input lengths. grid: at every (phi, theta); None without a grid.
-    label, label_test: (n,) classes of the full read-out.
     of_lengths: further columns (k,) of the read-outs.
-    decisions_test: the test set's surface over the grid; None without a grid or a test set.
-    most_output_spikes: of these outputs in a validation sample; None of what has no output spikes.
     """
 
     read_outs: Points
     grid: Points | None
-    label: Ints
-    label_test: Ints | None
+    full: FullReadOut
     of_lengths: Columns
-    decisions_test: DecisionSurface | None = None
-    most_output_spikes: int | None = None
-
-
-@dataclass(frozen=True)
-class _How:
-    """How a run is evaluated: the arguments of `measure` of these names."""
-
-    phi: Array
-    theta: Array
-    weight_bits: int
-    read_out_every_ms: float | None
-
-
-@dataclass
-class _Moved:
-    """Accuracies of one target on windows of n samples: first unmoved, then at every shift.
-
-    read_outs: per shift (k,). grids: per shift (phi, theta); empty without a grid.
-    """
-
-    n: int = 0
-    read_outs: list[Floats] = field(default_factory=list)
-    grids: list[Floats] = field(default_factory=list)
-
-    def add(self, answers: Response | Answers, truth: Ints, target: _Target, how: _How) -> None:
-        """Add what a run answers at one shift; truth: (n,) classes."""
-        read_outs, grid = _accuracies_of_answers(answers, truth, target, how)
-        self.n = len(truth)
-        self.read_outs.append(read_outs)
-        if grid is not None:
-            self.grids.append(grid)
-
-    def beside(self, answered: _Answered) -> _Answered:
-        """Return what a run answers to the evaluated windows, with the accuracies on the moved ones."""
-        if not self.read_outs:
-            return answered
-        grid = answered.grid
-        if grid is not None:
-            grid = _with_shifts(grid, self.grids, self.n)
-        return replace(
-            answered, read_outs=_with_shifts(answered.read_outs, self.read_outs, self.n), grid=grid
-        )
-
-
-def _with_shifts(points: Points, accuracies: Sequence[Floats], n: int) -> Points:
-    """Return points with accuracies of n samples, unmoved and at every shift."""
-    return replace(points, shifted=np.stack(accuracies[1:]), unshifted=accuracies[0], n_shifted=n)
-
-
-def _and_unmoved(
-    moved: Iterable[tuple[Ints, Response | Answers]], outcome: Outcome, dataset: Dataset
-) -> Iterator[tuple[Ints, Response | Answers]]:
-    """Yield what a run answers to the unmoved windows of the moved samples, then to the moved ones."""
-    for number, (samples, answers) in enumerate(moved):
-        if not number:
-            among, unmoved = np.isin(dataset.validation, samples), outcome.validation
-            if isinstance(unmoved, Answers):
-                yield samples, replace(unmoved, label=unmoved.label[among])
-            else:
-                yield samples, replace(unmoved, output=unmoved.output[among])
-        yield samples, answers
 
 
 def measure(
@@ -228,29 +226,27 @@ def measure(
     Raises:
         ValueError: a response holds no samples, or the grid is out of range.
     """
-    how = _How(phi, theta, weight_bits, read_out_every_ms)
-    targets = _targets(dataset)
-    at_shifts = {name: _Moved() for name in targets}
-    jointly = _Moved()
+    how, targets = _How(phi, theta, weight_bits, read_out_every_ms), _targets(dataset)
+    shifts: dict[str, list[Accuracies]] = {name: [] for name in targets}
+    n_shifted = 0
     for samples, answers in _and_unmoved(moved, outcome, dataset):
-        classes = dataset.target[samples]
+        n_shifted = len(samples)
         for name, target in targets.items():
-            true = classes if target.joint_of is None else target.joint_of[classes]
-            at_shifts[name].add(answers, true, target, how)
-        if dataset.heads:
-            jointly.n = len(samples)
-            jointly.read_outs.append(np.array([accuracy(_joint_label(answers, dataset), classes)]))
-    measurements = {}
+            shifts[name].append(target.accuracies(answers, samples, how))
+    heads = {}
     for name, target in targets.items():
-        answered = at_shifts[name].beside(_answers_to(target, outcome, dataset.spikes.n_channels, how))
-        of_target = _of_target(unseen or {}, name)
-        measurements[name] = _measured(outcome, target, answered, hardware, of_target)
-    if not dataset.heads:
-        return measurements[""]
-    end = _at_end(answered.read_outs)  # the work is that of the whole net, whichever head is asked
-    if jointly.read_outs:
-        end = _with_shifts(end, jointly.read_outs, jointly.n)
-    return _measured_jointly(outcome, dataset, measurements, end, _full(_of_target(unseen or {}, "")))
+        folds = {
+            column: {fold: of_targets[name] for fold, of_targets in of_column.items()}
+            for column, of_column in (unseen or {}).items()
+        }
+        answered = _with_shifts(_answered(outcome, target, how, folds), shifts[name], n_shifted)
+        heads[name] = _measured(answered, target, hardware, folds)
+    whole = heads.pop("")
+    if heads:
+        names = [name for name in ("accuracy", "accuracy_test") if name in whole.columns]
+        of_heads = {f"{x}_{name}": head.columns[x] for x in names for name, head in heads.items()}
+        whole = replace(whole, columns=whole.columns | of_heads, heads=heads)
+    return whole
 
 
 def accuracies(
@@ -260,7 +256,7 @@ def accuracies(
     phi: Array,
     theta: Array,
     read_out_every_ms: float | None = None,
-) -> dict[str, Accuracies]:
+) -> OfTargets:
     """Return the accuracies of answers, '' of the target, and of a joint one also of each head, by name.
 
     Args:
@@ -271,61 +267,44 @@ def accuracies(
         theta: its confidences.
         read_out_every_ms: as of `measure`.
     """
-    how, truth = _How(phi, theta, 8, read_out_every_ms), dataset.target[samples]
-    of_targets = {}
-    if dataset.heads:
-        of_targets[""] = Accuracies(accuracy(_joint_label(answers, dataset), truth))
-    for name, target in _targets(dataset).items():
-        true = truth if target.joint_of is None else target.joint_of[truth]
-        read_outs, grid = _accuracies_of_answers(answers, true, target, how)
-        of_targets[name] = Accuracies(float(read_outs[-1]), read_outs, grid)
-    return of_targets
-
-
-def _accuracies_of_answers(
-    answers: Response | Answers, truth: Ints, target: _Target, how: _How
-) -> tuple[Floats, Floats | None]:
-    """Return the accuracies after k input lengths, (k,), and at every (phi, theta); None without a grid.
-
-    Args:
-        answers: to n samples.
-        truth: (n,) their classes of the target.
-        target: which outputs or classes answer.
-        how: read-outs and grid.
-    """
-    if isinstance(answers, Answers):
-        label = answers.label if target.joint_of is None else target.joint_of[answers.label]
-        return _accuracies(label, truth), None
-    output = answers.output[..., target.outputs]
-    read_outs = _accuracies(
-        _labels_after(output, read_out_steps(output.shape[1], answers.step_ms, how.read_out_every_ms)), truth
-    )
-    if not (len(how.phi) and len(how.theta)):
-        return read_outs, None
-    return read_outs, decision.surface(output, truth, how.phi, how.theta, answers.step_ms).accuracy
+    how = _How(phi, theta, read_out_every_ms=read_out_every_ms)
+    return {name: x.accuracies(answers, samples, how) for name, x in _targets(dataset).items()}
 
 
 def _targets(dataset: Dataset) -> dict[str, _Target]:
-    """Return what is to be answered: '' of a single target, the heads of a joint one by name."""
-    truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
-    if not dataset.heads:
-        return {"": _Target(truth, truth_test, len(dataset.classes), slice(None))}
-    return {
-        head.name: _of_head(head, outputs, truth, truth_test)
-        for head, outputs in zip(dataset.heads, head_slices(dataset), strict=True)
-    }
+    """Return what is to be answered: the heads of a joint target by name, and ''."""
+    pairs = zip(dataset.heads, head_slices(dataset), strict=bool(dataset.heads))
+    return {head.name: _Target(dataset, head, outputs) for head, outputs in pairs} | {"": _Target(dataset)}
 
 
-def _of_target(unseen: UnseenTargets, name: str) -> dict[str, dict[str, Accuracies]]:
-    """Return the accuracies of one target on groups after trainings without them."""
-    return {
-        column: {fold: of_targets[name] for fold, of_targets in folds.items()}
-        for column, folds in unseen.items()
-    }
+def _and_unmoved(
+    moved: Iterable[tuple[Ints, Response | Answers]], outcome: Outcome, dataset: Dataset
+) -> Iterator[tuple[Ints, Response | Answers]]:
+    """Yield what a run answers to the unmoved windows of the moved samples, then to the moved ones."""
+    for number, (samples, answers) in enumerate(moved):
+        if not number:
+            among, unmoved = np.isin(dataset.validation, samples), outcome.validation
+            if isinstance(unmoved, Answers):
+                yield samples, replace(unmoved, label=unmoved.label[among])
+            else:
+                yield samples, replace(unmoved, output=unmoved.output[among])
+        yield samples, answers
 
 
-def _full(unseen: Mapping[str, Mapping[str, Accuracies]]) -> dict[str, dict[str, float]]:
-    return {column: {fold: x.full for fold, x in folds.items()} for column, folds in unseen.items()}
+def _with_shifts(answered: _Answered, shifts: Sequence[Accuracies], n: int) -> _Answered:
+    """Return answers with the accuracies on windows of n samples: unmoved, then at every shift."""
+    if not shifts:
+        return answered
+
+    def beside(points: Points, of: Sequence[Floats]) -> Points:
+        return replace(points, shifted=np.stack(of[1:]), unshifted=of[0], n_shifted=n)
+
+    grid, grids = answered.grid, [x.grid for x in shifts if x.grid is not None]
+    return replace(
+        answered,
+        read_outs=beside(answered.read_outs, [x.read_outs for x in shifts]),
+        grid=None if grid is None else beside(grid, grids),
+    )
 
 
 def unseen_name(number: int) -> str:
@@ -345,12 +324,10 @@ def records_for_objectives(
         theta: its confidences.
         hardware: profiles; one that cannot run the classifier adds nothing.
     """
-    truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
-    target = _Target(truth, truth_test, len(dataset.classes), slice(None))
-    answered = _answers_to(target, outcome, dataset.spikes.n_channels, _How(phi, theta, 8, None))
-    points = [answered.read_outs, *([] if answered.grid is None else [answered.grid])]
+    answered = _answered(outcome, _Target(dataset), _How(phi, theta), {})
+    points = [one for one in (answered.read_outs, answered.grid) if one is not None]
     records: list[tuple[Needs, Points | FullReadOut | Priced]] = [("points", one) for one in points]
-    records.append(("full_read_out", _full_read_out(outcome, target, answered, {})))
+    records.append(("full_read_out", answered.full))
     for chip in hardware:
         for one in points:
             with contextlib.suppress(NotApplicable):
@@ -364,112 +341,33 @@ def read_out(output: Array) -> Ints:
 
 
 def _measured(
-    outcome: Outcome,
-    target: _Target,
     answered: _Answered,
+    target: _Target,
     hardware: Sequence[Profile],
     unseen: Mapping[str, Mapping[str, Accuracies]],
 ) -> Measurement:
     """Return the measurement of one target."""
-    of_lengths = measured("points", answered.read_outs)
-    of_grid = {} if answered.grid is None else measured("points", answered.grid)
-    answer = _full_read_out(outcome, target, answered, _full(unseen))
-    folds = [fold for of_column in unseen.values() for fold in of_column.values()]
-    lengths = {unseen_name(i): x.read_outs for i, x in enumerate(folds) if x.read_outs is not None}
-    settings = {unseen_name(i): x.grid for i, x in enumerate(folds) if x.grid is not None}
-    full = _at_end(answered.read_outs).load.mapped(lambda counts: counts[-1])
+    read_outs, grid, answer = answered.read_outs, answered.grid, answered.full
+    of_lengths, of_grid = measured("points", read_outs), {} if grid is None else measured("points", grid)
+    folds = {unseen_name(i): x for i, x in enumerate(x for of in unseen.values() for x in of.values())}
+    last = read_outs.load.mapped(lambda counts: counts[-1])
     declared = registry.columns("points")
-    return Measurement(
+    measurement = Measurement(
         columns=_columns({name: x[-1] for name, x in of_lengths.items()}, answer),
-        points={name: x for name, x in of_grid.items() if not declared[name].of_design} | settings,
-        read_outs={**of_lengths, **answered.of_lengths, **lengths},
-        points_load=None if answered.grid is None else answered.grid.load,
-        read_outs_load=answered.read_outs.load,
-        hardware={chip.name: flat(columns_on(chip, full)) for chip in hardware},
-        confusion=answer.confusion,
-        confusion_test=answer.confusion_test,
-        unseen=answer.unseen,
-        shifted=None if answered.read_outs.shifted is None else answered.read_outs.shifted[:, -1],
-    )
-
-
-def _full_read_out(outcome: Outcome, target: _Target, answered: _Answered, unseen: Unseen) -> FullReadOut:
-    return FullReadOut(
-        outcome=outcome,
-        label=answered.label,
-        target=target.validation,
-        confusion=confusion(answered.label, target.validation, target.n_classes),
-        decision_latency_ms=answered.read_outs.decision_latency_ms[-1].item(),
-        read_outs=answered.read_outs,
-        decisions=None if answered.grid is None else answered.grid.decisions,
-        decisions_test=answered.decisions_test,
+        points={name: x for name, x in of_grid.items() if not declared[name].of_design}
+        | {name: x.grid for name, x in folds.items() if x.grid is not None},
+        read_outs={**of_lengths, **answered.of_lengths, **{name: x.read_outs for name, x in folds.items()}},
+        points_load=None if grid is None else grid.load,
+        read_outs_load=read_outs.load,
+        hardware={chip.name: flat(columns_on(chip, last)) for chip in hardware},
+        confusion=answer.confusion[:, : target.n_classes],
         confusion_test=None
-        if answered.label_test is None
-        else confusion(answered.label_test, target.test, target.n_classes),
-        most_output_spikes=answered.most_output_spikes,
-        target_test=None if answered.label_test is None else target.test,
-        unseen=unseen,
+        if answer.confusion_test is None
+        else answer.confusion_test[:, : target.n_classes],
+        unseen=answer.unseen,
+        shifted=None if read_outs.shifted is None else read_outs.shifted[:, -1],
     )
-
-
-def _measured_jointly(
-    outcome: Outcome, dataset: Dataset, heads: dict[str, Measurement], end: Points, unseen: Unseen
-) -> Measurement:
-    """Return the measurement of a joint net, whose answer is right where those of all its heads are.
-
-    Args:
-        outcome: of the net.
-        dataset: with heads.
-        heads: their measurements.
-        end: the full read-out of any head.
-        unseen: of the joint classes.
-    """
-    n_classes = len(dataset.classes)
-    truth, truth_test = dataset.target[dataset.validation], dataset.target[dataset.test]
-    label = _joint_label(outcome.validation, dataset)
-    label_test = None if outcome.test is None else _joint_label(outcome.test, dataset)
-    matrix = _with_unnamed(label, truth, n_classes)
-    matrix_test = None if label_test is None else _with_unnamed(label_test, truth_test, n_classes)
-    points = replace(
-        end,
-        accuracy=np.array([accuracy(label, truth)]),
-        accuracy_test=None if label_test is None else np.array([(label_test == truth_test).mean()]),
-    )
-    answer = FullReadOut(
-        outcome=outcome,
-        label=label,
-        target=truth,
-        confusion=matrix,
-        decision_latency_ms=end.decision_latency_ms[-1].item(),
-        read_outs=None,
-        decisions=None,
-        confusion_test=matrix_test,
-        unseen=unseen,
-    )
-    columns = _columns({name: x[-1] for name, x in measured("points", points).items()}, answer)
-    columns |= {f"accuracy_{name}": head.columns["accuracy"] for name, head in heads.items()}
-    if label_test is not None:
-        columns |= {f"accuracy_test_{name}": head.columns["accuracy_test"] for name, head in heads.items()}
-    return Measurement(
-        columns=columns,
-        points={},
-        read_outs={},
-        points_load=None,
-        read_outs_load=None,
-        hardware=next(iter(heads.values())).hardware,
-        confusion=matrix[:, :-1],
-        confusion_test=None if matrix_test is None else matrix_test[:, :-1],
-        heads=heads,
-        unseen=unseen,
-        shifted=None if end.shifted is None else end.shifted[:, -1],
-    )
-
-
-def _with_unnamed(label: Ints, target: Ints, n_classes: int) -> Ints:
-    """Return the confusion of joint classes, with a column of the combinations that are no class (-1)."""
-    named = label >= 0
-    unnamed = np.bincount(target[~named], minlength=n_classes)
-    return np.column_stack([confusion(label[named], target[named], n_classes), unnamed])
+    return replace(measurement, read_outs={}, read_outs_load=None) if target.is_joint else measurement
 
 
 def _columns(of_points: dict[str, Any], answer: FullReadOut) -> dict[str, Any]:
@@ -480,79 +378,81 @@ def _columns(of_points: dict[str, Any], answer: FullReadOut) -> dict[str, Any]:
     return {**flat(of_points), **flat(of_answer), **health, "train_s": train_s}
 
 
-def _at_end(points: Points) -> Points:
-    """Return the last of k read-outs, as one point."""
-    return replace(
-        points,
-        accuracy=points.accuracy[-1:],
-        accuracy_test=None if points.accuracy_test is None else points.accuracy_test[-1:],
-        decision_latency_ms=points.decision_latency_ms[-1:],
-        spikes=points.spikes[-1:],
-        n_weights=points.n_weights[-1:],
-        load=points.load.mapped(lambda counts: counts[-1:]),
-        spikes_test=None if points.spikes_test is None else points.spikes_test[-1:],
-        shifted=None if points.shifted is None else points.shifted[:, -1:],
-        unshifted=None if points.unshifted is None else points.unshifted[-1:],
-    )
-
-
-def _of_head(head: Head, outputs: slice, truth: Ints, truth_test: Ints) -> _Target:
-    of_class = head.of_class
-    return _Target(of_class[truth], of_class[truth_test], len(head.classes), outputs, of_class)
-
-
-def _joint_label(answers: Response | Answers, dataset: Dataset) -> Ints:
-    """Return the joint class that is answered, (n,); -1 where the heads name none."""
-    if isinstance(answers, Answers):
-        return answers.label[:, -1]
-    return joint_label(head_answers(dataset, answers.output.sum(axis=1, dtype=np.int64)), dataset.heads)
-
-
-def _answers_to(target: _Target, outcome: Outcome, n_channels: int, how: _How) -> _Answered:
+def _answered(
+    outcome: Outcome, target: _Target, how: _How, unseen: Mapping[str, Mapping[str, Accuracies]]
+) -> _Answered:
     """Return what a run answers to a target; a family answers in one way, on validation and on test."""
-    validation, test = outcome.validation, outcome.test
+    validation, test, dataset = outcome.validation, outcome.test, target.dataset
+    if isinstance(validation, Response) and not (validation.output.shape[0] and validation.output.shape[1]):
+        shape = target.output(validation).shape
+        raise ValueError(
+            f"a response must have at least one sample and one step, got output of shape {shape}"
+        )
+    truth, label = target.truth(dataset.validation), target.label(validation, how)
+    right, of_test = _share_right(label, truth), None
+    label_test = truth_test = None
+    if test is not None:
+        truth_test, label_test = target.truth(dataset.test), target.label(test, how)
+        of_test = _share_right(label_test, truth_test)
     if isinstance(validation, Response):
         assert not isinstance(test, Answers)
-        return _of_spikes(outcome.network, validation, test, target, how)
-    assert not isinstance(test, Response)
-    return _of_answers(validation, test, target, n_channels)
-
-
-def _of_answers(answers: Answers, test: Answers | None, target: _Target, n_channels: int) -> _Answered:
-    def labels(answers: Answers) -> Ints:
-        return answers.label if target.joint_of is None else target.joint_of[answers.label]
-
-    label, label_test = labels(answers), None if test is None else labels(test)
-    time_ms = np.asarray(answers.time_ms, np.float64)
-    macs = np.asarray(answers.macs, np.float64)
-    n_weights = np.asarray(answers.n_weights)
-    read_outs = Points(
-        n_samples=len(label),
-        accuracy=_accuracies(label, target.validation),
-        accuracy_test=None if label_test is None else _share_right(label_test, target.test),
-        decision_latency_ms=time_ms,
-        spikes=answers.input_spikes.mean(axis=0)[:, None],
-        n_weights=n_weights,
-        load=Operations(
-            macs=macs,
-            additions=np.asarray(answers.additions, np.float64),
-            updates=np.zeros_like(macs),
-            n_weights=n_weights,
-            duration_ms=time_ms,
-            event_macs=answers.event_macs,
-            event_additions=answers.event_additions,
-            program=answers.program,
-            stored_bits=answers.stored_bits,
-        ),
-        spikes_test=None if test is None else np.zeros(len(time_ms), np.int64),  # it has no neurons
-        n_inputs=n_channels,
-    )
-    return _Answered(
-        read_outs=read_outs,
-        grid=None,
+        spiking = _of_spikes(outcome.network, validation, test, target, how, right, of_test)
+        read_outs, grid, of_lengths, decisions_test = spiking
+        most = int(target.output(validation).sum(axis=(1, 2), dtype=np.int64).max())
+    else:
+        read_outs = _of_answers(validation, right, of_test, target)
+        grid, of_lengths, decisions_test, most = None, {}, None, None
+    joint = target.is_joint
+    full = FullReadOut(
+        outcome=outcome,
         label=label[:, -1],
-        label_test=None if label_test is None else label_test[:, -1],
-        of_lengths={},
+        target=truth,
+        confusion=target.confusion(label[:, -1], truth),
+        decision_latency_ms=read_outs.decision_latency_ms[-1].item(),
+        read_outs=None if joint else read_outs,
+        decisions=None if grid is None else grid.decisions,
+        decisions_test=decisions_test,
+        confusion_test=None
+        if label_test is None or truth_test is None
+        else target.confusion(label_test[:, -1], truth_test),
+        most_output_spikes=None if joint else most,
+        target_test=None if joint else truth_test,
+        unseen={
+            column: {fold: float(x.read_outs[-1]) for fold, x in of.items()} for column, of in unseen.items()
+        },
+    )
+    return _Answered(read_outs, grid, full, of_lengths)
+
+
+def _share_right(label: Ints, truth: Ints) -> Floats:
+    """Return the fraction that is right of each of k read-outs, (k,); label: (n, k)."""
+    return np.asarray((label == truth[:, None]).mean(axis=0))
+
+
+def _of_answers(answers: Answers, right: Floats, of_test: Floats | None, target: _Target) -> Points:
+    """Return the read-outs of a classifier without output spikes, with their accuracies."""
+    time_ms, macs = np.asarray(answers.time_ms, np.float64), np.asarray(answers.macs, np.float64)
+    load = Operations(
+        macs=macs,
+        additions=np.asarray(answers.additions, np.float64),
+        updates=np.zeros_like(macs),
+        n_weights=np.asarray(answers.n_weights),
+        duration_ms=time_ms,
+        event_macs=answers.event_macs,
+        event_additions=answers.event_additions,
+        program=answers.program,
+        stored_bits=answers.stored_bits,
+    ).mapped(lambda counts: counts[target.lengths])
+    return Points(
+        n_samples=len(answers.label),
+        accuracy=right,
+        accuracy_test=of_test,
+        decision_latency_ms=load.duration_ms,
+        spikes=answers.input_spikes[:, target.lengths].mean(axis=0)[:, None],
+        n_weights=np.asarray(answers.n_weights)[target.lengths],
+        load=load,
+        spikes_test=None if of_test is None else np.zeros(len(right), np.int64),  # it has no neurons
+        n_inputs=target.dataset.spikes.n_channels,
     )
 
 
@@ -562,18 +462,26 @@ def _of_spikes(
     test: Response | None,
     target: _Target,
     how: _How,
-) -> _Answered:
-    output = response.output[..., target.outputs]
-    output_test = None if test is None else test.output[..., target.outputs]
-    n, n_steps = output.shape[:2]
-    if not n or not n_steps:
-        raise ValueError(
-            f"a response must have at least one sample and one step, got output of shape {output.shape}"
-        )
-    phi, theta = how.phi, how.theta
-    lengths = read_out_steps(n_steps, response.step_ms, how.read_out_every_ms)
-    label = _labels_after(output, lengths)
-    label_test = None if output_test is None else _labels_after(output_test, lengths)
+    right: Floats,
+    of_test: Floats | None,
+) -> tuple[Points, Points | None, Columns, DecisionSurface | None]:
+    """Return the read-outs of a spiking classifier and the grid, as `_Answered`, and the test set's surface.
+
+    Args:
+        network: what was trained.
+        response: to the validation samples.
+        test: to those of the test set; None without one.
+        target: what is answered.
+        how: read-outs and grid.
+        right: (k,) accuracy of the read-outs.
+        of_test: (k,) the same of the test set.
+    """
+    output, truth, step_ms = (
+        target.output(response),
+        target.truth(target.dataset.validation),
+        response.step_ms,
+    )
+    lengths = target.steps(response, how)
     counted = [response.spikes, response.updates, response.updates > 0]
     done = np.concatenate(counted, axis=2, dtype=np.int32).cumsum(axis=1, dtype=np.int64)
     fired_test = None if test is None else test.spikes[..., 1:].sum(axis=2, dtype=np.int64).cumsum(axis=1)
@@ -589,7 +497,7 @@ def _of_spikes(
         decisions: DecisionSurface | None = None,
     ) -> Points:
         return Points(
-            n_samples=n,
+            n_samples=len(output),
             accuracy=accuracy,
             accuracy_test=accuracy_test,
             decision_latency_ms=latency_ms,
@@ -602,52 +510,37 @@ def _of_spikes(
             n_neurons=None if sizes is None else sum(sizes[1:]),
         )
 
-    read_outs = points(
-        _accuracies(label, target.validation),
-        None if label_test is None else _share_right(label_test, target.test),
-        lengths * response.step_ms,
-        lengths,
-        done[:, lengths - 1].mean(axis=0),
-        None if fired_test is None else fired_test[:, lengths - 1].sum(axis=0),
-    )
-    grid, of_lengths, of_test = None, {}, None
-    if len(phi) and len(theta):
-        step_ms = response.step_ms
-        decisions = decision.surface(output, target.validation, phi, theta, step_ms, done)
-        total_test = None
-        if output_test is not None and fired_test is not None:
-            of_test = decision.surface(output_test, target.test, phi, theta, step_ms, fired_test[..., None])
-            total_test = np.rint(of_test.work[..., 0] * len(output_test)).astype(np.int64)
-        latency_ms = decisions.decision_latency_ms
-        grid = points(
-            decisions.accuracy,
-            None if of_test is None else of_test.accuracy,
-            latency_ms,
-            latency_ms / step_ms,
-            decisions.work,
-            total_test,
-            decisions,
+    summed_test = None if fired_test is None else fired_test[:, lengths - 1].sum(axis=0)
+    work = done[:, lengths - 1].mean(axis=0)
+    read_outs = points(right, of_test, lengths * step_ms, lengths, work, summed_test)
+    if not how.has_grid or target.is_joint:
+        return read_outs, None, {}, None
+    decisions = decision.surface(output, truth, how.phi, how.theta, step_ms, done)
+    early = decision.early(output, truth, lengths, how.phi, how.theta, step_ms)
+    of_lengths: Columns = {name: x for name, x in early.items() if name not in ("time_ms", "accuracy")}
+    surface_test = None
+    if test is not None and fired_test is not None:
+        output_test, truth_test = target.output(test), target.truth(target.dataset.test)
+        surface_test = decision.surface(
+            output_test, truth_test, how.phi, how.theta, step_ms, fired_test[..., None]
         )
-        early = decision.early(output, target.validation, lengths, phi, theta, step_ms)
-        of_lengths = {name: getattr(early, name) for name in _OF_DECISIONS}
-        if output_test is not None:
-            for name, chosen in (
-                ("t_p", (early.phi_p, early.theta_p)),
-                ("t_h", (early.phi_h, early.theta_h)),
-            ):
-                time_ms, right = decision.early_at(
-                    output_test, target.test, lengths, step_ms, np.transpose(chosen)
-                )
-                of_lengths |= {f"{name}_test_ms": time_ms, f"accuracy_at_{name}_test": right}
-    return _Answered(
-        read_outs=read_outs,
-        grid=grid,
-        label=label[:, -1],
-        label_test=None if label_test is None else label_test[:, -1],
-        of_lengths=of_lengths,
-        decisions_test=of_test,
-        most_output_spikes=int(output.sum(axis=(1, 2), dtype=np.int64).max()),
+        summed_test = np.rint(surface_test.work[..., 0] * len(output_test)).astype(np.int64)
+        for end in ("p", "h"):
+            chosen = np.transpose((early[f"phi_{end}"], early[f"theta_{end}"]))
+            times = decision.early_at(output_test, truth_test, lengths, step_ms, chosen)
+            of_lengths |= zip((f"t_{end}_test_ms", f"accuracy_at_t_{end}_test"), times, strict=True)
+    latency_ms = decisions.decision_latency_ms
+    accuracy_test = None if surface_test is None else surface_test.accuracy
+    grid = points(
+        decisions.accuracy,
+        accuracy_test,
+        latency_ms,
+        latency_ms / step_ms,
+        decisions.work,
+        summed_test,
+        decisions,
     )
+    return read_outs, grid, of_lengths, surface_test
 
 
 def read_out_steps(n_steps: int, step_ms: float, every_ms: float | None) -> Ints:
@@ -658,22 +551,6 @@ def read_out_steps(n_steps: int, step_ms: float, every_ms: float | None) -> Ints
         ends = np.append(np.arange(every_ms, n_steps * step_ms, every_ms) / step_ms, n_steps)
     lengths = np.unique(np.rint(ends).astype(int))
     return lengths[lengths > 0]
-
-
-def _accuracies(label: Ints, target: Ints) -> Floats:
-    """Return the accuracy of each of k read-outs; label: (n, k)."""
-    return np.array([accuracy(column, target) for column in label.T])
-
-
-def _share_right(label: Ints, target: Ints) -> Floats:
-    """Return the fraction that is right of each of k read-outs of any number of samples; label: (n, k)."""
-    return np.asarray((label == target[:, None]).mean(axis=0))
-
-
-def _labels_after(output: Array, lengths: Ints) -> Ints:
-    """Return argmax of the output spikes of the first steps, (n, k); the lowest class on ties."""
-    counts = np.stack([output[:, :length].sum(axis=1, dtype=np.int64) for length in lengths], axis=1)
-    return np.asarray(counts.argmax(axis=2))
 
 
 def load_of(

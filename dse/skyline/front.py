@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from dse.records import Bools, Floats, Ints
-from dse.skyline.admissible import candidates, leave_out_leaky, leave_out_unmeasured, meeting
+from dse.skyline.admissible import candidates, leave_out_unmeasured, meeting
 from dse.skyline.constraints import column, named_columns, split_budgets
 from dse.skyline.goals import Goal, checked_goals, costs_of
 from dse.skyline.pareto import members_of, non_dominated, non_dominated_by_group
@@ -246,52 +246,6 @@ def _possible(costs: Floats, ranges: Mapping[int, tuple[Floats, Floats]], group:
             members = members[~beaten]
         remaining.append(members)
     return np.sort(np.concatenate(remaining)) if remaining else np.zeros(0, np.int64)
-
-
-def front_ends(
-    frame: pd.DataFrame,
-    by: str | None = None,
-    design: Sequence[str] = (),
-    accuracy: str = "accuracy",
-    spikes: str = "spikes_per_inference",
-    weights: str = "n_weights",
-) -> Skyline:
-    """Return the ends of the front of accuracy, spikes S and weights W_t: best accuracy, least S, least W_t.
-
-    Ties go to the better accuracy, then to the smaller S, then to the smaller W_t, then to the first row. An
-    end by this rule is on the front itself.
-
-    Source: Brayshaw et al., texture and velocity, Table 3 (REFERENCES.md).
-
-    Args:
-        frame: design points.
-        by: column with a front for each of its values (a task).
-        design: columns that identify the design.
-        accuracy: column to maximise.
-        spikes: column of S.
-        weights: column of W_t.
-
-    Returns:
-        Three rows per front in the order of the table's values of `by`: `by`, `end`, accuracy, S, W_t and the
-        design; the index says where they stood in the table.
-
-    Raises:
-        ExpressionError: an unknown column, or one that holds no numbers.
-    """
-    fronts = as_list(by)
-    for name in (*design, *fronts):
-        column(frame, name)
-    rows, leaky = leave_out_leaky(frame)
-    rows, unmeasured = leave_out_unmeasured(rows, [accuracy, spikes, weights])
-    costs = costs_of(rows, [Goal(accuracy, "max"), Goal(spikes, "min"), Goal(weights, "min")])
-    places, ends = [], []
-    for members in members_of(group_numbers(rows, fronts)):
-        of_front = costs[members].T
-        for number, end in enumerate(("best accuracy", "least spikes", "least weights")):
-            places.append(members[np.lexsort((*of_front[::-1], of_front[number]))[0]])
-            ends.append(end)
-    names = dict.fromkeys([*fronts, "end", accuracy, spikes, weights, *design])
-    return Skyline(rows.iloc[places].assign(end=ends)[list(names)], leaky + unmeasured)
 
 
 def front_columns(rows: pd.DataFrame, by: str | Sequence[str] | None) -> list[str]:

@@ -24,7 +24,7 @@ from dse.config.resolved import Sections
 from dse.config.yaml_lines import Raw
 from dse.dataset.shape import Shape
 from dse.hardware.profile import Profile
-from dse.measure.objectives.memory_bytes import memory_bytes
+from dse.measure.objectives.work import memory_bytes
 from dse.measure.on_chips import columns_on
 from dse.measure.run import read_out_steps
 from dse.records import Operations

@@ -24,7 +24,6 @@ import dse
 from dse import registry, store
 from dse.config import SearchSpace
 from dse.hardware.profile import Figures, Profile
-from dse.measure.objectives.accuracy import seeds_se
 from dse.measure.objectives.accuracy_unseen import merged, unseen_columns
 from dse.measure.on_chips import columns_on, drawn_on
 from dse.measure.run import unseen_name
@@ -271,14 +270,12 @@ def _between(answered: Sequence[Answered], start: int, stop: int) -> list[Answer
     """Return answers with the rows from start to stop alone; all of them stay, some without rows."""
     pieces, first = [], 0
     for piece in answered:
-        here = slice(max(start - first, 0), max(min(stop - first, len(piece)), 0))
-        if here == slice(0, len(piece)):
-            pieces.append(piece)
-        else:
-            rows = np.arange(len(piece))[here]
-            work = [_part(load, rows) for load in piece.work]
-            pieces.append(Answered(piece.design, {k: x[here] for k, x in piece.columns.items()}, work))
+        rows = np.arange(len(piece))[max(start - first, 0) : max(stop - first, 0)]
         first += len(piece)
+        if len(rows) < len(piece):
+            columns = {k: x[rows] for k, x in piece.columns.items()}
+            piece = Answered(piece.design, columns, [_part(load, rows) for load in piece.work])
+        pieces.append(piece)
     return pieces
 
 
@@ -335,9 +332,8 @@ def drawn(
     return samples
 
 
-# Columns of a single row: other rows do not inherit its values.
-_OF_ROW = ("phi", "theta", "read_out_ms")
-
+_KEY = ("weight_bits", "pruned_after", "phi", "theta", "read_out_ms")
+"""What a point of a task is known by."""
 
 # Columns of read-outs that belong to one decision setting: the surface has a row for each setting.
 _OF_SETTINGS = (
@@ -406,9 +402,9 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
     numbers = [run.numbers.of_head(head) for run in runs]
     read_outs = [run.files[f"read_out{suffix}.npz"] for run in runs]
     surfaces = [run.files[name] for run in runs if (name := f"surface{suffix}.npz") in run.files]
-    of_lengths = [store.work_of(arrays) for arrays in read_outs]
+    loads = [store.work_of(arrays) for arrays in read_outs]
     about: dict[str, object] = {}
-    if isinstance(of_lengths[0], Workload):  # other classifiers have no precision
+    if isinstance(loads[0], Workload):  # other classifiers have no precision
         about = {"weight_bits": runs[0].weight_bits, "pruned_after": runs[0].pruned}
     full = {**about, **({"task": head} if head else {}), **tables.summary(numbers, None)}
     end = {"phi": np.nan, "theta": np.nan, "accuracy_strict": full["accuracy"], "undecided": 0.0}
@@ -417,21 +413,23 @@ def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Ans
     design = {
         name: value
         for name, value in first.items()
-        if name not in _OF_ROW
+        if name not in _KEY[2:]
         and not name.startswith("accuracy_unseen")
         and (name not in declared or declared[name].of_design)
     }
-    last = [load.mapped(lambda x: x[-1:]) for load in of_lengths]
+    last = [load.mapped(lambda x: x[-1:]) for load in loads]
     pieces = [Answered(design, {name: _repeated(value, 1) for name, value in first.items()}, last)]
     if surfaces:
         # Where each run has phi up to what its own outputs reach, the shared ones come first.
-        shared = min(len(arrays["phi"]) for arrays in surfaces)
-        grids = [store.work_of(arrays).mapped(lambda x: _flat(x[:shared])) for arrays in surfaces]
-        grid = _grid([_measured(x) for x in surfaces]) | _unseen(numbers, surfaces, slice(None))
-        pieces.append(Answered(design, grid, grids))
-    earlier = [load.mapped(lambda x: x[:-1]) for load in of_lengths]
-    columns = _earlier([_measured(x) for x in read_outs]) | _unseen(numbers, read_outs, slice(-1))
-    pieces.append(Answered(design, columns, earlier))
+        phi, theta = min((x["phi"] for x in surfaces), key=len), surfaces[0]["theta"]
+        grid = {"phi": np.repeat(phi, len(theta)), "theta": np.tile(theta, len(phi))}
+        grid |= _averaged([_measured(x, slice(len(phi))) for x in surfaces]) | _unseen(numbers, surfaces)
+        of_grid = [store.work_of(x).mapped(lambda x: _flat(x[: len(phi)])) for x in surfaces]
+        pieces.append(Answered(design, grid, of_grid))
+    earlier = _averaged([_measured(x, slice(None)) for x in read_outs])
+    earlier = {"read_out_ms": earlier["decision_latency_ms"]} | earlier | _unseen(numbers, read_outs)
+    before = [load.mapped(lambda x: x[:-1]) for load in loads]
+    pieces.append(Answered(design, {name: x[:-1] for name, x in earlier.items()}, before))
     return pieces
 
 
@@ -449,9 +447,6 @@ def _column(answers: Sequence[Answered], name: str) -> Array:
         for column in [piece.columns.get(name)]
     ]
     return np.concatenate(parts)
-
-
-_KEY = ("weight_bits", "pruned_after", "phi", "theta", "read_out_ms")
 
 
 def places(answers: Sequence[Answered], rows: pandas.DataFrame) -> Ints:
@@ -489,36 +484,18 @@ def _flat(counts: Array) -> Array:
     return counts.reshape(-1, *counts.shape[2:])
 
 
-def _measured(arrays: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the columns of an .npz without the work behind them."""
-    return {name: x for name, x in arrays.items() if "/" not in name}
+def _measured(arrays: Mapping[str, Array], rows: slice) -> dict[str, Array]:
+    """Return some rows of the columns of an .npz, without their work and what belongs to one setting."""
+    apart = ("phi", "theta", *_OF_SETTINGS)
+    return {name: x[rows] for name, x in arrays.items() if "/" not in name and name not in apart}
 
 
-def _grid(surfaces: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """Return the columns of the grid of phi and theta that all repeats share, theta fastest, summarised."""
-    phi, theta = min((s["phi"] for s in surfaces), key=len), surfaces[0]["theta"]
-    of_grid = [{k: x[: len(phi)] for k, x in s.items() if k not in ("phi", "theta")} for s in surfaces]
-    measured = _averaged(of_grid)
-    return {"phi": np.repeat(phi, len(theta)), "theta": np.tile(theta, len(phi))} | measured
-
-
-def _earlier(read_outs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """Return the columns of the read-outs before the end of the window, summarised over repeats."""
-    averaged = _averaged(
-        [{name: x for name, x in one.items() if name not in _OF_SETTINGS} for one in read_outs]
-    )
-    return {name: x[:-1] for name, x in ({"read_out_ms": averaged["decision_latency_ms"]} | averaged).items()}
-
-
-def _unseen(
-    runs: Sequence[Numbers], arrays: Sequence[Mapping[str, Array]], points: slice
-) -> dict[str, Array]:
-    """Return the columns of accuracy on unseen groups of some points; none where a run has no such arrays.
+def _unseen(runs: Sequence[Numbers], arrays: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the columns of accuracy on unseen groups of all points; none where a run has no such arrays.
 
     Args:
         runs: numbers of each.
         arrays: of each, a file of its points.
-        points: of the first axis of the arrays.
     """
     of_runs = []
     for numbers, of_run in zip(runs, arrays, strict=True):
@@ -526,43 +503,13 @@ def _unseen(
         named = {column: {fold: next(names) for fold in folds} for column, folds in numbers.unseen.items()}
         if not all(name in of_run for folds in named.values() for name in folds.values()):
             return {}
-        of_runs.append(
-            {
-                column: {f: of_run[name][points] for f, name in folds.items()}
-                for column, folds in named.items()
-            }
-        )
+        of_runs.append({c: {fold: of_run[name] for fold, name in x.items()} for c, x in named.items()})
     return {name: x.ravel() for name, x in unseen_columns(merged(of_runs)).items()}
 
 
 def _averaged(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """Return the columns of several runs: mean of every number, `all` of every claim, accuracy's error."""
-    columns: dict[str, Array] = {}
-    for name in runs[0]:
-        if not all(name in run for run in runs):
-            continue  # a run of an earlier version did not measure it
-        stacked = np.stack([run[name] for run in runs])
-        if stacked.dtype == bool:
-            columns[name] = stacked.all(axis=0).ravel()
-        else:  # whole numbers that agree stay whole
-            columns[name] = (stacked[0] if (stacked == stacked[0]).all() else stacked.mean(axis=0)).ravel()
-    if len(runs) > 1:
-        ranged = _ranged()
-        for name in [name for name in columns if name in ranged]:
-            stacked = np.stack([run[name] for run in runs])
-            columns |= {
-                f"{name}_min": stacked.min(axis=0).ravel(),
-                f"{name}_max": stacked.max(axis=0).ravel(),
-            }
-    if len(runs) > 1:
-        for name in tables.with_errors(columns):
-            columns[f"{name}_se"] = seeds_se(np.stack([run[name] for run in runs])).ravel()
-    return columns
-
-
-def _ranged() -> set[str]:
-    """Return the names of the columns that also have their least and largest value over repeats."""
-    return {name for name, column in registry.columns().items() if column.ranged}
+    """Return the columns of points of several runs (`dse.study.trials.over_runs`), (row,) each."""
+    return {name: x.ravel() for name, x in tables.over_runs(runs).items()}
 
 
 def _repeated(value: object, n: int) -> Array:

@@ -16,15 +16,13 @@ from dse.config import ConfigError, Fault
 from dse.hardware.cost import cost
 from dse.hardware.duty import battery_h, mean_power_mw
 from dse.hardware.profile import End, Profile, load, read
-from dse.measure.on_chips import DRAWN
 from dse.records import Floats, Ints, Workload
-from dse.skyline.front import Draws
 from dse.skyline.table import read as read_table
 from dse.store import StoreError
 from dse.study import held
 from dse.study import points as _points
 from dse.study.precision import AS_TRAINED, Setting
-from dse.study.record import TOLD, load_records
+from dse.study.record import TOLD, RunRecord, load_records
 
 if TYPE_CHECKING:
     import pandas
@@ -64,13 +62,6 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
     if faults:
         raise ConfigError(faults)
     return notes
-
-
-def differences(one: Path, other: Path, name: str) -> list[str]:
-    """Return a sentence if two studies have other numbers of a chip."""
-    if not differ(profile(one, name), profile(other, name)):
-        return []
-    return [f"hardware {name}: the numbers differ from those in {one}"]
 
 
 def differ(one: Profile, other: Profile) -> bool:
@@ -168,8 +159,7 @@ def costs(folder: str | Path, rows: pandas.DataFrame, chips: Sequence[Profile]) 
     folder = Path(folder)
     on: list[list[pandas.DataFrame]] = [[] for _ in chips]
     for _, of_trial in rows.groupby("trial", sort=False):
-        answers = _answers(folder, of_trial)
-        places = _places(folder, answers, of_trial)
+        answers, places = answered(folder, of_trial)
         for parts, chip in zip(on, chips, strict=True):
             priced = _points.priced(answers, chip)
             parts.append(pandas.DataFrame({name: x[places] for name, x in priced.items()}, of_trial.index))
@@ -222,49 +212,6 @@ def on_duty(
     return frame.assign(power_mw=power, **life)
 
 
-def draws(
-    paths: Sequence[str | Path],
-    frames: Sequence[pandas.DataFrame],
-    hardware: Sequence[str],
-    names: Sequence[str],
-    n_draws: int,
-) -> Draws:
-    """Return the sampler of the columns among `names` that depend on uncertain numbers of hardware.
-
-    Args:
-        paths: studies.
-        frames: their points; a row is identified by its position in the concatenation of all frames.
-        hardware: as in `points`.
-        names: columns.
-        n_draws: number of samples.
-
-    Raises:
-        StoreError: a frame is not from a study, or none of the columns depends on hardware.
-    """
-    check_studies(paths, "sampling needs")
-    columns = [name for name in dict.fromkeys(names) if name in DRAWN]
-    if not columns:
-        raise StoreError(
-            "nothing to sample: no objective or budget depends on uncertain numbers of hardware "
-            f"({', '.join(DRAWN)})"
-        )
-    if any("hardware" not in frame for frame in frames):
-        raise StoreError("nothing to sample: the points have no hardware; choose it with --hardware NAME")
-    starts = np.cumsum([0, *map(len, frames)])
-
-    def of(rows: pandas.DataFrame) -> dict[str, Floats]:
-        study = np.searchsorted(starts, rows.index.to_numpy(), side="right") - 1
-        samples: dict[str, Floats] = {name: np.empty((n_draws, len(rows))) for name in columns}
-        for number in np.unique(study):
-            is_of_study = study == number
-            costs = drawn(paths[number], rows[is_of_study], columns, n_draws, hardware)
-            for name in columns:
-                samples[name][:, is_of_study] = costs[name]
-        return samples
-
-    return Draws(columns, of)
-
-
 def drawn(
     folder: str | Path,
     rows: pandas.DataFrame,
@@ -298,8 +245,7 @@ def drawn(
             for column in columns:
                 samples[column][:, indices] = of_trial[column].to_numpy(np.float64, na_value=np.nan)
             continue
-        answers = _answers(folder, of_trial)
-        places = _places(folder, answers, of_trial)
+        answers, places = answered(folder, of_trial)
         for name, chip in chips.items():
             on_chip = np.flatnonzero(of_trial["hardware"] == name)
             if len(on_chip):
@@ -322,7 +268,7 @@ def misfits(folder: str | Path, row: pandas.Series[Any], hardware: Sequence[str]
     """
     chips = {chip.name: chip for chip in profiles(Path(folder), hardware)}
     chip = chips.get(row["hardware"]) or profile(Path(folder), row["hardware"])
-    [piece, *_] = _answers(Path(folder), row.to_frame().T)
+    [piece, *_], _ = answered(Path(folder), row.to_frame().T)
     return [str(misfit) for misfit in cost(chip, piece.work[0]).misfits]
 
 
@@ -336,7 +282,7 @@ def work_is_counted(folder: str | Path, rows: pandas.DataFrame) -> bool:
     Raises:
         StoreError: as in `points`.
     """
-    loads = [load for answered in _answers(Path(folder), rows) for load in answered.work]
+    loads = [load for piece in answered(Path(folder), rows)[0] for load in piece.work]
     return all(isinstance(load, Workload) or bool(load.program) for load in loads)
 
 
@@ -348,21 +294,33 @@ def _precisions(rows: pandas.DataFrame) -> list[Setting]:
     return sorted({(int(bits), float(pruned)) for bits, pruned in pairs} - {AS_TRAINED})
 
 
-def _answers(folder: Path, rows: pandas.DataFrame) -> list[_points.Answered]:
-    """Return the answers of a trial at the precisions of some of its rows, from the runs behind these rows.
+def runs_of(folder: Path, rows: pandas.DataFrame) -> list[RunRecord]:
+    """Return the records of the runs behind some points of a trial.
 
     The trial may have more runs by now: a running study writes its table at intervals.
     """
-    runs = load_records(folder, int(rows["trial"].iloc[0]))[: int(rows["repeats"].iloc[0])]
-    return _points.answers(folder, runs, _precisions(rows))
+    return load_records(folder, int(rows["trial"].iloc[0]))[: int(rows["repeats"].iloc[0])]
 
 
-def _places(folder: Path, answers: Sequence[_points.Answered], rows: pandas.DataFrame) -> Ints:
+def answered(
+    folder: Path, rows: pandas.DataFrame, runs: Sequence[RunRecord] | None = None
+) -> tuple[list[_points.Answered], Ints]:
+    """Return the answers of a trial at the precisions of some of its points, and the place of each point.
+
+    Args:
+        folder: of the study.
+        rows: the points.
+        runs: that answer; None: those behind the points.
+
+    Raises:
+        StoreError: an artefact is damaged, or the answers no longer match the points.
+    """
+    answers = _points.answers(folder, runs_of(folder, rows) if runs is None else runs, _precisions(rows))
     places = _points.places(answers, rows)
     if (places < 0).any():
         trial = rows["trial"].iloc[0]
         raise StoreError(f"{folder}: the points of trial {trial} have changed; run the study again")
-    return places
+    return answers, places
 
 
 def check_studies(paths: Sequence[str | Path], who: str) -> None:

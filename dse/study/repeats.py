@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from dse.store import StoreError
-from dse.study import points as _points
+from dse.study import points
 from dse.study.corrected import ACCURACIES, corrected_of
-from dse.study.record import RunRecord, load_records
+from dse.study.record import RunRecord
 
 if TYPE_CHECKING:
     import pandas
@@ -62,22 +62,16 @@ def over_repeats(folder: Path, table: pandas.DataFrame, repeats: str) -> pandas.
     if checked(repeats) == "mean" or table.empty:
         return table
     parts = []
-    for trial, rows in table.groupby("trial", sort=False):
-        records = load_records(folder, int(str(trial)))[: int(rows["repeats"].iloc[0])]
+    for _, rows in table.groupby("trial", sort=False):
+        records = pricing.runs_of(folder, rows)
         if len(records) < 2:
             parts.append(rows)
             continue
-        settings = rows[["weight_bits", "pruned_after"]] if "weight_bits" in rows else None
-        others = None if settings is not None and settings.drop_duplicates().shape[0] > 1 else ()
-        answered = _points.answers(folder, [chosen_run(records, repeats)], others)
-        places = _points.places(answered, rows)
-        if (places < 0).any():
-            raise StoreError(f"{folder}: the points of trial {trial} have changed; run the study again")
-        measured = {name: x[places] for name, x in _points.columns_of(answered).items()}
-        chips = rows["hardware"].unique() if "hardware" in rows else ()
-        for chip in chips:
+        answered, places = pricing.answered(folder, rows, [chosen_run(records, repeats)])
+        measured = {name: x[places] for name, x in points.columns_of(answered).items()}
+        for chip in rows["hardware"].unique() if "hardware" in rows else ():
             here = (rows["hardware"] == chip).to_numpy()
-            for name, x in _points.priced(answered, pricing.profile(folder, chip)).items():
+            for name, x in points.priced(answered, pricing.profile(folder, chip)).items():
                 kind = x.dtype if x.dtype.kind == "f" else object
                 column = measured.setdefault(name, np.full(len(rows), np.nan, kind))
                 column[here] = x[places[here]]

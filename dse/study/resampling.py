@@ -9,7 +9,7 @@ point at the trained precision does.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -121,6 +121,7 @@ def draws(
     goals: Sequence[tuple[str, str]],
     n_draws: int,
     names: Sequence[str] = (),
+    accuracies: Sequence[str] = ACCURACIES,
 ) -> Draws:
     """Return the joint sampler of accuracies, over recordings and seeds, and of hardware's uncertain numbers.
 
@@ -133,52 +134,70 @@ def draws(
         goals: of the front.
         n_draws: number of samples.
         names: further columns, such as those with a budget.
+        accuracies: those that are sampled; others are as they stand.
 
     Raises:
         StoreError: a frame is not from a study, or nothing among the columns is uncertain.
     """
     pricing.check_studies(paths, "sampling needs")
     columns = list(dict.fromkeys([*(name for name, _ in goals), *names]))
-    accuracies = [name for name in columns if name in ACCURACIES]
-    on_chips = [name for name in columns if name in DRAWN and all("hardware" in x for x in frames)]
-    if not accuracies:
-        return pricing.draws(paths, frames, hardware, columns, n_draws)
-    chips = pricing.draws(paths, frames, hardware, on_chips, n_draws) if on_chips else None
+    accuracies = [name for name in columns if name in accuracies]
+    on_chips = [name for name in columns if name in DRAWN]
+    if on_chips and any("hardware" not in frame for frame in frames):
+        if not accuracies:
+            raise StoreError("nothing to sample: the points have no hardware; choose it with --hardware NAME")
+        on_chips = []
+    if not accuracies and not on_chips:
+        raise StoreError(
+            "nothing to sample: no objective or budget depends on uncertain numbers of hardware "
+            f"({', '.join(DRAWN)})"
+        )
     starts = np.cumsum([0, *map(len, frames)])
     others = [name for name, _ in goals if name not in accuracies]
 
-    def of(rows: pandas.DataFrame) -> dict[str, Floats]:
+    def of_studies(rows: pandas.DataFrame) -> Iterator[tuple[int, Path, Bools]]:
         study = np.searchsorted(starts, rows.index.to_numpy(), side="right") - 1
-        sampled = np.empty((n_draws, len(rows)))
         for number in np.unique(study):
-            is_of_study = study == number
-            sampled[:, is_of_study] = errors(Path(paths[number]), rows[is_of_study], n_draws)
-        by = [name for name in ("task", "hardware") if name in rows]
-        group = group_numbers(rows, by)
+            yield int(number), Path(paths[number]), study == number
+
+    def of(rows: pandas.DataFrame) -> dict[str, Floats]:
+        samples: dict[str, Floats] = {name: np.empty((n_draws, len(rows))) for name in on_chips}
+        sampled, study = np.empty((n_draws, len(rows))), np.empty(len(rows), np.int64)
+        for number, folder, here in of_studies(rows):
+            study[here] = number
+            if on_chips:
+                for name, x in pricing.drawn(folder, rows[here], on_chips, n_draws, hardware).items():
+                    samples[name][:, here] = x
+            if accuracies:
+                sampled[:, here] = errors(folder, rows[here], n_draws)
+        group = group_numbers(rows, [name for name in ("task", "hardware") if name in rows])
         trial = group_numbers(rows.assign(study=study), ["study", "trial"])
-        costs = np.stack([np.zeros(len(rows)), *(numbers(rows, name) for name in others)], axis=1)[:, 1:]
-        samples: dict[str, Floats] = dict(chips.of(rows)) if chips else {}
+        of_others = [numbers(rows, name) for name in others] if accuracies else []
+        costs = np.stack([np.zeros(len(rows)), *of_others], axis=1)[:, 1:]
+        bounds = ends(rows)
         for name in accuracies:
             measured, scaled = numbers(rows, name), sampled * _scale(rows, name)
             values = np.empty_like(scaled)
             for number in np.unique(group):
-                here = np.flatnonzero(group == number)
-                values[:, here] = posterior_samples(
-                    measured[here], costs[here], trial[here], scaled[:, here], generator(_SEED, {}, "prior")
+                of_group = np.flatnonzero(group == number)
+                values[:, of_group] = posterior_samples(
+                    measured[of_group],
+                    costs[of_group],
+                    trial[of_group],
+                    scaled[:, of_group],
+                    generator(_SEED, {}, "prior"),
                 )
-            low, high = ends(rows)[name]
-            samples[name] = np.clip(values, low, high)
+            samples[name] = np.clip(values, *bounds[name])
         return samples
 
     def ends(rows: pandas.DataFrame) -> dict[str, tuple[Floats, Floats]]:
-        study = np.searchsorted(starts, rows.index.to_numpy(), side="right") - 1
         se = np.empty(len(rows))
-        for number in np.unique(study):
-            se[study == number] = _largest_se(Path(paths[number]), rows[study == number])
+        for _, folder, here in of_studies(rows) if accuracies else ():
+            se[here] = _largest_se(folder, rows[here])
         within = {name: _WITHIN_SE * se * _scale(rows, name) for name in accuracies}
         return {name: (numbers(rows, name) - x, numbers(rows, name) + x) for name, x in within.items()}
 
-    return Draws([*accuracies, *(chips.columns if chips else ())], of, ends)
+    return Draws([*accuracies, *on_chips], of, ends)
 
 
 def certainty(
@@ -208,7 +227,6 @@ def certainty(
     """
     import pandas
 
-    pricing.check_studies(paths, "sampling needs")
     names = {name for name, _ in goals}
     columns: dict[str, pandas.Series] = {}
     notes = []
@@ -217,9 +235,7 @@ def certainty(
         return pandas.Series(front_share(among, goals, drawing, by), among.index)
 
     if not names & {*ACCURACIES} or (names & {*DRAWN} and all("hardware" in x for x in frames)):
-        columns["front_share"] = share(
-            pricing.draws(paths, frames, hardware, [name for name, _ in goals], n_draws)
-        )
+        columns["front_share"] = share(draws(paths, frames, hardware, goals, n_draws, accuracies=()))
     if names & {*ACCURACIES}:
         try:
             columns["front_probability"] = share(draws(paths, frames, hardware, goals, n_draws))

@@ -8,7 +8,7 @@ repeats. A trial with a failed run is a failed trial: leaving that seed out woul
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,8 +24,11 @@ from dse.study.record import STOPPED, TOLD, Numbers, RunRecord
 if TYPE_CHECKING:
     import pandas
 
+    from dse.records import Array
+
 _LAST = ("status", "reason")
 
+_WITH_ERRORS = ("accuracy", "accuracy_shifted", "accuracy_shifted_min")  # over seeds, by the runs
 # What one run has, the trial has.
 _WORST = ("peak_state", "peak_thresholds", "overflows_24_bit")
 
@@ -106,38 +109,33 @@ def summary(runs: Sequence[Numbers], profile: str | None) -> dict[str, Any]:
         profile: hardware profile, or None for the columns without hardware.
     """
     rows = [{**run.columns, **(run.hardware[profile] if profile else {})} for run in runs]
-    columns: dict[str, Any] = {}
-    for name in dict.fromkeys(name for row in rows for name in row):
-        values = [row.get(name) for row in rows]
-        if name in _WORST and None not in values:
-            columns[name] = max(x for x in values if x is not None)
-        else:
-            columns[name] = all(values) if all(isinstance(v, bool) for v in values) else _mean(values)
-    if len(rows) > 1:
-        for name in with_errors(columns):
-            columns[f"{name}_se"] = float(seeds_se([row[name] for row in rows]))
-        columns |= _ranges(rows)
+    names = dict.fromkeys(name for row in rows for name in row)
+    known = [{name: np.nan if row.get(name) is None else row[name] for name in names} for row in rows]
+    columns = flat(over_runs([{name: np.asarray(x) for name, x in row.items()} for row in known]))
     unseen = flat(unseen_columns(merged([as_arrays(run.unseen) for run in runs])))
     return {name: x for name, x in columns.items() if name not in unseen} | unseen
 
 
-def with_errors(columns: Collection[str]) -> list[str]:
-    """Return the accuracies among some columns whose standard error over seeds follows from the runs."""
-    return [name for name in ("accuracy", "accuracy_shifted", "accuracy_shifted_min") if name in columns]
+def over_runs(runs: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """Return the columns that all of some runs have, over the runs: (...) each, as in a run.
 
-
-def _ranges(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return the least and the largest value of the columns that have them; NaN where a run has none."""
-    ranges: dict[str, float] = {}
-    for name, column in registry.columns().items():
-        if column.ranged and any(name in row for row in rows):
-            values = [row.get(name) for row in rows]
-            numbers = np.array([np.nan if x is None else x for x in values], np.float64)
-            ranges |= {f"{name}_min": float(numbers.min()), f"{name}_max": float(numbers.max())}
-    return ranges
-
-
-def _mean(values: Sequence[Any]) -> Any:
-    if any(v is None for v in values):
-        return np.nan
-    return values[0] if all(v == values[0] for v in values) else float(np.mean(values))
+    Mean of every number, and `all` of every claim; of states that leave their registers the worst run counts.
+    Several runs also have errors of accuracies, and least and largest values (`Column.ranged`).
+    """
+    columns: dict[str, Array] = {}
+    shared = [name for name in runs[0] if all(name in run for run in runs)]
+    of_runs = {name: np.stack([run[name] for run in runs]) for name in shared}
+    for name, x in of_runs.items():
+        if name in _WORST:
+            columns[name] = np.asarray(x.max(axis=0))
+        elif x.dtype == bool:
+            columns[name] = np.asarray(x.all(axis=0))
+        else:  # whole numbers that agree stay whole
+            columns[name] = np.asarray(x[0] if (x == x[0]).all() else x.mean(axis=0))
+    if len(runs) > 1:
+        columns |= {f"{name}_se": seeds_se(of_runs[name]) for name in _WITH_ERRORS if name in of_runs}
+        for name in [name for name, column in registry.columns().items() if column.ranged]:
+            if name in of_runs:
+                columns[f"{name}_min"] = np.asarray(of_runs[name].min(axis=0))
+                columns[f"{name}_max"] = np.asarray(of_runs[name].max(axis=0))
+    return columns

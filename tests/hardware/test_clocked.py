@@ -1,4 +1,5 @@
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -7,19 +8,12 @@ from hypothesis import strategies as st
 
 from dse.hardware.cost import NotApplicable, cost, drawn
 from dse.hardware.profile import load
-from dse.records import Operations, Workload
+from dse.records import Operations
+from tests.hardware import loads
+
+network, silent = partial(loads.network, n_steps=1.0), partial(loads.silent, n_steps=1.0)
 
 XYLO = load("xylo_imu")
-
-
-def network(sizes, spikes, n_steps=1.0, step_ms=1.0, recurrent=None, **more):
-    recurrent = recurrent or (False,) * (len(sizes) - 1)
-    spikes, n_steps = np.asarray(spikes, dtype=float), np.asarray(n_steps, dtype=float)
-    return Workload(tuple(sizes), recurrent, n_steps, spikes, None, step_ms, **more)
-
-
-def silent(sizes, **more):
-    return network(sizes, np.zeros(len(sizes)), **more)
 
 
 def cycles(load):
@@ -146,7 +140,7 @@ def test_other_classifiers_do_not_run():
 
 
 def test_draws_lie_in_the_interval():
-    given_load = network((16, 50, 7), [[40, 90, 9], [0, 0, 0]], [100.0, 0.0])
+    given_load = network((16, 50, 7), [[40, 90, 9], [0, 0, 0]], n_steps=[100.0, 0.0])
     found = cost(XYLO, given_load)
     draws = drawn(XYLO, given_load, XYLO.drawn(50, np.random.default_rng(0)))
     assert draws.energy_uj.shape == (50, 2)
@@ -162,7 +156,7 @@ counts = st.lists(st.integers(0, 50), min_size=3, max_size=3)
 @given(counts, counts, st.booleans())
 def test_more_spikes_never_cost_less(some, more, back):
     few, many = (
-        cost(XYLO, network((16, 50, 7), spikes, 10.0, recurrent=(back, False)))
+        cost(XYLO, network((16, 50, 7), spikes, n_steps=10.0, recurrent=(back, False)))
         for spikes in (some, np.add(some, more))
     )
     assert few.energy_uj.value <= many.energy_uj.value and few.step_time_us.value <= many.step_time_us.value

@@ -9,23 +9,16 @@ from hypothesis import strategies as st
 
 from dse.hardware.cost import cost
 from dse.hardware.profile import load
-from dse.records import Workload
 from tests.hardware.figures_of import figures_of
+from tests.hardware.loads import network
 
 PROFILE = load("loihi1_silicon")
 SANAFE = json.loads((Path(__file__).parents[1] / "golden" / "sanafe.json").read_text())
 
 
-def workload(sizes, spikes, updates=None, n_steps=100.0, step_ms=1.0, recurrent=None, weight_bits=8):
-    recurrent = recurrent or (False,) * (len(sizes) - 1)
-    updates = None if updates is None else np.asarray(updates, dtype=float)
-    spikes, n_steps = np.asarray(spikes, dtype=float), np.asarray(n_steps, dtype=float)
-    return Workload(tuple(sizes), recurrent, n_steps, spikes, updates, step_ms, weight_bits)
-
-
 def test_a_network_small_enough_to_add_up():
     # 3 inputs -> 2 recurrent neurons -> 1 output; one core each, one tile; 10 steps.
-    found = cost(PROFILE, workload((3, 2, 1), [7, 5, 4], [12, 8], 10.0, recurrent=(True, False)))
+    found = cost(PROFILE, network((3, 2, 1), [7, 5, 4], [12, 8], 10.0, recurrent=(True, False)))
     picojoules = {
         "neuron_access": 51.2 * 3 * 10,
         "neuron_update": 21.6 * 20,
@@ -52,7 +45,7 @@ def test_a_network_small_enough_to_add_up():
 def test_sanafe_is_reproduced_from_its_counts(run):
     sizes, n_neurons = run["sizes"], sum(run["sizes"][1:])
     updates = [run["updates"] * n / n_neurons for n in sizes[1:]]
-    found = cost(PROFILE, workload(sizes, run["spikes"], updates, run["n_steps"]))
+    found = cost(PROFILE, network(sizes, run["spikes"], updates, run["n_steps"]))
     assert found.n_cores.value == sum(run["cores"])
     parts = {cause: float(x) * 1e-6 for cause, x in found.breakdown.items()}
     soma = parts["neuron_access"] + parts["neuron_update"] + parts["spike"]
@@ -85,7 +78,7 @@ def test_the_reference_table(sizes, n_in, n_hidden, energy_uj, step_us, energy_o
     given: every neuron is updated in every step here, which is up to 1.5 % too much in the smallest
     network, and no output fires. The two largest had inputs on cores of their own: other hops, < 0.1 %.
     """
-    found = cost(PROFILE, workload(sizes, [n_in, n_hidden, 0]))
+    found = cost(PROFILE, network(sizes, [n_in, n_hidden, 0]))
     assert found.dynamic_uj == pytest.approx(energy_uj, rel=energy_off)
     assert found.step_time_us.value == pytest.approx(step_us, rel=time_off)
 
@@ -93,17 +86,17 @@ def test_the_reference_table(sizes, n_in, n_hidden, energy_uj, step_us, energy_o
 @pytest.mark.parametrize("n_hidden", [896, 4501])
 def test_congestion_counts_in_the_high_end_only(n_hidden):
     # Detailed timing of the same table: 14.00 and 13.60 us.
-    found = cost(PROFILE, workload((1600, 450, 11), [3190, n_hidden, 0]))
+    found = cost(PROFILE, network((1600, 450, 11), [3190, n_hidden, 0]))
     assert found.step_time_us.high == pytest.approx(1.3 * 1.5 * found.step_time_us.value)
     assert found.step_time_us.value < 14.0 < found.step_time_us.high
-    quiet = cost(PROFILE, workload((1600, 450, 11), [3000, n_hidden, 0]))
+    quiet = cost(PROFILE, network((1600, 450, 11), [3000, n_hidden, 0]))
     assert quiet.step_time_us.high == pytest.approx(1.3 * quiet.step_time_us.value)
-    few_cores = cost(PROFILE, workload((1600, 420, 11), [3190, n_hidden, 0]))
+    few_cores = cost(PROFILE, network((1600, 420, 11), [3190, n_hidden, 0]))
     assert few_cores.step_time_us.high == pytest.approx(1.3 * few_cores.step_time_us.value)
 
 
 def test_intervals_are_the_ends_of_every_figure():
-    found = cost(PROFILE, workload((24, 50, 7), [46, 100, 10]))
+    found = cost(PROFILE, network((24, 50, 7), [46, 100, 10]))
     low = 0.85 * found.dynamic_uj + 29 / 104 * 0.7 * found.static_uj.value
     high = 1.15 * found.dynamic_uj + 1.3 * found.static_uj.value
     assert found.energy_uj.low == pytest.approx(low)
@@ -113,7 +106,7 @@ def test_intervals_are_the_ends_of_every_figure():
 def test_what_computes_slower_waits_less():
     # A processor near the step period: at the slow end nothing waits, so the figures' ends are not the range.
     profile = load("mcu_m4")
-    found = cost(profile, workload((300, 300, 10), [20_000, 8_000, 0], n_steps=300.0))
+    found = cost(profile, network((300, 300, 10), [20_000, 8_000, 0], n_steps=300.0))
     assert found.hardware_latency_ms < 300 < found.step_time_us.high * 0.3
     assert found.static_uj.low == found.static_uj.value == found.static_uj.high == 0
     assert found.static_throttled_uj.low == 0
@@ -122,7 +115,7 @@ def test_what_computes_slower_waits_less():
     idle_mw = profile.sleep_uw.high * 1e-3 + running_mw * profile.wake_us.high * 1e-3
     assert found.static_throttled_uj.high == pytest.approx(idle_mw * waits_ms)
     assert 0 < found.static_throttled_uj.value < found.static_throttled_uj.high
-    mesh = cost(PROFILE, workload((24, 50, 7), [46, 100, 10]))
+    mesh = cost(PROFILE, network((24, 50, 7), [46, 100, 10]))
     for static, total in (
         (mesh.static_uj, mesh.energy_uj),
         (mesh.static_throttled_uj, mesh.energy_throttled_uj),
@@ -133,7 +126,7 @@ def test_what_computes_slower_waits_less():
 
 def test_a_chip_that_ignores_cores_given_by_hand_says_so():
     ignored = "the number of cores set by the user does not matter on such a chip"
-    by_hand = dataclasses.replace(workload((24, 50, 7), [46, 100, 10]), cores=(3, 2))
+    by_hand = dataclasses.replace(network((24, 50, 7), [46, 100, 10]), cores=(3, 2))
     assert ignored not in cost(PROFILE, by_hand).assumptions
     for name in ("truenorth", "xylo_imu", "mcu_m4"):
         assert ignored in cost(load(name), by_hand).assumptions
@@ -141,18 +134,18 @@ def test_a_chip_that_ignores_cores_given_by_hand_says_so():
 
 
 def test_static_energy_at_the_sensors_period_is_never_less_than_flat_out():
-    slow = cost(PROFILE, workload((24, 50, 7), [46, 100, 10], step_ms=1.0))
+    slow = cost(PROFILE, network((24, 50, 7), [46, 100, 10], step_ms=1.0))
     assert slow.static_throttled_uj.value == pytest.approx(104e-3 * 100 * 1000)
-    late = cost(PROFILE, workload((24, 50, 7), [46, 100, 10], step_ms=1e-4))
+    late = cost(PROFILE, network((24, 50, 7), [46, 100, 10], step_ms=1e-4))
     assert late.static_throttled_uj.value == late.static_uj.value
 
 
 def test_what_does_not_fit_is_data():
-    found = cost(PROFILE, workload((6084, 500, 12), [1e5, 1e3, 1e2]))
+    found = cost(PROFILE, network((6084, 500, 12), [1e5, 1e3, 1e2]))
     assert not found.fits
     assert [misfit.text for misfit in found.misfits] == ["layer 1: 6084 input axons, 4096 per core"]
     assert np.isfinite(found.energy_uj.value)
-    big = cost(PROFILE, workload((4096, 4096, 11), [1e5, 1e3, 1e2]))
+    big = cost(PROFILE, network((4096, 4096, 11), [1e5, 1e3, 1e2]))
     assert not big.fits
     assert big.n_cores.value > 128
     chips = -(-big.n_cores.value // 128)
@@ -164,9 +157,9 @@ def test_leading_axes_are_design_points_of_their_own():
     spikes = rng.uniform(0, 5000, (3, 2, 3))
     updates = rng.uniform(0, 4000, (3, 2, 2))
     n_steps = rng.uniform(1, 200, (3, 2))
-    together = cost(PROFILE, workload((1600, 450, 11), spikes, updates, n_steps))
+    together = cost(PROFILE, network((1600, 450, 11), spikes, updates, n_steps))
     for at in np.ndindex(3, 2):
-        alone = cost(PROFILE, workload((1600, 450, 11), spikes[at], updates[at], n_steps[at]))
+        alone = cost(PROFILE, network((1600, 450, 11), spikes[at], updates[at], n_steps[at]))
         of_alone = figures_of(alone)
         for name, values in figures_of(together).items():
             if isinstance(values, np.ndarray):
@@ -184,10 +177,10 @@ def test_leading_axes_are_design_points_of_their_own():
     st.floats(0, 1e5),
 )
 def test_more_spikes_never_cost_less(sizes, recurrent, spikes, layer, more):
-    before = cost(PROFILE, workload(sizes, spikes, recurrent=recurrent))
+    before = cost(PROFILE, network(sizes, spikes, recurrent=recurrent))
     spikes = np.array(spikes)
     spikes[layer] += more
-    after = cost(PROFILE, workload(sizes, spikes, recurrent=recurrent))
+    after = cost(PROFILE, network(sizes, spikes, recurrent=recurrent))
     assert after.energy_uj.value >= before.energy_uj.value * (1 - 1e-12)
     assert after.step_time_us.value >= before.step_time_us.value * (1 - 1e-12)
     assert after.energy_uj.low <= after.energy_uj.value <= after.energy_uj.high
@@ -219,13 +212,13 @@ def test_more_spikes_never_cost_less(sizes, recurrent, spikes, layer, more):
     ],
 )
 def test_impossible_workloads_are_named(change, message):
-    good = workload((3, 2), [1, 1])
+    good = network((3, 2), [1, 1])
     with pytest.raises(ValueError, match=message):
         cost(PROFILE, dataclasses.replace(good, **change))
 
 
 def test_pruned_synapses_cost_no_events_where_the_chip_skips_them():
-    dense = workload((3, 2, 1), [7, 5, 4], [12, 8], 10.0, recurrent=(True, False))
+    dense = network((3, 2, 1), [7, 5, 4], [12, 8], 10.0, recurrent=(True, False))
     pruned = dataclasses.replace(dense, synapses=(1.5, 2.0, 0.0), stored=(6, 1))
     found, before = cost(PROFILE, pruned), cost(PROFILE, dense)
     assert found.breakdown["synaptic_event"] == pytest.approx(35.5e-6 * (7 * 1.5 + 5 * 2.0))
@@ -245,7 +238,7 @@ def test_pruned_synapses_cost_no_events_where_the_chip_skips_them():
 
 
 def test_a_network_of_which_nothing_was_removed_costs_what_it_did():
-    dense = workload((1600, 450, 11), [3190, 896, 100], recurrent=(True, False))
+    dense = network((1600, 450, 11), [3190, 896, 100], recurrent=(True, False))
     same = dataclasses.replace(dense, synapses=dense.fan_out, stored=dense.dense)
     found, before = cost(PROFILE, same), cost(PROFILE, dense)
     for field in dataclasses.fields(found):
@@ -260,7 +253,7 @@ def test_a_network_of_which_nothing_was_removed_costs_what_it_did():
     st.floats(0, 1),
 )
 def test_fewer_synapses_never_cost_more_energy(sizes, recurrent, spikes, share, less):
-    dense = workload(sizes, spikes, recurrent=recurrent)
+    dense = network(sizes, spikes, recurrent=recurrent)
 
     def with_share(share):
         synapses = tuple(share * n for n in dense.fan_out)

@@ -10,22 +10,10 @@ from dse.config.faults import ConfigError
 from dse.hardware.cost import cost, drawn
 from dse.hardware.kinds.memory_hierarchy import MemoryHierarchy, as_lists
 from dse.hardware.profile import load
-from dse.records import Operations, Workload
+from tests.hardware.loads import network, operations
 
 PROFILE = load("asic45_memory")
 MEMORY = ("weight_memory", "state_memory")
-
-
-def operations(macs, additions=0.0, updates=0.0, n_weights=0.0, duration_ms=0.0, number_bits=8):
-    counts = (np.asarray(x, dtype=float) for x in (macs, additions, updates, n_weights, duration_ms))
-    return Operations(*counts, number_bits)
-
-
-def network(sizes, spikes, updates=None, n_steps=100.0, recurrent=None, **more):
-    recurrent = recurrent or (False,) * (len(sizes) - 1)
-    spikes, n_steps = np.asarray(spikes, dtype=float), np.asarray(n_steps, dtype=float)
-    updates = None if updates is None else np.asarray(updates, dtype=float)
-    return Workload(tuple(sizes), recurrent, n_steps, spikes, updates, 1.0, **more)
 
 
 def picojoules(found):

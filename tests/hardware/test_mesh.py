@@ -8,8 +8,9 @@ import pytest
 from dse.hardware.activity import expected_updates
 from dse.hardware.cost import NotApplicable, cost, cost_of_steps
 from dse.hardware.profile import load
-from dse.records import Operations, Workload
+from dse.records import Operations
 from tests.hardware.figures_of import figures_of
+from tests.hardware.loads import network
 
 SILICON, DAVIES, SCENARIO = ALL = tuple(
     load(name) for name in ("loihi1_silicon", "loihi1_davies", "loihi2_scenario")
@@ -19,15 +20,9 @@ STEPS = json.loads((Path(__file__).parents[1] / "golden" / "sanafe_steps.json").
 PUBLISHED = (1600, 450, 11)
 
 
-def workload(sizes, spikes, updates=None, n_steps=100.0, **other):
-    spikes, n_steps = np.asarray(spikes, dtype=float), np.asarray(n_steps, dtype=float)
-    updates = None if updates is None else np.asarray(updates, dtype=float)
-    return Workload(tuple(sizes), (False,) * (len(sizes) - 1), n_steps, spikes, updates, 1.0, **other)
-
-
 # 3 inputs -> 2 neurons -> 1 output, each layer on one core of one tile; 10 steps; 7, 5 and 4 spikes:
 # 7 x 2 + 5 = 19 synaptic events, 7 + 5 = 12 messages; 12 + 8 updates.
-SMALL = workload((3, 2, 1), [7, 5, 4], [12, 8], 10.0)
+SMALL = network((3, 2, 1), [7, 5, 4], [12, 8], 10.0)
 
 
 def picojoules(found):
@@ -113,7 +108,7 @@ def test_the_scenario_is_loihi_1_times_a_factor_of_about_three(name):
 )
 def test_the_published_network_on_each(profile, cores, low, high, hop_pj):
     # One input spike; three of the seven hidden cores are on the second tile, next along y.
-    found = cost(profile, workload(PUBLISHED, [1, 0, 0]))
+    found = cost(profile, network(PUBLISHED, [1, 0, 0]))
     assert (found.n_cores.value, found.n_cores.low, found.n_cores.high) == (cores, low, high)
     if hop_pj is not None:
         assert picojoules(found)["hop"] == pytest.approx(hop_pj)
@@ -122,7 +117,7 @@ def test_the_published_network_on_each(profile, cores, low, high, hop_pj):
 def test_the_barrier_grows_with_the_tiles():
     # Tiles of 4 cores, 1024 neurons of one input each: 1, 2, 3, 4, 28, 29 and 32 tiles.
     def empty_step_us(profile, n_cores, busy_ns):
-        found = cost(profile, workload((1, n_cores * 1024), [0, 0], [0], 1.0))
+        found = cost(profile, network((1, n_cores * 1024), [0, 0], [0], 1.0))
         assert found.n_cores.value == n_cores
         return float(found.step_time_us.value) - 1024 * busy_ns * 1e-3
 
@@ -155,7 +150,7 @@ def of_table(sizes, events, messages, expected=True):
     assert spikes == pytest.approx(np.round(spikes), abs=1e-6)
     spikes = np.array([*np.round(spikes), 0])
     rates = spikes / np.array(sizes) / 100
-    return workload(sizes, spikes, expected_updates(sizes, rates, 100) if expected else None)
+    return network(sizes, spikes, expected_updates(sizes, rates, 100) if expected else None)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +180,7 @@ def test_the_reference_table_with_the_constants_of_davies(row, energy_uj):
 @pytest.mark.parametrize("run", STEPS, ids=lambda run: "-".join(map(str, run["sizes"])))
 def test_sanafe_is_reproduced_from_its_steps(run):
     n_steps = len(run["spikes"])
-    found = cost_of_steps(SILICON, workload(run["sizes"], run["spikes"], run["updates"], np.ones(n_steps)))
+    found = cost_of_steps(SILICON, network(run["sizes"], run["spikes"], run["updates"], np.ones(n_steps)))
     parts = {cause: x * 1e-12 for cause, x in picojoules(found).items()}
     assert sum(parts[x] for x in ("neuron_access", "neuron_update", "spike")) == pytest.approx(
         run["energy_j"]["soma"], rel=1e-12
@@ -205,7 +200,7 @@ def test_sanafe_is_reproduced_from_its_steps(run):
 def test_updates_expected_from_rates_cost_as_much_as_those_of_the_run(run):
     sizes, spikes = tuple(run["sizes"]), np.sum(run["spikes"], axis=0)
     rates = spikes / np.array(sizes) / 100
-    found = cost(SILICON, workload(sizes, spikes, expected_updates(sizes, rates, 100)))
+    found = cost(SILICON, network(sizes, spikes, expected_updates(sizes, rates, 100)))
     off = 0.02 if sizes == (24, 50, 7) else 0.005
     assert found.dynamic_uj == pytest.approx(run["energy_j"]["total"] * 1e6, rel=off)
 
@@ -226,7 +221,7 @@ def test_congestion_is_inside_the_interval(row, detailed_us):
 
 @EACH
 def test_zero_steps_cost_exactly_nothing(profile):
-    found = cost(profile, workload((3, 2, 1), [0, 0, 0], n_steps=0.0))
+    found = cost(profile, network((3, 2, 1), [0, 0, 0], n_steps=0.0))
     costs = ("energy_uj", "energy_throttled_uj", "step_time_us")
     for name in costs:
         assert getattr(found, name).low == getattr(found, name).high == 0
@@ -238,7 +233,7 @@ def test_zero_steps_cost_exactly_nothing(profile):
 
 @EACH
 def test_zero_spikes_cost_the_neurons_alone(profile):
-    found = cost(profile, workload((3, 2, 1), [0, 0, 0], [0, 0], 10.0))
+    found = cost(profile, network((3, 2, 1), [0, 0, 0], [0, 0], 10.0))
     low, high = (getattr(profile.neuron_access_pj, end) * 3 * 10e-6 for end in ("low", "high"))
     static_uj = profile.static_mw.low * float(found.step_time_us.low) * 10e-3
     assert found.energy_uj.low == pytest.approx(low + static_uj)
@@ -252,7 +247,7 @@ def test_zero_spikes_cost_the_neurons_alone(profile):
 
 @EACH
 def test_one_neuron(profile):
-    found = cost(profile, workload((1, 1), [1, 1], [1], 1.0))
+    found = cost(profile, network((1, 1), [1, 1], [1], 1.0))
     assert (found.n_cores.value, found.fits) == (1, True)
     # One event, one message, one spike, one update.
     figures = ("neuron_access", "neuron_update", "spike", "synaptic_event", "message")
@@ -271,7 +266,7 @@ def test_pruned_weights_cost_nothing_where_zeros_are_skipped():
 
 
 def test_what_pruning_left_is_stored_with_its_zeros_where_lists_do_not_fit():
-    whole = workload((4000, 2000, 500), [100, 100, 0])
+    whole = network((4000, 2000, 500), [100, 100, 0])
     kept = dataclasses.replace(
         whole, synapses=tuple(0.9 * n for n in whole.fan_out), stored=tuple(n * 9 // 10 for n in whole.dense)
     )
@@ -286,7 +281,7 @@ def test_what_pruning_left_is_stored_with_its_zeros_where_lists_do_not_fit():
 
 
 def test_a_second_chip_doubles_the_static_power():
-    found = cost(SILICON, workload((4096, 4096, 11), [0, 0, 0], [0, 0]))
+    found = cost(SILICON, network((4096, 4096, 11), [0, 0, 0], [0, 0]))
     assert (found.n_cores.value, found.fits) == (138, False)
     assert found.idle_mw == 208
     assert found.static_throttled_uj.value == pytest.approx(208 * 100)
@@ -301,7 +296,7 @@ def test_cores_by_hand_send_more_messages():
 
 @EACH
 def test_delays_of_synapses_take_memory_and_no_energy(profile):
-    plain = workload(PUBLISHED, [10, 0, 0])
+    plain = network(PUBLISHED, [10, 0, 0])
     delayed = dataclasses.replace(plain, delay_bits=6)
     assert cost(profile, delayed).n_cores.value > cost(profile, plain).n_cores.value
     for found in (cost(profile, delayed), cost(profile, plain)):

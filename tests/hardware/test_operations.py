@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 
 from dse.config.faults import ConfigError
 from dse.hardware.cost import cost, drawn
-from dse.hardware.kinds.operations import CountedOperations
+from dse.hardware.kinds.linear import CountedOperations
 from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import load, names
-from dse.records import Operations, Workload
+from dse.records import Operations
+from tests.hardware.loads import network
 
 NAME = "op_4.6_0.9"
 PROFILE = load(NAME)
@@ -21,11 +22,6 @@ def operations(macs, additions, updates=0.0):
     macs = np.asarray(macs, dtype=float)
     nothing = np.zeros_like(macs)
     return Operations(macs, np.asarray(additions, dtype=float), nothing + updates, nothing, nothing)
-
-
-def network(sizes, spikes, n_steps=10.0, **more):
-    spikes, n_steps = np.asarray(spikes, dtype=float), np.asarray(n_steps, dtype=float)
-    return Workload(tuple(sizes), (False,) * (len(sizes) - 1), n_steps, spikes, None, 1.0, **more)
 
 
 def test_energy_by_hand():

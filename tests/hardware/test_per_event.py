@@ -7,23 +7,14 @@ from hypothesis import strategies as st
 
 from dse.hardware.cost import NotApplicable, cost, drawn
 from dse.hardware.profile import load
-from dse.records import Operations, Workload
+from dse.records import Operations
+from tests.hardware.loads import network, silent
 
 TRUENORTH, SPINNAKER2, ODIN, RECKON = (load(x) for x in ("truenorth", "spinnaker2", "odin", "reckon"))
 CHIPS = (TRUENORTH, SPINNAKER2, ODIN, RECKON)
 LEGACY = load("loihi1_kerasspiking")
 EACH = pytest.mark.parametrize("profile", (*CHIPS, LEGACY), ids=lambda profile: profile.name)
 EACH_CHIP = pytest.mark.parametrize("profile", CHIPS, ids=lambda profile: profile.name)
-
-
-def network(sizes, spikes, n_steps=100.0, step_ms=1.0, recurrent=None, **more):
-    recurrent = recurrent or (False,) * (len(sizes) - 1)
-    spikes, n_steps = np.asarray(spikes, dtype=float), np.asarray(n_steps, dtype=float)
-    return Workload(tuple(sizes), recurrent, n_steps, spikes, None, step_ms, **more)
-
-
-def silent(sizes, **more):
-    return network(sizes, np.zeros(len(sizes)), **more)
 
 
 def rules(profile, load):
@@ -77,7 +68,7 @@ def test_reckon_by_hand():
     assert found.energy_uj.value == pytest.approx(7300 * 5.3e-6)
     assert (found.energy_uj.low, found.n_cores.value, found.fits) == (pytest.approx(7300 * 2.65e-6), 1, True)
     # The chip's energies per step, 0.6 to 42 nJ, are those of 113 to 7925 events; busy, it draws 80 uW.
-    quiet, busy = (cost(RECKON, network((1, 1, 1), [n, 0, 0], 1.0)) for n in (113.2, 7925))
+    quiet, busy = (cost(RECKON, network((1, 1, 1), [n, 0, 0], n_steps=1.0)) for n in (113.2, 7925))
     assert (quiet.energy_uj.value * 1e3, busy.energy_uj.value * 1e3) == (
         pytest.approx(0.6, 1e-3),
         pytest.approx(42, 1e-3),
@@ -223,7 +214,7 @@ def test_a_network_of_more_chips_pays_for_each():
 
 @EACH
 def test_nothing_done_costs_nothing(profile):
-    still = cost(profile, network((8, 8, 4), [[0, 0, 0], [0, 0, 0]], [0.0, 0.0], weight_bits=4))
+    still = cost(profile, network((8, 8, 4), [[0, 0, 0], [0, 0, 0]], n_steps=[0.0, 0.0], weight_bits=4))
     energy_uj = still.energy_uj
     for x in (energy_uj.value, energy_uj.high, still.energy_throttled_uj.high, still.step_time_us.value):
         assert (x == 0).all()
@@ -236,7 +227,7 @@ def test_nothing_done_costs_nothing(profile):
 
 @EACH
 def test_one_neuron(profile):
-    found = cost(profile, network((1, 1), [3, 1], 10.0, weight_bits=1))
+    found = cost(profile, network((1, 1), [3, 1], n_steps=10.0, weight_bits=1))
     expected = 3 * profile.synaptic_event_pj.value + 10 * profile.neuron_update_pj.value
     assert found.dynamic_uj == pytest.approx(expected * 1e-6)
     assert found.fits
@@ -251,7 +242,7 @@ def test_other_classifiers_do_not_run(profile):
 
 @EACH
 def test_draws_lie_in_the_interval(profile):
-    load = network((16, 50, 7), [[40, 90, 9], [0, 0, 0]], [100.0, 0.0], weight_bits=4)
+    load = network((16, 50, 7), [[40, 90, 9], [0, 0, 0]], n_steps=[100.0, 0.0], weight_bits=4)
     found = cost(profile, load)
     draws = drawn(profile, load, profile.drawn(50, np.random.default_rng(0)))
     assert draws.energy_uj.shape == (50, 2)
@@ -270,7 +261,7 @@ counts = st.lists(st.integers(0, 50), min_size=3, max_size=3)
 @given(st.sampled_from((*CHIPS, LEGACY)), counts, counts, st.booleans())
 def test_more_spikes_never_cost_less(profile, some, more, back):
     few, many = (
-        cost(profile, network((16, 50, 7), spikes, 10.0, recurrent=(back, False), weight_bits=2))
+        cost(profile, network((16, 50, 7), spikes, n_steps=10.0, recurrent=(back, False), weight_bits=2))
         for spikes in (some, np.add(some, more))
     )
     assert few.energy_uj.value <= many.energy_uj.value and few.step_time_us.value <= many.step_time_us.value

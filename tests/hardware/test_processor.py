@@ -11,22 +11,11 @@ from dse.config.faults import ConfigError
 from dse.hardware.cost import cost, drawn
 from dse.hardware.kinds.processor import Processor
 from dse.hardware.profile import load, read
-from dse.records import Operations, Workload
 from tests.hardware.figures_of import figures_of
+from tests.hardware.loads import network, operations
 
 M4, M33, M7 = PARTS = tuple(load(name) for name in ("mcu_m4", "mcu_m33", "mcu_m7"))
 EACH = pytest.mark.parametrize("profile", PARTS, ids=lambda profile: profile.name)
-
-
-def operations(macs, additions=0.0, updates=0.0, n_weights=0.0, duration_ms=0.0, number_bits=8):
-    counts = (np.asarray(x, dtype=float) for x in (macs, additions, updates, n_weights, duration_ms))
-    return Operations(*counts, number_bits)
-
-
-def network(sizes, spikes, n_steps=100.0, step_ms=1.0, recurrent=None, **more):
-    recurrent = recurrent or (False,) * (len(sizes) - 1)
-    spikes, n_steps = np.asarray(spikes, dtype=float), np.asarray(n_steps, dtype=float)
-    return Workload(tuple(sizes), recurrent, n_steps, spikes, None, step_ms, **more)
 
 
 @pytest.mark.parametrize(
@@ -334,9 +323,9 @@ def test_a_processor_that_cannot_sleep_runs(profile):
 def test_leading_axes_are_design_points_of_their_own():
     rng = np.random.default_rng(0)
     spikes, n_steps = rng.uniform(0, 5000, (3, 2, 3)), rng.uniform(1, 200, (3, 2))
-    together = cost(M7, network((24, 50, 7), spikes, n_steps))
+    together = cost(M7, network((24, 50, 7), spikes, n_steps=n_steps))
     for at in np.ndindex(3, 2):
-        alone = cost(M7, network((24, 50, 7), spikes[at], n_steps[at]))
+        alone = cost(M7, network((24, 50, 7), spikes[at], n_steps=n_steps[at]))
         of_alone = figures_of(alone)
         for name, values in figures_of(together).items():
             if isinstance(values, np.ndarray):
@@ -378,10 +367,10 @@ def ordered(before, after):
     st.integers(0, 100),
 )
 def test_more_spikes_and_steps_never_cost_less(profile, sizes, recurrent, spikes, layer, more, steps):
-    before = cost(profile, network(sizes, spikes, 100.0, recurrent=recurrent))
+    before = cost(profile, network(sizes, spikes, n_steps=100.0, recurrent=recurrent))
     spikes = np.array(spikes)
     spikes[layer] += more
-    ordered(before, cost(profile, network(sizes, spikes, 100.0 + steps, recurrent=recurrent)))
+    ordered(before, cost(profile, network(sizes, spikes, n_steps=100.0 + steps, recurrent=recurrent)))
 
 
 @given(

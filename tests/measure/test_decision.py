@@ -222,16 +222,18 @@ def test_early_is_the_surface_of_every_shorter_output(response, data, phi, theta
     for j, length in enumerate(lengths):
         part = output[:, :length]
         whole = surface(part, target, phi, theta, 2.5)
-        assert found.time_ms[j] == length * 2.5
-        assert found.accuracy[j] == np.mean(part.sum(axis=1, dtype=int).argmax(axis=1) == target)
-        assert found.accuracy_best[j] == whole.accuracy.max()
-        assert (found.t_p_ms[j], found.accuracy_best[j], found.phi_p[j], found.theta_p[j]) == t_p(whole)
+        assert found["time_ms"][j] == length * 2.5
+        assert found["accuracy"][j] == np.mean(part.sum(axis=1, dtype=int).argmax(axis=1) == target)
+        assert found["accuracy_best"][j] == whole.accuracy.max()
+        assert (found["t_p_ms"][j], found["accuracy_best"][j], found["phi_p"][j], found["theta_p"][j]) == t_p(
+            whole
+        )
         human = t_h(whole)
         strict = t_p(whole, strict=True)
-        assert (found.t_p_strict_ms[j], found.accuracy_best_strict[j]) == strict[:2]
+        assert (found["t_p_strict_ms"][j], found["accuracy_best_strict"][j]) == strict[:2]
         late = t_h(whole, strict=True)
-        assert np.isnan(found.t_h_strict_ms[j]) if late is None else found.t_h_strict_ms[j] == late[0]
-        setting = found.t_h_ms[j], found.phi_h[j], found.theta_h[j]
+        assert np.isnan(found["t_h_strict_ms"][j]) if late is None else found["t_h_strict_ms"][j] == late[0]
+        setting = found["t_h_ms"][j], found["phi_h"][j], found["theta_h"][j]
         assert np.isnan(setting).all() if human is None else setting == (human[0], human[2], human[3])
 
 
@@ -239,21 +241,28 @@ def test_early_by_hand():
     # Class 1 spikes at step 1, class 0 at steps 3, 4 and 5: right from step 4 on, a tie before.
     output = spikes_at(6, 2, (1, 1), (3, 0), (4, 0), (5, 0))
     found = early(output, [0], [1, 2, 3, 4, 6], [0, 2], [0.0, 0.7], 10.0)
-    assert found.time_ms.tolist() == [10, 20, 30, 40, 60]
-    assert found.accuracy.tolist() == [1, 0, 0, 1, 1]  # without spikes the lowest class, which is right here
-    assert found.accuracy_best.tolist() == [1, 0, 0, 1, 1]
-    assert found.t_p_ms.tolist() == [10, 20, 20, 40, 50]
-    assert (found.phi_p[-1], found.theta_p[-1]) == (2, 0)
-    assert found.t_h_ms[[0, 3, 4]].tolist() == [10, 40, 50] and np.isnan(found.t_h_ms[[1, 2]]).all()
+    assert found["time_ms"].tolist() == [10, 20, 30, 40, 60]
+    assert found["accuracy"].tolist() == [
+        1,
+        0,
+        0,
+        1,
+        1,
+    ]  # without spikes the lowest class, which is right here
+    assert found["accuracy_best"].tolist() == [1, 0, 0, 1, 1]
+    assert found["t_p_ms"].tolist() == [10, 20, 20, 40, 50]
+    assert (found["phi_p"][-1], found["theta_p"][-1]) == (2, 0)
+    assert found["t_h_ms"][[0, 3, 4]].tolist() == [10, 40, 50] and np.isnan(found["t_h_ms"][[1, 2]]).all()
 
 
 def test_early_in_hard_cases():
     silent = np.zeros((3, 4, 2), dtype=np.uint8)
     found = early(silent, [0, 1, 1], [1, 4], [1e9], [0.0, 1.0], 1.0)
-    assert found.accuracy.tolist() == [1 / 3, 1 / 3] == found.accuracy_best.tolist()
-    assert found.t_p_ms.tolist() == [1, 4] and np.isnan(found.t_h_ms).all()
+    assert found["accuracy"].tolist() == [1 / 3, 1 / 3] == found["accuracy_best"].tolist()
+    assert found["t_p_ms"].tolist() == [1, 4] and np.isnan(found["t_h_ms"]).all()
     one_step = early(np.ones((2, 1, 1), np.uint8), [0, 0], [1], [0, 5], [1.0], 1.0)
-    assert [float(x[0]) for x in one_step[:4]] == [1, 1, 1, 1]
+    names = ("time_ms", "accuracy", "accuracy_best", "t_p_ms")
+    assert [float(one_step[name][0]) for name in names] == [1, 1, 1, 1]
 
 
 def test_early_of_more_samples_than_a_chunk_and_of_a_view():
@@ -264,7 +273,7 @@ def test_early_of_more_samples_than_a_chunk_and_of_a_view():
     found = early(output[..., 2:5], target, [5, 9], [0, 2], [0.5, 0.9], 1.0)
     for j, length in enumerate((5, 9)):
         part = surface(output[:, :length, 2:5].copy(), target, [0, 2], [0.5, 0.9], 1.0)
-        assert (found.t_p_ms[j], found.accuracy_best[j]) == t_p(part)[:2]
+        assert (found["t_p_ms"][j], found["accuracy_best"][j]) == t_p(part)[:2]
 
 
 @pytest.mark.parametrize(
@@ -358,7 +367,7 @@ def test_each_length_is_read_at_its_own_setting(chosen_on, other):
     n_steps = min(output.shape[1], more.shape[1])
     lengths = np.arange(1, n_steps + 1)
     chosen = early(output, target, lengths, [0, 2], [0.3, 0.7], 1.0)
-    settings = np.stack([chosen.phi_h, chosen.theta_h], axis=1)
+    settings = np.stack([chosen["phi_h"], chosen["theta_h"]], axis=1)
     time_ms, accuracy = early_at(more, more_target, lengths, 1.0, settings)
     for k, (phi, theta) in enumerate(settings):
         if np.isnan(phi):

@@ -9,7 +9,7 @@ import pytest
 
 from dse.hardware.profile import load
 from dse.measure.objectives.accuracy import wilson_se
-from dse.measure.objectives.information import itr_bits
+from dse.measure.objectives.recognition import itr_bits
 from dse.measure.on_chips import columns_on
 from dse.measure.run import measure, read_out
 from dse.records import (

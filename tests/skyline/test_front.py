@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from dse.skyline.admissible import admissible
 from dse.skyline.constraints import ExpressionError
-from dse.skyline.front import Draws, front_ends, front_mask, front_share, skyline
+from dse.skyline.front import Draws, front_mask, front_share, skyline
 from dse.skyline.pareto import non_dominated
 from dse.skyline.pick import pick, sure_pick
 from dse.skyline.table import group_numbers
@@ -120,57 +120,6 @@ def test_the_table_stays_as_it_was():
 def test_wrong_requests_are_named(arguments, message):
     with pytest.raises(ExpressionError, match=message):
         skyline(table(accuracy=[0.9], task=["a"]), **arguments)
-
-
-def published():
-    return table(
-        trial=[0, 1, 2, 3, 4, 5],
-        task=["texture", "texture", "texture", "texture", "profile", "profile"],
-        accuracy=[0.87, 0.95, 0.68, 0.66, 0.83, 0.83],
-        spikes_per_inference=[0.75, 9.07, 0.13, 0.13, 1.7, 1.6],
-        n_weights=[15, 259, 15, 14, 274, 274],
-    )
-
-
-def test_the_ends_of_a_front_with_ties_broken_by_accuracy():
-    found = front_ends(published(), by="task", design=["trial"])
-    assert found.notes == []
-    assert list(found.rows) == ["task", "end", "accuracy", "spikes_per_inference", "n_weights", "trial"]
-    assert found.rows["end"].tolist() == ["best accuracy", "least spikes", "least weights"] * 2
-    assert found.rows["trial"].tolist() == [1, 2, 3, 5, 5, 5]
-    assert found.rows.index.tolist() == [1, 2, 3, 5, 5, 5]
-    together = front_ends(published().drop(index=3), design=["trial"]).rows
-    assert together["trial"].tolist() == [1, 2, 0]  # of equal W_t, the better accuracy
-    assert "task" not in together
-
-
-def test_ends_leave_out_what_cannot_be_compared_and_what_saw_its_labels():
-    frame = published().assign(transductive=[False, True, False, False, False, False])
-    frame.loc[2, "spikes_per_inference"] = np.nan
-    found = front_ends(frame, by="task")
-    assert found.rows["accuracy"].tolist() == [0.87, 0.66, 0.66, 0.83, 0.83, 0.83]
-    assert len(found.notes) == 2 and "spikes_per_inference is NaN" in found.notes[1]
-    nothing = front_ends(frame.iloc[:0], by="task")
-    assert nothing.rows.empty and list(nothing.rows)[:2] == ["task", "end"]
-    with pytest.raises(ExpressionError, match="size"):
-        front_ends(frame, weights="size")
-
-
-@given(
-    st.lists(
-        st.tuples(st.sampled_from([0.5, 0.7, 0.9]), st.sampled_from([1.0, 2.0]), st.sampled_from([10, 20])),
-        min_size=1,
-        max_size=12,
-    )
-)
-def test_ends_are_on_the_front(rows):
-    frame = pd.DataFrame(rows, columns=["accuracy", "spikes_per_inference", "n_weights"])
-    objectives = [("accuracy", "max"), ("spikes_per_inference", "min"), ("n_weights", "min")]
-    ends = front_ends(frame).rows
-    assert set(ends.index) <= set(skyline(frame, objectives).rows.index)
-    assert ends["accuracy"].iloc[0] == frame["accuracy"].max()
-    assert ends["spikes_per_inference"].iloc[1] == frame["spikes_per_inference"].min()
-    assert ends["n_weights"].iloc[2] == frame["n_weights"].min()
 
 
 def test_what_has_seen_its_labels_is_on_no_front_unless_it_is_asked_for():

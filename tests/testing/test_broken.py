@@ -16,7 +16,7 @@ from dse.encoders.send_on_delta import SendOnDelta
 from dse.engine.losses import Outputs
 from dse.engine.losses.spike_rate import SpikeRate
 from dse.figures.confusion import Confusion, ConfusionFigure
-from dse.hardware.kinds.operations import CountedOperations
+from dse.hardware.kinds.linear import CountedOperations
 from dse.hardware.plan import Plan, energy_only
 from dse.hardware.profile import Figures, load
 from dse.measure.objectives import FullReadOut, Points

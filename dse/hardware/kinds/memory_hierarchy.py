@@ -17,7 +17,7 @@ counted: what is 0 and gets no input is left alone. A resonator has two factors 
 beside its states; its update reads them and has twice the arithmetic, four multiplications instead of two. Of
 design points together, the memory is what the largest needs.
 
-What is counted: `dse.hardware.kinds.operations`.
+What is counted: `dse.hardware.kinds.linear`.
 Sources: SpikingJelly's estimators and Horowitz 2014 (REFERENCES.md).
 """
 

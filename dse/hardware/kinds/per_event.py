@@ -1,4 +1,4 @@
-"""Chips of which little more is known than what an event costs, and a convention of papers of the same form.
+"""Chips of which little more is known than what an event costs.
 
     E = synaptic_event events + neuron_update N T + spike S        events = sum over layers l of s_l f_l
     t = tick T + synaptic_event_ns events
@@ -31,30 +31,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, Placement, Plan, energy_only, per_count
+from dse.hardware.plan import Misfit, Placement, Plan, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure
 from dse.records import Workload
 from dse.registry import register
-
-
-@register("hardware.kinds", "per_event_convention")
-@dataclass(frozen=True)
-class EventConvention(Profile):
-    """Figures per synaptic event and neuron update: a convention, without cores, time or static power."""
-
-    synaptic_event_pj: Number = figure("pJ", "per synapse that a spike reaches, weights of 0 included")
-    neuron_update_pj: Number = figure("pJ", "per neuron and step")
-
-    def plan_network(self, load: Workload, figures: Figures) -> Plan:
-        """Return the plan of a spiking network (`Profile.plan`)."""
-        reached = per_count(load, spike=load.fan_out)
-        neurons = per_count(load, step=sum(load.sizes[1:]) + load.n_resonators)
-        return energy_only(
-            {
-                "synaptic_event": np.multiply.outer(figures["synaptic_event_pj"], reached),
-                "neuron_update": np.multiply.outer(figures["neuron_update_pj"], neurons),
-            }
-        )
 
 
 @register("hardware.kinds", "per_event")

@@ -2,40 +2,12 @@
 
     energy = cycles x cycle_nj              time = cycles / clock
 
-    cycles of a spiking network   wait_factor x the sum of
-                                      step_cycles x steps
-                                      layer_cycles x layers x steps
-                                      copy_cycles x words of 32 channels of delayed copies of the inputs
-                                          x steps
-                                      neuron_cycles x neurons x steps in which any of their layer is updated
-                                      held_cycles x the same of layers with delays of synapses
-                                      update_cycles x updates; of outputs output_cycles, in layers of
-                                          resonators resonator_cycles, of resonators and others mixed_cycles
-                                      spike_cycles x spikes of inputs and hidden neurons
-                                      output_spike_cycles x spikes of outputs
-                                      recurrent_cycles x spikes of recurrent layers
-                                      row_cycles x spikes x sets of weights that they reach, short rows apart
-                                      synapse_cycles x weights that they meet; of packed weights
-                                          packed_cycles, of lists list_cycles, with delays
-                                          delayed_cycles and delayed_list_cycles
-    cycles of a classifier of     wait_factor x the sum of
-      spike counts                    tally_start_cycles
-                                      tally_step_cycles x steps
-                                      tally_spike_cycles x input spikes, tally_add_cycles x those counted
-                                      tally_word_cycles x words of 32 channels x steps with a spike
-                                      tally_count_cycles x counts
-        nearest neighbours            neighbour_cycles x numbers of neighbours, sample_cycles x neighbours
-        naive Bayes                   feature_cycles x features of classes; of these
-                                      difference_cycles x those other than 0
-                                      deviation_cycles x those that differ from their mean
-        perceptrons, extreme          scale_cycles x counts that are scaled
-          learning machines           single_cycles x weights in float that meet an input other than 0
-                                      single_row_cycles x these inputs, single_unit_cycles x units
-                                      double_cycles, double_row_cycles, double_unit_cycles: in double
-                                      double_input_cycles x counts that become doubles
-    cycles of anything else       mac_cycles x multiply-accumulates
-                                      + wait_factor x synapse_cycles x additions
-                                      + wait_factor x (neuron + update_cycles) x state updates
+    cycles of a spiking network, or a classifier of spike counts = wait_factor x the sum of its kinds of work
+    cycles of anything else = mac_cycles x multiply-accumulates
+                              + wait_factor x (synapse_cycles x additions
+                                               + (neuron + update_cycles) x state updates)
+
+Each kind of work has a figure, whose doc says what it is the cycles of.
 
 Anything else is what has no C, and what lacks the count of its work or whose profile lacks these numbers:
 runs and profiles of earlier versions.
@@ -74,7 +46,7 @@ Between steps the processor sleeps, if it can: it takes sleep_uw, and running po
 C counts spikes as they come. Anything else sleeps until its input has arrived, so something else must gather
 it; its one wake-up is left out. A step that takes longer than its period is slow, no misfit.
 
-What is counted: `dse.hardware.kinds.operations`.
+What is counted: `dse.hardware.kinds.linear`.
 """
 
 from __future__ import annotations
@@ -187,7 +159,9 @@ class Processor(Profile):
         """Return the plan of a spiking network (`Profile.plan`); cores given by hand are ignored."""
         running_mw = figures["cycle_nj"] * self.clock_mhz.value
         waking_mw = running_mw * figures["wake_us"] * 1e-3 / load.step_ms
-        return self._plan(figures, _of_network(load, figures), waking_mw, self._with_network(load))
+        return self._plan(
+            figures, _cycles(figures, _CAUSES, network_work(load)), waking_mw, self._with_network(load)
+        )
 
     def counts(self, load: Workload | Operations) -> Floats:
         """Return what happens in an inference, (..., F); of a network also the steps with a layer awake."""
@@ -199,7 +173,8 @@ class Processor(Profile):
         """Return the plan of any other classifier (`Profile.plan`)."""
         running_mw = figures["cycle_nj"] * self.clock_mhz.value
         if self._knows(load):
-            cycles, step_ms = _of_program(figures), _step_ms(load)
+            unit = {f"{kind}_cycles": x for kind, x in zip(_KINDS, np.eye(1 + len(_KINDS))[1:], strict=True)}
+            cycles, step_ms = _cycles(figures, _PROGRAM, unit), _step_ms(load)
             waking_mw = running_mw * figures["wake_us"] * 1e-3 / step_ms
         else:
             cycles, waking_mw = _of_operations(load, figures), np.zeros_like(running_mw)
@@ -321,26 +296,26 @@ def network_work(load: Workload) -> dict[str, Floats]:
 
 _CAUSES = {
     "step": ("step", "layer", "copy"),
-    "synaptic_event": (
-        *("spike", "output_spike", "recurrent", "row"),
-        *_WEIGHTS,
-    ),
+    "synaptic_event": ("spike", "output_spike", "recurrent", "row", *_WEIGHTS),
     "neuron_update": ("neuron", "held", "update", "output", "resonator", "mixed"),
 }
+"""Kinds of work of a network, by cause of cost."""
 
 
-def _of_network(load: Workload, figures: Figures) -> dict[str, Floats]:
-    """Return the cycles per count by cause, (D..., F)."""
-    work = network_work(load)
+def _cycles(
+    figures: Figures, causes: Mapping[str, Sequence[str]], work: Mapping[str, Floats]
+) -> dict[str, Floats]:
+    """Return the cycles per count by cause, (D..., F), of work that the profile has figures of."""
     return {
         cause: np.sum(
             [
-                np.multiply.outer(figures["wait_factor"] * figures[f"{name}_cycles"], work[f"{name}_cycles"])
-                for name in names
+                np.multiply.outer(figures["wait_factor"] * figures[f"{kind}_cycles"], work[f"{kind}_cycles"])
+                for kind in kinds
+                if f"{kind}_cycles" in figures
             ],
             axis=0,
         )
-        for cause, names in _CAUSES.items()
+        for cause, kinds in causes.items()
     }
 
 
@@ -416,22 +391,6 @@ def program_counts(load: Operations) -> Floats:
     """Return 1, and how often each kind of work of a classifier of counts is done, (..., F)."""
     none = np.zeros(np.shape(load.macs))
     return np.stack([none + 1, *(none + load.program.get(kind, none) for kind in _KINDS)], axis=-1)
-
-
-def _of_program(figures: Figures) -> dict[str, Floats]:
-    """Return the cycles per count of `program_counts` by cause, (D..., F)."""
-    unit = dict(zip(_KINDS, np.eye(1 + len(_KINDS))[1:], strict=True))
-    return {
-        cause: np.sum(
-            [
-                np.multiply.outer(figures["wait_factor"] * figures[f"{kind}_cycles"], unit[kind])
-                for kind in kinds
-                if f"{kind}_cycles" in figures
-            ],
-            axis=0,
-        )
-        for cause, kinds in _PROGRAM.items()
-    }
 
 
 def _of_operations(load: Operations, figures: Figures) -> dict[str, Floats]:

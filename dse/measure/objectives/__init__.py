@@ -135,18 +135,19 @@ def measured(needs: Needs, record: Points | FullReadOut | Priced) -> dict[str, A
         TypeError: an objective returns a column that it does not declare.
     """
     result: dict[str, Any] = {}
-    for name, cls in registry.known("objectives").items():
-        objective: Objective[Any] = cls()
+    known = registry.known("objectives")
+    for name in dict.fromkeys([*(name for name in _ORDER if name in known), *known]):
+        objective: Objective[Any] = known[name]()
         if objective.needs != needs:
             continue
         columns = objective.measure(record)
-        undeclared = sorted(set(columns) - {column.name for column in objective.columns})
-        if undeclared:
+        declared = [column.name for column in objective.columns]
+        if undeclared := sorted({*columns} - {*declared}):
             raise TypeError(
                 f"objective '{name}' must declare its columns, got {', '.join(undeclared)} as well"
             )
-        result |= columns
-    return dict(sorted(result.items(), key=lambda item: _place(item[0])))
+        result |= {column: columns[column] for column in declared if column in columns}
+    return result
 
 
 def need_no_decisions(columns: Iterable[str]) -> bool:
@@ -159,38 +160,8 @@ def need_no_decisions(columns: Iterable[str]) -> bool:
     return of_read_outs.issuperset(columns)
 
 
-# Columns of the tables in the order in which they stand there; others follow.
-_ORDER = (
-    *("accuracy", "accuracy_se", "accuracy_strict", "accuracy_test"),
-    *("accuracy_shifted", "accuracy_shifted_se", "accuracy_shifted_min", "accuracy_shifted_min_se"),
-    *(
-        "accuracy_unshifted",
-        "n_shifted",
-        "accuracy_unseen",
-        "accuracy_unseen_se",
-        "n_weights",
-        "memory_bytes",
-    ),
-    *("decision_latency_ms", "undecided", "ties"),
-    *("spikes_per_inference", "spikes_per_inference_no_input", "spikes_total", "spikes_total_no_input"),
-    *("synaptic_operations", "macs", "input_spike_rate_hz", "spike_rate_hz"),
-    *("recall_macro", "precision_macro", "f1_macro"),
-    *("recall_macro_test", "precision_macro_test", "f1_macro_test"),
-    *("itr_bits", "itr_bits_per_s", "t_c_ms", "t_p_ms", "t_h_ms"),
-    *("first_spike_ms", "first_spike_median_ms", "first_spike_class_median_ms"),
-    *("first_spike_class_min_ms", "first_spike_class_max_ms"),
-    *("accuracy_at_t_c_test", "t_p_test_ms", "accuracy_at_t_p_test", "t_h_test_ms", "accuracy_at_t_h_test"),
-    *("t_p_on_border", "output_spikes_most"),
-    *("energy_uj", "energy_uj_low", "energy_uj_high"),
-    *("energy_dynamic_uj", "energy_static_uj", "energy_static_throttled_uj"),
-    *("energy_throttled_uj", "energy_throttled_uj_low", "energy_throttled_uj_high"),
-    *("power_idle_w", "power_idle_w_low", "power_idle_w_high", "power_w", "power_w_low", "power_w_high"),
-    *("idle_mw", "hardware_latency_ms", "latency_ms", "n_cores", "n_cores_high", "fits"),
-)
-
-
-def _place(name: str) -> int:
-    return _ORDER.index(name) if name in _ORDER else len(_ORDER)
+_ORDER = ("accuracy", "accuracy_shifted", "accuracy_unseen", "work", "recognition", "reaction_times")
+"""Objectives in the order of their columns in tables; others follow by name."""
 
 
 def flat(columns: Mapping[str, Any]) -> dict[str, Any]:

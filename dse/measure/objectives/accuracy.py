@@ -27,6 +27,7 @@ class Accuracy:
             "min",
             "Standard error of the accuracy: over seeds or folds, Wilson for a single run.",
         ),
+        Column("accuracy_strict", "", "max", "Accuracy where undecided samples count as wrong."),
         Column(
             "accuracy_test",
             "",
@@ -39,23 +40,11 @@ class Accuracy:
     def measure(self, points: Points) -> Mapping[str, Floats]:
         n = points.n_samples
         columns = {"accuracy": points.accuracy, "accuracy_se": wilson_se(np.rint(points.accuracy * n), n)}
-        return columns if points.accuracy_test is None else columns | {"accuracy_test": points.accuracy_test}
-
-
-def accuracy(label: ArrayLike, target: ArrayLike) -> float:
-    """Return the fraction of samples answered correctly.
-
-    Args:
-        label: (n,) answers.
-        target: (n,) true classes.
-
-    Raises:
-        ValueError: no samples, or different lengths.
-    """
-    answers, truth = np.asarray(label), np.asarray(target)
-    if answers.ndim != 1 or answers.shape != truth.shape or answers.size == 0:
-        raise ValueError(f"label and target must be (n,) with n >= 1, got {answers.shape} and {truth.shape}")
-    return float((answers == truth).mean())
+        if points.decisions is not None:
+            columns["accuracy_strict"] = points.decisions.accuracy_strict
+        if points.accuracy_test is not None:
+            columns["accuracy_test"] = points.accuracy_test
+        return columns
 
 
 def wilson_se(k: ArrayLike, n: ArrayLike) -> Floats:

@@ -17,6 +17,8 @@ from dse.measure.objectives.accuracy import wilson_se
 from dse.records import Array
 from dse.registry import Column, register
 
+_ERROR = "Standard error of {}: over seeds, Wilson for a single run."
+
 
 @register("objectives", "accuracy_shifted")
 @dataclass(frozen=True)
@@ -24,49 +26,22 @@ class AccuracyShifted:
     """Accuracy on windows that are moved by `evaluation.shifts`, without further training."""
 
     needs = "points"
-    columns = (
-        Column(
-            "accuracy_shifted",
-            "",
-            "max",
-            "Accuracy on moved windows (evaluation.shifts), mean over the shifts.",
-            of_evaluation="shifts",
-        ),
-        Column(
-            "accuracy_shifted_se",
-            "",
-            "min",
-            "Standard error of accuracy_shifted: over seeds, Wilson for a single run.",
-            of_evaluation="shifts",
-        ),
-        Column(
-            "accuracy_shifted_min",
-            "",
-            "max",
-            "Accuracy at the worst of the shifts, of each run its own.",
-            of_evaluation="shifts",
-        ),
-        Column(
-            "accuracy_shifted_min_se",
-            "",
-            "min",
-            "Standard error of accuracy_shifted_min: over seeds, Wilson for a single run.",
-            of_evaluation="shifts",
-        ),
-        Column(
-            "accuracy_unshifted",
-            "",
-            "max",
-            "Accuracy on the unmoved windows of the recordings that accuracy_shifted is of.",
-            of_evaluation="shifts",
-        ),
-        Column(
-            "n_shifted",
-            "",
-            "max",
-            "Validation recordings that have room for every shift, which accuracy_shifted is of.",
-            of_evaluation="shifts",
-        ),
+    columns = tuple(
+        Column(name, "", "min" if name.endswith("_se") else "max", doc, of_evaluation="shifts")
+        for name, doc in (
+            ("accuracy_shifted", "Accuracy on moved windows (evaluation.shifts), mean over the shifts."),
+            ("accuracy_shifted_se", _ERROR.format("accuracy_shifted")),
+            ("accuracy_shifted_min", "Accuracy at the worst of the shifts, of each run its own."),
+            ("accuracy_shifted_min_se", _ERROR.format("accuracy_shifted_min")),
+            (
+                "accuracy_unshifted",
+                "Accuracy on the unmoved windows of the recordings that accuracy_shifted is of.",
+            ),
+            (
+                "n_shifted",
+                "Validation recordings that have room for every shift, which accuracy_shifted is of.",
+            ),
+        )
     )
 
     def measure(self, points: Points) -> Mapping[str, Array]:

@@ -52,24 +52,24 @@ class FirstSpike:
     )
 
     def measure(self, answer: FullReadOut) -> Mapping[str, float]:
-        validation, test, n_classes = answer.outcome.validation, answer.outcome.test, len(answer.confusion)
-        if not isinstance(validation, Response):
-            return {}
-        columns = {}
-        times_ms = first_spike_ms(validation)
-        timed = times_ms[np.isfinite(times_ms)]
-        if timed.size:
-            columns["first_spike_ms"] = float(timed.mean())
-            columns["first_spike_median_ms"] = float(np.median(timed))
-            if validation.output.shape[2] == n_classes:
-                columns |= _over_classes("first_spike", times_ms, answer.target, n_classes)
-        if isinstance(test, Response) and answer.target_test is not None:
-            times_ms = first_spike_ms(test)
+        columns: dict[str, float] = {}
+        outcome, n_classes = answer.outcome, len(answer.confusion)
+        for prefix, response, target in (
+            ("first_spike", outcome.validation, answer.target),
+            ("first_spike_test", outcome.test, answer.target_test),
+        ):
+            if not isinstance(response, Response) or target is None:
+                continue
+            times_ms = first_spike_ms(response)
             timed = times_ms[np.isfinite(times_ms)]
             if timed.size:
-                columns["first_spike_test_ms"] = float(timed.mean())
-                if test.output.shape[2] == n_classes:
-                    columns |= _over_classes("first_spike_test", times_ms, answer.target_test, n_classes)
+                columns[f"{prefix}_ms"] = float(timed.mean())
+                if response is outcome.validation:
+                    columns["first_spike_median_ms"] = float(np.median(timed))
+                if response.output.shape[2] == n_classes:
+                    of_classes = by_class(times_ms, target, n_classes)
+                    for name, middle in (("median", np.nanmedian), ("min", np.nanmin), ("max", np.nanmax)):
+                        columns[f"{prefix}_class_{name}_ms"] = float(middle(of_classes))
         return columns
 
 
@@ -103,12 +103,3 @@ def by_class(times_ms: Floats, target: Ints, n_classes: int) -> Floats:
     for c in np.unique(target[timed]):
         medians[c] = np.median(times_ms[timed & (target == c)])
     return medians
-
-
-def _over_classes(prefix: str, times_ms: Floats, target: Ints, n_classes: int) -> dict[str, float]:
-    of_classes = by_class(times_ms, target, n_classes)
-    return {
-        f"{prefix}_class_median_ms": float(np.nanmedian(of_classes)),
-        f"{prefix}_class_min_ms": float(np.nanmin(of_classes)),
-        f"{prefix}_class_max_ms": float(np.nanmax(of_classes)),
-    }

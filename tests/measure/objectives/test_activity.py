@@ -5,8 +5,7 @@ import pytest
 
 from dse.hardware.latency import latency_ms
 from dse.measure.objectives import Points
-from dse.measure.objectives.spikes import SpikingActivity
-from dse.measure.objectives.synaptic_operations import SynapticOperations
+from dse.measure.objectives.work import Work, memory_bytes
 from dse.records import Layer, Network, Workload
 from tests.layers import cuba_parameters
 
@@ -51,11 +50,11 @@ def points(load, n_samples=1):
 
 
 def synaptic_operations(load):
-    return SynapticOperations().measure(points(load))["synaptic_operations"]
+    return Work().measure(points(load))["synaptic_operations"]
 
 
 def test_spikes_both_ways_with_and_without_input():
-    activity = SpikingActivity().measure(points(workload((9, 4, 3), (False, False), [6.0, 1.5, 1.5]), 2))
+    activity = Work().measure(points(workload((9, 4, 3), (False, False), [6.0, 1.5, 1.5]), 2))
     assert activity["spikes_per_inference"] == 9.0
     assert activity["spikes_per_inference_no_input"] == 3.0
     assert activity["spikes_total"] == 18
@@ -63,7 +62,7 @@ def test_spikes_both_ways_with_and_without_input():
 
 def test_totals_are_whole_and_do_not_overflow():
     thirds = workload((9, 4), (False,), [[2**33, 1 / 3], [1, 2 / 3]])
-    total = SpikingActivity().measure(points(thirds, 3))["spikes_total"]
+    total = Work().measure(points(thirds, 3))["spikes_total"]
     assert total.tolist() == [3 * 2**33 + 1, 5]
     assert total.dtype == np.int64
 
@@ -101,3 +100,8 @@ def queue(n, period, compute):
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_latency_is_that_of_the_queue(n, compute_us):
     assert latency_ms(n * 2.0, 2.0, compute_us) == pytest.approx(queue(n, 2.0, compute_us / 1e3))
+
+
+def test_memory_is_the_bits_of_every_stored_weight() -> None:
+    n, bits = np.array([0, 1, 84000, 84000]), np.array([8, 3, 8, 5])
+    assert memory_bytes(n, bits).tolist() == [0.0, 0.375, 84000.0, 52500.0]

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from dse.measure.objectives.memory_bytes import memory_bytes
+from dse.measure.objectives.work import memory_bytes
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import exponent, exponents, rounded
 from dse.models.snn.respond import respond

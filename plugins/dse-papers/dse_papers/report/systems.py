@@ -18,8 +18,8 @@ from dse.measure.objectives.accuracy import seeds_se
 from dse.report import Mark
 from dse.report.designs import Chosen, StudyTask, alike, best, best_of, sections_of
 from dse.report.rows import Row, measured, number
-from dse.skyline.front import front_ends
 from dse.store import StoreError
+from dse_papers.report.ends import front_ends
 from dse_papers.report.papers import publication, publication_of, systems
 
 if TYPE_CHECKING:
@@ -271,8 +271,7 @@ def _printed(system: str, figure: str, *conditions: str) -> float:
 def _of_family(
     part: StudyTask, system: str, designs: pandas.DataFrame, peak: pandas.Series[Any], kind: str
 ) -> Iterator[Row]:
-    ends = front_ends(designs, spikes=_CHOICE).rows
-    for index, end in zip(ends.index, ends["end"], strict=True):
+    for end, index in front_ends(designs, _CHOICE).items():
         chosen = peak if end == "best accuracy" else designs.loc[index]
         for figure, column in _FIGURES.items():
             printed = _printed(system, figure, end)

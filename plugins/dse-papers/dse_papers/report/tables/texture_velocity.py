@@ -12,7 +12,7 @@ import numpy as np
 from dse.measure.correlation import spearman
 from dse.report.designs import StudyTask, best, sections_of
 from dse.report.rows import number
-from dse.skyline.front import front_ends
+from dse_papers.report.ends import front_ends
 from dse_papers.report.facts import scene_of
 from dse_papers.report.ours import (
     ACCURACY,
@@ -56,9 +56,8 @@ def _end(side: Side, end: str) -> pandas.Series[Any] | None:
         return best(designs)
     if designs.empty:
         return None
-    ends = front_ends(designs, spikes=_CHOICE).rows
-    chosen = ends.index[ends["end"] == end]
-    return designs.loc[chosen[0]] if len(chosen) else None
+    chosen = front_ends(designs, _CHOICE).get(end)
+    return None if chosen is None else designs.loc[chosen]
 
 
 def _column(columns: Mapping[str, str], side: Side, condition: Mapping[str, str]) -> Ours:
