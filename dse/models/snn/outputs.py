@@ -201,7 +201,7 @@ def peak_of(weights: Floats, last: Layer, arithmetic: Arithmetic, rows: Rows) ->
 def even_drive(population: Population[Any], n_neurons: int, rows: Rows) -> Floats:
     """Return weights of the layer below, (neuron,), whose drive is as even in time as its spikes allow.
 
-    Its mean is that which would just make the mean of some neurons fire.
+    Its mean is that which would just make the mean of some neurons fire; 0 where no drive does.
 
     Args:
         population: the neurons.
@@ -215,8 +215,9 @@ def even_drive(population: Population[Any], n_neurons: int, rows: Rows) -> Float
     powers[np.diag_indices_from(powers)] += _EVEN_RIDGE
     even = scale * product(inverse(powers), scaled.mean(axis=0)[:, None])[:, 0]
     drive = float((seen @ even).mean())
-    unit = np.mean(population.to_threshold / constant_response(population, n_neurons, rows.n_steps))
-    return np.asarray(even * (unit / drive if drive > 0 else 0.0))
+    response = constant_response(population, n_neurons, rows.n_steps)
+    can_fire = drive > 0 and bool((response > 0).all())
+    return np.asarray(even * (np.mean(population.to_threshold / response) / drive if can_fire else 0.0))
 
 
 def short_counts(population: Population[Any], n_neurons: int, rows: Rows) -> Floats:
