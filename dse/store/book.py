@@ -111,10 +111,11 @@ class Book:
             raise
 
     def _has_log(self) -> bool:
-        """Return whether it has a write-ahead log now, by its header."""
-        with contextlib.suppress(OSError), self.path.open("rb") as file:
-            return file.read(20)[18:] == b"\2\2"
-        return False
+        """Return whether it has a write-ahead log now.
+
+        The file itself is not opened for this: closing it would drop the locks that this process has on it.
+        """
+        return os.path.lexists(f"{self.path}-wal")
 
     def _make(self) -> None:
         tables = ", ".join(f"'{name}'" for name in _TABLES)

@@ -26,13 +26,13 @@ from tests.models.snn.toy import rngs
 def trained() -> tuple[Bundle, Reference]:
     """Return a trained network and what it does on 20 samples."""
     data = touched(n=40, side=8)
-    model = SNN(**{**LEVELS, "hidden": (20,)}, rounding="dithered", threshold_exponents=(-1, 2))
+    model = SNN(**{**LEVELS, "hidden": (20,)}, rounding="dithered", threshold_exponents=(2, 2))
     network = model.fit(data, TRAINING, rngs()).network
     assert isinstance(network, Network)
     thresholds = [int(x.parameters["threshold"]) for x in network.layers]
-    assert thresholds[0] in [80 * 2**k for k in range(1, 9)] and thresholds[1] == 320
+    assert thresholds == [320, 320]
     levels = quantise(network.layers[0].weight)
-    assert 0.02 < (levels != 0).mean() < 0.98
+    assert 0.02 < (levels != 0).mean()
     fired = np.zeros((20, data.n_steps, 64), np.uint8)
     for k in range(20):
         borders = data.spikes.row_offsets[k * data.n_steps : (k + 1) * data.n_steps + 1]

@@ -137,7 +137,7 @@ def test_a_dithered_network_answers_nearly_as_the_real_one_and_holds_8_and_24_bi
     small = np.abs(first.weight) <= 1 / 64
     np.testing.assert_array_equal(mantissa[~small], np.rint(mantissa[~small]))
     exponent = np.log2(first.parameters["threshold"] / 80)
-    assert exponent >= 1 and exponent == int(exponent)
+    assert exponent >= 0 and exponent == int(exponent)
     assert np.abs(first.weight).max() > 127 / 32 / 2 or 2 * eight.health["peak_state"] > STATE_LIMIT * 15 / 16
     assert eight.health["peak_state"] <= STATE_LIMIT and not eight.health["overflows_24_bit"]
     assert network.n_weights == network.n_weights_dense == 144 * 48 + 48 * 3
