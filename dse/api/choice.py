@@ -12,7 +12,7 @@ from dse.api.front import measured
 from dse.skyline.constraints import ExpressionError, named_columns
 from dse.skyline.goals import Goal
 from dse.skyline.pick import budgeted, pick, sure_pick
-from dse.store import StoreError
+from dse.store import StoreError, runs_of
 from dse.study import corrected, health, held, pricing, resampling
 from dse.study.question import DRAWS, Question
 from dse.study.record import TOLD
@@ -211,13 +211,13 @@ def choose(
 
 
 def _misfit(study: Study | None, nearest: pandas.DataFrame, hardware: Sequence[str]) -> list[str]:
-    """Return why the nearest point does not fit its hardware, if it does not."""
+    """Return why the nearest point does not fit its hardware, if it does not and its run can tell."""
     import pandas
 
     if study is None or nearest.empty or "fits" not in nearest:
         return []
     row = nearest.iloc[0]
-    if pandas.isna(row["fits"]) or row["fits"]:
+    if pandas.isna(row["fits"]) or row["fits"] or not runs_of(study.folder, int(row["trial"])):
         return []
     why = "; ".join(pricing.misfits(study.folder, row, hardware))
     return [f"trial {row['trial']} does not fit {row['hardware']}: {why}"]

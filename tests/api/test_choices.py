@@ -56,6 +56,16 @@ def test_random_budgets_pick_what_pandas_picks_and_it_is_on_the_front() -> None:
     assert n_ties > 3, "no ties were tried"
 
 
+def test_tables_without_runs_say_that_nothing_fits(capsys: Captured) -> None:
+    """The networks of 6084 inputs have more of them than a core of Loihi has axons."""
+    folder = EXAMPLE.parent / "002_texture_velocity" / "texture_profile_contrasts"
+    nearest = document(capsys, "pick", str(folder), code=3)
+    assert {row["fits"] for row in nearest["rows"]} <= {False}
+    assert any("no design fits loihi1_silicon" in note for note in nearest["notes"])
+    notes = document(capsys, "pick", str(folder), "--oversize", "--budget", "task == 'profile'")["notes"]
+    assert any("holds no run" in note for note in notes)
+
+
 @pytest.mark.parametrize("family", ["", "snn", "naive_bayes"])
 def test_nothing_fits_and_nothing_is_feasible(family: str, capsys: Captured) -> None:
     where = ["--budget", f"family == '{family}'"] if family else []
