@@ -101,7 +101,7 @@ class Choice:
         range of a state, (candidate,), given their weights and neurons.
     targets: (sample, output) 1 where an output stands for a label of the sample, else 0.
     price: of a spike, in squared errors of a sample.
-    made: what was chosen before, as returned by `found`; None: nothing yet.
+    made: what was chosen before, as returned by `first_layer`; None: nothing yet.
     """
 
     run: Callable[[Floats, Population[Any]], tuple[Ints, Bools]]
@@ -149,10 +149,12 @@ class Drives:
         return np.asarray(weights * scale[contrasts.neuron])
 
 
-def found(
+def first_layer(
     drives: Drives, n_neurons: int, rng: np.random.Generator, choice: Choice
 ) -> tuple[Floats, Population[Any], Floats]:
-    """Return the weights of a first layer, (input, neuron), its neurons, and the choice to store.
+    """Return the weights of a first layer, (input, neuron), its neurons, and what they compare, to be stored.
+
+    The last is (5, neuron) float64, a row per field of `Contrasts`.
 
     Args:
         drives: of its neurons.
@@ -195,7 +197,7 @@ def mean_counts(rows: Rows, n_steps: int) -> Floats:
     return np.asarray(counts[:, :-1].reshape(-1, rows.n_inputs) / n_steps)
 
 
-def fired(
+def run_candidates(
     layer: Prepared,
     to_threshold: Floats | float,
     windows: Callable[[int, int], Iterable[Rows]],

@@ -14,7 +14,7 @@ from dse.engine.delays import running
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
 from dse.engine.shared import copies_of, expanded
-from dse.models.snn.contrasts import Choice, Drives, found
+from dse.models.snn.contrasts import Choice, Drives, first_layer
 from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.neurons import LayerSpec, Population, tiled
@@ -161,7 +161,7 @@ def initialise(
         is_contrasts = choice is not None and depth == 0 and model.start == "contrasts"
         if choice is not None and is_contrasts:
             drives = Drives(rows, populations[0], n, model.most_peak / _BURSTS)
-            contrasts, populations[0], picked = found(drives, n, rng, choice)
+            contrasts, populations[0], picked = first_layer(drives, n, rng, choice)
         population = populations[depth]
         cells = max(1, rows.n_samples * rows.n_steps)
         unit = population.to_threshold / response_norm(population, n, rows.n_steps)

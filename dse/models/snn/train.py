@@ -118,7 +118,7 @@ def train(
             is_whole = model.arithmetic == "integer" and not model.is_dithered(0)
             matrix = quantise(weights) if is_whole else weights.astype(np.float32)
             layer = prepare(layer_weights(matrix, None, population), model.arithmetic)
-            return contrasts.fired(layer, population.to_threshold, windows, model.most_peak)
+            return contrasts.run_candidates(layer, population.to_threshold, windows, model.most_peak)
 
         choice = contrasts.Choice(run, targets, design.model.hidden_spike_penalty, start.get("chosen"))
         trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, heads, pool, choice))

@@ -116,16 +116,18 @@ def test_rounds_lower_the_error_and_a_choice_made_before_is_kept() -> None:
 
     def run(matrix: np.ndarray, population: Population) -> tuple:
         layer = prepare(weights(matrix.astype(np.float32), None, population), "float32")
-        return contrasts.fired(layer, population.to_threshold, lambda *_: [rows], np.inf)
+        return contrasts.run_candidates(layer, population.to_threshold, lambda *_: [rows], np.inf)
 
     for rounds in (0, 4):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(contrasts, "_ROUNDS", rounds)
             draws = np.random.default_rng(1)
-            matrix, population, stored = contrasts.found(at, 4, draws, contrasts.Choice(run, targets, 0.0))
+            matrix, population, stored = contrasts.first_layer(
+                at, 4, draws, contrasts.Choice(run, targets, 0.0)
+            )
         errors.append(error(run(matrix, population)[0], targets, np.arange(4)))
         after = np.random.default_rng(1)
-        again = contrasts.found(at, 4, after, contrasts.Choice(run, targets, 0.0, stored))
+        again = contrasts.first_layer(at, 4, after, contrasts.Choice(run, targets, 0.0, stored))
         np.testing.assert_array_equal(again[0], matrix)
         assert after.random() == draws.random()
     assert errors[1] < errors[0] - 1e-3
