@@ -19,7 +19,7 @@ RESULTS = Path(__file__).resolve().parent.parent / "results"
 SPACES = {
     "000": ("realtime_texture_small",),
     "001": ("artificial_pins_small", "natural_textures_small"),
-    "002": ("texture_profile_grid_small",),
+    "002": ("texture_profile_contrasts", "texture_profile_contrasts_soft"),
     "003": ("threshold_icub",),
     "004": ("elm_sankar", "elm_sankar_printed_split", "elm_scene"),
 }
@@ -54,7 +54,7 @@ def table(results: Path) -> list[str]:
     for folder in sorted(results.glob("0*/compared.csv")):
         compared = pd.read_csv(folder, dtype={"printed": str, "ours": str}, keep_default_na=False)
         known = compared[(compared["kind"] == "result") & (compared["ours"] != "")]
-        shares = known["quantity"].str.contains("accuracy") & ~known["quantity"].str.contains(",")
+        shares = known["quantity"].str.match("accuracy(?! on)(?!.*,)")  # of all classes together
         for row in known[shares].itertuples():
             se = f" ± {float(row.se):.2g}" if row.se else ""
             where = f"[{folder.parent.name}]({folder.parent.name}/README.md)"

@@ -148,7 +148,7 @@ def test_the_first_points_are_shown_at_once_and_a_killed_run_as_stopped(
             tab.wait_for_function("document.querySelectorAll('#front tbody tr').length > 0")
             assert not tab.is_visible("#state")
             tab.wait_for_function(f"{state}.startsWith('running, last sign of life ')")
-            assert " · 1 done · 1 running" in tab.inner_text("#progress summary")
+            tab.wait_for_function(f"{state}.includes(' · 1 done · 1 running')")
             run.kill()
             tab.wait_for_function(f"{state}.startsWith('stopped, last sign of life at ')")
             assert "running" not in tab.inner_text("#progress summary")
