@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import math
+import shutil
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,13 @@ from pandas.testing import assert_frame_equal
 
 from dse import store
 from dse.cli.command_line import main
-from dse.study import explore
+from dse.config import load_space
+from dse.hardware.profile import load_all
+from dse.study import explore, held, tables
 from dse.study.as_optuna import as_optuna
 from dse.study.ledger import read_entries
 from dse.study.racing import sentences
+from dse.study.record import load_records
 from dse.study.results import Study
 from dse.study.workers import Workers
 from tests import tiny_study
@@ -190,6 +195,24 @@ def test_a_lost_document_of_a_race_is_written_anew(
     for one, other in ((study.trials, raced.trials), (study.points(), raced.points())):
         assert_frame_equal(one.drop(columns="train_s"), other.drop(columns="train_s"), check_exact=True)
     assert sentences(study.folder) == sentences(raced.folder)
+
+
+def test_tables_know_a_run_that_its_file_had_before_they_were_written(raced: Study, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(raced.folder, tmp_path / "tiny"))
+    trial = store.document(folder, "racing/audit")["trials"][0]
+    trained_on, path = load_records(folder, trial)[0], store.run_file(folder, trial, 0)
+    # As it is while a worker has ended, and nobody has read its run yet.
+    with store.Book(folder, writes=True) as book:
+        book.drop("file", "name = ?", path.relative_to(folder).as_posix())
+    runs = {number: load_records(folder, number) for number in store.runs_in(folder)}
+    stopped = replace(trained_on, numbers=None, stopped_at_epoch=2, reason="not among the best")
+    rest = load_space(folder / store.SPACE), folder
+    chips = load_all(rest[0].hardware, folder)
+    tables.write(*rest, {**runs, trial: [stopped]}, chips, read_entries(folder))
+    assert trial not in set(Study(folder).points()["trial"])
+    assert held.behind(folder / held.POINTS).changed == [trial]
+    tables.write(*rest, runs, chips, read_entries(folder))
+    assert_same(Study(folder), raced)
 
 
 def test_a_batch_competes_with_those_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
