@@ -326,8 +326,8 @@ def _outcome(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple
 def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tuple[int, ...]) -> int:
     """Return the exponent of the first layer's thresholds and weights as they run.
 
-    Where it is free, it is the largest whose 8 bits hold the weights and whose states stay within 24 bits,
-    with a sixteenth to spare, on validation samples.
+    Where it is free, it is the largest whose 8 bits hold the weights and whose states stay within half of
+    24 bits on validation samples: others reach further.
     """
     model, first = trainee.model, _trained(trainee, masters)[0]
     if first is None or not model.is_free(0):
@@ -336,7 +336,7 @@ def _exponent(trainee: Trainee, masters: Masters, dataset: Dataset, delays: tupl
     network = _network(trainee, masters, dataset.spikes.n_channels, delays, exponent)
     layer, windows = layers_of(network)[0], batches_of(network, dataset, dataset.validation)
     peak = max(layer.forward(rows, count=True).peak for rows in windows) * STATE_SCALE
-    over = math.ceil(math.log2(max(1.0, peak / (15 / 16 * STATE_LIMIT))))
+    over = math.ceil(math.log2(max(1.0, peak / (STATE_LIMIT / 2))))
     return max(0, exponent - over)
 
 
