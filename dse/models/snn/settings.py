@@ -24,8 +24,7 @@ from dse.neurons.surrogate import Exponential, exponential
 from dse.records import Arithmetic, Floats, Ints
 from dse.registry import name_of, param
 
-_USUAL = 1, 3  # those that contrasts leave room for, where they are chosen afterwards; the latter for priced
-# neurons, which fire rarely: fine weights tell them more than deep potentials
+_USUAL = 3  # that of dithered layers for which it is chosen after the training
 
 
 @dataclass(frozen=True)
@@ -303,7 +302,7 @@ class Stack:
     @property
     def most_peak(self) -> float:
         """Thresholds that potentials of a start by contrasts are to stay within: half of a state's range."""
-        exponent = _USUAL[self.hidden_spike_penalty > 0] if self.is_free(0) else self.exponent(0)
+        exponent = _USUAL if self.is_free(0) else self.exponent(0)
         return max(1.0, self._range / 2.0**exponent)
 
     @property
