@@ -19,7 +19,13 @@ RESULTS = Path(__file__).resolve().parent.parent / "results"
 SPACES = {
     "000": ("realtime_texture_small",),
     "001": ("artificial_pins_small", "natural_textures_small"),
-    "002": ("texture_profile_contrasts", "texture_profile_contrasts_soft"),
+    "002": (
+        "texture_profile_contrasts",
+        "texture_profile_contrasts_soft",
+        "texture_profile_lags",
+        "texture_profile_lags_soft",
+        "texture_profile_quiet",
+    ),
     "003": ("threshold_icub",),
     "004": ("elm_sankar", "elm_sankar_printed_split", "elm_scene"),
 }
