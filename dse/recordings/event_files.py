@@ -322,8 +322,8 @@ class FolderEvents:
 
     def _sound(self, name: str, repairs: Repairs) -> Iterator[Block]:
         try:
-            blocks = self.formats[name].blocks(self.folder / name, repairs.broken)
-            yield from checked(blocks, self.width, self.height, repairs.broken)
+            blocks = self.formats[name].blocks(self.folder / name, repairs)
+            yield from checked(blocks, self.width, self.height, repairs)
         except RecordingError as error:
             raise RecordingError(by_path(error, name)) from None
         except OSError as error:

@@ -24,48 +24,9 @@ BLOCK_EVENTS = 1 << 16
 _HEAD_BYTES = 4096
 
 
-class Broken(Protocol):
-    """A reader calls it where a file is damaged; it returns only if the user asked for repair."""
-
-    def __call__(self, fault: str, repair: str, n: int = 1) -> None:
-        """Report a fault.
-
-        Args:
-            fault: what is wrong and where, as the beginning of a sentence: 'event 3 lies outside the frame'.
-            repair: what repair does about every fault of this kind: 'drops events outside the frame'.
-            n: how many things (events, words, bytes) this repair touches; 0: there is no fault.
-
-        Raises:
-            RecordingError: the user did not ask for repair.
-        """
-
-
-class Format(Protocol):
-    """What every event file format offers."""
-
-    suffixes: ClassVar[tuple[str, ...]]
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Return whether the first 4 KiB (and the name, where the bytes carry no mark) are of this format."""
-
-    def frame(self, path: Path) -> tuple[int, int] | None:
-        """Return the width and height that the file or the format states, if it does.
-
-        Raises:
-            RecordingError: the file cannot be opened, or its header is wrong.
-        """
-
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
-        """Yield the events in the file's order, about BLOCK_EVENTS at a time at most, and no empty block.
-
-        Raises:
-            RecordingError: the file cannot be opened, its header is wrong, or `broken` raised it.
-        """
-
-
 @dataclass(frozen=True)
 class Repairs:
-    """The faults of one file: an error at the first one, or with repair a note per kind.
+    """The faults of one file, which its reader calls: an error at the first, or with repair a note per kind.
 
     file: the name that the sentences begin with.
     repair: whether to repair a fault and continue.
@@ -75,14 +36,28 @@ class Repairs:
     repair: bool
     _repaired: dict[str, tuple[str, int]] = field(default_factory=dict, init=False)
 
-    def broken(self, fault: str, repair: str, n: int = 1) -> None:
-        """Raise the fault, or count it; see `Broken`."""
+    def __call__(self, fault: str, repair: str, n: int = 1) -> None:
+        """Report a fault; this returns only if the user asked for repair.
+
+        Args:
+            fault: what is wrong and where, as the beginning of a sentence: 'event 3 lies outside the frame'.
+            repair: what repair does about every fault of this kind: 'drops events outside the frame'.
+            n: how many things (events, words, bytes) this repair touches; 0: there is no fault.
+
+        Raises:
+            RecordingError: the user did not ask for repair.
+        """
         if not n:
             return
         if not self.repair:
             raise RecordingError(f"{self.file}: {fault}; --repair {repair}")
         first, before = self._repaired.get(repair, (fault, 0))
         self._repaired[repair] = (first, before + n)
+
+    def where(self, bad: Bools, fault: str, repair: str, *values: Array) -> None:
+        """Report those of many things that are bad; `fault` is formatted with the values of the first."""
+        if bad.any():
+            self(fault.format(*(x[int(bad.argmax())] for x in values)), repair, int(bad.sum()))
 
     @property
     def notes(self) -> list[str]:
@@ -91,6 +66,34 @@ class Repairs:
             f"{self.file}: {first}; --repair {repair}{f' ({n} in all)' if n > 1 else ''}"
             for repair, (first, n) in self._repaired.items()
         ]
+
+
+class Format(Protocol):
+    """What every event file format offers, and inherits.
+
+    suffixes: of the names of its files, in small letters. marks: how the bytes of its files may begin.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]]
+    marks: ClassVar[tuple[bytes, ...]] = ()
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return whether the first 4 KiB (and the name, where the bytes carry no mark) are of this format."""
+        return head.startswith(self.marks)
+
+    def frame(self, path: Path) -> tuple[int, int] | None:
+        """Return the width and height that the file or the format states, if it does.
+
+        Raises:
+            RecordingError: the file cannot be opened, or its header is wrong.
+        """
+
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
+        """Yield the events in the file's order, about BLOCK_EVENTS at a time at most, and no empty block.
+
+        Raises:
+            RecordingError: the file cannot be opened, its header is wrong, or `broken` raised it.
+        """
 
 
 def block_of(t_us: Array, x: Array, y: Array, polarity: Array, chosen: Any = ...) -> Iterator[Block]:
@@ -118,7 +121,7 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def read_words(
-    path: Path, start: int, size: int, broken: Broken, n: int | None = None
+    path: Path, start: int, size: int, broken: Repairs, n: int | None = None
 ) -> Iterator[tuple[int, bytes]]:
     """Yield where words of `size` bytes begin, and n whole ones (BLOCK_EVENTS), from byte `start` on.
 
@@ -138,19 +141,21 @@ def read_words(
             start += len(read)
 
 
-def unwrapped(t: Array, before: int, period: int) -> Ints:
-    """Return the times of a counter that wraps at `period` as if it never did.
+class Clock:
+    """A counter of times that wraps; called with the next ones, it returns them as if it never did.
 
     A fall by more than 7/8 of the period is a wrap; a smaller one is a time that runs backwards, and stays.
-
-    Args:
-        t: (n,) int64 in [0, period).
-        before: the last time returned for this file; 0 at its beginning.
-        period: in the unit of t.
     """
-    wraps = np.cumsum(np.diff(t, prepend=before % period) < -(period // 8 * 7))
-    counted: Array = t + (wraps + before // period) * period
-    return counted
+
+    def __init__(self, period: int) -> None:
+        self._period, self._before = period, 0
+
+    def __call__(self, t: Array) -> Ints:
+        """Return times of the file, (n,) int64 in [0, period), after those of earlier calls."""
+        wraps = np.cumsum(np.diff(t, prepend=self._before % self._period) < -(self._period // 8 * 7))
+        counted: Array = t + (wraps + self._before // self._period) * self._period
+        self._before = int(counted[-1]) if len(counted) else self._before
+        return counted
 
 
 def named(name: str) -> Format:
@@ -185,7 +190,7 @@ def detect(path: Path) -> Format:
     raise RecordingError(f"{path.name}: {may}; set the key 'format' to one of {', '.join(formats)}")
 
 
-def checked(blocks: Iterator[Block], width: int, height: int, broken: Broken) -> Iterator[Block]:
+def checked(blocks: Iterator[Block], width: int, height: int, broken: Repairs) -> Iterator[Block]:
     """Yield the blocks of one recording after checks: times never fall, addresses lie in the frame.
 
     With repair, in this order: events outside the frame or before 0 us are dropped; a polarity above 1 is ON;
@@ -201,28 +206,24 @@ def checked(blocks: Iterator[Block], width: int, height: int, broken: Broken) ->
         number: Ints = np.arange(n_read, n_read + len(t_us))
         n_read += len(t_us)
 
-        def report(bad: Bools, rule: str, values: tuple[Array, ...], repair: str, number: Ints) -> None:
-            if bad.any():
-                k = int(bad.argmax())
-                got = ", ".join(str(value[k]) for value in values)
-                broken(f"event {number[k]} must {rule}, got {got}", repair, int(bad.sum()))
-
-        outside = (x < 0) | (x >= width) | (y < 0) | (y >= height)
-        frame = f"have its (x, y) within the frame of {width} x {height} pixels"
-        report(outside, frame, (x, y), "drops events outside the frame", number)
-        early = t_us < 0
-        report(early, "have a time of at least 0 us", (t_us,), "drops events before 0 us", number)
-        other = polarity > 1
-        report(other, "have polarity 0 or 1", (polarity,), "treats other polarities as ON", number)
+        outside, early = (x < 0) | (x >= width) | (y < 0) | (y >= height), t_us < 0
+        rule = (
+            f"event {{}} must have its (x, y) within the frame of {width} x {height} pixels, got {{}}, {{}}"
+        )
+        broken.where(outside, rule, "drops events outside the frame", number, x, y)
+        rule = "event {} must have a time of at least 0 us, got {}"
+        broken.where(early, rule, "drops events before 0 us", number, t_us)
+        rule = "event {} must have polarity 0 or 1, got {}"
+        broken.where(polarity > 1, rule, "treats other polarities as ON", number, polarity)
         valid = ~(outside | early)
         if not valid.all():
             number, t_us, x, y, polarity = (part[valid] for part in (number, t_us, x, y, polarity))
         if not len(t_us):
             continue
         in_order = np.maximum.accumulate(np.maximum(t_us, latest))
-        order = "not be earlier than a previous event: time in us and latest time before"
+        rule = "event {} must not be earlier than a previous event: time in us and latest time before, got "
         repair = "sets the time of an event out of order to the latest time before"
-        report(t_us < in_order, order, (t_us, in_order), repair, number)
+        broken.where(t_us < in_order, rule + "{}, {}", repair, number, t_us, in_order)
         latest = int(in_order[-1])
         n_kept += len(t_us)
         yield Block(in_order, x, y, np.minimum(polarity, 1))

@@ -13,7 +13,7 @@ from typing import BinaryIO, ClassVar
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file, read_words, unwrapped
+from dse.recordings.formats import BLOCK_EVENTS, Clock, Format, Repairs, block_of, open_file, read_words
 from dse.records import Block
 from dse.registry import register
 
@@ -59,7 +59,7 @@ def read_version(file: BinaryIO, name: str, version: str) -> None:
 
 @register("recordings.formats", "aedat2")
 @dataclass(frozen=True)
-class Aedat2:
+class Aedat2(Format):
     """AEDAT 2.0 of a DVS128 or a DAVIS camera, as stated in the AEChip line of the header.
 
     Words that are no pixel's event (frames, inertial samples, external inputs) are passed over. The chips
@@ -71,17 +71,14 @@ class Aedat2:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".aedat", ".aedat2")
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Return whether the head names version 2, or version 1, which is refused with a reason."""
-        return head.startswith((b"#!AER-DAT2", b"#!AER-DAT1"))
+    marks: ClassVar[tuple[bytes, ...]] = (b"#!AER-DAT2", b"#!AER-DAT1")
 
     def frame(self, path: Path) -> tuple[int, int] | None:
         """Return the size of the chip that the header names, None if it names none."""
         chip, _ = _read_header_2(path)
         return None if chip is None else _size(chip, path.name)
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events.
 
         Of a DVS128, bits 14-8 are the row, 7-1 the column, 0 OFF; bit 15 is an external input. Of a DAVIS,
@@ -94,7 +91,7 @@ class Aedat2:
                 f"treats an unnamed camera as a {_UNNAMED}",
             )
             chip = _UNNAMED
-        (width, height), before = _size(chip, path.name), 0
+        (width, height), clock = _size(chip, path.name), Clock(_PERIOD_US)
         for at, data in read_words(path, start, _WORD_BYTES, broken):
             address, time = np.frombuffer(data, ">u4").reshape(-1, 2).astype(np.int64).T
             if chip.lower() in ("dvs128", "tmpdiff128"):
@@ -103,15 +100,12 @@ class Aedat2:
             else:
                 is_event, unknown = address & (1 << 31 | 1 << 10) == 0, address < 0
                 x, y, polarity = address >> 12 & 1023, address >> 22 & 511, address >> 11 & 1
-            first = int(unknown.argmax())
-            broken(
-                f"the address at byte {at + first * _WORD_BYTES} must be valid for a {chip}, "
-                f"got {address[first]:#010x}",
+            broken.where(
+                unknown, f"the address at byte {{}} must be valid for a {chip}, got {{:#010x}}",
                 "drops words with an address that the chip does not have",
-                int(unknown.sum()),
-            )
-            time[is_event] = unwrapped(time[is_event], before, _PERIOD_US)
-            before = int(time[is_event][-1]) if is_event.any() else before
+                at + np.arange(len(time)) * _WORD_BYTES, address,
+            )  # fmt: skip
+            time[is_event] = clock(time[is_event])
             yield from block_of(time, width - 1 - x, height - 1 - y, polarity, is_event)
 
 
@@ -140,7 +134,7 @@ def _size(chip: str, name: str) -> tuple[int, int]:
 
 @register("recordings.formats", "aedat31")
 @dataclass(frozen=True)
-class Aedat31:
+class Aedat31(Format):
     """AEDAT 3.1: polarity events of the first source that has any.
 
     Packets of other types or sources, and events that are marked as invalid, are passed over. A time is the
@@ -150,10 +144,7 @@ class Aedat31:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".aedat", ".aedat3")
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Return whether the head names version 3; of its revisions all but 3.1 are refused with a reason."""
-        return head.startswith(b"#!AER-DAT3")
+    marks: ClassVar[tuple[bytes, ...]] = (b"#!AER-DAT3",)
 
     def frame(self, path: Path) -> tuple[int, int] | None:
         """Return the size of the chip that is the source, None if it is not known or sources differ."""
@@ -161,7 +152,7 @@ class Aedat31:
             sizes = {chip_frame(chip) for chip in _read_header_3(file, path.name)}
         return sizes.pop() if len(sizes) == 1 else None
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events; a packet header that is not sound ends the reading."""
         with open_file(path) as file:
             _read_header_3(file, path.name)

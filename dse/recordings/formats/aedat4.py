@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file
+from dse.recordings.formats import BLOCK_EVENTS, Format, Repairs, block_of, open_file
 from dse.recordings.formats.aedat import read_version
 from dse.records import Array, Block
 from dse.registry import register
@@ -34,7 +34,7 @@ _MOST_BYTES = 1 << 28
 
 @register("recordings.formats", "aedat4")
 @dataclass(frozen=True)
-class Aedat4:
+class Aedat4(Format):
     """AEDAT 4: the first stream of events (type EVTS) in the header; packets of other streams are skipped.
 
     Times are Unix times; (0, 0) is the upper left pixel.
@@ -43,17 +43,14 @@ class Aedat4:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".aedat4",)
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Return whether the head names version 4; of its revisions all but 4.0 are refused with a reason."""
-        return head.startswith(b"#!AER-DAT4")
+    marks: ClassVar[tuple[bytes, ...]] = (b"#!AER-DAT4",)
 
     def frame(self, path: Path) -> tuple[int, int] | None:
         """Return the size that the header states for the stream of events, None if it states none."""
         with open_file(path) as file:
             return _read_header(file, path.name).frame
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events; the packets that no flatbuffer of events is in are a fault."""
         with open_file(path) as file:
             header = _read_header(file, path.name)
@@ -140,7 +137,7 @@ def _streams(text: bytes) -> dict[int, tuple[str, tuple[int, int] | None]]:
     return streams
 
 
-def _packets(file: BinaryIO, header: _Header, broken: Broken) -> Iterator[tuple[int, bytes]]:
+def _packets(file: BinaryIO, header: _Header, broken: Repairs) -> Iterator[tuple[int, bytes]]:
     """Yield position and content of the packets of the stream of events."""
     length = end = os.fstat(file.fileno()).st_size
     if header.end != -1:

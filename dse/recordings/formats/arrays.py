@@ -17,7 +17,7 @@ import numpy as np
 
 from dse.config.faults import known_names
 from dse.recordings import RecordingError, arrays
-from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file
+from dse.recordings.formats import BLOCK_EVENTS, Format, Repairs, block_of, open_file
 from dse.records import Array, Block
 from dse.registry import register
 
@@ -35,7 +35,7 @@ _LATEST_US = float(1 << 62)
 
 
 @dataclass(frozen=True)
-class _EventArrays:
+class _EventArrays(Format):
     """What the kinds of file share; the keys come from the component that reads the file.
 
     arrays: t, x, y or p -> its name in the file.
@@ -53,7 +53,7 @@ class _EventArrays:
         open_file(path).close()  # its sentence about a file that cannot be opened is the better one
         return fields_of(arrays.described(path), self.arrays, path.name)
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events; arrays that end early and values that are no numbers are a fault."""
         places = self._fields(path)
         # All columns of a table: a line with too many cells is a fault only then.
@@ -84,10 +84,7 @@ class Npz(_EventArrays):
     """Event arrays of a NumPy .npz file."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".npz",)
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Return whether the head is that of a zip archive."""
-        return head.startswith(b"PK\x03\x04")
+    marks: ClassVar[tuple[bytes, ...]] = (b"PK\x03\x04",)
 
 
 @register("recordings.formats", "h5")
@@ -96,10 +93,7 @@ class H5(_EventArrays):
     """Event arrays of an HDF5 file; needs h5py (`pip install 'dse[h5]'`)."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5")
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Return whether the head is that of an HDF5 file."""
-        return head.startswith(b"\x89HDF\r\n\x1a\n")
+    marks: ClassVar[tuple[bytes, ...]] = (b"\x89HDF\r\n\x1a\n",)
 
 
 @register("recordings.formats", "csv")
@@ -172,7 +166,7 @@ def _numbers(values: Array, column: str | None) -> Array:
     return values if column is None else np.asarray(values[column])
 
 
-def _block(fields: Mapping[str, Array], unit_us: float, first: int, broken: Broken) -> Iterator[Block]:
+def _block(fields: Mapping[str, Array], unit_us: float, first: int, broken: Repairs) -> Iterator[Block]:
     """Yield the events of some rows as a block; `first` is the number of the first of them."""
     t_us: Any = fields["t"]
     if t_us.dtype.kind not in "iub" or unit_us != 1 or t_us.dtype == np.uint64:
@@ -183,13 +177,13 @@ def _block(fields: Mapping[str, Array], unit_us: float, first: int, broken: Brok
     valid = np.isfinite(t_us) & (np.abs(t_us.astype(np.float64)) < _LATEST_US)
     for values in (x, y, polarity):
         valid &= values == np.rint(values)
-    at = int(valid.argmin())
-    broken(
-        f"event {first + at} must have a time, and whole numbers as address and polarity, got "
-        + ", ".join(f"{key} = {values[at]}" for key, values in fields.items()),
+    broken.where(
+        ~valid,
+        "event {} must have a time, and whole numbers as address and polarity, got "
+        + ", ".join(f"{key} = {{}}" for key in fields),
         "drops events without them",
-        int((~valid).sum()),
-    )
+        first + np.arange(len(valid)), *fields.values(),
+    )  # fmt: skip
     t_us, x, y, polarity = (values[valid] for values in (t_us, x, y, polarity))
     polarity = np.where(polarity == -1, 0, np.where(polarity < 0, 255, np.minimum(polarity, 255)))
     x, y = (np.clip(values, -1, _LARGEST_ADDRESS) for values in (x, y))

@@ -11,7 +11,7 @@ from typing import BinaryIO, ClassVar
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file
+from dse.recordings.formats import BLOCK_EVENTS, Format, Repairs, block_of, open_file
 from dse.records import Block
 from dse.registry import register
 
@@ -29,7 +29,7 @@ _TOKENS = {
 
 @register("recordings.formats", "es")
 @dataclass(frozen=True)
-class EventStream:
+class EventStream(Format):
     """Event Stream 2.0 of DVS or ATIS events; of ATIS only the changes, not the threshold crossings.
 
     Rows are counted from the bottom in these files; here (0, 0) is the upper left pixel, as in other formats.
@@ -38,17 +38,14 @@ class EventStream:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".es",)
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Return whether the head bears the format's mark, whatever version and type."""
-        return head.startswith(_MARK)
+    marks: ClassVar[tuple[bytes, ...]] = (_MARK,)
 
     def frame(self, path: Path) -> tuple[int, int]:
         """Return the width and height that the header states; events without addresses are an error."""
         with open_file(path) as file:
             return _read_header(file, path.name)[1:]
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events.
 
         The lowest bits of an event's first byte are flags (polarity; threshold crossing), the others the

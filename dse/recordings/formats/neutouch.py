@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file
+from dse.recordings.formats import BLOCK_EVENTS, Format, Repairs, block_of, open_file
 from dse.records import Block
 from dse.registry import register
 
@@ -33,7 +33,7 @@ _SHOWN = 40
 
 @register("recordings.formats", "neutouch")
 @dataclass(frozen=True)
-class Neutouch:
+class Neutouch(Format):
     """NeuTouch text: `polarity taxel time` per line, polarity 0 for ON."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".tact",)
@@ -46,7 +46,7 @@ class Neutouch:
         """Return the taxel addresses, in a row."""
         return N_TAXELS, 1
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events of the taxels; `broken` hears of lines that are none.
 
         Raises:

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dse.recordings.formats import Broken, block_of, open_file, read_words, unwrapped
+from dse.recordings.formats import Clock, Format, Repairs, block_of, open_file, read_words
 from dse.records import Block
 from dse.registry import register
 
@@ -22,7 +22,7 @@ _MARK_US = 1 << 13
 
 @register("recordings.formats", "nmnist")
 @dataclass(frozen=True)
-class Nmnist:
+class Nmnist(Format):
     """N-MNIST (.bin), 34 x 34 pixels, and N-Caltech101, whose frame must be given.
 
     Time: an entry of row 240 is no event but adds 8192 us to all later times, as the data set's own reader
@@ -40,13 +40,12 @@ class Nmnist:
         with open_file(path) as file:
             return _FRAME if _inside(file.read(4096)) else None
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events."""
-        before, marks = 0, 0
+        clock, marks = Clock(_PERIOD_US), 0
         for _, read in read_words(path, 0, _EVENT_BYTES, broken):
             x, y, *rest = np.frombuffer(read, np.uint8).reshape(-1, _EVENT_BYTES).astype(np.int64).T
-            t_us = unwrapped((rest[0] & 0x7F) << 16 | rest[1] << 8 | rest[2], before, _PERIOD_US)
-            before = int(t_us[-1])
+            t_us = clock((rest[0] & 0x7F) << 16 | rest[1] << 8 | rest[2])
             passed = marks + np.cumsum(y == _MARK_ROW)
             marks = int(passed[-1])
             yield from block_of(t_us + passed * _MARK_US, x, y, rest[0] >> 7, y != _MARK_ROW)

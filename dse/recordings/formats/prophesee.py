@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import BLOCK_EVENTS, Broken, block_of, open_file, read_words, unwrapped
+from dse.recordings.formats import BLOCK_EVENTS, Clock, Format, Repairs, block_of, open_file, read_words
 from dse.records import Block, Bools, Ints
 from dse.registry import register
 
@@ -80,7 +80,7 @@ def _read_header(path: Path) -> Header:
     return header
 
 
-class _Prophesee:
+class _Prophesee(Format):
     """What the formats share: the frame is that of the header."""
 
     def frame(self, path: Path) -> tuple[int, int] | None:
@@ -104,7 +104,7 @@ class Dat(_Prophesee):
         typed = len(mark) == 2 and mark[0] in _DAT_TYPES and mark[1] == _DAT_BYTES
         return header.end > 0 and header.evt is None and (typed or "version" in header.fields)
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events; other events than CD events of version 2 are an error."""
         header = _read_header(path)
         version = header.fields.get("version")
@@ -123,12 +123,10 @@ class Dat(_Prophesee):
                 f"{path.name}: bytes {header.end} and {header.end + 1} must be the event type 0 or 12 and "
                 f"the event size 8, got {' and '.join(map(str, mark)) or 'the end of the file'}"
             )
-        before = 0
+        clock = Clock(_DAT_PERIOD_US)
         for _, read in read_words(path, header.end + 2, _DAT_BYTES, broken):
             time, word = np.frombuffer(read, dtype="<u4").reshape(-1, 2).astype(np.int64).T
-            t_us = unwrapped(time, before, _DAT_PERIOD_US)
-            before = int(t_us[-1])
-            yield from block_of(t_us, word & 0x3FFF, word >> 14 & 0x3FFF, word >> 28)
+            yield from block_of(clock(time), word & 0x3FFF, word >> 14 & 0x3FFF, word >> 28)
 
 
 class _Evt(_Prophesee, ABC):
@@ -145,7 +143,7 @@ class _Evt(_Prophesee, ABC):
         """Return whether the header states this version."""
         return parse(head).evt == self.version
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events; those whose time or place was not stated before are a fault."""
         header = _read_header(path)
         if header.evt is None:
@@ -160,7 +158,7 @@ class _Evt(_Prophesee, ABC):
             )
         if (order := header.fields.get("endianness", "little")) != "little":
             raise RecordingError(f"{path.name}: endianness must be little, got '{order}'")
-        size, high = self.word_bytes, -1
+        size, clock, high = self.word_bytes, Clock(self.time_highs), -1
         carried: dict[str, int] = {}
         most = max(1, BLOCK_EVENTS // (_MOST_PER_WORD if size == 2 else 1))
         for start, read in read_words(path, header.end, size, broken, most):
@@ -168,9 +166,7 @@ class _Evt(_Prophesee, ABC):
             kind = words >> (8 * size - 4)
             is_high = kind == 0x8
             counted = np.zeros_like(words)
-            counted[is_high] = unwrapped(
-                words[is_high] & (self.time_highs - 1), max(high, 0), self.time_highs
-            )
+            counted[is_high] = clock(words[is_high] & (self.time_highs - 1))
             highs, before = _held(counted, is_high, high), high
             high = int(highs[-1])
             new = np.diff(highs, prepend=before) != 0
@@ -182,13 +178,9 @@ class _Evt(_Prophesee, ABC):
                 n_early,
             )
             unknown = ~np.isin(kind, self.kinds)
-            first = int(unknown.argmax())
-            broken(
-                f"the word type must be one of EVT {self.version}, got {kind[first]:#x} at byte "
-                f"{start + size * first}",
-                "skips words of unknown type",
-                int(unknown.sum()),
-            )
+            fault = f"the word type must be one of EVT {self.version}, got {{:#x}} at byte {{}}"
+            at = start + size * np.arange(len(words))
+            broken.where(unknown, fault, "skips words of unknown type", kind, at)
             yield from block_of(t_us, x, y, polarity, is_stated)
 
     @abstractmethod

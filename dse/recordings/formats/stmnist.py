@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from dse.recordings import RecordingError, arrays
-from dse.recordings.formats import Broken, block_of, open_file
+from dse.recordings.formats import Format, Repairs, block_of, open_file
 from dse.records import Block
 from dse.registry import register
 
@@ -32,14 +32,11 @@ _LATEST_S = 1e12
 
 @register("recordings.formats", "stmnist")
 @dataclass(frozen=True)
-class Stmnist:
+class Stmnist(Format):
     """ST-MNIST: `spiketrain` of a MATLAB .mat file, 10 x 10 taxels."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".mat",)
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Return whether the head is that of a MATLAB file."""
-        return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"))
+    marks: ClassVar[tuple[bytes, ...]] = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 
     def frame(self, path: Path) -> tuple[int, int]:
         """Return the taxels along x and y, of a file that holds a header.
@@ -52,7 +49,7 @@ class Stmnist:
                 raise RecordingError(f"{path.name}: must be a MATLAB v5 file, got a truncated header")
             return SIDE, SIDE
 
-    def blocks(self, path: Path, broken: Broken) -> Iterator[Block]:
+    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
         """Yield the events; columns that have no time are a fault."""
         with open_file(path):
             matrix = arrays.load(path, [VARIABLE])[VARIABLE]
@@ -62,12 +59,11 @@ class Stmnist:
             raise RecordingError(f"{path.name}: {VARIABLE} must be {N_ROWS} x n real numbers, got {got}")
         time_s, values = matrix[-1].astype(np.float64), matrix[:-1].T
         sound = (np.abs(time_s) < _LATEST_S) & np.isfinite(values).all(axis=1)
-        at = int(sound.argmin()) if len(sound) else 0
-        broken(
-            f"column {at} must hold numbers and a time in seconds, got the time {time_s[at : at + 1]}",
+        broken.where(
+            ~sound, "column {} must hold numbers and a time in seconds, got the time {}",
             "drops columns without a time or with values that are not numbers",
-            int((~sound).sum()),
-        )
+            np.arange(len(sound)), time_s,
+        )  # fmt: skip
         column, taxel = np.nonzero(np.where(sound[:, None], values, 0))
         t_us = np.rint(time_s[column] * 1e6)
         yield from block_of(t_us, taxel % SIDE, taxel // SIDE, values[column, taxel] > 0)

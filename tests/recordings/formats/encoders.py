@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from hypothesis import strategies as st
-
-from dse.recordings.formats import Format, Repairs, checked
-from dse.records import Block
 
 Event = tuple[int, int, int, int]  # t_us, x, y, polarity
 
@@ -118,21 +114,22 @@ def nmnist(events: Iterable[Event]) -> bytes:
     return b"".join(bytes([x, y, p << 7 | t >> 16 & 0x7F, t >> 8 & 0xFF, t & 0xFF]) for t, x, y, p in events)
 
 
-def events_of(blocks: Iterable[Block]) -> list[Event]:
-    """Return the events of blocks as tuples, after a look at the arrays' types."""
-    found: list[Event] = []
-    for block in blocks:
-        types = (block.t_us.dtype, block.x.dtype, block.y.dtype, block.polarity.dtype)
-        assert types == (np.int64, np.int32, np.int32, np.uint8)
-        columns = (block.t_us, block.x, block.y, block.polarity)
-        found += zip(*(column.tolist() for column in columns), strict=True)
-    return found
+def head_es(kind: int = 1, version: bytes = b"\x02\x00\x01", width: int = 300, height: int = 260) -> bytes:
+    """Return the header of an Event Stream; kind 1 is DVS, 2 ATIS."""
+    size = width.to_bytes(2, "little") + height.to_bytes(2, "little")
+    return b"Event Stream" + version + bytes([kind]) + size
 
 
-def recording(
-    path: Path, form: Format, width: int, height: int, repair: bool, notes: list[str]
-) -> Iterator[Block]:
-    """Yield the checked events of a file; `notes` gains what was repaired."""
-    repairs = Repairs(path.name, repair)
-    yield from checked(form.blocks(path, repairs.broken), width, height, repairs.broken)
-    notes += repairs.notes
+def coded_es(events: Iterable[Event], kind: int = 1, height: int = 260) -> bytes:
+    """Return events of an Event Stream: elapsed time beyond a byte's range goes before the event."""
+    full, most = 255 >> kind, (1 << kind) - 1
+    recording, before = bytearray(), 0
+    for t, x, y, polarity in events:
+        steps, rest = divmod(t - before, full)
+        while steps:
+            recording.append(full << kind | min(steps, most))
+            steps -= min(steps, most)
+        recording.append(rest << kind | polarity << (kind - 1))
+        recording += x.to_bytes(2, "little") + (height - 1 - y).to_bytes(2, "little")
+        before = t
+    return bytes(recording)

@@ -1,4 +1,4 @@
-"""What the tests of the formats share: a file read whole, its faults, events drawn at random, and memory."""
+"""What the tests of the formats share: a file read whole, its faults, and memory."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from dse.recordings import RecordingError
 from dse.recordings.formats import Format, Repairs, named
-from dse.records import Array, Block
+from dse.records import Block
 
 
 def read(form: Format, path: Path, repair: bool = False) -> tuple[Block, list[str]]:
     """Return all events of a file, unchecked, and what was repaired."""
     repairs = Repairs(path.name, repair)
-    blocks = list(form.blocks(path, repairs.broken))
+    blocks = list(form.blocks(path, repairs))
     types = {"t_us": np.int64, "x": np.int32, "y": np.int32, "polarity": np.uint8}
     for block in blocks:
         assert len(block.t_us) > 0
@@ -59,34 +58,10 @@ def refused(name: str, path: Path, content: bytes, sentence: str) -> None:
         assert str(error.value).startswith(f"{path.name}: ") and sentence in str(error.value)
 
 
-def same(found: Block, t_us: Array, x: Array, y: Array, polarity: Array) -> bool:
-    """Return whether these are the events."""
-    pairs = ((found.t_us, t_us), (found.x, x), (found.y, y), (found.polarity, polarity))
-    return all(np.array_equal(a, b) for a, b in pairs)
-
-
 def tuples(found: Block) -> list[tuple[int, int, int, int]]:
     """Return events as t_us, x, y and polarity."""
     columns = (found.t_us, found.x, found.y, found.polarity)
     return list(zip(*(column.tolist() for column in columns), strict=True))
-
-
-@st.composite
-def events(draw: st.DrawFn, width: int, height: int, longest_us: int = 1000) -> Block:
-    """Draw up to 60 events, the times from 0 with steps of up to `longest_us`."""
-    rows = draw(
-        st.lists(
-            st.tuples(
-                st.integers(0, longest_us),
-                st.integers(0, width - 1),
-                st.integers(0, height - 1),
-                st.integers(0, 1),
-            ),
-            max_size=60,
-        )
-    )
-    steps, x, y, polarity = np.array(rows, np.int64).reshape(-1, 4).T
-    return Block(np.cumsum(steps), x.astype(np.int32), y.astype(np.int32), polarity.astype(np.uint8))
 
 
 def many(n: int, width: int, height: int) -> Block:
@@ -97,18 +72,13 @@ def many(n: int, width: int, height: int) -> Block:
     )
 
 
-def part(block: Block, of: slice) -> Block:
-    """Return some of the events."""
-    return Block(block.t_us[of], block.x[of], block.y[of], block.polarity[of])
-
-
 def peak_bytes(form: Format, path: Path) -> tuple[int, int]:
     """Return how many events a file has, and the most memory that reading it took."""
-    for _ in form.blocks(path, Repairs(path.name, False).broken):
+    for _ in form.blocks(path, Repairs(path.name, False)):
         break  # imports what is needed
     tracemalloc.start()
     try:
-        n = sum(len(block.t_us) for block in form.blocks(path, Repairs(path.name, False).broken))
+        n = sum(len(block.t_us) for block in form.blocks(path, Repairs(path.name, False)))
         return n, tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()

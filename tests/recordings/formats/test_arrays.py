@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dse.recordings import RecordingError
@@ -19,7 +19,7 @@ TABLE = np.array(list(zip(X, Y, T, P, strict=True)), DTYPE)
 
 def read(path, form, repair=False):
     repairs = Repairs(path.name, repair)
-    blocks = list(form.blocks(path, repairs.broken))
+    blocks = list(form.blocks(path, repairs))
     fields = ("t_us", "x", "y", "polarity")
     return [
         np.concatenate([getattr(block, name) for block in blocks] or [np.zeros(0)]).tolist()
@@ -49,7 +49,7 @@ every_kind = pytest.mark.parametrize("kind", ["npz", "compressed", "h5"])
 def test_a_published_decoding_is_read_as_it_is(shared_data):
     path = shared_data / "native_event_files" / "expelliarmus_evt3_sample_decoded.npz"
     assert detect(path) == Npz() and Npz().frame(path) is None
-    blocks = list(Npz().blocks(path, Repairs("a", False).broken))
+    blocks = list(Npz().blocks(path, Repairs("a", False)))
     assert len(blocks) == 4
     with np.load(path) as wanted:
         for name, key in (("t_us", "t"), ("x", "x"), ("y", "y"), ("polarity", "p")):
@@ -186,6 +186,7 @@ def test_files_cut_short(tmp_path, kind, n_bytes):
 
 
 @given(at=st.integers(0, 1400), junk=st.binary(max_size=9))
+@settings(max_examples=40)
 def test_damage_is_found_and_told_in_one_line(tmp_path_factory, at, junk):
     path = npz(tmp_path_factory.mktemp("damage"), compressed=True, **TYPED)
     data = path.read_bytes()
@@ -249,6 +250,6 @@ def test_names_in_hdf5_that_are_no_text_are_one_line_or_left_out(tmp_path):
             file[name] = np.arange(3)
     path.write_bytes(path.read_bytes().replace(b"abc\0", b"\xabbc\0"))
     try:
-        assert sum(len(block.t_us) for block in H5().blocks(path, Repairs("x.h5", False).broken)) == 3
+        assert sum(len(block.t_us) for block in H5().blocks(path, Repairs("x.h5", False))) == 3
     except RecordingError as error:
         assert str(error).startswith("x.h5: the file cannot be read") and "\n" not in str(error)

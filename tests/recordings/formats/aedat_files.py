@@ -1,0 +1,126 @@
+"""Writers of AEDAT files, after the specification: version 2 of jAER, 3.1 of cAER and 4 of DV."""
+
+from __future__ import annotations
+
+import itertools
+import struct
+from collections.abc import Callable, Iterable, Sequence
+
+import lz4.frame
+import numpy as np
+import zstandard
+
+from tests.recordings.formats.encoders import Event
+
+CHIPS = {
+    "ch.unizh.ini.jaer.chip.retina.DVS128": (128, 128),
+    "eu.seebetter.ini.chips.davis.DAVIS240C": (240, 180),
+    "eu.seebetter.ini.chips.davis.Davis346red": (346, 260),
+    "eu.seebetter.ini.chips.davis.Davis640": (640, 480),
+}
+DVS128, DAVIS240 = list(CHIPS)[:2]
+VERSION_2, VERSION_3, VERSION_4 = b"#!AER-DAT2.0\r\n", b"#!AER-DAT3.1\r\n", b"#!AER-DAT4.0\r\n"
+END_2, END_3 = b"#End Of ASCII Header\r\n", b"#!END-HEADER\r\n"
+POLARITY = 1
+COMPRESS: dict[str, Callable[[bytes], bytes]] = {
+    "none": bytes,
+    "lz4": lz4.frame.compress,
+    "lz4 high": lambda data: lz4.frame.compress(data, compression_level=9),
+    "zstd": zstandard.ZstdCompressor().compress,
+    "zstd high": zstandard.ZstdCompressor(level=15, write_content_size=False).compress,
+}
+STREAMS = (("EVTS", (320, 240)), ("FRME", (320, 240)), ("IMUS", None))
+
+
+def head_2(chip: str | None = DVS128, end: bytes = END_2) -> bytes:
+    named = b"" if chip is None else f"# AEChip: {chip}\r\n".encode()
+    return VERSION_2 + b"# This is a raw AE data file - do not edit\r\n" + named + end
+
+
+def stamped(addresses: Iterable[int], t_us: Iterable[int]) -> bytes:
+    return b"".join(struct.pack(">II", *x) for x in zip(addresses, t_us, strict=True))
+
+
+def words(events: Sequence[Event], chip: str = DVS128) -> bytes:
+    """Return words of AEDAT 2: jAER's chips count columns from the right and rows from the bottom."""
+    width, height = CHIPS[chip]
+    shifts = (8, 1, 0) if chip == DVS128 else (22, 12, 11)
+    return b"".join(
+        struct.pack(
+            ">II",
+            (height - 1 - y) << shifts[0]
+            | (width - 1 - x) << shifts[1]
+            | (p ^ (chip == DVS128)) << shifts[2],
+            t % (1 << 32),
+        )
+        for t, x, y, p in events
+    )
+
+
+def head_3(source: str = "DAVIS240C", layout: bytes = b"RAW", more: bytes = b"") -> bytes:
+    named = f"#Source 1: {source}\r\n".encode()
+    start = b"#Start-Time: 2016-04-01 12:00:00 (TZ+0100)\r\n"
+    return VERSION_3 + b"#Format: " + layout + b"\r\n" + named + start + more + END_3
+
+
+def packet_3(data: bytes, count: int, kind: int = POLARITY, **fields: int) -> bytes:
+    """Return a packet; `fields` overwrite those of its header."""
+    size = len(data) // count if count else 8
+    header = {"kind": kind, "source": 1, "size": size, "time_at": 4, "overflow": 0}
+    header |= {"capacity": count, "n": count, "valid": count}
+    assert set(fields) <= set(header)
+    return struct.pack("<hhiiiiii", *(header | fields).values()) + data
+
+
+def pairs(values: Iterable[tuple[int, int]]) -> bytes:
+    return b"".join(struct.pack("<Ii", *pair) for pair in values)
+
+
+def packets(events: Sequence[Event], **fields: int) -> bytes:
+    """Return events in packets, a new one wherever the overflow counter rises."""
+    recording = b""
+    for overflow, part in itertools.groupby(events, lambda event: event[0] >> 31):
+        values = [(x << 17 | y << 2 | p << 1 | 1, t % (1 << 31)) for t, x, y, p in part]
+        recording += packet_3(pairs(values), len(values), overflow=overflow, **fields)
+    return recording
+
+
+def prefixed(kind: bytes, table: bytes) -> bytes:
+    """Return a size-prefixed flatbuffer; `table`, which begins at byte 12 of it, says where its root is."""
+    root = 12 + struct.unpack_from("<H", table)[0]
+    root += -root % 4
+    data = struct.pack("<I", root - 4) + kind + table
+    return struct.pack("<I", len(data)) + data
+
+
+def head_4(compression: str | int = "lz4", end: int = -1, streams: tuple = STREAMS) -> bytes:
+    attr = '<attr key="{}" type="{}">{}</attr>'.format
+    nodes = ""
+    for i, (kind, size) in enumerate(streams):
+        sides = zip(("sizeX", "sizeY"), size or (), strict=False)
+        info = "".join(attr(key, "int", side) for key, side in sides)
+        named = attr("typeIdentifier", "string", kind)
+        nodes += f'<node name="{i}">{named}<node name="info">{info}</node></node>'
+    number = list(COMPRESS).index(compression) if isinstance(compression, str) else compression
+    return described(f'<dv version="2.0"><node name="outInfo">{nodes}</node></dv>'.encode(), number, end)
+
+
+def described(text: bytes, compression: int, end: int = -1) -> bytes:
+    lookup = struct.pack("<5H2x", 10, 20, 4, 12, 8)  # compression, end, text within the table
+    table = struct.pack("<iiIq", 12, compression, 12, end)
+    return VERSION_4 + prefixed(b"IOHE", lookup + table + struct.pack("<I", len(text)) + text + b"\x00")
+
+
+def content(events: Sequence[Event], kind: bytes = b"EVTS", count: int | None = None) -> bytes:
+    rows = np.array([(t, x, y, p, b"") for t, x, y, p in events], np.dtype("<i8, <i2, <i2, u1, V3"))
+    table = struct.pack("<3H2xiI", 6, 8, 4, 8, 4)
+    n = len(rows) if count is None else count
+    return prefixed(kind, table + struct.pack("<I", n) + rows.tobytes())
+
+
+def packet_4(data: bytes, stream: int = 0, size: int | None = None) -> bytes:
+    return struct.pack("<ii", stream, len(data) if size is None else size) + data
+
+
+def coded(events: Sequence[Event], compression: str = "lz4", stream: int = 0, **fields) -> bytes:
+    return packet_4(COMPRESS[compression](content(events, **fields)), stream)
