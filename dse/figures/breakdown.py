@@ -11,7 +11,7 @@ import numpy as np
 
 from dse import store
 from dse.figures import NothingRecorded, Results, chip_of, hardware_key, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT, row_axis, short
+from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, rows_layout, short
 from dse.hardware.cost import cost
 from dse.records import Floats
 from dse.registry import param, register
@@ -109,15 +109,12 @@ class EnergyFigure:
             "x": [uj for _, uj, _ in rows] + [total],
             "base": [0.0] * len(rows) + [0.0 if known else low],
             "marker": {"color": [colour for _, _, colour in rows] + [TOTAL]},
-            "error_x": {
-                "type": "data",
-                "symmetric": False,
-                "array": [0.0] * len(rows) + [high - record.energy_uj if known else 0.0],
-                "arrayminus": [0.0] * len(rows) + [record.energy_uj - low if known else 0.0],
-                "thickness": 1,
-                "width": 4,
-                "color": QUIET,
-            },
+            "error_x": interval_bars(
+                [0.0] * len(rows) + [record.energy_uj - low if known else 0.0],
+                [0.0] * len(rows) + [high - record.energy_uj if known else 0.0],
+                width=4,
+                color=QUIET,
+            ),
             "customdata": [f"{name}: {text} µJ" for name, text in zip(names, words, strict=True)],
             "hovertemplate": "%{customdata}<extra></extra>",
             "showlegend": False,
@@ -125,24 +122,10 @@ class EnergyFigure:
         # Beside the bars, where nothing covers them: a total's interval is often longer than its bar.
         reach = [*(uj for _, uj, _ in rows), max(high, total)]
         written = [
-            {
-                "text": text,
-                "x": end / max(reach) * _BARS,
-                "xref": "paper",
-                "y": place,
-                "showarrow": False,
-                "xanchor": "left",
-                "xshift": 6,
-                "font": {"size": 10},
-            }
+            beside(text, end / max(reach) * _BARS, place, xref="paper", font={"size": 10})
             for place, (end, text) in enumerate(zip(reach, words, strict=True))
         ]
-        layout = {
-            "xaxis": {"title": {"text": "energy of an inference (µJ)"}, "range": [0, max(reach) / _BARS]},
-            "yaxis": row_axis([*(name for name, _, _ in rows), "total"]),
-            "annotations": written,
-            "bargap": 0.35,
-            "height": 60 + 26 * len(names),
-            "margin": {"l": 96, "r": 12, "t": 8, "b": 40},
-        }
-        return go.Figure([bars], layout)
+        names = [*(name for name, _, _ in rows), "total"]
+        layout = rows_layout("energy of an inference (µJ)", names, 26, 60)
+        layout |= {"annotations": written, "bargap": 0.35, "margin": {"l": 96, "r": 12, "t": 8, "b": 40}}
+        return go.Figure([bars], layout).update_xaxes(range=[0, max(reach) / _BARS])

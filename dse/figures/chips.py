@@ -10,7 +10,7 @@ import numpy as np
 
 from dse.figures import Results, of_task
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, label, row_axis
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, label, rows_layout
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import fitting, honest
@@ -115,7 +115,7 @@ class ChipsFigure:
                 mode="markers",
                 name=html.escape(name, quote=False),
                 marker={"symbol": symbol, "size": 9, "color": colour},
-                error_x={"symmetric": False, "array": high, "arrayminus": low, "thickness": 1},
+                error_x=interval_bars(low, high),
                 hovertemplate="%{x:.4g}<extra></extra>",
             )
         for place, (cost, value) in enumerate(zip(record.pick[:, 0], record.pick_gain, strict=True)):
@@ -125,16 +125,7 @@ class ChipsFigure:
         unknown = html.escape(", ".join(record.without), quote=False)
         of = f"{html.escape(record.task, quote=False)}: " if record.task else ""
         title = of + axis_title(record.cost) + (f"<br>not known: {unknown}" if unknown else "")
-        figure.update_layout(
-            separators=".\u202f",
-            xaxis={
-                "title": {"text": title},
-                "type": "log" if is_log else "linear",
-                "exponentformat": "none",
-                "separatethousands": True,
-            },
-            yaxis=row_axis(record.hardware),
-            legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0},
-            height=_MARGIN_PX + _ROW_PX * max(2, len(places)),
-        )
-        return figure
+        layout = rows_layout(title, record.hardware, _ROW_PX, _MARGIN_PX, 2)
+        layout["xaxis"] |= {"type": "log" if is_log else "linear", "exponentformat": "none"}
+        figure.update_layout(layout, separators=".\u202f")
+        return figure.update_xaxes(separatethousands=True)

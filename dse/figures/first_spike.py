@@ -13,7 +13,7 @@ import numpy as np
 
 from dse import store
 from dse.figures import NothingRecorded, Results, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT, row_axis
+from dse.figures.labels import OKABE_ITO_LIGHT, interval_bars, rows_layout
 from dse.measure.objectives.first_spike import by_class, first_spike_ms
 from dse.records import Floats, Ints
 from dse.registry import register
@@ -21,7 +21,7 @@ from dse.registry import register
 if TYPE_CHECKING:
     import plotly.graph_objects
 
-_BAR_PX, _HEIGHT_PX, _MARGIN_PX = 20, 300, 90
+_BAR_PX, _MARGIN_PX, _LEAST = 20, 100, 10
 
 
 @dataclass(frozen=True)
@@ -91,22 +91,16 @@ class FirstSpikeFigure:
             y=list(range(len(names))),
             x=record.median_ms,
             marker={"color": OKABE_ITO_LIGHT[0]},
-            error_x={
-                "type": "data",
-                "symmetric": False,
-                "array": record.most_ms - record.median_ms,
-                "arrayminus": record.median_ms - record.least_ms,
-                "thickness": 1,
-                "width": 3,
-                "color": OKABE_ITO_LIGHT[1],
-            },
+            error_x=interval_bars(
+                record.median_ms - record.least_ms,
+                record.most_ms - record.median_ms,
+                width=3,
+                color=OKABE_ITO_LIGHT[1],
+            ),
             customdata=hover,
             hovertemplate="%{customdata}, %{x:.4g} ms<extra></extra>",
         )
         of_set = "test" if record.on_test else "validation"
-        layout = {
-            "xaxis": {"title": {"text": f"first output spike (ms), {of_set} set"}, "rangemode": "tozero"},
-            "yaxis": row_axis(record.classes),
-            "height": max(_HEIGHT_PX, _MARGIN_PX + _BAR_PX * len(names)),
-        }
-        return go.Figure([bars], layout)
+        title = f"first output spike (ms), {of_set} set"
+        layout = rows_layout(title, record.classes, _BAR_PX, _MARGIN_PX, _LEAST)
+        return go.Figure([bars], layout).update_xaxes(rangemode="tozero")

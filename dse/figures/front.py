@@ -11,7 +11,7 @@ import numpy as np
 
 from dse import registry
 from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, short
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import admissible
@@ -207,15 +207,12 @@ def _bars(front: Front, rows: Array, colour: str) -> dict[str, dict[str, Any]]:
     """Return the intervals of every n-th point of a front."""
     shown = np.arange(len(rows)) % -(-len(rows) // _BARS) == 0 if len(rows) else np.zeros(0, bool)
     return {
-        axis: {
-            "type": "data",
-            "array": np.where(shown, front.high[rows, k], np.nan),
-            "arrayminus": np.where(shown, front.low[rows, k], np.nan),
-            "symmetric": False,
-            "color": colour,
-            "thickness": 0.75,
-            "width": 2,
-        }
+        axis: interval_bars(
+            *(np.where(shown, end[rows, k], np.nan) for end in (front.low, front.high)),
+            color=colour,
+            thickness=0.75,
+            width=2,
+        )
         for k, axis in enumerate("xyz"[: len(front.columns)])
         if front.high[rows, k].any() or front.low[rows, k].any()
     }

@@ -7,6 +7,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from dse.records import Array
+
 # Okabe & Ito (2008): eight colours told apart with every common colour vision. Yellow is left out: it
 # vanishes on white. One order for a light page, one for a dark page.
 OKABE_ITO_LIGHT = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -53,6 +55,36 @@ def row_axis(names: Sequence[str]) -> dict[str, Any]:
     words = [html.escape(name, quote=False) for name in names]
     places = list(range(len(words)))
     return {"tickvals": places, "ticktext": words, "autorange": "reversed", "showgrid": False}
+
+
+def rows_layout(
+    title: str, names: Sequence[str], row_px: int, margin_px: int, least: int = 0
+) -> dict[str, Any]:
+    """Return the layout of a figure with a row for each name, as high as they are many.
+
+    Args:
+        title: of the horizontal axis, safe as plotly text.
+        names: of the rows, the first on top.
+        row_px: height of a row.
+        margin_px: height beside the rows.
+        least: number of rows that there is room for at least.
+    """
+    return {
+        "xaxis": {"title": {"text": title}},
+        "yaxis": row_axis(names),
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
+        "height": margin_px + row_px * max(least, len(names)),
+    }
+
+
+def interval_bars(low: Array | list[float], high: Array | list[float], **style: Any) -> dict[str, Any]:
+    """Return the bars of intervals: distances from a value to their ends."""
+    return {"type": "data", "symmetric": False, "array": high, "arrayminus": low} | {"thickness": 1} | style
+
+
+def beside(text: str, x: float, y: object, **more: Any) -> dict[str, Any]:
+    """Return a note right of a place."""
+    return {"text": text, "x": x, "y": y, "showarrow": False, "xanchor": "left", "xshift": 6, **more}
 
 
 def watts(value: float) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from dse.figures import NothingRecorded, Results, full_read_outs, trial_key, trial_of
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, row_axis, watts
+from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, rows_layout, watts
 from dse.records import Array
 from dse.registry import register
 
@@ -92,26 +92,13 @@ class PowerFigure:
                 marker={"color": colour},
                 hovertemplate=f"{name}: %{{x:.4g}} W<extra></extra>",
             )
-        bars = {"type": "data", "symmetric": False, "array": record.high_w, "arrayminus": record.low_w}
-        figure.data[1].error_x = {**bars, "thickness": 1, "width": 4, "color": _INTERVAL}
+        figure.data[1].error_x = interval_bars(record.low_w, record.high_w, width=4, color=_INTERVAL)
         # Beside the interval, because a part may be too small to hold its number.
         ends_w = record.idle_w + record.beyond_w + record.high_w
         for place, (idle_w, beyond_w) in enumerate(zip(record.idle_w, record.beyond_w, strict=True)):
-            figure.add_annotation(
-                x=float(ends_w[place]),
-                y=place,
-                text=f"{watts(float(idle_w))} + {watts(float(beyond_w))}",
-                showarrow=False,
-                xanchor="left",
-                xshift=6,
-            )
+            text = f"{watts(float(idle_w))} + {watts(float(beyond_w))}"
+            figure.add_annotation(beside(text, float(ends_w[place]), place))
         unknown = html.escape(", ".join(record.without), quote=False)
         title = "power (W)" + (f"<br>not known: {unknown}" if unknown else "")
-        figure.update_layout(
-            barmode="stack",
-            xaxis={"title": {"text": title}, "range": [0, _ROOM * float(ends_w.max())]},
-            yaxis=row_axis(record.hardware),
-            legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
-            height=_MARGIN_PX + _BAR_PX * max(3, len(places)),
-        )
-        return figure
+        figure.update_layout(rows_layout(title, record.hardware, _BAR_PX, _MARGIN_PX, 3), barmode="stack")
+        return figure.update_xaxes(range=[0, _ROOM * float(ends_w.max())])

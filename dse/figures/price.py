@@ -14,7 +14,7 @@ import numpy as np
 
 from dse.figures import Results, hardware_key, of_task, on_one_chip
 from dse.figures.front import numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, label, short
+from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, label, short
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import admissible
@@ -129,19 +129,13 @@ class PriceFigure:
                     "color": OKABE_ITO_LIGHT[0],
                     "symbol": ["circle" if is_known else "triangle-right" for is_known in known],
                 },
-                error_x={
-                    "type": "data",
-                    "symmetric": False,
-                    "array": beyond - share,
-                    "arrayminus": share - low,
-                    "thickness": 1,
-                },
+                error_x=interval_bars(share - low, beyond - share),
                 customdata=words,
                 hovertemplate="%{y}: %{customdata} per 0.01<extra></extra>",
             )
         )
         for name, text in zip(names, words, strict=True):
-            figure.add_annotation(x=0, y=name, text=text, showarrow=False, xanchor="left", yshift=12)
+            figure.add_annotation(beside(text, 0, name, xshift=0, yshift=12))
         of = html.escape(
             f"{record.task + ': ' if record.task else ''}price of 0.01 of {label(record.gain)[0]}",
             quote=False,

@@ -16,7 +16,7 @@ import numpy as np
 
 from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, short
 from dse.records import Array, Floats
 from dse.registry import param, register
 
@@ -105,11 +105,10 @@ class SweepFigure:
             for index, line in enumerate(record.lines):
                 colour = OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)]
                 style = index // len(OKABE_ITO_LIGHT) % len(_DASHES)
-                bars = {"type": "data", "symmetric": False, "thickness": 1, "width": 3}
                 figure.add_scatter(
                     x=line.x,
                     y=line.values[column],
-                    error_y={**bars, "array": line.high[column], "arrayminus": line.low[column]},
+                    error_y=interval_bars(line.low[column], line.high[column], width=3),
                     mode="lines+markers",
                     name=html.escape(line.name, quote=False),
                     legendgroup=str(index),

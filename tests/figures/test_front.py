@@ -1,13 +1,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from dse.figures.front import FrontFigure, interval
-from dse.skyline.front import front_mask
 from tests.figure_data import study
-from tests.page_data import ENERGY, OBJECTIVES, ON_FRONT, ON_PAIR, points
+from tests.page_data import ENERGY, ON_PAIR, points
 
 
 def gathered(frame, columns=("energy_uj", "accuracy"), **keys):
@@ -18,17 +15,9 @@ def draw(*arguments, **keys):
     return FrontFigure().draw(gathered(*arguments, **keys))
 
 
-def test_front_over_all_objectives():
-    assert front_mask(points(), OBJECTIVES.items()).tolist() == ON_FRONT
-
-
-def test_front_over_the_columns_shown():
+def test_front_is_over_the_columns_shown_of_each_task():
     front = gathered(points())
-    assert front.on_front.tolist() == ON_PAIR
-    assert front.values[:, 0].tolist() == ENERGY
-
-
-def test_tasks_have_a_front_each():
+    assert front.on_front.tolist() == ON_PAIR and front.values[:, 0].tolist() == ENERGY
     both = pd.concat([points(), points(task="velocity", accuracy=0.1)], ignore_index=True)
     front = gathered(both)
     assert front.groups == ("texture", "velocity")
@@ -50,20 +39,6 @@ def test_intervals_are_distances_from_the_value():
     low, high = interval(points(), "accuracy")
     assert low.tolist() == high.tolist() == [0.02] * 5
     assert interval(points(), "n_weights")[0].tolist() == [0.0] * 5
-
-
-def test_table_is_not_changed():
-    frame = points()
-    before = frame.copy(deep=True)
-    draw(frame, ["energy_uj", "accuracy", "n_weights"])
-    pd.testing.assert_frame_equal(frame, before)
-
-
-@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=12))
-def test_front_agrees_with_the_definition(values):
-    frame = pd.DataFrame(values, columns=["accuracy", "energy_uj"])
-    expected = [not any(a >= x and e <= y and (a > x or e < y) for a, e in values) for x, y in values]
-    assert front_mask(frame, [("accuracy", "max"), ("energy_uj", "min")]).tolist() == expected
 
 
 @pytest.mark.parametrize(
@@ -91,19 +66,6 @@ def test_a_parameter_stands_beside_the_front_where_there_is_room():
     assert list(best.text) == ["10", "1", "0.3", ""], "the last would cover the one before"
 
 
-@pytest.mark.parametrize(
-    ("objectives", "message"),
-    [
-        ({}, "at least one column"),
-        ({"cost": "min"}, "unknown column 'cost'"),
-        ({"accuracy": "up"}, "'accuracy' must be followed by :max or :min, got 'up'"),
-    ],
-)
-def test_wrong_objectives(objectives, message):
-    with pytest.raises(ValueError, match=message):
-        front_mask(points(), objectives.items())
-
-
 def test_drawing_shows_every_point_once_and_joins_the_front():
     figure = draw(points())
     dominated, best = figure.data
@@ -112,10 +74,6 @@ def test_drawing_shows_every_point_once_and_joins_the_front():
     assert best.mode == "lines+markers"
     assert list(best.error_y.array) == [0.02] * 3
     assert figure.layout.xaxis.title.text == "energy (µJ)"
-
-
-def test_the_front_is_a_staircase_on_logarithmic_axes_where_it_spans_decades():
-    figure = draw(points())
     assert figure.data[1].line.shape == "hv", "less energy is better: nothing lies left of a step"
     assert figure.layout.xaxis.type == figure.layout.yaxis.type == "linear"
     wide = points(energy_uj=[5000.0, 20.0, 21.0, 5.0, 30.0])
@@ -132,14 +90,13 @@ def test_intervals_of_a_crowded_front_are_thinned():
     assert bars.sum() == 20 and len(bars) == n
 
 
-def test_drawing_in_space():
-    figure = draw(points(), ["energy_uj", "accuracy", "n_weights"])
+def test_drawing_in_space_and_hover_is_escaped_and_short():
+    frame = points(**{"model.kind": "<img src=x onerror=alert(1)>" + "a" * 500})
+    before = frame.copy(deep=True)
+    figure = draw(frame, ["energy_uj", "accuracy", "n_weights"])
+    pd.testing.assert_frame_equal(frame, before)
     assert {trace.type for trace in figure.data} == {"scatter3d"}
     assert sum(len(trace.z) for trace in figure.data) == 5
-
-
-def test_hover_is_escaped_and_short():
-    front = gathered(points(**{"model.kind": "<img src=x onerror=alert(1)>" + "a" * 500}))
-    assert "<img" not in front.hover[0]
-    assert "&lt;img" in front.hover[0]
-    assert max(len(line) for line in front.hover[0].split("<br>")) < 100
+    hover = gathered(frame).hover[0]
+    assert "<img" not in hover and "&lt;img" in hover
+    assert max(len(line) for line in hover.split("<br>")) < 100

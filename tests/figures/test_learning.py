@@ -49,12 +49,6 @@ def test_drawing():
     # Panels from top to bottom, apart from each other.
     ends = [end for axis in (layout.yaxis3, layout.yaxis2, layout.yaxis) for end in axis.domain]
     assert ends == sorted(set(ends))
-
-
-def test_a_single_repeat_needs_no_legend():
-    assert not any(trace.showlegend for trace in FIGURE.draw(gathered(SHORT)).data)
-
-
-def test_a_long_line_has_no_more_points_than_a_panel_shows():
+    assert not any(trace.showlegend for trace in FIGURE.draw(gathered(SHORT)).data), "a single repeat"
     [line] = FIGURE.draw(gathered({"loss": np.arange(1000.0)})).data
     assert len(line.x) <= 120 and list(line.x[:2]) == [1, 10] and list(line.y[:2]) == [0, 9]

@@ -25,7 +25,7 @@ def test_lines_are_the_points_and_the_front_is_over_all_objectives():
     assert (found.n_incomplete, found.n_left_out) == (0, 0)
 
 
-def test_tasks_have_fronts_of_their_own_and_misfits_none():
+def test_tasks_have_fronts_of_their_own_and_misfits_and_leaks_none():
     frame = pd.concat(
         [points(hardware="a"), points(hardware="a", task="speed")],
         ignore_index=True,
@@ -33,11 +33,9 @@ def test_tasks_have_fronts_of_their_own_and_misfits_none():
     frame.loc[0, "fits"] = False
     found = gathered(frame)
     assert found.on_front.reshape(2, 5).tolist() == [[False, True, True, True, False], ON_FRONT]
-
-
-def test_equal_points_are_on_the_front_together():
-    found = gathered(points(accuracy=0.5, energy_uj=1.0, n_weights=3))
-    assert found.on_front.all()
+    seen = points(transductive=[False, True, False, False, False])
+    assert gathered(seen).on_front.tolist() == [True, False, True, True, True]
+    assert gathered(points(accuracy=0.5, energy_uj=1.0, n_weights=3)).on_front.all(), "equal points"
 
 
 def test_words_are_categories_and_so_is_their_absence():
@@ -92,11 +90,6 @@ def test_empty_and_one_row(n):
 def test_wrong_columns(columns, objectives, message):
     with pytest.raises(ValueError, match=message):
         gathered(points().iloc[:0], columns, objectives)
-
-
-def test_what_has_seen_the_labels_is_not_on_the_front():
-    seen = points(transductive=[False, True, False, False, False])
-    assert gathered(seen).on_front.tolist() == [True, False, True, True, True]
 
 
 def test_drawing_colours_the_front_and_uses_logarithms_over_decades():

@@ -58,14 +58,10 @@ def test_drawing():
     assert list(figure.layout.yaxis3.ticktext) == ["input ≤ 9", "output ≤ 1"]
 
 
-def test_an_undecided_recording_has_no_theta_and_a_dotted_end():
-    lines = {shape.name: shape for shape in RecordingFigure().draw(gathered()).layout.shapes}
-    assert list(lines) == ["decision"]
-    assert lines["decision"].line.dash == "dot"
-
-
-def test_class_names_cannot_be_markup():
+def test_an_undecided_recording_has_no_theta_and_names_cannot_be_markup():
     figure = RecordingFigure().draw(gathered())
+    [line] = figure.layout.shapes
+    assert (line.name, line.line.dash) == ("decision", "dot")
     assert [trace.name for trace in figure.data][:1] == ["output spike"]
     assert "&lt;b&gt;silk" in figure.layout.yaxis.ticktext[1]
     assert "<b>" not in figure.to_json().replace("\\u003c", "<")

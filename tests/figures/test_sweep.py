@@ -42,6 +42,8 @@ def test_a_panel_per_column():
     assert (figure.layout.yaxis.title.text, figure.layout.yaxis2.title.text) == ("accuracy", "itr (bit/s)")
     assert figure.layout.xaxis2.title.text == "window (ms)"
     assert [trace.showlegend for trace in figure.data] == [True, True, False, False]
+    [line] = SweepFigure("").draw(gathered(points()[:3], "window_ms", ["accuracy"])).data
+    assert not line.showlegend
 
 
 def test_a_line_per_value_of_another_column():
@@ -73,11 +75,6 @@ def test_columns_alike_are_one_parameter():
         gathered(frame, "model.*.tau", ["accuracy"])
 
 
-def test_one_line_needs_no_legend():
-    [line] = SweepFigure("").draw(gathered(points()[:3], "window_ms", ["accuracy"])).data
-    assert not line.showlegend
-
-
 def test_of_one_family():
     found = SweepFigure(x="model.hidden", family="snn", task="texture").gather(SmallStudy())
     assert [line.x.tolist() for line in found.lines] == [[4, 6, 9]]
@@ -85,12 +82,15 @@ def test_of_one_family():
         SweepFigure(x="model.hidden", family="elm").gather(SmallStudy())
 
 
-def test_what_it_refuses():
-    with pytest.raises(ValueError, match=r"columns must be in the table, got \['gain'\]"):
-        gathered(points(), "gain", ["accuracy"])
-    with pytest.raises(ValueError, match=r"none the x 'trial', got \['accuracy', 'accuracy'\]"):
-        gathered(points(), "trial", ["accuracy", "accuracy"])
-    with pytest.raises(ValueError, match=r"got \[\]"):
-        gathered(points(), "trial", [])
-    with pytest.raises(ValueError, match="a row must have numbers of window_ms and accuracy, got none"):
-        gathered(points()[5:], "window_ms", ["accuracy"])
+@pytest.mark.parametrize(
+    ("frame", "keys", "message"),
+    [
+        (points(), ("gain", ["accuracy"]), r"columns must be in the table, got \['gain'\]"),
+        (points(), ("trial", ["accuracy"] * 2), r"none the x 'trial', got \['accuracy', 'accuracy'\]"),
+        (points(), ("trial", []), r"got \[\]"),
+        (points()[5:], ("window_ms", ["accuracy"]), "must have numbers of window_ms and accuracy, got none"),
+    ],
+)
+def test_what_it_refuses(frame, keys, message):
+    with pytest.raises(ValueError, match=message):
+        gathered(frame, *keys)

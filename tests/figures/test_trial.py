@@ -57,13 +57,9 @@ def test_numbers_by_hand(block, walk):
     assert (view.n_events, view.one_in) == (6, 1)
     assert view.events.t_us.tolist() == [0, 4_000, 9_999, 10_000, 13_000]
     assert (view.step_ms, view.recent_ms, view.busiest) == (10.0, 10.0, 1)
-
-
-def test_events_are_thinned_evenly_and_counted_in_full(block, walk):
     view = gather_trial(block, walk, (40, 20), "a trial", most_events=3)
-    assert view.one_in == 2
+    assert view.one_in == 2 and view.raster.sum() == 5, "thinned evenly and counted in full"
     assert view.events.t_us.tolist() == [0, 9_999, 13_000]
-    assert view.raster.sum() == 5
 
 
 def test_moments_are_every_mth_of_the_paths():
@@ -80,32 +76,27 @@ def test_moments_are_every_mth_of_the_paths():
     assert len(gather_trial(Block(*[address[:0]] * 4), many, (4, 4), "many").t_s) <= 131
 
 
-def test_a_trial_without_events(walk):
+def test_without_events_or_moments(block, walk):
     none = np.zeros(0, np.int32)
-    view = gather_trial(
-        Block(none.astype(np.int64), none, none, none.astype(np.uint8)), walk, (40, 20), "still"
-    )
-    assert view.raster.tolist() == [[0, 0], [0, 0]]
-    assert view.n_events == 0
+    empty = Block(none.astype(np.int64), none, none, none.astype(np.uint8))
+    view = gather_trial(empty, walk, (40, 20), "still")
+    assert view.raster.tolist() == [[0, 0], [0, 0]] and view.n_events == 0
     assert draw_course(view).data[0].zmax == 1
     assert len(draw_pins(view, 1).data[3].x) == 0
-
-
-def test_one_moment_is_no_trial(block, walk):
     short = Walk(walk.t_s[:1], walk.px[:1], walk.s_mm[:1], walk.v_mm_s[:1])
     with pytest.raises(ValueError, match="at least two times, got 1"):
         gather_trial(block, short, (40, 20), "short")
 
 
 def test_drawing_of_a_moment(block, walk):
-    figure = draw_pins(gather_trial(block, walk, (40, 20), "a trial"), 1)
+    before = (walk.px.copy(), block.x.copy())
+    view = gather_trial(block, walk, (40, 20), "a trial")
+    figure = draw_pins(view, 1)
     discs, moves, off, on = figure.data
     x = np.array(discs.x, float).reshape(2, -1)
     assert np.isnan(x[:, -1]).all()
-    assert (np.nanmin(x, axis=1).round(6).tolist(), np.nanmax(x, axis=1).round(6).tolist()) == (
-        [8, 32],
-        [12, 36],
-    )
+    ends = np.nanmin(x, axis=1), np.nanmax(x, axis=1)
+    assert np.round(ends, 6).tolist() == [[8, 32], [12, 36]]
     assert np.array(moves.x, float)[[0, 1, 3, 4]].tolist() == [10.0, 10.0, 30.0, 34.0]
     # later than 0 and up to 10 ms
     assert (list(off.x), list(off.y)) == ([19.5, 21.5], [9.5, 9.5])
@@ -113,13 +104,10 @@ def test_drawing_of_a_moment(block, walk):
     assert tuple(figure.layout.xaxis.range) == (0, 40)
     assert tuple(figure.layout.yaxis.range) == (20, 0)
     assert figure.layout.xaxis.title.text == "x (px)"
-
-
-def test_movement_is_exaggerated_and_events_are_not(block, walk):
-    view = gather_trial(block, walk, (40, 20), "a trial")
     _, moves, off, _ = draw_pins(view, 1, exaggeration=3.0).data
     assert np.array(moves.x, float)[[0, 1, 3, 4]].tolist() == [10.0, 10.0, 30.0, 42.0]
-    assert list(off.x) == [19.5, 21.5]
+    assert list(off.x) == [19.5, 21.5], "events stay"
+    assert (walk.px == before[0]).all() and (block.x == before[1]).all()
 
 
 def test_drawing_over_time(block, walk):
@@ -135,11 +123,3 @@ def test_drawing_over_time(block, walk):
     assert figure.layout.xaxis4.title.text == "time (s)"
     assert heat.colorbar.title.text == "events in 10 ms"
     assert figure.layout.title.text == "&lt;b&gt;a trial&lt;/b&gt;"
-
-
-def test_nothing_is_changed(block, walk):
-    before = (walk.px.copy(), block.x.copy())
-    view = gather_trial(block, walk, (40, 20), "a trial")
-    draw_pins(view, 2, 10.0)
-    draw_course(view)
-    assert (walk.px == before[0]).all() and (block.x == before[1]).all()
