@@ -43,6 +43,7 @@ test: $(TESTS) $(PEERS)
 	@.ci/browser "$(CURDIR)/$(VENV)/browser"
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
 	@$(MAKE) --no-print-directory -j 2 types kernels-engine kernels-scene
 	$(PYTEST) $(OF_ENGINE:%=--ignore %) $(OF_SCENE:%=--ignore %)
 
@@ -68,6 +69,7 @@ setup: $(TESTS)
 lint: $(TESTS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
 	$(BIN)/mypy
 
 types: $(TESTS)
@@ -84,7 +86,7 @@ format: $(TESTS)
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 
 $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "needs Python 3.11 or newer, with its module ensurepip" >&2; exit 1; }

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import importlib.resources
 import math
 import subprocess
 import tempfile
@@ -19,7 +17,6 @@ from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.counting import code_of
 from dse.deploy.form import Unsupported
-from dse.deploy.prefix import DEFAULT
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.sources import by_step, recordings_of
 from dse.deploy.stream import Decision, Passed, Stream, Windows
@@ -92,7 +89,8 @@ def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Record
     """Yield per recording what makes its stream, and what takes each of its steps."""
     inputs = None if reference is None else reference.inputs
     if reference is None or inputs is None:
-        for spikes in _windows_of_spikes(bundle, reference):
+        windows = _random_windows(bundle) if reference is None else _windows_of_spikes(reference)
+        for spikes in windows:
             yield (
                 lambda: Stream(bundle, Windows("once")),
                 [partial(Stream.spikes, channels=x) for x in spikes],
@@ -105,14 +103,17 @@ def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Record
         yield make, [partial(Stream.push, item=item) for item in items]
 
 
-def _windows_of_spikes(bundle: Bundle, reference: Reference | None) -> list[list[Ints]]:
-    """Return the channels that spike in each step of each window: of recordings, or random."""
-    if reference is not None:
-        n, n_steps = reference.n_recordings, reference.dataset.n_steps
-        row = reference.spikes_in[:, 0].astype(np.int64) * n_steps + reference.spikes_in[:, 1]
-        borders = np.searchsorted(row, np.arange(1, n * n_steps))
-        of_rows = np.split(np.ascontiguousarray(reference.spikes_in[:, 2]), borders)
-        return [of_rows[i * n_steps : (i + 1) * n_steps] for i in range(n)]
+def _windows_of_spikes(reference: Reference) -> list[list[Ints]]:
+    """Return the channels that spike in each step of each window of recordings."""
+    n, n_steps = reference.n_recordings, reference.dataset.n_steps
+    row = reference.spikes_in[:, 0].astype(np.int64) * n_steps + reference.spikes_in[:, 1]
+    borders = np.searchsorted(row, np.arange(1, n * n_steps))
+    of_rows = np.split(np.ascontiguousarray(reference.spikes_in[:, 2]), borders)
+    return [of_rows[i * n_steps : (i + 1) * n_steps] for i in range(n)]
+
+
+def _random_windows(bundle: Bundle) -> list[list[Ints]]:
+    """Return the same of random windows."""
     assert bundle.input is not None  # a stream has refused
     rng, n_channels = np.random.default_rng(0), bundle.fitted.n_channels
     return [
@@ -165,8 +166,10 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
         plan = code_of(bundle)
         recorded = replay.Recorded() if reference is None else replay.of_recordings(reference, plan)
         commands = recorded.commands
-        if commands is None:
-            windows = _windows_of_spikes(bundle, reference)
+        if commands is None and reference is not None:
+            commands = replay.of_spikes(reference)
+        elif commands is None:
+            windows = _random_windows(bundle)
             counts = [np.array([len(x) for x in window]) for window in windows]
             commands = [replay.of_window(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
         with tempfile.TemporaryDirectory() as temporary:
@@ -192,11 +195,9 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
 
 
 def _program(bundle: Bundle, folder: Path, options: Sequence[str]) -> Path:
-    C99().write(dataclasses.replace(bundle, prefix=DEFAULT), folder / "c")
-    source = importlib.resources.files("dse.deploy.c") / "measure.c"
-    with importlib.resources.as_file(source) as measure_c:
-        sources = [measure_c, folder / "c" / "src" / "dse.c"]
-        host.compiled(sources, folder / "measure", f"-I{folder / 'c' / 'src'}", "-O2", *options)
+    C99().write(bundle, folder / "c")
+    sources, all_options = host.driven(folder / "c", folder, "-DDSE_TIMES", *options)
+    host.compiled(sources, folder / "measure", "-O2", *all_options)
     return folder / "measure"
 
 
@@ -209,10 +210,5 @@ def _played(program: Path, commands: bytes, repetitions: int) -> list[tuple[Arra
     done = subprocess.run([program, str(repetitions)], input=commands, capture_output=True, check=False)
     if done.returncode:
         raise host.RunFailed(f"the program failed with exit code {done.returncode}")
-    numbers = np.frombuffer(done.stdout, np.int32)
-    windows, at = [], 0
-    for end in np.flatnonzero(numbers == -1).tolist():
-        if end >= at:  # a label of -1 is no end
-            windows.append((numbers[at:end].astype(np.float64), int(numbers[end + 2])))
-            at = end + 3
-    return windows
+    windows = replay.windows(np.frombuffer(done.stdout, np.int32), 1)
+    return [(times.ravel().astype(np.float64), int(answer[1])) for times, answer, _ in windows]

@@ -19,8 +19,9 @@ given are those that the mean rates let expect (`dse.hardware.activity`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.values import INVALID, Hint, Report, dotted, echo, read, read_object
 from dse.config.yaml_lines import Document, Raw, in_file_order, parse
 from dse.config.yaml_lines import Path as Keys
-from dse.hardware.inference import Inference, PerStep, of_network
+from dse.hardware.inference import Inference, of_network
 from dse.records import Operations, Workload
 from dse.registry import Rule, param
 
@@ -123,7 +124,8 @@ def _inference(document: Document, faults: list[Fault]) -> Inference | None:
         report((), f"a workload must be a mapping of keys to values, got {echo(data)}")
         return None
     if "layers" in data:
-        return _network(data, report)
+        network = _network(data, report)
+        return None if faults or network is None else network()
     if "macs" in data or "additions" in data:
         operations = read_object(_Operations, data, (), report)
         return None if operations is None else operations.inference()
@@ -131,50 +133,44 @@ def _inference(document: Document, faults: list[Fault]) -> Inference | None:
     return None
 
 
-def _network(data: Mapping[str, Raw], report: Report) -> Inference | None:
+def _network(data: Mapping[str, Raw], report: Report) -> Callable[[], Inference] | None:
+    """Return what makes the inference of a network if no mistake was reported; None if nothing can."""
     keys = read_object(_Network, data, (), report, also=("layers", *_COUNTS, *_OF_NEURONS))
     entries = _entries(data, report)
     if entries is None:
         return None
     n_steps = read(data.get("n_steps"), int, Rule(doc="", low=0), ("n_steps",), lambda path, text: None)
-    layers = [
-        _layer(index, entry, None if n_steps is INVALID else n_steps, report)
-        for index, entry in enumerate(entries)
-    ]
-    sizes = [layer.neurons for layer in layers]
-    stored: Any = INVALID
-    if all(layer.neurons and layer.recurrent is not None for layer in layers):
-        stored = _stored(entries, sizes, [bool(layer.recurrent) for layer in layers[1:]], report)
-    whole = [_for_all(key, entries, report) for key in ("updates", "cores")]
-    if keys is None or stored is INVALID or not all(whole) or not all(layer.good for layer in layers):
-        return None
-    cores = [layer.cores for layer in layers[1:] if layer.cores is not None]
-    updates = [layer.updates for layer in layers[1:] if layer.updates is not None]
-    resonators = tuple(layer.resonators for layer in layers[1:])
-    net = Workload(
-        sizes=tuple(sizes),
-        recurrent=tuple(bool(layer.recurrent) for layer in layers[1:]),
-        n_steps=np.zeros(()),
-        spikes=np.zeros(len(sizes)),
-        updates=None,
-        step_ms=keys.step_ms,
-        weight_bits=keys.weight_bits,
-        stored=stored,
-        delay_bits=keys.delay_bits,
-        cores=tuple(cores) or None,
-        resonators=resonators if any(resonators) else None,
-    )
-    spikes = [layer.spikes for layer in layers]
-    return of_network(net, keys.n_steps, spikes, updates or None, keys.pipeline_steps)
+    layers = [_layer(entry, None if n_steps is INVALID else n_steps, report) for entry in entries]
+    stored = _stored(entries, layers, report)
+    for key in ("updates", "cores"):
+        lack = [index for index, entry in enumerate(entries) if index and key not in entry]
+        if 0 < len(lack) < len(entries) - 1:
+            path: Keys = ("layers", lack[0])
+            report(path, f"{dotted(path)} must have {key}, because other layers do")
 
+    def made() -> Inference:
+        assert keys is not None  # else there were mistakes
+        sizes, recurrent, resonators = (
+            tuple(layer[key] for layer in layers) for key in ("neurons", "recurrent", "resonators")
+        )
+        net = Workload(
+            sizes=sizes,
+            recurrent=recurrent[1:],
+            n_steps=np.zeros(()),
+            spikes=np.zeros(len(sizes)),
+            updates=None,
+            step_ms=keys.step_ms,
+            weight_bits=keys.weight_bits,
+            stored=stored,
+            delay_bits=keys.delay_bits,
+            cores=tuple(layer["cores"] for layer in layers[1:]) if "cores" in entries[1] else None,
+            resonators=resonators[1:] if any(resonators) else None,
+        )
+        updates = [layer["updates"] for layer in layers[1:]] if "updates" in entries[1] else None
+        spikes = [layer["spikes"] for layer in layers]
+        return of_network(net, keys.n_steps, spikes, updates, keys.pipeline_steps)
 
-def _for_all(key: str, entries: Sequence[_Entry], report: Report) -> bool:
-    """Return whether all layers after the input say something, or none."""
-    lack = [index for index, entry in enumerate(entries) if index and key not in entry]
-    if len(lack) in (0, len(entries) - 1):
-        return True
-    report(("layers", lack[0]), f"{dotted(('layers', lack[0]))} must have {key}, because other layers do")
-    return False
+    return made
 
 
 def _entries(data: Mapping[str, Raw], report: Report) -> list[_Entry] | None:
@@ -232,91 +228,64 @@ def _flat(data: Mapping[str, Raw], layers: list[Raw], report: Report) -> list[_E
     return entries
 
 
-@dataclass(frozen=True)
-class _Layer:
-    """A layer as written.
-
-    neurons: 0 where they are wrong. recurrent: None where that is wrong.
-    spikes, updates: per step.
-    good: whether nothing is wrong with it.
-    """
-
-    neurons: int
-    recurrent: bool | None
-    spikes: PerStep
-    updates: PerStep | None
-    cores: int | None
-    resonators: int
-    good: bool
-
-
-def _layer(index: int, entry: _Entry, n_steps: int | None, report: Report) -> _Layer:
-    """Return a layer.
+def _layer(entry: _Entry, n_steps: int | None, report: Report) -> dict[str, Any]:
+    """Return the values of a layer by key, spikes and updates per step; INVALID after a fault.
 
     Args:
-        index: of the layer, 0 for the input.
         entry: as written.
         n_steps: of the workload; None if that is wrong itself.
         report: called with (path, sentence) for every mistake.
     """
-
-    def value(key: str, hint: Hint, default: Any, **rule: Any) -> Any:
-        return (
-            read(entry[key][0], hint, Rule(doc="", **rule), entry[key][1], report)
-            if key in entry
-            else default
-        )
-
-    neurons = value("neurons", int, INVALID, low=1, high=_MOST_NEURONS)
+    neurons = _value(entry, "neurons", int, INVALID, report, low=1, high=_MOST_NEURONS)
     most = None if neurons is INVALID else neurons
-    rate = _counts(entry, "mean_rate", 1.0, INVALID, n_steps, report)
-    spikes = _counts(entry, "spikes", most, INVALID, n_steps, report)
+    rate = _counts(entry, "mean_rate", 1.0, n_steps, report)
+    spikes = _counts(entry, "spikes", most, n_steps, report)
     if spikes is INVALID and rate is not INVALID and neurons is not INVALID:
         spikes = rate * neurons
-    recurrent = value("recurrent", bool, False)
-    updates = _counts(entry, "updates", most, None, n_steps, report)
-    cores = value("cores", int, None, low=1, high=most)
-    resonators = value("resonators", int, 0, low=0, high=most)
-    return _Layer(
-        neurons=0 if neurons is INVALID else neurons,
-        recurrent=None if recurrent is INVALID else recurrent,
-        spikes=0.0 if spikes is INVALID else spikes,
-        updates=None if updates is INVALID else updates,
-        cores=None if cores is INVALID else cores,
-        resonators=resonators,
-        good=not any(x is INVALID for x in (neurons, recurrent, spikes, updates, cores, resonators)),
-    )
+    return {
+        "neurons": neurons,
+        "spikes": spikes,
+        "recurrent": _value(entry, "recurrent", bool, False, report),
+        "updates": _counts(entry, "updates", most, n_steps, report),
+        "cores": _value(entry, "cores", int, None, report, low=1, high=most),
+        "resonators": _value(entry, "resonators", int, 0, report, low=0, high=most),
+    }
 
 
-def _counts(
-    entry: _Entry, key: str, most: float | None, default: Any, n_steps: int | None, report: Report
-) -> Any:
-    """Return a mean, or an array of n_steps counts; INVALID after a fault."""
+def _value(entry: _Entry, key: str, hint: Hint, default: Any, report: Report, **rule: Any) -> Any:
+    """Return a value of an entry, INVALID after a fault; what is absent has its default."""
     if key not in entry:
         return default
     written, path = entry[key]
-    rule = Rule(doc="", low=0, high=most)
+    return read(written, hint, Rule(doc="", **rule), path, report)
+
+
+def _counts(entry: _Entry, key: str, most: float | None, n_steps: int | None, report: Report) -> Any:
+    """Return a mean, or an array of n_steps counts; INVALID after a fault, and where there is none."""
+    written, path = entry.get(key, (None, ()))
     if not isinstance(written, list):
-        return read(written, float, rule, path, report)
+        return _value(entry, key, float, INVALID, report, low=0, high=most)
     if key == "mean_rate":
         report(path, f"{dotted(path)} must be one number, got a list; use spikes for one count per step")
         return INVALID
     if n_steps is not None and len(written) != n_steps:
         report(path, f"{dotted(path)} must have n_steps = {n_steps} counts, got {len(written)}")
         return INVALID
+    rule = Rule(doc="", low=0, high=most)
     counts = [read(x, float, rule, (*path, step), report) for step, x in enumerate(written)]
     return INVALID if any(x is INVALID for x in counts) else np.array(counts)
 
 
 def _stored(
-    entries: Sequence[_Entry], sizes: Sequence[int], recurrent: Sequence[bool], report: Report
-) -> Any:
-    """Return the weights left into each layer after the input, None if all are, INVALID after a fault."""
-    if not any("stored" in entry for entry in entries):
+    entries: Sequence[_Entry], layers: Sequence[Mapping[str, Any]], report: Report
+) -> tuple[Any, ...] | None:
+    """Return the weights left into each layer after the input; None if all are, or sizes are wrong."""
+    known = not any(layer[key] is INVALID for layer in layers for key in ("neurons", "recurrent"))
+    if not known or not any("stored" in entry for entry in entries):
         return None
     stored = []
-    for layer, (entry, back) in enumerate(zip(entries[1:], recurrent, strict=True), start=1):
-        dense = sizes[layer] * (sizes[layer - 1] + sizes[layer] * back)
-        written, path = entry.get("stored", (dense, ("layers",)))
-        stored.append(read(written, int, Rule(doc="", low=0, high=dense), path, report))
-    return INVALID if INVALID in stored else tuple(stored)
+    for entry, (before, layer) in zip(entries[1:], pairwise(layers), strict=True):
+        n = layer["neurons"]
+        dense = n * (before["neurons"] + n * layer["recurrent"])
+        stored.append(_value(entry, "stored", int, dense, report, low=0, high=dense))
+    return tuple(stored)

@@ -1,14 +1,10 @@
 import dataclasses
 from functools import partial
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from dse.hardware.cost import NotApplicable, cost, drawn
+from dse.hardware.cost import cost
 from dse.hardware.profile import load
-from dse.records import Operations
 from tests.hardware import loads
 
 network, silent = partial(loads.network, n_steps=1.0), partial(loads.silent, n_steps=1.0)
@@ -131,33 +127,3 @@ def test_a_step_that_is_too_short_for_the_clock():
     assert rules(silent(step_ms=0.5, **made)) == {"maximum_clock_mhz": "steps of 0.681 ms"}
     assert rules(silent(step_ms=0.681, **made)) == {}
     assert "maximum_clock_mhz" in rules(silent(step_ms=0.680, **made))
-
-
-def test_other_classifiers_do_not_run():
-    one = np.array(1.0)
-    with pytest.raises(NotApplicable, match="xylo_imu runs only networks of spiking layers"):
-        cost(XYLO, Operations(one, one, one, one, one))
-
-
-def test_draws_lie_in_the_interval():
-    given_load = network((16, 50, 7), [[40, 90, 9], [0, 0, 0]], n_steps=[100.0, 0.0])
-    found = cost(XYLO, given_load)
-    draws = drawn(XYLO, given_load, XYLO.drawn(50, np.random.default_rng(0)))
-    assert draws.energy_uj.shape == (50, 2)
-    assert (draws.energy_uj[:, 0] >= found.energy_uj.low[0]).all()
-    assert (draws.energy_uj[:, 0] <= found.energy_uj.high[0]).all()
-    assert (draws.energy_uj[:, 1] == 0).all() and np.ptp(draws.energy_uj[:, 0]) > 0
-    assert (draws.energy_throttled_uj <= found.energy_throttled_uj.high).all()
-
-
-counts = st.lists(st.integers(0, 50), min_size=3, max_size=3)
-
-
-@given(counts, counts, st.booleans())
-def test_more_spikes_never_cost_less(some, more, back):
-    few, many = (
-        cost(XYLO, network((16, 50, 7), spikes, n_steps=10.0, recurrent=(back, False)))
-        for spikes in (some, np.add(some, more))
-    )
-    assert few.energy_uj.value <= many.energy_uj.value and few.step_time_us.value <= many.step_time_us.value
-    assert few.energy_throttled_uj.value <= many.energy_throttled_uj.value

@@ -220,18 +220,6 @@ def test_congestion_is_inside_the_interval(row, detailed_us):
 
 
 @EACH
-def test_zero_steps_cost_exactly_nothing(profile):
-    found = cost(profile, network((3, 2, 1), [0, 0, 0], n_steps=0.0))
-    costs = ("energy_uj", "energy_throttled_uj", "step_time_us")
-    for name in costs:
-        assert getattr(found, name).low == getattr(found, name).high == 0
-    if not profile.interval_only:
-        for name in (*costs, "dynamic_uj", "static_uj", "static_throttled_uj", "hardware_latency_ms"):
-            assert figures_of(found)[name] == 0
-        assert set(picojoules(found).values()) == {0.0}
-
-
-@EACH
 def test_zero_spikes_cost_the_neurons_alone(profile):
     found = cost(profile, network((3, 2, 1), [0, 0, 0], [0, 0], 10.0))
     low, high = (getattr(profile.neuron_access_pj, end) * 3 * 10e-6 for end in ("low", "high"))

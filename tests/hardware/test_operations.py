@@ -2,15 +2,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-import yaml
-from hypothesis import given
-from hypothesis import strategies as st
 
-from dse.config.faults import ConfigError
 from dse.hardware.cost import cost, drawn
-from dse.hardware.kinds.linear import CountedOperations
 from dse.hardware.plan import NotApplicable
-from dse.hardware.profile import load, names
+from dse.hardware.profile import load
 from dse.records import Operations
 from tests.hardware.loads import network
 
@@ -67,51 +62,6 @@ def test_counts_that_are_none(bad):
         cost(PROFILE, operations([1.0, bad], [0.0, 0.0]))
     with pytest.raises(ValueError, match="additions must be finite and >= 0"):
         cost(PROFILE, operations(0.0, bad))
-
-
-def test_draws_stay_within_the_range():
-    figures = PROFILE.drawn(200, np.random.default_rng(0))
-    for each in (operations(1000, 2000), network((4, 3), [10, 0])):
-        energy_uj, found = drawn(PROFILE, each, figures).energy_uj, cost(PROFILE, each)
-        assert energy_uj.shape == (200,) and np.ptp(energy_uj) > 0
-        assert (energy_uj >= found.energy_uj.low).all()
-        assert (energy_uj <= found.energy_uj.high * (1 + 1e-12)).all()
-
-
-@given(*[st.floats(0, 1e9)] * 4)
-def test_more_operations_never_cost_less(macs, additions, more_macs, more_additions):
-    before = cost(PROFILE, operations(macs, additions))
-    after = cost(PROFILE, operations(macs + more_macs, additions + more_additions))
-    assert after.energy_uj.value >= before.energy_uj.value
-    assert after.energy_uj.low <= after.energy_uj.value <= after.energy_uj.high
-
-
-def test_it_is_a_profile_of_its_kind():
-    assert isinstance(PROFILE, CountedOperations)
-    assert NAME in names()
-    assert {PROFILE.mac_pj.evidence, PROFILE.addition_pj.evidence} == {"convention"}
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda d: d["mac_pj"].update(unit="nJ"), "mac_pj.unit must be 'pJ', got 'nJ'"),
-        (lambda d: d["mac_pj"].update(low=5), "mac_pj must be 0 <= low <= value <= high"),
-        (lambda d: d.pop("addition_pj"), "addition_pj is required"),
-        (lambda d: d.pop("mac_pj"), "mac_pj is required"),
-        (
-            lambda d: d.update(static_mw=d["mac_pj"]),
-            "unknown key 'static_mw'; known: .*mac_pj, addition_pj",
-        ),
-    ],
-)
-def test_a_wrong_number_is_named(tmp_path, change, message):
-    data = yaml.safe_load(PROFILE.text) | {"name": "mine"}
-    change(data)
-    file = tmp_path / "mine.yaml"
-    file.write_text(yaml.safe_dump(data, sort_keys=False))
-    with pytest.raises(ConfigError, match=message):
-        load(file)
 
 
 EVENTS = load("op_4.6_0.9_events")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dse.hardware.cost import NotApplicable, cost
+from dse.hardware.cost import cost
 from dse.hardware.profile import load
-from dse.records import Operations, Workload
+from dse.records import Workload
 
 NETWORK = Workload(
     sizes=(4, 3),
@@ -33,12 +33,6 @@ def test_a_platform_draws_what_is_printed_for_as_long_as_the_touch_lasts(
         assert energy.value.tolist() == pytest.approx([running_w * 1e6, 0.0])  # for a second, and for none
     assert found.hardware_latency_ms.tolist() == pytest.approx([1000.0, 0.0])
     assert found.fits and len(found.assumptions) == 2
-
-
-def test_a_platform_has_no_figures_of_other_classifiers() -> None:
-    one = np.array([1.0])
-    with pytest.raises(NotApplicable, match="gpu_rtx_a4500 runs only networks of spiking layers"):
-        cost(load("gpu_rtx_a4500"), Operations(one, one, one * 0, one, one))
 
 
 def test_running_power_is_energy_over_computing_time() -> None:

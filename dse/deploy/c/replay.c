@@ -1,9 +1,17 @@
-/* Runs commands from stdin and writes spikes and answers to stdout: numbers of 32 bits, in the machine's order.
+/* Runs commands from stdin and writes what came of them to stdout: numbers of 32 bits, in the machine's order.
  *
  * in:   INIT | RESET | STEP | SPIKE channel | SAMPLE one per sensor | START t_low t_high |
  *       EVENT t_low t_high x y polarity | ANSWER;  spikes before RESET are not written
  * out:  spike: layer, step, neuron;  answer: -1, label, steps, confident, outputs, count of every output
+ *
+ * With DSE_TIMES it runs them as often as its argument says, and writes the nanoseconds of every step since RESET
+ * where spikes would be: from the end of the step before to its own end, and so with what is pushed in it.
  */
+#ifdef DSE_TIMES
+#define _POSIX_C_SOURCE 199309L
+#include <string.h>
+#include <time.h>
+#endif
 #include "dse.h"
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,10 +27,38 @@ static void put(int32_t x)
     }
 }
 
+#ifdef DSE_TIMES
+static int32_t *numbers, *taken; /* all of stdin, read before anything is timed; times of steps */
+static size_t n_numbers, n_read, n_taken;
+static int64_t before;
+
+static int take(void *to, size_t n)
+{
+    if (n_read + n > n_numbers) {
+        return 0;
+    }
+    memcpy(to, numbers + n_read, n * sizeof *numbers);
+    n_read += n;
+    return 1;
+}
+
+static int64_t now_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+}
+#else
+static int take(void *to, size_t n)
+{
+    return fread(to, 4, n, stdin) == n;
+}
+#endif
+
 static int32_t get(void)
 {
     int32_t x;
-    if (fread(&x, sizeof x, 1, stdin) != 1) {
+    if (!take(&x, 1)) {
         exit(3);
     }
     return x;
@@ -45,10 +81,10 @@ void dse_trace(uint8_t layer, uint16_t neuron, uint32_t step)
     }
 }
 
-int main(void)
+static int run(void)
 {
     int32_t command;
-    while (fread(&command, sizeof command, 1, stdin) == 1) {
+    while (take(&command, 1)) {
         switch (command) {
         case INIT:
             dse_init();
@@ -57,9 +93,17 @@ int main(void)
         case RESET:
             dse_reset();
             in_window = 1;
+#ifdef DSE_TIMES
+            n_taken = 0;
+            before = now_ns();
+#endif
             break;
         case STEP:
             dse_step();
+#ifdef DSE_TIMES
+            taken[n_taken] = (int32_t)(now_ns() - before);
+            before += taken[n_taken++];
+#endif
             break;
         case SPIKE:
             dse_push_spike((uint16_t)get());
@@ -67,7 +111,7 @@ int main(void)
 #ifdef DSE_SENSORS
         case SAMPLE: {
             dse_sample_t sample[DSE_SENSORS];
-            if (fread(sample, sizeof sample[0], DSE_SENSORS, stdin) != DSE_SENSORS) {
+            if (!take(sample, DSE_SENSORS)) {
                 return 3;
             }
             dse_push(sample);
@@ -90,6 +134,12 @@ int main(void)
         case ANSWER: {
             const uint32_t n = DSE_OUTPUTS;
             uint32_t i;
+#ifdef DSE_TIMES
+            for (i = 0; i < n_taken; i++) {
+                put(taken[i]);
+            }
+            n_taken = 0;
+#endif
             put(-1);
             put(dse_decision());
             put((int32_t)dse_steps());
@@ -106,3 +156,37 @@ int main(void)
     }
     return 0;
 }
+
+#ifdef DSE_TIMES
+int main(int argc, char **argv)
+{
+    size_t capacity = 0, n;
+    long repetitions = argc > 1 ? strtol(argv[1], NULL, 10) : 1;
+    int failed = 0;
+    do {
+        if (n_numbers == capacity) {
+            capacity = 2 * capacity + 65536;
+            numbers = realloc(numbers, capacity * sizeof *numbers);
+            if (numbers == NULL) {
+                return 3;
+            }
+        }
+        n = fread(numbers + n_numbers, sizeof *numbers, capacity - n_numbers, stdin);
+        n_numbers += n;
+    } while (n > 0);
+    taken = malloc((n_numbers + 1) * sizeof *taken);
+    if (taken == NULL) {
+        return 3;
+    }
+    while (!failed && repetitions-- > 0) {
+        n_read = 0;
+        failed = run();
+    }
+    return failed;
+}
+#else
+int main(void)
+{
+    return run();
+}
+#endif

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -160,23 +160,27 @@ def of_events(
     return np.concatenate([*parts, np.array([ANSWER])])
 
 
-def parsed(numbers: Ints) -> Played:
-    """Return what replay.c has written."""
-    spikes: list[Ints] = [np.zeros((0, 4), np.int64)]
-    answers: list[Ints] = []
-    counts: list[Ints] = []
+def windows(numbers: Ints, width: int) -> Iterator[tuple[Ints, Ints, Ints]]:
+    """Yield what replay.c has written of each window: rows of numbers, its answer, and the output spikes.
+
+    Args:
+        numbers: all that it wrote.
+        width: of a row: 3 of spikes, 1 of times.
+    """
     at = 0
-    ends = np.flatnonzero(numbers == -1).tolist()
-    for end in ends:
-        if end < at or (end - at) % 3:  # a label or a count of -1 is no end
+    for end in np.flatnonzero(numbers == -1).tolist():
+        if end < at or (end - at) % width:  # a label or a count of -1 is no end
             continue
-        rows = numbers[at:end].reshape(-1, 3)
-        spikes.append(np.column_stack([np.full(len(rows), len(answers)), rows]))
-        n = int(numbers[end + 4])
-        answers.append(numbers[end + 1 : end + 4])
-        counts.append(numbers[end + 5 : end + 5 + n])
-        at = end + 5 + n
-    label, steps, confident = np.array(answers, np.int64).reshape(-1, 3).T
+        rows, answer, begin = numbers[at:end].reshape(-1, width), numbers[end + 1 : end + 4], end + 5
+        at = begin + int(numbers[end + 4])
+        yield rows, answer, numbers[begin:at]
+
+
+def parsed(numbers: Ints) -> Played:
+    """Return what replay.c has written of spikes and answers."""
+    rows, answers, counts = zip(*windows(numbers, 3), strict=True)
+    spikes = [np.column_stack([np.full(len(x), i), x]) for i, x in enumerate(rows)]
+    label, steps, confident = np.array(answers, np.int64).T
     return Played(np.concatenate(spikes), label, steps, confident.astype(bool), np.array(counts))
 
 
