@@ -15,17 +15,20 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import yaml
 from rich.console import Console
 from rich.table import Table
 
 import dse
-from dse.skyline.front import skyline
-from dse.study.resampling import front_probabilities
+from dse.skyline.front import comparable, front_draws, skyline
+from dse.skyline.table import group_numbers
+from dse.study.fronts import GROUPS
+from dse.study.resampling import draws
 
 BINS = (0.0, 0.05, 0.4, 0.6, 0.85, 0.95, 1.0)
-N_TRAIN, N_TRIALS = 12, 24
+N_TRAIN, N_TRIALS, N_DRAWS = 12, 24, 400
 SPACE = {
     "study": "calibration",
     "data": {"kind": "scene", "scene": "quickstart", "trials": N_TRIALS},
@@ -81,6 +84,31 @@ def searched(seed: int) -> pd.DataFrame:
         probability = front_probabilities(study.folder, points, study.objectives)
     rows = points[["trial", "point", "accuracy", "n_weights"]]
     return rows.assign(run=seed, probability=rows["trial"].map(probability))
+
+
+def front_probabilities(
+    folder: Path, points: pd.DataFrame, goals: Sequence[tuple[str, str]]
+) -> dict[int, float]:
+    """Return trial -> the probability that one of its design points is on the front of its group.
+
+    Over recordings, seeds and the chip's uncertain numbers jointly, as `draws`; the largest over the fronts
+    of tasks, families and chips that a trial is in.
+
+    Args:
+        folder: of the study, whose artefacts and hardware are written.
+        points: its table of design points.
+        goals: of the front.
+    """
+    rows = comparable(points, goals).rows
+    by = [name for name in GROUPS if name in rows.columns]
+    drawn = front_draws(rows, goals, draws([folder], [points], (), goals, N_DRAWS), by)
+    trials = rows["trial"].to_numpy(np.int64)[drawn.rows]
+    group = group_numbers(rows, by)[drawn.rows]
+    probability = dict.fromkeys(map(int, np.unique(rows["trial"])), 0.0)
+    for trial, number in sorted(set(zip(trials.tolist(), group.tolist(), strict=True))):
+        here = (trials == trial) & (group == number)
+        probability[trial] = max(probability[trial], float(drawn.on_front[:, here].any(axis=1).mean()))
+    return probability
 
 
 def calibrated(stated: pd.DataFrame, bins: Sequence[float]) -> pd.DataFrame:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _IDENTITY = ("trial", "family", "phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware")
 _OPTIONAL = (
-    *("power_mw", "battery_h", "front_share", "confidence"),
+    *("power_mw", "front_share", "confidence"),
     *("target", "ram_bytes", "table_bytes", "flash_bytes", "cycles"),
 )
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _IN_MEMORY = 4_000_000  # rows of a table that is read whole
 
-ADDED = ("target", "ram_bytes", "cycles", "power_mw", "battery_h", *resampling.CERTAINTY)
+ADDED = ("target", "ram_bytes", "cycles", "power_mw", *resampling.CERTAINTY)
 """Columns of a front that are there because they were asked for."""
 
 

@@ -75,8 +75,8 @@ class Study(results.Study):
             objectives: 'accuracy:max,energy_uj:min', pairs, or a mapping; None: those of the search space.
             where: condition such as "n_weights <= 5000", or several.
             by: columns whose values have separate fronts, beside hardware and task.
-            options: hardware, oversize, contacts_per_hour, battery_mwh, targets, repeats, confidence and
-                draws, as of `dse.study.question.Question`.
+            options: hardware, oversize, contacts_per_hour, targets, confidence and draws, as of
+                `dse.study.question.Question`.
 
         Raises:
             ExpressionError: an unknown column, or a condition that cannot be read.

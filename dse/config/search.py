@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 from dse import registry
 from dse.config.axes import Axis, n_combinations
@@ -59,6 +60,10 @@ class Stop:
 class Search:
     """How designs are proposed and how often each is trained; a sampler adds its own keys."""
 
+    gone: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("front_undecided", "front_trainings"), "repeats_on_front repeats all designs on the front"
+    )
+
     sampler: SamplerSettings = param(  # noqa: RUF009
         "grid",
         component="search.samplers",
@@ -80,16 +85,6 @@ class Search:
     repeats_on_front: int = param(
         1, doc="trainings of each design on the front of its task and family", low=1
     )
-    front_undecided: tuple[float, float] | None = param(
-        None,
-        doc="repeat, up to repeats_on_front times, only designs whose probability of being on the front lies "
-        "between these two, the most undecided first (default: all designs on the front)",
-        low=0,
-        high=1,
-    )
-    front_trainings: int | None = param(
-        None, doc="further trainings for front_undecided in all (default: no limit)", low=1
-    )
     racing: Racing | None = param(  # noqa: RUF009
         None, doc="stop designs early: keys rungs, eta, audit (default: all designs train to the end)"
     )
@@ -101,19 +96,6 @@ class Search:
         (),
         doc="folders of earlier studies, whose trials inform the search; equal designs are not trained again",
     )
-
-    def __post_init__(self) -> None:
-        """Check the rules across keys."""
-        undecided = self.front_undecided
-        if undecided is not None and self.repeats_on_front <= self.repeats:
-            raise ValueError(
-                f"front_undecided needs search.repeats_on_front above search.repeats, {self.repeats}"
-            )
-        if undecided is not None and undecided[0] >= undecided[1]:
-            ends = f"[{undecided[0]:g}, {undecided[1]:g}]"
-            raise ValueError(f"front_undecided must be two probabilities, rising, got {ends}")
-        if self.front_trainings is not None and undecided is None:
-            raise ValueError("front_trainings needs search.front_undecided")
 
     @property
     def sampler_name(self) -> str:

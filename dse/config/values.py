@@ -228,7 +228,8 @@ def read_object(
     The mapping's keys are the init fields of the dataclass, their annotations and rules (`registry.param`)
     say what a value must be. A key that the dataclass does not have is a mistake, and the report names the
     key that it may stand for; so is a required key that is absent, and whatever the dataclass itself refuses
-    with a ValueError, whose sentence begins with the key that it is about.
+    with a ValueError, whose sentence begins with the key that it is about. Its mapping `gone` says what to
+    write in place of a key that it once had.
 
     Args:
         cls: the dataclass.
@@ -357,9 +358,8 @@ def read_written(
             result |= {} if one is INVALID else {name: one}
         elif name not in also:
             good = False
-            report(
-                (*path, name), f"unknown key '{dotted((*path, name))}'; {known_names(name, [*keys, *also])}"
-            )
+            hint = getattr(cls, "gone", {}).get(name) or known_names(name, [*keys, *also])
+            report((*path, name), f"unknown key '{dotted((*path, name))}'; {hint}")
     return result, good
 
 

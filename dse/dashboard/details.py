@@ -124,7 +124,7 @@ class _Part(Study):
         heads = self.trained[0][1].heads if self.trained else ()
         return next((head for head in heads if head.name == self.task), None)
 
-    def points(self, hardware: Sequence[str] = (), repeats: str = "mean") -> pandas.DataFrame:
+    def points(self, hardware: Sequence[str] = ()) -> pandas.DataFrame:
         return self.rows
 
     def classes(self, trial: int) -> tuple[str, ...]:

@@ -45,7 +45,6 @@ def gather_page(
     hardware: Sequence[str] = (),
     definition: Definition | None = None,
     marks: Sequence[Mapping[str, Any]] = (),
-    repeats: str = "mean",
 ) -> dict[str, Any]:
     """Gather the content of a page, as plain values that JSON can hold.
 
@@ -59,7 +58,6 @@ def gather_page(
         hardware: profiles for these commands, if they are not the profiles of the study.
         definition: which parts the page has and what it opens with; None: `dashboards/study.yaml`.
         marks: published designs to draw beside, as `dse.report.gather_marks` returns them.
-        repeats: which runs the numbers are of.
 
     Returns:
         name, notes and counts of trials by status;
@@ -141,7 +139,6 @@ def gather_page(
         "fronts": {key: place[rows].tolist() for key, rows in fronts.items()},
         "budgets": budgets
         | {
-            "repeats": repeats,
             "contenders": place[whole["contenders"]].tolist(),
             "whole": place[of_fronts].tolist() if len(keep) < len(points) else [],
             "stands_for": (len(points) - n_whole) / (len(keep) - n_whole) if len(keep) < len(points) else 1,

@@ -75,7 +75,7 @@ class StudySite(Site):
         if self._changed("trials.parquet", "points.parquet", "search_space.yaml") or is_other:
             try:
                 study = results.open(self._study.folder)
-                self._points = study.points(self._request.question.hardware, self._request.question.repeats)
+                self._points = study.points(self._request.question.hardware)
                 self._shown = with_recordings(study, self._points)
                 self._page = page_of(study, self._shown, self._request)
             except BaseException:

@@ -73,7 +73,7 @@ def write_page(study: Study, path: Path | None = None, request: PageRequest | No
         StoreError: a table or an artefact is damaged, or there is nothing to sample.
     """
     request = checked(study, request or PageRequest())
-    points = with_recordings(study, study.points(request.question.hardware, request.question.repeats))
+    points = with_recordings(study, study.points(request.question.hardware))
     page = page_of(study, points, request) | progress_of(study.folder)
     least, most = _ROOM_BYTES
     room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
@@ -141,25 +141,15 @@ def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest)
             *held.remarks(study.folder),
             *(health.faults(study.trials) if len(table) else ()),
             *lacks,
-            *_of_runs(request),
         ],
         results=str(study.folder),
         hardware=request.question.hardware,
         definition=request.definition,
         marks=marks,
-        repeats=request.question.repeats,
     )
     rows = [] if audit is None else [store.plain_cell(row.columns) for row in audit.rows]
     points_at = _written_at(study.folder / "points.parquet")
     return page | {"audit": rows, "points_at": points_at, "design_notes": notes.plain(study.folder)}
-
-
-def _of_runs(request: PageRequest) -> list[str]:
-    """Return a note if the numbers of a design are not the means of its runs."""
-    which = {"last": "last run", "worst": "run of least accuracy"}.get(request.question.repeats)
-    return (
-        [f"The numbers of a design are those of its {which} alone; details are of all runs."] if which else []
-    )
 
 
 def _written_at(path: Path) -> str | None:
@@ -202,10 +192,6 @@ def checked(study: Study, request: PageRequest) -> PageRequest:
     pricing.profiles(study.folder, request.question.hardware)
     if not request.question.draws:
         return request
-    if request.question.repeats != "mean":
-        raise StoreError(
-            f"--repeats {request.question.repeats} is one run of each design: --draws samples all runs"
-        )
     names = {name for name, _ in study.objectives}
     if not names & {*DRAWN, *resampling.ACCURACIES}:
         text = (

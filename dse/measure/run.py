@@ -26,7 +26,7 @@ from dse.measure import decision
 from dse.measure.confusion import confusion
 from dse.measure.heads import head_answers, head_slices, joint_label
 from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, measured
-from dse.measure.objectives.accuracy_unseen import Unseen
+from dse.measure.objectives.accuracy_unseen import Unseen, unseen_name
 from dse.measure.on_chips import columns_on
 from dse.neurons import neuron_of
 from dse.neurons.cuba_lif import CubaLif
@@ -305,11 +305,6 @@ def _with_shifts(answered: _Answered, shifts: Sequence[Accuracies], n: int) -> _
         read_outs=beside(answered.read_outs, [x.read_outs for x in shifts]),
         grid=None if grid is None else beside(grid, grids),
     )
-
-
-def unseen_name(number: int) -> str:
-    """Return the name of an array of accuracies of a fold, by its number among the folds of `unseen`."""
-    return f"unseen/{number}"
 
 
 def records_for_objectives(

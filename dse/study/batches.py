@@ -22,6 +22,7 @@ from dse.study.ledger import Entry, Ledger
 from dse.study.progress import Progress
 from dse.study.record import RunRecord
 from dse.study.runs import Runs
+from dse.study.searches import Asked
 
 # Designs of a grid whose data sets are prepared together, and excluded ones that are written down.
 _MOST_PREPARED, _MOST_RECORDED = 100_000, 1000
@@ -56,6 +57,7 @@ class Batches:
         self._measured: dict[Group, list[tuple[int, Sequence[float]]]] = {}
         self._excluded = {design_key(e.design) for e in ledger.entries if e.excluded}
         self._n_begun = runs.count()
+        self._number = 0
         self.stopped = ""
         directions = [direction for _, direction in space.objectives]
         self._sampler: Sampler = space.search.sampler.start(space, directions)
@@ -71,12 +73,13 @@ class Batches:
         """Return the designs of a batch that are trained."""
         return [entry for entry in self._ledger.batch(number) if not entry.excluded]
 
-    def ask(self, number: int) -> list[Entry] | None:
-        """Return the designs of a batch that are trained; None where the search ends.
+    def ask(self) -> Asked | None:
+        """Return the designs of the next batch that are trained; None where the search ends.
 
         Raises:
             ConfigError: a condition to stop is reached before anything is trained.
         """
+        number = self._number
         self._ledger.read()
         self._exclude(number)
         if not self._ledger.batch(number):
@@ -95,7 +98,7 @@ class Batches:
                     n_now = n_before + len(entries) + len(new)
                     self._report.note(f"the sampler found no further designs; the study has {n_now}")
         is_begun = any(not entry.excluded or entry.enqueued for entry in self._ledger.batch(number))
-        return self.of(number) if is_begun else None
+        return Asked(self.of(number), self._space.search.repeats, number) if is_begun else None
 
     def propose(self, number: int, n: int, *, enqueued: bool = False) -> list[Design] | None:
         """Add up to n designs of the sampler to a batch and return them; None: another coordinator did.
@@ -120,8 +123,9 @@ class Batches:
             self._ledger.ask(number, new, enqueued=enqueued)
         return new
 
-    def tell(self, number: int) -> None:
+    def tell(self, asked: Asked) -> None:
         """Write down how the designs of a batch have ended, and let the sampler learn from them."""
+        number, self._number = asked.batch, asked.batch + 1
         with self._ledger.together():
             for entry in self.of(number):
                 if not entry.is_reported and not self._runs.is_untrained(entry.trial):

@@ -17,8 +17,6 @@ from dse.study.results import plain_space
 
 _HINT = "change it back, or use another study name or --results folder"
 # Recordings are compared by their contents, run by run (dse.study.runs), not by their paths.
-FRONT_REPEATS = "front_repeats"
-"""Document of the rounds in which designs near the front were repeated."""
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
@@ -64,7 +62,7 @@ def claim(space: SearchSpace, book: store.Book) -> list[str]:
         book.drop("trial")
         if not _trains_the_same(path, now, copies):
             store.remove(folder / "checkpoints")
-            book.drop("study", f"name GLOB 'racing/*' OR name = '{FRONT_REPEATS}'")
+            book.drop("study", "name GLOB 'racing/*'")
     else:
         before = now
         try:

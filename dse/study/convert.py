@@ -86,7 +86,6 @@ def convert(folder: Path) -> list[str]:
                 (store.ENVIRONMENT, _read(folder / _ENVIRONMENT)),
                 (store.WARNINGS, _read(folder / "warnings.json")),
                 ("audit", _read(folder / "audit.json")),
-                ("front_repeats", _read(folder / "front_repeats.json", "rounds")),
                 ("racing/audit", _read(folder / "racing/audit.json")),
                 *((f"racing/{x.stem}", _read(x, "rounds")) for x in folder.glob("racing/[0-9]*.json")),
             )

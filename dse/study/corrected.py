@@ -84,7 +84,7 @@ def names(space: SearchSpace) -> list[str]:
 def asked(space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]) -> dict[int, Asked]:
     """Return what the accuracies of each trial are of."""
     k = 1 if space.split.k_fold is None else space.split.k_fold.k
-    sizes = {t: [0 if x.told else x.samples.get("validation", 0) for x in runs] for t, runs in trials.items()}
+    sizes = {t: [x.samples.get("validation", 0) for x in runs] for t, runs in trials.items()}
     return {trial: Asked(sum(n[:k]), sum(n)) for trial, n in sizes.items()}
 
 

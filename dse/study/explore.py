@@ -22,18 +22,18 @@ from dse.study import decisions, environment, imported, points, precision, prici
 from dse.study import tables as both
 from dse.study import trials as tables
 from dse.study.batches import Batches, n_trials
-from dse.study.claim import FRONT_REPEATS, claim, join
+from dse.study.claim import claim, join
 from dse.study.coordinators import Coordinator
 from dse.study.executors import loky
 from dse.study.fronts import fronts
 from dse.study.known import KnownBefore
 from dse.study.ledger import Ledger
 from dse.study.mended import opened
-from dse.study.progress import Progress, shown
-from dse.study.racing import Race
-from dse.study.resampling import front_probabilities
+from dse.study.progress import shown
+from dse.study.racing import Audit, Race
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
+from dse.study.searches import FrontRepeats, Search, WarmStart
 from dse.study.workers import Workers
 
 if TYPE_CHECKING:
@@ -102,34 +102,26 @@ def run(
         results_tables.know_ended()
         if coordinator.is_first:
             runs.forget_checkpoints()
-        takeover = warm.Takeover(space, folder, earlier)
         report.expect(n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
+
+        def train(search: Search) -> None:
+            while (asked := search.ask()) is not None:
+                runs.complete(asked.entries, asked.repeats, results_tables.refresh, asked.until)
+                search.tell(asked)
+
         try:
             with workers:
-                race = Race(space, folder, profiles, runs, report, book) if space.search.racing else None
                 batches = Batches(space, ledger, runs, before, earlier, report)
-                number = 0
-                while (entries := batches.ask(number)) is not None:
-                    if n := sum(takeover.over(entry) for entry in entries if not entry.is_reported):
-                        report.note(f"{n} run{'s' * (n > 1)} of earlier studies taken over")
-                    if race is None:
-                        runs.complete(entries, space.search.repeats, results_tables.refresh)
-                    else:
-                        race.complete(number, entries, results_tables.refresh)
-                    batches.tell(number)
-                    number += 1
+                search: Search = WarmStart(batches, warm.Takeover(space, folder, earlier), report)
+                race = Race(search, space, folder, profiles, runs, book) if space.search.racing else None
+                train(race or search)
                 if not coordinator.leads:
                     report.note("the process that writes the tables ends the study")
                     return Study(folder)
                 runs.recall(ledger.entries)
                 if race is not None:
-                    for text in race.audit(ledger.entries, results_tables.refresh, results_tables.points):
-                        report.note(text)
-                    runs.forget_checkpoints(of_stopped=True)
-                if space.search.front_undecided is None:
-                    _repeat_front(space, ledger, runs, results_tables, report)
-                else:
-                    _repeat_undecided(space, ledger, runs, results_tables, report)
+                    train(Audit(race, ledger, results_tables.points, report))
+                train(FrontRepeats(space, ledger, runs, results_tables.points, report))
                 _round_front(space, ledger, runs, results_tables)
         except KeyboardInterrupt:
             runs.recall(ledger.entries)  # a run may have finished that no worker has reported yet
@@ -250,69 +242,6 @@ class _Tables:
         runs = self._runs.trials() | imported.records(self._folder)
         both.write(self._space, self._folder, runs, self._profiles, self._ledger.entries)
         store.back_up(self._ledger.book)
-
-
-def _repeat_front(
-    space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables, report: Progress
-) -> None:
-    """Train the designs on each family's fronts until all have their repeats; each run may move a front."""
-    repeats = space.search.repeats_on_front
-    while repeats > space.search.repeats:
-        in_turn = fronts(results_tables.points(), space.objectives)
-        front = {trial for _, rows in in_turn for trial in rows["trial"]}
-        short = [
-            e
-            for e in ledger.entries
-            if e.trial in front and len(runs.of(e.trial)) < repeats and not runs.is_settled(e.trial)
-        ]
-        if not short:
-            return
-        report.expect(sum(repeats - len(runs.of(e.trial)) for e in short))
-        runs.complete(short, repeats, results_tables.refresh)
-
-
-def _repeat_undecided(
-    space: SearchSpace,
-    ledger: Ledger,
-    runs: Runs,
-    results_tables: _Tables,
-    report: Progress,
-) -> None:
-    """Train designs once more whose place on the front is undecided, until none is or the bounds are reached.
-
-    Each round is on the disk before it is trained, so that an interruption changes no later one.
-    """
-    search, book = space.search, ledger.book
-    assert search.front_undecided is not None
-    low, high = search.front_undecided
-    step = space.split.k_fold.k if space.split.k_fold is not None else 1
-    rounds: list[dict[str, Any]] = book.document(FRONT_REPEATS, [])
-    while True:
-        repeats = {int(trial): n for one in rounds for trial, n in one["repeats"].items()}
-        for n in sorted(set(repeats.values())):
-            again = [e for e in ledger.entries if repeats.get(e.trial) == n and not runs.is_settled(e.trial)]
-            report.expect(sum(n - len(runs.of(e.trial)) for e in again))
-            runs.complete(again, n, results_tables.refresh)
-        spent = sum(n - search.repeats for n in repeats.values())
-        results_tables.write()
-        probability = front_probabilities(book.folder, results_tables.points(), space.objectives)
-        undecided = sorted(
-            (abs(p - (low + high) / 2), trial) for trial, p in probability.items() if low <= p <= high
-        )
-        short = [
-            (trial, n)
-            for _, trial in undecided
-            for n in [repeats.get(trial, search.repeats) + step]
-            if n <= search.repeats_on_front and not runs.is_settled(trial)
-        ]
-        if search.front_trainings is not None:
-            short = short[: max(0, search.front_trainings - spent) // step]
-        if not short:
-            return
-        chosen = short[: (len(short) + 1) // 2]  # what these show may decide the others
-        shown = {str(trial): round(probability[trial], 4) for trial, _ in chosen}
-        rounds.append({"repeats": {str(trial): n for trial, n in chosen}, "probability": shown})
-        book.keep(FRONT_REPEATS, rounds)
 
 
 def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables) -> None:

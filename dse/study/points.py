@@ -24,9 +24,8 @@ import dse
 from dse import registry, store
 from dse.config import SearchSpace
 from dse.hardware.profile import Figures, Profile
-from dse.measure.objectives.accuracy_unseen import merged, unseen_columns
+from dse.measure.objectives.accuracy_unseen import merged, unseen_columns, unseen_name
 from dse.measure.on_chips import columns_on, drawn_on
-from dse.measure.run import unseen_name
 from dse.records import Array, Ints, Operations, Workload
 from dse.study import corrected, held, precision
 from dse.study import trials as tables

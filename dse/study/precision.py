@@ -1,4 +1,4 @@
-"""Trained networks at other precisions: evaluating them, storing the results, reading them for the tables.
+"""Trained networks at other precisions: the files of what was measured (`dse.study.rounding`).
 
 A setting is (weight_bits, pruned): it states how the weights of a trained network are rounded
 (`dse.models.snn.quantise`). The results at a setting are one file of the study,
@@ -13,22 +13,17 @@ which is written atomically: a setting is finished if its file exists.
 
 from __future__ import annotations
 
-import dataclasses
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse import store
-from dse.models.snn.quantise import BITS, rounded
-from dse.neurons.fixed_point import STATE_LIMIT
-from dse.records import Array, Network, Outcome, Response
-from dse.study import jobs
-from dse.study.executors.work import Failure
-from dse.study.record import Numbers, RunRecord
+from dse.records import Array
+from dse.study.record import Numbers
 
 if TYPE_CHECKING:
     import pandas
@@ -38,19 +33,12 @@ Setting = tuple[int, float]
 FOLDER = "precision"
 """Of a study."""
 
-AS_TRAINED: Setting = (BITS, 0.0)
+AS_TRAINED: Setting = (8, 0.0)
+"""The bits of `dse.models.snn.quantise.BITS`, which imports more than who reads tables needs."""
 
 _SCHEMA = "dse/precision/1"
 _KEYS = ("schema", "trial", "repeat", "weight_bits", "pruned", "numbers")
 _ROUNDING = 1e-9  # accuracies are ratios of counts: closer than this they are equal
-
-
-@dataclass(frozen=True)
-class Job:
-    """Evaluate a trained run at some settings."""
-
-    run: jobs.Run
-    settings: tuple[Setting, ...]
 
 
 @dataclass(frozen=True)
@@ -68,32 +56,6 @@ class Evaluation:
     @property
     def setting(self) -> Setting:
         return self.weight_bits, self.pruned
-
-
-def evaluate(job: Job) -> Iterator[tuple[Setting, Failure | None]]:
-    """Evaluate a run at its settings, one after the other; each result is stored at once.
-
-    Yields:
-        A setting, and None after it is stored, or why it failed. An error that fails all settings is raised.
-    """
-    loaded = jobs.load(job.run)
-    network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
-    record = store.read_record(job.run.folder)
-    trained = RunRecord.from_plain(record, job.run.folder).measured.columns
-    run = job.run
-    if run.phi_step is not None:  # the same settings as in training
-        surface = next(x for x in record["files"] if x.startswith("surface"))
-        phi = store.load_arrays(run.folder / surface)["phi"]
-        run = dataclasses.replace(run, phi=tuple(phi.tolist()))
-    for setting in job.settings:
-        why = None
-        try:
-            _evaluate(run, setting, network, loaded, trained)
-        except (store.StoreError, MemoryError):
-            raise  # a full disk is not the run's fault
-        except Exception as error:
-            why = Failure.of(error)
-        yield setting, why
 
 
 def refusal(folder: Path) -> str:
@@ -132,7 +94,7 @@ def as_trained(points: pandas.DataFrame) -> pandas.DataFrame:
     """Return the design points at the trained precision."""
     if "weight_bits" not in points:
         return points
-    return points[~((points["weight_bits"] < BITS) | (points["pruned_after"] > 0))]
+    return points[~((points["weight_bits"] < AS_TRAINED[0]) | (points["pruned_after"] > 0))]
 
 
 def near(
@@ -173,39 +135,27 @@ def near(
     return trials
 
 
-def _evaluate(
-    run: jobs.Run, setting: Setting, network: object, loaded: jobs.Loaded, trained: Mapping[str, Any]
-) -> None:
-    """Measure a run at a setting and publish its file."""
-    if not isinstance(network, Network):
-        raise TypeError(f"only a Network can be rounded, got {type(network).__name__}")
-    data = loaded.data
-    fewer = rounded(network, *setting)
-    validation = run.sections.model.respond(fewer, data, data.validation)
-    test = run.sections.model.respond(fewer, data, data.test) if data.test.size else None
-    assert isinstance(validation, Response)  # a network answers with spikes
-    health = {
-        "peak_state": validation.peak_state,
-        "overflows_24_bit": validation.peak_state > STATE_LIMIT,
-        "n_weights_dense": fewer.n_weights_dense,
-    }
-    reported = {name: x for name, x in health.items() if name in trained}  # not every family reports all
-    outcome = Outcome(fewer, validation, test, {}, reported, trained.get("train_s", 0.0))
-    measurement = run.measured(outcome, data, setting[0])
-    numbers = Numbers.of(measurement, loaded.leak).to_plain()
-    files = jobs.arrays_of(run, measurement, "")
-    for name, head in measurement.heads.items():
-        files |= jobs.arrays_of(run, head, f"_{name}")
+def save(run: Path, setting: Setting, numbers: Numbers, files: Mapping[str, Mapping[str, Array]]) -> None:
+    """Write the results of a run at a setting.
+
+    Args:
+        run: its file.
+        setting: at which it was measured.
+        numbers: measured there.
+        files: name of a file -> its arrays.
+    """
+    named = store.named(run)
+    assert named is not None  # it is the file of a run
     arrays = {
         "schema": np.array(_SCHEMA),
-        "trial": np.array(run.trial),
-        "repeat": np.array(run.repeat),
+        "trial": np.array(named[0]),
+        "repeat": np.array(named[1]),
         "weight_bits": np.array(setting[0]),
         "pruned": np.array(setting[1]),
-        "numbers": np.array(json.dumps(numbers, default=store.plain)),
-        **{f"{file}/{name}": x for file, arrays in files.items() for name, x in arrays.items()},
+        "numbers": np.array(json.dumps(numbers.to_plain(), default=store.plain)),
+        **{f"{file}/{name}": x for file, of_file in files.items() for name, x in of_file.items()},
     }
-    with store.published(file_of(run.folder, setting)) as temporary:
+    with store.published(file_of(run, setting)) as temporary:
         store.save_arrays(temporary, arrays)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from dse import registry, store
 from dse.config import ConfigError, Fault
 from dse.hardware.cost import cost
-from dse.hardware.duty import battery_h, mean_power_mw
+from dse.hardware.duty import mean_power_mw
 from dse.hardware.profile import End, Profile, load, read
 from dse.records import Floats, Ints, Workload
 from dse.skyline.table import read as read_table
@@ -179,22 +179,16 @@ def tables(paths: Sequence[str | Path], hardware: Sequence[str]) -> list[pandas.
     return [points(path, hardware) for path in paths]
 
 
-def on_duty(
-    frame: pandas.DataFrame, contacts_per_hour: float | None, battery_mwh: float | None
-) -> pandas.DataFrame:
-    """Return points with the columns power_mw and, with a battery, battery_h.
+def on_duty(frame: pandas.DataFrame, contacts_per_hour: float | None) -> pandas.DataFrame:
+    """Return points with the column power_mw; unchanged without contacts per hour.
 
-    Without contacts per hour, the points are returned unchanged.
-
-    Both columns are NaN if contacts would overlap, if the profile does not state the idle power, or if the
-    chip cannot run the classifier.
+    It is NaN if contacts would overlap, if the profile does not state the idle power, or if the chip cannot
+    run the classifier.
 
     Raises:
-        StoreError: points lack the necessary costs, or there is a battery without contacts per hour.
+        StoreError: points lack the necessary costs.
     """
     if contacts_per_hour is None:
-        if battery_mwh is not None:
-            raise StoreError("--battery-mwh needs --contacts-per-hour (0: always idle)")
         return frame
     needed = ("energy_throttled_uj", "idle_mw", "hardware_latency_ms", "decision_latency_ms")
     lacking = [name for name in needed if name not in frame]
@@ -207,9 +201,9 @@ def on_duty(
     contact_ms = np.fmax(computing, window)
     is_apart = contacts_per_hour * contact_ms <= 3.6e6
     known = np.where((idle > 0) & is_apart, idle, np.nan)
-    power = mean_power_mw(contacts_per_hour, energy, np.where(is_apart, contact_ms, 0.0), known)
-    life = {} if battery_mwh is None else {"battery_h": battery_h(battery_mwh, power)}
-    return frame.assign(power_mw=power, **life)
+    return frame.assign(
+        power_mw=mean_power_mw(contacts_per_hour, energy, np.where(is_apart, contact_ms, 0.0), known)
+    )
 
 
 def drawn(
@@ -302,20 +296,17 @@ def runs_of(folder: Path, rows: pandas.DataFrame) -> list[RunRecord]:
     return load_records(folder, int(rows["trial"].iloc[0]))[: int(rows["repeats"].iloc[0])]
 
 
-def answered(
-    folder: Path, rows: pandas.DataFrame, runs: Sequence[RunRecord] | None = None
-) -> tuple[list[_points.Answered], Ints]:
+def answered(folder: Path, rows: pandas.DataFrame) -> tuple[list[_points.Answered], Ints]:
     """Return the answers of a trial at the precisions of some of its points, and the place of each point.
 
     Args:
         folder: of the study.
         rows: the points.
-        runs: that answer; None: those behind the points.
 
     Raises:
         StoreError: an artefact is damaged, or the answers no longer match the points.
     """
-    answers = _points.answers(folder, runs_of(folder, rows) if runs is None else runs, _precisions(rows))
+    answers = _points.answers(folder, runs_of(folder, rows), _precisions(rows))
     places = _points.places(answers, rows)
     if (places < 0).any():
         trial = rows["trial"].iloc[0]

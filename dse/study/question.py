@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from dse.config.values import read, read_object
 from dse.registry import Rule, param
@@ -53,18 +53,7 @@ class Question:
         doc="inferences per hour; adds the column power_mw, mean power at the sensor's step period, idle "
         "time included",
     )
-    battery_mwh: float | None = param(
-        None,
-        low=0,
-        doc="battery capacity in mWh; adds the column battery_h, battery life in hours (needs "
-        "--contacts-per-hour)",
-    )
     targets: tuple[str, ...] = param((), doc="leave out what none of these targets can hold")
-    repeats: Literal["mean", "last", "worst"] = param(
-        "mean",
-        doc="of a design that was trained several times (seeds, folds): means of all its runs (default), or "
-        "every number of its last run, or of the one with the least accuracy",
-    )
     confidence: float | None = param(
         None,
         low=0,
@@ -131,25 +120,13 @@ class Question:
         """Return the design points of studies, or of tables, as they are asked for.
 
         Raises:
-            ExpressionError: samples are asked for of single runs.
             StoreError: a table is no study where one is needed, or a study is damaged.
             TableError: a table cannot be read.
         """
-        from dse.skyline.constraints import ExpressionError
         from dse.study import pricing
-        from dse.study.repeats import over_repeats
 
         frames = pricing.tables(results, self.hardware)
-        if self.repeats != "mean":
-            if self.draws or self.confidence is not None:
-                text = f"repeats {self.repeats} is one run of each design: samples are over all runs"
-                raise ExpressionError(text)
-            pricing.check_studies(results, "repeats needs")
-            frames = [
-                over_repeats(Path(path), frame, self.repeats)
-                for path, frame in zip(results, frames, strict=True)
-            ]
-        return [pricing.on_duty(frame, self.contacts_per_hour, self.battery_mwh) for frame in frames]
+        return [pricing.on_duty(frame, self.contacts_per_hour) for frame in frames]
 
 
 def texts(value: Any, name: str) -> list[str]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,10 +34,11 @@ from dse.search.racing import best
 from dse.study import checkpoints, points
 from dse.study import trials as tables
 from dse.study.fronts import fronts
-from dse.study.ledger import Entry
+from dse.study.ledger import Entry, Ledger
 from dse.study.progress import Progress
 from dse.study.record import Numbers, RunRecord
 from dse.study.runs import Runs
+from dse.study.searches import Asked, Search
 
 if TYPE_CHECKING:
     import pandas
@@ -52,20 +54,21 @@ Group = tuple[str, ...]
 
 
 class Race:
-    """The racing of one study."""
+    """The racing of one study: a search whose batches are asked for round by round."""
 
     def __init__(
         self,
+        search: Search,
         space: SearchSpace,
         folder: Path,
         profiles: Sequence[Profile],
         runs: Runs,
-        progress: Progress,
         book: store.Book,
     ) -> None:
         assert space.search.racing is not None
+        self._search = search
         self._space, self._folder, self._profiles = space, folder, tuple(profiles)
-        self._runs, self._progress, self._book = runs, progress, book
+        self._runs, self._book = runs, book
         self._settings: Racing = space.search.racing
         # How many designs there were at the last audit, and which stopped ones train to their ends.
         self._audited: dict[str, Any] = book.document(AUDIT) or {"designs": 0, "trials": []}
@@ -73,25 +76,36 @@ class Race:
         self._stopped = {int(stop["trial"]) for one in rounds for stop in one["stopped"]}
         self._stopped.update(trial for trial, of in runs.trials().items() if any(map(_is_stopped, of)))
         self._stopped.update(self._audited["trials"])
+        self._batch: Asked | None = None
+        self._trainings: Iterator[Asked] = iter(())
 
-    def complete(self, batch: int, entries: Sequence[Entry], after_each: Callable[[], None]) -> None:
-        """Train a batch of designs until each has finished, failed or stopped.
+    def ask(self) -> Asked | None:
+        """Return trainings of a batch to a rung or to their ends; after the last, those of the next batch."""
+        while (asked := next(self._trainings, None)) is None:
+            if self._batch is not None:
+                self._search.tell(self._batch)
+            self._batch = self._search.ask()
+            if self._batch is None:
+                return None
+            self._trainings = self._raced(self._batch)
+        return asked
 
-        Args:
-            batch: its number.
-            entries: its designs.
-            after_each: called when a run has ended, or stands at its rung.
+    def tell(self, asked: Asked) -> None:
+        """Take no notice: the next round is decided from the runs."""
 
-        Raises:
-            StoreError, RecordingError: as in `Runs.complete`.
-        """
-        name = f"racing/{batch:05d}"
+    @property
+    def repeats(self) -> int:
+        """Runs of each design."""
+        return self._space.search.repeats
+
+    def _raced(self, batch: Asked) -> Iterator[Asked]:
+        """Yield the trainings of a batch until each of its designs has finished, failed or stopped."""
+        name = f"racing/{batch.batch:05d}"
         rounds: list[dict[str, Any]] = self._book.document(name, [])
-        repeats = self._space.search.repeats
-        self._runs.recall(entries)
+        self._runs.recall(batch.entries)
         upcoming: dict[str, Any] | None = None
         if not rounds:
-            first = [entry.trial for entry in entries]
+            first = [entry.trial for entry in batch.entries]
             upcoming = {"epochs": self._settings.rungs[0], "trials": first, "stopped": []}
         while True:
             if upcoming is not None:
@@ -100,20 +114,20 @@ class Race:
             self._stop(rounds)
             stands = _stands(rounds, self._audited["trials"])
             for epochs in sorted(set(stands.values()), key=lambda n: math.inf if n is None else n):
-                there = [entry for entry in entries if stands.get(entry.trial, 0) == epochs]
-                self._runs.complete(there, repeats, after_each, epochs)
+                there = [entry for entry in batch.entries if stands.get(entry.trial, 0) == epochs]
+                yield replace(batch, entries=there, until=epochs)
             self._stop(rounds)  # who stopped before, and had to train to the rung again
             upcoming = self._next(stands)
             if upcoming is None:
                 break
-        left = [e for e in entries if e.trial not in self._stopped or not self._runs.of(e.trial)]
-        self._runs.complete(left, repeats, after_each)
+        left = [e for e in batch.entries if e.trial not in self._stopped or not self._runs.of(e.trial)]
+        yield replace(batch, entries=left)
 
     def _stop(self, rounds: Iterable[Mapping[str, Any]]) -> None:
         """Record what rounds have stopped, unless it is recorded."""
         for stop in (stop for one in rounds for stop in one["stopped"]):
             self._stopped.add(int(stop["trial"]))
-            repeats, epochs = self._space.search.repeats, int(stop["epochs"])
+            repeats, epochs = self.repeats, int(stop["epochs"])
             self._runs.stop(int(stop["trial"]), repeats, epochs, stop["reason"])
 
     def _next(self, stands: Mapping[int, int | None]) -> dict[str, Any] | None:
@@ -210,19 +224,8 @@ class Race:
                 values = [float(row.get(name, math.nan)) for name, _ in self._space.objectives]
                 yield (*named, *([chip] if chip else [])), np.array(values)
 
-    def audit(
-        self,
-        entries: Sequence[Entry],
-        after_each: Callable[[], None],
-        points_now: Callable[[], pandas.DataFrame],
-    ) -> list[str]:
-        """Train some stopped designs to their ends; return what racing has saved and lost, in sentences.
-
-        Args:
-            entries: all designs.
-            after_each: called when a run has ended.
-            points_now: returns the design points of the study.
-        """
+    def audited(self, entries: Sequence[Entry]) -> list[Entry]:
+        """Return the stopped designs that train to their ends, drawn anew where there are more designs."""
         known = self._audited["trials"]
         if len(entries) > self._audited["designs"] and self._settings.audit:
             rng = seeds.generator(self._space.seed, {}, "racing audit", len(entries))
@@ -232,11 +235,20 @@ class Race:
             self._book.keep(AUDIT, self._audited)
         trials = set(self._audited["trials"])
         self._runs.train_on(trials)
-        sample = [entry for entry in entries if entry.trial in trials]
-        self._runs.complete(sample, self._space.search.repeats, after_each)
+        return [entry for entry in entries if entry.trial in trials]
+
+    def sentences(self, entries: Sequence[Entry], points_now: Callable[[], pandas.DataFrame]) -> list[str]:
+        """Return what racing has saved and lost, and keep it, when the audited designs have trained.
+
+        Args:
+            entries: all designs.
+            points_now: returns the design points of the study.
+        """
+        trials = set(self._audited["trials"])
         sentences = [self._saved(entries, trials), *self._lost(trials, points_now)] if self._stopped else []
         if sentences and self._audited.get("sentences") != sentences:
             self._book.keep(AUDIT, {**self._audited, "sentences": sentences})
+        self._runs.forget_checkpoints(of_stopped=True)
         return sentences
 
     def _saved(self, entries: Sequence[Entry], audited: Collection[int]) -> str:
@@ -278,6 +290,28 @@ class Race:
             )
         else:
             yield f"racing: of {n} stopped designs, drawn at random and trained on, none is on the front"
+
+
+class Audit:
+    """After a race: some stopped designs train to their ends, and what racing has saved and lost is said."""
+
+    def __init__(
+        self, race: Race, ledger: Ledger, points_now: Callable[[], pandas.DataFrame], report: Progress
+    ) -> None:
+        self._race, self._ledger, self._points_now, self._report = race, ledger, points_now, report
+        self._is_asked = False
+
+    def ask(self) -> Asked | None:
+        """Return the designs of the audit, once."""
+        if self._is_asked:
+            return None
+        self._is_asked = True
+        return Asked(self._race.audited(self._ledger.entries), self._race.repeats)
+
+    def tell(self, asked: Asked) -> None:
+        """Say what racing has saved and lost."""
+        for text in self._race.sentences(self._ledger.entries, self._points_now):
+            self._report.note(text)
 
 
 def rounds_of(book: store.Book) -> dict[int, list[dict[str, Any]]]:

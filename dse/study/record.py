@@ -6,13 +6,15 @@ import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dse import store
-from dse.measure.objectives.accuracy_unseen import Unseen
-from dse.measure.run import Measurement
 from dse.records import Head
 from dse.store import StoreError
+
+if TYPE_CHECKING:
+    from dse.measure.objectives.accuracy_unseen import Unseen
+    from dse.measure.run import Measurement
 
 STOPPED = "stopped"
 """The status of a run that racing stopped before its end."""

@@ -16,18 +16,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.measure import decision
 from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.on_chips import DRAWN
 from dse.records import Array, Bools, Floats, Ints
 from dse.seeds import generator
-from dse.skyline.front import Draws, comparable, front_draws, front_share
+from dse.skyline.front import Draws, front_share
 from dse.skyline.posterior import posterior_samples
 from dse.skyline.table import group_numbers, numbers
 from dse.store import StoreError
 from dse.study import corrected, pricing
-from dse.study.fronts import GROUPS, as_if_larger
-from dse.study.precision import as_trained
 from dse.study.record import TOLD, RunRecord, load_records
 
 if TYPE_CHECKING:
@@ -40,7 +37,6 @@ CERTAINTY = ("front_share", "front_probability")
 """Columns of `certainty`."""
 
 _SEED = 20261122
-_DRAWS = 400
 _WITHIN_SE = 5.0  # standard errors within which every sample is
 _ANSWERS = ("index", "target", "output", "shape", "step_ms", "label", "time_ms")
 
@@ -84,34 +80,6 @@ def errors(folder: Path, rows: pandas.DataFrame, n_draws: int) -> Floats:
             unit = generator(_SEED, {}, "seed of a trial", int(trial)).standard_normal(n_draws)
             sampled[:, places] += (unit * scale / np.sqrt(n_runs))[:, None]
     return sampled
-
-
-def front_probabilities(
-    folder: Path, points: pandas.DataFrame, goals: Sequence[tuple[str, str]]
-) -> dict[int, float]:
-    """Return trial -> the probability that one of its design points is on the front of its group.
-
-    Over recordings, seeds and the chip's uncertain numbers jointly, as `draws`; the largest over the fronts
-    of tasks, families and chips that a trial is in.
-
-    Args:
-        folder: of the study, whose artefacts and hardware are written.
-        points: its table of design points.
-        goals: of the front.
-    """
-    table = as_trained(as_if_larger(points))
-    rows = comparable(table, goals).rows if len(table) else table
-    if rows.empty:
-        return {}
-    by = [name for name in GROUPS if name in rows.columns]
-    drawn = front_draws(rows, goals, draws([folder], [points], (), goals, _DRAWS), by)
-    trials = rows["trial"].to_numpy(np.int64)[drawn.rows]
-    group = group_numbers(rows, by)[drawn.rows]
-    probability = dict.fromkeys(map(int, np.unique(rows["trial"])), 0.0)
-    for trial, number in sorted(set(zip(trials.tolist(), group.tolist(), strict=True))):
-        here = (trials == trial) & (group == number)
-        probability[trial] = max(probability[trial], float(drawn.on_front[:, here].any(axis=1).mean()))
-    return probability
 
 
 def draws(
@@ -334,6 +302,8 @@ def _right_at(arrays: dict[str, Array], of_class: Ints, outputs: slice, rows: pa
     if decides.any():
         phis, phi_place = np.unique(phi[decides], return_inverse=True)
         thetas, theta_place = np.unique(theta[decides], return_inverse=True)
+        from dse.measure import decision  # compiled
+
         right[:, decides] = decision.right_at(spikes, target, phis, thetas)[:, phi_place, theta_place]
     steps = np.where(
         np.isnan(after_ms), shape[1], np.rint(np.nan_to_num(after_ms) / float(arrays["step_ms"]))

@@ -62,22 +62,15 @@ class Study:
         names = self.space.get("plugins")
         registry.load_trusted(names if isinstance(names, list) else (), self.folder / "search_space.yaml")
 
-    def points(self, hardware: Sequence[str] = (), repeats: str = "mean") -> pandas.DataFrame:
+    def points(self, hardware: Sequence[str] = ()) -> pandas.DataFrame:
         """Return one row per design point: a trial, a time of its answer, and a hardware profile.
 
         Args:
             hardware: names or files of profiles to price the points on; empty: the profiles of the study.
-            repeats: numbers are means over a design's runs, or those of its 'last' or 'worst' run alone.
         """
         if hardware:
-            table = pricing.points(self.folder, hardware)
-        else:
-            table = held.without_lost(self.folder, held.read(self.folder / held.POINTS))
-        if repeats == "mean":
-            return table
-        from dse.study.repeats import over_repeats
-
-        return over_repeats(self.folder, table, repeats)
+            return pricing.points(self.folder, hardware)
+        return held.without_lost(self.folder, held.read(self.folder / held.POINTS))
 
     def runs(self, trial: int) -> list[dict[str, Any]]:
         """Return the records of a trial's runs, repeat 0 first.

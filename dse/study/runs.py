@@ -32,7 +32,7 @@ from dse.records import Dataset
 from dse.registry import PluginError
 from dse.search import cohorts
 from dse.store import Damaged, StoreError
-from dse.study import checkpoints, jobs, precision
+from dse.study import checkpoints, jobs, precision, rounding
 from dse.study.coordinators import Coordinator, Key
 from dse.study.executors.work import Failure
 from dse.study.ledger import Entry
@@ -402,10 +402,10 @@ class Runs:
             else:
                 folder = self._cache / data.keys[member]
                 run = self._run(entry, repeat, data.sections[member], folder)
-                evaluations.append(precision.Job(run, lacking[entry.trial, repeat]))
+                evaluations.append(rounding.Job(run, lacking[entry.trial, repeat]))
         for attempt in range(_ATTEMPTS):
             again = []
-            for job, ended in self._attempted(precision.evaluate, evaluations, attempt == _ATTEMPTS - 1):
+            for job, ended in self._attempted(rounding.evaluate, evaluations, attempt == _ATTEMPTS - 1):
                 if isinstance(ended, Failure):
                     _stop_if_blameless(ended)
                     left = precision.missing(job.run.folder, job.settings)

@@ -93,17 +93,13 @@ class Status:
 
 @dataclass(frozen=True)
 class _Search:
-    """The settings of the search; a study writes every default.
-
-    is_bounded: only undecided designs are repeated, nobody knows how often.
-    """
+    """The settings of the search; a study writes every default."""
 
     n_trials: int | None
     batch: int
     repeats: int
     repeats_on_front: int
     n_workers: int
-    is_bounded: bool
 
 
 @dataclass(frozen=True)
@@ -192,7 +188,6 @@ def _search(study: Study) -> _Search:
         repeats=int(search["repeats"]),
         repeats_on_front=int(search["repeats_on_front"]),
         n_workers=int((space.get("execution") or {}).get("jobs", 1)),
-        is_bounded=search.get("front_undecided") is not None,
     )
 
 
@@ -321,7 +316,7 @@ def _n_trials(folder: Path, search: _Search, entries: Mapping[int, Entry]) -> in
 def _n_repeats_missing(points: pandas.DataFrame, goals: Sequence[Goal], search: _Search, runs: _Runs) -> int:
     """Return the number of missing repeats of the designs on the fronts of the last table."""
     known = [goal for goal in goals if goal.column in points.columns]
-    if search.repeats_on_front <= search.repeats or search.is_bounded or not known or points.empty:
+    if search.repeats_on_front <= search.repeats or not known or points.empty:
         return 0
     front = {int(trial) for _, rows in fronts(points, known) for trial in rows["trial"]}
     made = [max(search.repeats, len(runs.get(trial, ()))) for trial in front]

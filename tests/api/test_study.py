@@ -78,8 +78,7 @@ def test_one_text_stands_for_a_list_of_one(ran: Ran) -> None:
         assert picked.row is not None and picked.row["n_weights"] == 16
     assert study.best(budget)["trial"] == picked.row["trial"]
     assert study.best(budget, hardware="mcu_m4", confidence=0.01)["hardware"] == "mcu_m4"
-    on_battery = study.best(contacts_per_hour=60, battery_mwh=100)
-    assert on_battery["battery_h"] > 0
+    assert study.best(contacts_per_hour=60)["power_mw"] > 0
     fronts = [
         study.skyline(goals, where="n_weights <= 30", hardware="mcu_m4").rows
         for goals in (
@@ -121,7 +120,7 @@ def test_figures_and_optuna(ran: Ran) -> None:
         (lambda study: study.pick([3]), TypeError, "budgets"),
         (lambda study: study.pick("n_weights <= 3", maximise=3), TypeError, "maximise"),
         (lambda study: study.pick(confidence=2), TypeError, r"confidence must be in \(0, 1\], got 2"),
-        (lambda study: study.pick(battery_mwh="big"), TypeError, "battery_mwh must be a number.*, got 'big'"),
+        (lambda study: study.pick(draws="big"), TypeError, "draws must be an integer.*, got 'big'"),
         (lambda study: study.pick(hardwar="mcu_m4"), TypeError, "Did you mean 'hardware'"),
         (lambda study: study.pick(by="task"), ExpressionError, "by must be absent"),
         (lambda study: study.pick("n_wights <= 3"), ExpressionError, "Did you mean 'n_weights'"),

@@ -246,6 +246,17 @@ def test_skyline_of_a_table(table: Path, capsys: Captured) -> None:
     assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
 
 
+def test_a_front_loads_no_compiler() -> None:
+    code = (
+        "import sys; from dse.cli import main\n"
+        "assert main(['skyline', 'results/example', '--where', 'n_weights > 0']) == 0\n"
+        "print(*{'numba', 'torch', 'optuna', 'sklearn'} & sys.modules.keys(), file=sys.stderr)"
+    )
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=root)
+    assert done.stdout and not done.stderr.splitlines()[-1]
+
+
 def test_skyline_formats(table: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     arguments = ["skyline", str(table), "--objectives", "accuracy:max,n_weights:min", "--format"]
     assert main([*arguments, "csv"]) == 0

@@ -10,7 +10,7 @@ from dse.config import ConfigError, load_space, names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.schema import json_schema
 from dse.config.search import automatic
-from tests.spaces import faults_of, write_space
+from tests.spaces import write_space
 
 
 def read(raw: Any, base: Path) -> tuple[tuple[str, ...], list[str]]:
@@ -83,22 +83,6 @@ def test_phi_may_reach_as_far_as_the_outputs(tmp_path: Path) -> None:
     step = load_space(with_decision(tmp_path, "{phi: {up_to: outputs}}")).decision.to_plain()["phi"]
     assert step == {"up_to": "outputs", "step": 25}
     assert set(load_space(with_decision(tmp_path, "{}")).decision.to_plain()) == {"phi", "theta"}
-
-
-@pytest.mark.parametrize(
-    ("written", "fault"),
-    [
-        ("{phi: {up_to: inputs}}", "unknown decision.phi.up_to 'inputs'; known: outputs"),
-        ("{phi: {up_to: outputs, step: 0}}", "decision.phi.step must be >= 1, got 0"),
-        ("{phi: {step: 5}}", "decision.phi.up_to is required"),
-        ("{phi: [0, {up_to: outputs}]}", "decision.phi must be integers, or up_to and step alone"),
-        ("{theta: {range: [0, 1]}}", "decision.theta is evaluated on a grid, so its range needs a step"),
-        ("{read_out_every_ms: 0}", "decision.read_out_every_ms must be > 0, got 0"),
-    ],
-)
-def test_what_is_no_decision_grid(tmp_path: Path, written: str, fault: str) -> None:
-    [found] = faults_of(with_decision(tmp_path, written))
-    assert found.startswith(f"16: {fault}")
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from dse.config import load_space
 from dse.config.schema import json_schema
-from tests.spaces import faults_of, write_space
+from tests.spaces import write_space
 
 LINE = "objectives: [accuracy:max, n_weights:min]"
 
@@ -47,41 +45,6 @@ def test_it_survives_a_round_trip(tmp_path: Path) -> None:
     again.write_text(space.to_yaml(), encoding="utf-8")
     assert load_space(again).precision == space.precision
     assert load_space(again).to_yaml() == space.to_yaml()
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("", ["precision.weight_bits is required: bits per weight"]),
-        ("4", ["precision must be a mapping of keys to values, got 4"]),
-        (
-            "{weight_bits: [1, 9]}",
-            [
-                "precision.weight_bits[0] must be in [2, 8], got 1",
-                "precision.weight_bits[1] must be in [2, 8], got 9",
-            ],
-        ),
-        ("{weight_bits: [4.5]}", ["precision.weight_bits[0] must be an integer, got 4.5"]),
-        ("{weight_bits: [true]}", ["precision.weight_bits[0] must be an integer, got true"]),
-        ("{weight_bits: []}", ["precision.weight_bits must hold at least one value, got []"]),
-        ("{weight_bits: 4, pruned: []}", ["precision.pruned must hold at least one value, got []"]),
-        ("{weight_bits: 4, pruned: [1.0]}", ["precision.pruned[0] must be in [0, 1), got 1"]),
-        ("{weight_bits: 4, pruned: [-0.1]}", ["precision.pruned[0] must be in [0, 1), got -0.1"]),
-        ("{weight_bits: 4, pruned: [.nan]}", ["precision.pruned[0] must be a finite number, got nan"]),
-        ("{weight_bits: 4, within: -1}", ["precision.within must be in [0, 1], got -1"]),
-        ("{weight_bits: 4, bits: 2}", ["unknown key 'precision.bits'; known: weight_bits, pruned, within"]),
-        ("{weight_bits: {choice: [4, 8]}}", ["precision.weight_bits cannot be an axis"]),
-        (
-            "{weight_bits: four, pruned: 1, within: 2}",
-            ["precision.weight_bits", "precision.pruned", "precision.within"],
-        ),
-    ],
-)
-def test_every_mistake_is_said(tmp_path: Path, text: str, expected: list[str]) -> None:
-    faults = faults_of(with_section(tmp_path, text))
-    assert len(faults) == len(expected)
-    for fault, begin in zip(faults, expected, strict=True):
-        assert fault.startswith(f"18: {begin}")
 
 
 def test_editors_know_its_keys_and_bounds() -> None:

@@ -57,7 +57,6 @@ def space_of(folder: Path, **changes: Any) -> SearchSpace:
     rates = [0.2, 0.5, 0.55, 0.6, 0.7, 0.8]
     model = {"kind": "rounded", "true_rate": {"choice": rates}, "hidden": {"choice": [[8], [9]]}}
     search = {"sampler": "grid", "batch": 6, "racing": {"rungs": [2, 5], "audit": 1}}
-    undecided = {"repeats_on_front": 2, "front_undecided": [0.02, 0.98]}
     return tiny_study.make_space(
         folder,
         **{
@@ -65,7 +64,7 @@ def space_of(folder: Path, **changes: Any) -> SearchSpace:
             "model": model,
             "training": {"epochs": 20},
             "objectives": ["accuracy:max", "n_weights:min"],
-            "search": search | undecided,
+            "search": search | {"repeats_on_front": 2},
             "decision": {"phi": [0], "theta": [0.4]},
             "hardware": ["op_4.6_0.9"],
             "precision": {"weight_bits": [4], "within": 0.0},
@@ -311,8 +310,8 @@ WHOLE: dict[str, tuple[Plant, str]] = {
     "a run removed": (removed(RUN), RUN),
     "a stopped run removed": (removed("runs/00002-0.npz"), "runs/00002-0.npz"),
     "an audited run removed": (removed("runs/00009-0.npz"), "runs/00009-0.npz"),
-    "the second run of a design removed": (removed("runs/00011-1.npz"), "runs/00011-1.npz"),
-    "the first run of a design removed": (removed("runs/00011-0.npz"), "runs/00011-0.npz"),
+    "the second run of a design removed": (removed("runs/00005-1.npz"), "runs/00005-1.npz"),
+    "the first run of a design removed": (removed("runs/00005-0.npz"), "runs/00005-0.npz"),
     "all runs of a batch removed": (removed(*LAST_RUNS), "runs/00006"),
     "all runs removed": (removed("runs"), "runs/00000"),
     "a run renamed to another trial": (copied_away(RUN, "runs/00033-0.npz"), "runs/00033-0.npz"),

@@ -145,7 +145,6 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
         (["skyline", "FOLDER", "--hardware", "loihi3"], "loihi3: no such hardware profile; known"),
         (["skyline", "FOLDER", "--draws", "0"], "must be in [1, 100000], got 0"),
         (["skyline", "FOLDER", "--draws", "9999999"], "must be in [1, 100000], got 9999999"),
-        (["skyline", "FOLDER", "--battery-mwh", "9"], "--battery-mwh needs --contacts-per-hour"),
         (["skyline", "FOLDER", "--contacts-per-hour", "-1"], "must be >= 0, got -1"),
         (
             ["pick", "TABLE", "--contacts-per-hour", "1"],
@@ -186,23 +185,20 @@ def test_a_wrong_chip_is_found_before_any_work(tmp_path: Path, capsys: Captured)
     assert not (tmp_path / "results").exists()
 
 
-def test_battery_life_of_a_study_s_designs(results: Path, capsys: Captured) -> None:
-    asked = ("--contacts-per-hour", "60", "--battery-mwh", "1000", "--hardware", "loihi1_silicon")
-    rows = answered(capsys, "skyline", str(results), *asked, "--objectives", "accuracy:max,battery_h:max")[
-        "rows"
-    ]
-    for row in rows:
+def test_mean_power_of_a_study_s_designs(results: Path, capsys: Captured) -> None:
+    asked = ("--contacts-per-hour", "60", "--hardware", "loihi1_silicon")
+    goals = ("--objectives", "accuracy:max,power_mw:min")
+    for row in answered(capsys, "skyline", str(results), *asked, *goals)["rows"]:
         share = 60 * max(row["decision_latency_ms"], row["hardware_latency_ms"]) / 3.6e6
-        power = 60 * row["energy_throttled_uj"] / 3.6e6 + (1 - share) * 104
         assert row["idle_mw"] == 104
-        assert row["power_mw"] == pytest.approx(power) and row["battery_h"] == pytest.approx(1000 / power)
-    [row] = answered(capsys, "pick", str(results), *asked, "--budget", "battery_h >= 9")["rows"]
-    assert row["battery_h"] >= 9
-    never = answered(capsys, "pick", str(results), *asked, "--budget", "battery_h >= 99", code=3)
-    assert all(row["missed battery_h>=99"] > 89 for row in never["rows"])
+        assert row["power_mw"] == pytest.approx(60 * row["energy_throttled_uj"] / 3.6e6 + (1 - share) * 104)
+    [row] = answered(capsys, "pick", str(results), *asked, "--budget", "power_mw <= 104.1")["rows"]
+    assert row["power_mw"] <= 104.1
+    never = answered(capsys, "pick", str(results), *asked, "--budget", "power_mw <= 9", code=3)
+    assert all(row["missed power_mw<=9"] > 89 for row in never["rows"])
 
 
-def test_battery_life_that_is_not_known(results: Path, capsys: Captured) -> None:
+def test_mean_power_that_is_not_known(results: Path, capsys: Captured) -> None:
     notes = answered(
         capsys,
         *("skyline", str(results), "--contacts-per-hour", "60", "--hardware", "odin", "--oversize"),

@@ -16,7 +16,6 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 from dse import store
-from dse.cli.command_line import main
 from dse.config import load_space
 from dse.hardware.profile import load_all
 from dse.study import explore, held, tables
@@ -244,38 +243,3 @@ def test_designs_beyond_the_limits_stop_first(tmp_path: Path, monkeypatch: pytes
     trials = study.trials
     finished = trials["trial"][trials["status"] == "finished"]
     assert len(finished) == 8 and (least_uj[finished] <= limit_uj).all()
-
-
-@pytest.mark.parametrize(
-    ("racing", "model", "fault"),
-    [
-        ("{rungs: [2, 4]}", "snn", "9: search.racing.rungs must be below training.epochs, 4, got 4"),
-        ("{rungs: [3, 2]}", "snn", "9: search.racing.rungs must be at least one number of epochs, rising"),
-        ("{rungs: [2, 2]}", "snn", "9: search.racing.rungs must be at least one number of epochs, rising"),
-        ("{rungs: []}", "snn", "9: search.racing.rungs must be at least one number of epochs, rising"),
-        ("{rungs: [0]}", "snn", "9: search.racing.rungs"),
-        ("{rungs: [2], eta: 1}", "snn", "9: search.racing.eta must be"),
-        ("{rungs: [2], confidence: 0.9}", "snn", "9: unknown key 'search.racing.confidence'"),
-        ("{eta: 2}", "snn", "9: search.racing.rungs is required"),
-        ("{rungs: [2]}", "knn", "9: search.racing needs models whose training can pause at a rung"),
-        ("{rungs: [2], ladder: 3}", "snn", "9: unknown key 'search.racing.ladder'"),
-    ],
-)
-def test_bad_racing_is_a_fault_with_its_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], racing: str, model: str, fault: str
-) -> None:
-    tiny_study.write_recordings(tmp_path / "tiny.npz")
-    path = tmp_path / "space.yaml"
-    path.write_text(
-        "study: bad\n"
-        "data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label}}\n"
-        "task: {target: fabric}\n"
-        "split: {stratified: {validation: 0.5}}\n"
-        f"model: {{kind: {model}}}\n"
-        "training: {epochs: 4}\n"
-        "objectives: [accuracy:max]\n"
-        "search:\n"
-        f"  racing: {racing}\n"
-    )
-    assert main(["check", str(path)]) == 2
-    assert fault in capsys.readouterr().err

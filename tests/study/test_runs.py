@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from dse import store
@@ -14,7 +13,6 @@ from dse.config import ConfigError
 from dse.dataset import load
 from dse.dataset.cache import usual_root
 from dse.dataset.files import read_meta
-from dse.measure.objectives.accuracy import seeds_se
 from dse.recordings import RecordingError
 from dse.study import explore
 from dse.study.results import Study
@@ -66,14 +64,6 @@ def test_every_repeat_is_a_fold(folded: tuple[Path, Study]) -> None:
         assert sorted([*held, *(i for _, validation, _ in folds for i in validation)]) == list(range(36))
         for train, validation, test in folds:
             assert sorted(train + validation + test) == list(range(36))
-
-
-def test_the_error_of_the_accuracy_is_that_over_folds(folded: tuple[Path, Study]) -> None:
-    _, found = folded
-    accuracies = [record["columns"]["accuracy"] for record in found.runs(1)]
-    row = found.trials.iloc[1]
-    assert row["accuracy"] == pytest.approx(np.mean(accuracies))
-    assert row["accuracy_se"] == pytest.approx(float(seeds_se(accuracies)))
 
 
 def test_folds_share_their_spikes_and_designs_their_folds(folded: tuple[Path, Study]) -> None:

@@ -149,22 +149,6 @@ def test_points_are_what_the_stored_spikes_say(finished: Study) -> None:
         assert confusion.sum(axis=1).tolist() == [6, 6, 6]
 
 
-def test_an_earlier_decision_costs_less(finished: Study) -> None:
-    points = finished.points()
-    full = finished.trials.set_index("trial")
-    for name in ("decision_latency_ms", "energy_dynamic_uj", "synaptic_operations", "spikes_per_inference"):
-        limit = full[name].reindex(points["trial"]).to_numpy()
-        assert (points[name].to_numpy() <= limit + 1e-12).all(), name
-        assert (points[name].to_numpy() < limit).any(), name
-
-
-def test_the_same_command_again_trains_nothing(finished: Study, copied: Path) -> None:
-    before = finished_runs(copied)
-    again = explore.run(make_space(copied), copied / "results", progress=False)
-    assert finished_runs(copied) == before
-    assert_same(again, finished)
-
-
 def test_one_worker_and_another_order_of_axes_give_the_same_designs(
     finished: Study, tmp_path: Path, workers: None
 ) -> None:
@@ -728,13 +712,3 @@ def test_a_study_that_another_command_works_on_is_refused(
         pytest.raises(store.StoreError, match="another process is running this study"),
     ):
         explore.run(make_space(copied), copied / "results", progress=False)
-
-
-def test_skyline_and_pick_answer_from_the_points(finished: Study) -> None:
-    front = dse.open(finished.folder).skyline().rows
-    assert len(front) and set(front.columns) == set(finished.points().columns)
-    best = dse.open(finished.folder).pick(["n_weights <= 60"])
-    assert best.row is not None
-    points = finished.points()
-    assert best.row["accuracy"] == points[points["n_weights"] <= 60]["accuracy"].max()
-    assert dse.open(finished.folder).pick(["n_weights <= 1"]).row is None

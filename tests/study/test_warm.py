@@ -98,21 +98,3 @@ def test_a_search_stops_and_goes_on(search: Explore, monkeypatch: pytest.MonkeyP
     whole = search("stopped", search={"sampler": "grid", "batch": 2})
     assert not [text for text in whole.warnings if text.startswith("the search stopped")]
     assert rows(whole) == rows(search("alone", search={"sampler": "grid", "batch": 2}))
-
-
-@pytest.mark.parametrize(
-    ("settings", "fault"),
-    [
-        ({"stop": {"cpu_hours": 0}}, "search.stop.cpu_hours must be > 0, got 0"),
-        ({"stop": {}}, "search.stop.cpu_hours is required"),
-        ({"stop": {"cpu_hours": 1, "cpu_hous": 1}}, "unknown key 'search.stop.cpu_hous'"),
-        ({"from": 3}, "search.from[0] must be text, got 3"),
-        ({"from": ["a", "a"]}, "search.from: 'a' is named twice"),
-    ],
-)
-def test_faults_have_a_line(search: Explore, tmp_path: Path, settings: dict[str, Any], fault: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        search("wrong", search={"sampler": "grid"} | settings)
-    (line,) = str(caught.value).splitlines()
-    assert line.startswith(f"{tmp_path / 'tiny.yaml'}:")
-    assert fault in line

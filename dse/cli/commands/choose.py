@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from dse import registry
 from dse.cli.answer import Answer
@@ -78,7 +78,6 @@ def dashboard(
     html: Path | None = None,
     page: str = "study",
     hardware: Texts = (),
-    repeats: Literal["mean", "last", "worst"] = "mean",
     draws: Annotated[int | None, Rule(low=1, high=MOST_DRAWS)] = None,
     port: Annotated[int | None, Rule(low=0, high=65_535)] = None,
     host: str | None = None,
@@ -88,8 +87,6 @@ def dashboard(
     Args:
         html (FILE): write the page to this file instead of serving it; the file opens without a server.
         page: page definition (parts, axes, budgets): study (default), paper, deployment, or a YAML file.
-        repeats: of a design that was trained several times: means of all its runs (default), or every number
-            of its last run, or of the one with the least accuracy.
         draws: sample recordings, seeds and the chip's uncertain numbers N times; points that are
             non-dominated in few of the samples are drawn paler, and a slider leaves out less certain ones.
         port: TCP port (default: 8050; 0: any free port).
@@ -109,7 +106,7 @@ def dashboard(
         faults += error.faults
     if faults:
         raise ConfigError(faults)
-    request = PageRequest(definition, Question(hardware=hardware, repeats=repeats, draws=draws))
+    request = PageRequest(definition, Question(hardware=hardware, draws=draws))
     if html:
         from dse.study import results as studies
 

@@ -45,6 +45,11 @@ class AccuracyUnseen:
         return {column.name: columns[column.name] for column in self.columns if columns}
 
 
+def unseen_name(number: int) -> str:
+    """Return the name of an array of accuracies of a fold, by its number among the folds of `unseen`."""
+    return f"unseen/{number}"
+
+
 def as_arrays(unseen: Unseen) -> dict[str, dict[str, Floats]]:
     """Return accuracies of one point as arrays without axes."""
     return {column: {fold: np.asarray(x) for fold, x in of.items()} for column, of in unseen.items()}

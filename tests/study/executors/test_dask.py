@@ -126,12 +126,6 @@ def test_what_a_user_writes_about_a_cluster(
         path.write_text(yaml.safe_dump({**space, "execution": execution}, sort_keys=False))
         return load_space(path)
 
-    with pytest.raises(
-        ConfigError, match=r":\d+: execution\.address needs execution\.backend dask, got loky$"
-    ):
-        loaded(address="tcp://nowhere:1")
-    with pytest.raises(ConfigError, match=r"scheduler_file must be absent where execution\.address"):
-        loaded(backend="dask", address="tcp://nowhere:1", scheduler_file="s.json")
     monkeypatch.setattr(on_dask, "_CONNECT_S", 0.5)
     with pytest.raises(ConfigError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9 "):
         explore.run(loaded(backend="dask", address="tcp://127.0.0.1:9"), tmp_path, progress=False)
