@@ -1,4 +1,4 @@
-"""Trained printed networks in every target that holds integers: finer grids, lags and learnt axonal delays."""
+"""Trained networks in every target that holds integers: finer grids, lags and learnt axonal delays."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from dse.records import Network
 from tests.deploy.c import nets
 from tests.models.snn.test_rounding import LEVELS, TRAINING, touched
 from tests.models.snn.toy import rngs
-
 
 FINE: dict[str, Any] = {
     **LEVELS, "hidden": (20,), "rounding": "dithered", "threshold_exponents": (2, 2)
@@ -74,7 +73,8 @@ def test_spikes_are_the_engines(
         pytest.skip("h5py is not installed")
     monkeypatch.setattr(loihi, "interpreter", lambda *names: None)
     made, reference = trained
-    late_within = any(x.delay is not None for x in made.network.layers[1:])
+    assert isinstance(made.fitted, Network)
+    late_within = any(x.delay is not None for x in made.fitted.layers[1:])
     assert bool(target().refusal(made)) == (target is Nir and late_within)
     if target().refusal(made):
         return
