@@ -1,4 +1,4 @@
-"""Bundles of made-up networks, and what their engine does on made-up spikes."""
+"""Studies of small rasters, bundles of made-up networks, and what their engine does on made-up spikes."""
 
 from __future__ import annotations
 
@@ -9,12 +9,52 @@ from typing import Any
 
 import numpy as np
 
+from dse.config import load_space
 from dse.deploy.bundle import Bundle
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.targets import Target, Verdict
 from dse.neurons import cuba_lif, parameters_of, resonator
 from dse.records import Arithmetic, Layer, Network
+from dse.study import explore
+from dse.study.results import Study
+from tests import tiny_study
 from tests.spaces import RASTER, sections
+
+FAMILIES = """
+study: families
+seed: 3
+data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label, speed: speed}}
+task: {target: fabric}
+window: {n_steps: 16, at: middle}
+split: {stratified: {validation: 0.5}}
+model:
+  choice:
+    - {kind: knn, channels: each, window_ms: 20}
+    - {kind: naive_bayes, channels: each, window_ms: 20}
+    - {kind: elm, hidden: 8, window_ms: 20, windows: 4}
+    - {kind: hots, layers: 1, prototypes: 4, tau_ms: 20}
+    - {kind: snn, hidden: [8]}
+training: {epochs: 2, batch_size: 9}
+decision: {phi: [1], theta: [0.6]}
+objectives: [accuracy:max, n_weights:min]
+search: {sampler: grid}
+execution: {jobs: 1}
+"""
+JOINT = (
+    FAMILIES.replace("target: fabric", "target: [fabric, speed], joint: true")
+    .replace("study: families", "study: joint")
+    .replace("snn, hidden: [8]}", "snn, hidden: [8]}\n    - {kind: cascade, hidden: [6], first_hidden: [5]}")
+)
+
+
+def explored(folder: Path, text: str) -> Study:
+    """Train what a search space says on labelled rasters of two columns."""
+    tiny_study.write_recordings(folder / "tiny.npz")
+    with np.load(folder / "tiny.npz") as file:
+        arrays = dict(file)
+    np.savez(folder / "tiny.npz", **arrays, speed=np.arange(len(arrays["label"])) % 2)
+    (folder / "space.yaml").write_text(text)
+    return explore.run(load_space(folder / "space.yaml"), folder / "results", progress=False)
 
 
 def population(

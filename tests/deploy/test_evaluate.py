@@ -30,6 +30,7 @@ from dse.scene.load import load_scene
 from dse.study import explore, results
 from dse.study.results import Study
 from tests import tiny_study
+from tests.deploy.bundles import FAMILIES, JOINT, explored
 from tests.installed import needs_papers
 from tests.spaces import FINGERTIP, write_space
 
@@ -37,10 +38,7 @@ from tests.spaces import FINGERTIP, write_space
 @pytest.fixture(scope="module")
 def real(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """One spiking network, trained twice."""
-    folder = tmp_path_factory.mktemp("real")
-    tiny_study.write_recordings(folder / "tiny.npz")
-    (folder / "real.yaml").write_text(tiny_study.REAL)
-    return explore.run(load_space(folder / "real.yaml"), folder / "results", progress=False)
+    return explored(tmp_path_factory.mktemp("real"), tiny_study.REAL)
 
 
 @pytest.fixture
@@ -113,12 +111,10 @@ def test_a_bundle_says_what_recordings_it_takes(
 
 
 def test_resonators_are_explored_priced_exported_and_evaluated(tmp_path: Path) -> None:
-    tiny_study.write_recordings(tmp_path / "tiny.npz")
     axis = "neuron: {choice: [cuba_lif, resonator]}, share: {choice: [0.5, 1.0]}, hidden: [12]"
     text = tiny_study.REAL.replace("hidden: [12]", axis).replace("repeats: 2", "repeats: 1")
     chips = "hardware: [loihi1_silicon, loihi2_scenario]"
-    (tmp_path / "real.yaml").write_text(text.replace("hardware: [loihi1_silicon]", chips))
-    study = explore.run(load_space(tmp_path / "real.yaml"), tmp_path / "results", progress=False)
+    study = explored(tmp_path, text.replace("hardware: [loihi1_silicon]", chips))
     points = study.points()
     priced = points.groupby(["model.neuron", "hardware"])["energy_uj_high"].apply(lambda x: x.notna().all())
     assert priced.to_dict() == {
@@ -141,10 +137,8 @@ def test_resonators_are_explored_priced_exported_and_evaluated(tmp_path: Path) -
 
 
 def test_a_rounded_network_is_exported_as_it_was_evaluated(tmp_path: Path) -> None:
-    tiny_study.write_recordings(tmp_path / "tiny.npz")
     text = f"{tiny_study.REAL}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
-    (tmp_path / "real.yaml").write_text(text)
-    found = explore.run(load_space(tmp_path / "real.yaml"), tmp_path / "results", progress=False)
+    found = explored(tmp_path, text)
     base = {"trial": 0, "task": "fabric", "weight_bits": 3, "pruned_after": 0.5}
     for point in (base, base | {"phi": 2.0, "theta": 0.6}, base | {"read_out_ms": 40.0}):
         made = export(found, point, tmp_path / "bundle")
@@ -245,43 +239,6 @@ def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> Non
         assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
 
 
-FAMILIES = """
-study: families
-seed: 3
-data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label, speed: speed}}
-task: {target: fabric}
-window: {n_steps: 16, at: middle}
-split: {stratified: {validation: 0.5}}
-model:
-  choice:
-    - {kind: knn, channels: each, window_ms: 20}
-    - {kind: naive_bayes, channels: each, window_ms: 20}
-    - {kind: elm, hidden: 8, window_ms: 20, windows: 4}
-    - {kind: hots, layers: 1, prototypes: 4, tau_ms: 20}
-    - {kind: snn, hidden: [8]}
-training: {epochs: 2, batch_size: 9}
-decision: {phi: [1], theta: [0.6]}
-objectives: [accuracy:max, n_weights:min]
-search: {sampler: grid}
-execution: {jobs: 1}
-"""
-JOINT = (
-    FAMILIES.replace("target: fabric", "target: [fabric, speed], joint: true")
-    .replace("study: families", "study: joint")
-    .replace("snn, hidden: [8]}", "snn, hidden: [8]}\n    - {kind: cascade, hidden: [6], first_hidden: [5]}")
-)
-
-
-def explored(folder: Path, text: str) -> Study:
-    """Train what a search space says on labelled rasters of two columns."""
-    tiny_study.write_recordings(folder / "tiny.npz")
-    with np.load(folder / "tiny.npz") as file:
-        arrays = dict(file)
-    np.savez(folder / "tiny.npz", **arrays, speed=np.arange(len(arrays["label"])) % 2)
-    (folder / "space.yaml").write_text(text)
-    return explore.run(load_space(folder / "space.yaml"), folder / "results", progress=False)
-
-
 def first_and_last(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.iloc[sorted({0, len(rows) - 1})] if len(rows) else rows
 
@@ -312,6 +269,13 @@ def test_every_family_and_every_kind_of_point_answers_as_it_was_measured(tmp_pat
             assert right.mean() == point["accuracy"]
             assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
             seen.add((record["sections"]["model"]["kind"], task, bool(np.isnan(point["read_out_ms"]))))
+    if text == JOINT:  # all heads together
+        for _, row in found.trials.iterrows():
+            export(found, row.to_dict(), tmp_path / "bundle")
+            answers = evaluate(tmp_path / "bundle", tmp_path / "tiny.npz")
+            assert len(answers.classes) == 6
+            validation = load(usual_root() / found.runs(row["trial"])[0]["data"]).validation
+            assert (answers.label == answers.target)[validation].mean() == row["accuracy"]
     tasks = ["fabric", "speed"] if text == JOINT else ["fabric"]
     assert seen == {(kind, task, late) for kind in kinds for task in tasks for late in (True, False)}
 
@@ -326,16 +290,6 @@ def test_recordings_of_a_length_that_a_family_refuses_are_one_line(tmp_path: Pat
     np.savez(tmp_path / "short.npz", **arrays | {"spikes": arrays["spikes"][:, :10]})
     with pytest.raises(BundleError, match=r"short.npz: samples must have .* windows of 20 ms as in training"):
         evaluate(tmp_path / "bundle", tmp_path / "short.npz")
-
-
-def test_a_joint_net_is_exported_whole_too(tmp_path: Path) -> None:
-    found = explored(tmp_path, JOINT)
-    for _, row in found.trials.iterrows():
-        export(found, row.to_dict(), tmp_path / "bundle")
-        answers = evaluate(tmp_path / "bundle", tmp_path / "tiny.npz")
-        assert len(answers.classes) == 6
-        validation = load(usual_root() / found.runs(row["trial"])[0]["data"]).validation
-        assert (answers.label == answers.target)[validation].mean() == row["accuracy"]
 
 
 LEAKY = """

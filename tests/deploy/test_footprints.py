@@ -14,21 +14,19 @@ from dse.deploy.bundle import read
 from dse.deploy.export import bundle_of
 from dse.deploy.footprints import on_targets
 from dse.deploy.targets.c99 import C99
-from dse.study import explore, pricing
+from dse.study import pricing
 from dse.study.results import Study
 from tests import tiny_study
+from tests.deploy.bundles import explored
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
-    folder = tmp_path_factory.mktemp("footprints")
-    tiny_study.write_recordings(folder / "tiny.npz")
     text = tiny_study.REAL.replace("repeats: 2", "repeats: 1").replace("epochs: 4", "epochs: 1")
     model = "model: {kind: snn, hidden: [12], input_delays: [0, 2]}\n"
     axis = "model: {kind: snn, hidden: {choice: [[4], [40]]}, arithmetic: {choice: [integer, ideal]}}\n"
     assert model in text
-    (folder / "real.yaml").write_text(text.replace(model, axis) + "targets: [c99]\n")
-    return explore.run(load_space(folder / "real.yaml"), folder / "results", progress=False)
+    return explored(tmp_path_factory.mktemp("footprints"), text.replace(model, axis) + "targets: [c99]\n")
 
 
 def test_footprints_are_those_of_every_point(study: Study) -> None:

@@ -16,15 +16,13 @@ import pytest
 
 from dse import store
 from dse.cli import main
-from dse.config import load_space
 from dse.deploy import bundle, checks
 from dse.deploy.bundle import BundleError, read, sealed, write
 from dse.deploy.export import export
 from dse.deploy.verify import export_targets
 from dse.records import Array
-from dse.study import explore
 from dse.testing.targets import small_bundle, small_recordings
-from tests import tiny_study
+from tests.deploy.bundles import JOINT, explored
 from tests.installed import needs_papers
 from tests.plugins import with_targets
 
@@ -355,38 +353,12 @@ def json_of(content: bytes) -> Any:
         return content
 
 
-FAMILIES = """
-study: families
-seed: 3
-data: {kind: raster, file: tiny.npz, step_ms: 5.0, columns: {fabric: label, speed: speed}}
-task: {target: [fabric, speed], joint: true}
-window: {n_steps: 16, at: middle}
-split: {stratified: {validation: 0.5}}
-model:
-  choice:
-    - {kind: knn, channels: each, window_ms: 20}
-    - {kind: naive_bayes, channels: each, window_ms: 20}
-    - {kind: elm, hidden: 8, window_ms: 20, windows: 4}
-    - {kind: mlp, hidden: [4], window_ms: 20, epochs: 3}
-    - {kind: hots, layers: 1, prototypes: 4, tau_ms: 20}
-    - {kind: cascade, hidden: [6], first_hidden: [5]}
-training: {epochs: 2, batch_size: 9}
-objectives: [accuracy:max, n_weights:min]
-search: {sampler: grid}
-execution: {jobs: 1}
-"""
-
-
 @needs_papers
 def test_arrays_of_other_families_are_not_believed_either(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    tiny_study.write_recordings(tmp_path / "tiny.npz")
-    with np.load(tmp_path / "tiny.npz") as file:
-        stored = dict(file)
-    np.savez(tmp_path / "tiny.npz", **stored, speed=np.arange(len(stored["label"])) % 2)
-    (tmp_path / "space.yaml").write_text(FAMILIES)
-    study = explore.run(load_space(tmp_path / "space.yaml"), tmp_path / "results", progress=False)
+    mlp = "{kind: mlp, hidden: [4], window_ms: 20, epochs: 3}"
+    study = explored(tmp_path, JOINT.replace("{kind: snn, hidden: [8]}", mlp))
     rng, accepted = np.random.default_rng(3), 0
     for _, row in study.trials.iterrows():
         export(study, row.to_dict(), tmp_path / "whole")

@@ -18,6 +18,7 @@ from dse.neurons.fixed_point import quantise
 from dse.records import Network, Response, Signals
 from dse.study import explore
 from tests import tiny_study
+from tests.deploy.bundles import explored
 from tests.spaces import write_space
 
 
@@ -101,14 +102,11 @@ def test_encoded_recordings_give_the_input_spikes(of_signals: Path) -> None:
 
 
 def test_rasters_are_spikes_already_and_other_families_have_no_layers(tmp_path: Path) -> None:
-    tiny_study.write_recordings(tmp_path / "tiny.npz")
     snn, knn = "kind: snn, hidden: [12], input_delays: [0, 2]", "kind: knn, channels: each, window_ms: 20"
     text = tiny_study.REAL.replace("repeats: 2", "repeats: 1")
     for model, n_layers in ((snn, 2), (knn, 0)):
-        (tmp_path / "real.yaml").write_text(
-            text.replace(snn, model).replace("study: real", f"study: s{n_layers}")
-        )
-        study = explore.run(load_space(tmp_path / "real.yaml"), tmp_path / "results", progress=False)
+        named = text.replace(snn, model).replace("study: real", f"study: s{n_layers}")
+        study = explored(tmp_path, named)
         export(study, study.trials.iloc[0].to_dict(), tmp_path / "bundle")
         reference = of_recordings(bundle.read(tmp_path / "bundle"), tmp_path / "tiny.npz")
         with np.load(tmp_path / "tiny.npz") as file:

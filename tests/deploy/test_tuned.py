@@ -14,11 +14,9 @@ import pandas as pd
 import pytest
 
 from dse.cli import main
-from dse.config import load_space
 from dse.deploy import bundle, tuned
 from dse.deploy.evaluate import evaluate
 from dse.deploy.export import export
-from dse.study import explore
 from dse.study.results import Study
 from tests import tiny_study
 from tests.deploy import bundles
@@ -29,11 +27,8 @@ torch = pytest.importorskip("torch")
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """One spiking network, with early and late decisions, at 8 and 3 bits."""
-    folder = tmp_path_factory.mktemp("study")
-    tiny_study.write_recordings(folder / "tiny.npz")
     text = f"{tiny_study.REAL}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
-    (folder / "real.yaml").write_text(text.replace("repeats: 2", "repeats: 1"))
-    return explore.run(load_space(folder / "real.yaml"), folder / "results", progress=False)
+    return bundles.explored(tmp_path_factory.mktemp("study"), text.replace("repeats: 2", "repeats: 1"))
 
 
 def row(study: Study, rule: str) -> dict[str, Any]:
@@ -111,16 +106,11 @@ def test_weights_that_changed_answer_like_their_module(
 
 
 def test_a_joint_target_is_measured_head_by_head(tmp_path: Path) -> None:
-    tiny_study.write_recordings(tmp_path / "tiny.npz")
-    with np.load(tmp_path / "tiny.npz") as file:
-        arrays = dict(file)
-    np.savez(tmp_path / "tiny.npz", **arrays, speed=np.arange(len(arrays["label"])) % 2)
     text = tiny_study.REAL.replace("target: fabric", "target: [fabric, speed], joint: true")
     text = text.replace("{fabric: label}", "{fabric: label, speed: speed}").replace(
         "repeats: 2", "repeats: 1"
     )
-    (tmp_path / "joint.yaml").write_text(text)
-    study = explore.run(load_space(tmp_path / "joint.yaml"), tmp_path / "results", progress=False)
+    study = bundles.explored(tmp_path, text)
     points = study.points()
     of_speed = points[(points["task"] == "speed") & (points["phi"] == 2) & (points["theta"] == 0.6)].iloc[0]
     for point in (of_speed, study.trials.iloc[0]):
@@ -254,7 +244,7 @@ def test_imported_weights_are_a_trial_of_their_study(
     assert bundle.read(tmp_path / "picked").record["origin"] == "trial 0, better.pt"
     # The search goes on beside them.
     assert (
-        main(["run", str(tmp_path / "work" / "real.yaml"), "--results", str(folder.parent), "--quiet"]) == 0
+        main(["run", str(tmp_path / "work" / "space.yaml"), "--results", str(folder.parent), "--quiet"]) == 0
     )
     assert set(Study(folder).trials["trial"]) == {0, 90000, 90001}
 

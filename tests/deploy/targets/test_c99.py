@@ -30,7 +30,7 @@ from dse.records import Array, Layer, Network, Parameters
 from tests.deploy.c import nets
 from tests.spaces import FINGERTIP, sections
 
-N_NETS = 50
+N_NETS = 30
 SANITIZERS = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 KEYS = "hidden: [3]"
 Case = Callable[[int], tuple[Bundle, Array]]
