@@ -14,7 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -130,20 +130,30 @@ def cost_row(
     Raises:
         ValueError: contacts overlap.
     """
-    row = _blank(profile, inference, duty, n_draws)
+    quantiles = None if n_draws is None else UNKNOWN
+    row = CostRow(
+        hardware=profile.name,
+        n_weights=inference.n_weights,
+        decision_ms=inference.decision_ms,
+        evidence=evidence_of(profile),
+        energy_quantiles_uj=quantiles,
+        energy_throttled_quantiles_uj=quantiles,
+        power_mw=None if duty is None else UNKNOWN,
+        battery_h=None if duty is None or duty.battery_mwh is None else UNKNOWN,
+    )
     try:
         priced = inference.cost_on(profile)
     except NotApplicable as error:
         return replace(row, not_applicable=str(error))
     load = inference.on(profile)
     plan = profile.plan(load, profile.ends)
-    row = _with_energies(row, plan, inference.counts_on(profile), priced)
+    row = replace(row, **_energies(plan, inference.counts_on(profile), priced))
     if priced.timed:
-        row = _with_times(row, inference, plan, priced, getattr(load, "pipeline_steps", 0))
+        row = replace(row, **_times(inference, plan, priced, getattr(load, "pipeline_steps", 0)))
     if profile.interval_only:
         row = replace(row, n_cores=replace(row.n_cores, value=None))
     if n_draws is not None:
-        row = _with_quantiles(row, profile, inference, n_draws)
+        row = replace(row, **_quantiles(profile, inference, n_draws))
     if duty is not None and priced.timed:
         row = _with_duty(row, plan, duty)
     return row
@@ -155,70 +165,47 @@ def evidence_of(profile: Profile) -> dict[str, int]:
     return {word: counted[word] for word in get_args(Evidence) if word in counted}
 
 
-def _blank(profile: Profile, inference: Inference, duty: Duty | None, n_draws: int | None) -> CostRow:
-    """Return the row of hardware that says nothing; what is requested has its columns all the same."""
-    quantiles = None if n_draws is None else UNKNOWN
-    return CostRow(
-        hardware=profile.name,
-        n_weights=inference.n_weights,
-        decision_ms=inference.decision_ms,
-        evidence=evidence_of(profile),
-        energy_quantiles_uj=quantiles,
-        energy_throttled_quantiles_uj=quantiles,
-        power_mw=None if duty is None else UNKNOWN,
-        battery_h=None if duty is None or duty.battery_mwh is None else UNKNOWN,
-    )
-
-
-def _with_energies(row: CostRow, plan: Plan, counts: Floats, priced: Cost) -> CostRow:
-    """Add the terms of the dynamic energy, and the totals."""
+def _energies(plan: Plan, counts: Floats, priced: Cost) -> dict[str, Any]:
+    """Return the terms of the dynamic energy, and the totals."""
 
     def term(per_count: Floats, value: Floats) -> Interval[Known]:
         _, low, high = (sum_of_products(counts, one) for one in per_count * 1e-6)
         return _known(Interval(value, low, high))
 
-    return replace(
-        row,
-        energy_uj=_known(priced.energy_uj),
-        energy_throttled_uj=_known(priced.energy_throttled_uj),
-        energy_dynamic_uj=term(np.asarray(sum(plan.energy_pj.values())), priced.dynamic_uj),
-        terms_uj={
-            cause: term(per_count, priced.breakdown[cause]) for cause, per_count in plan.energy_pj.items()
-        },
-    )
+    terms = {cause: term(per_count, priced.breakdown[cause]) for cause, per_count in plan.energy_pj.items()}
+    return {
+        "energy_uj": _known(priced.energy_uj),
+        "energy_throttled_uj": _known(priced.energy_throttled_uj),
+        "energy_dynamic_uj": term(np.asarray(sum(plan.energy_pj.values())), priced.dynamic_uj),
+        "terms_uj": terms,
+    }
 
 
-def _with_times(row: CostRow, inference: Inference, plan: Plan, priced: Cost, pipeline_steps: int) -> CostRow:
-    """Add static energies, times, powers, cores and limits."""
+def _times(inference: Inference, plan: Plan, priced: Cost, pipeline_steps: int) -> dict[str, Any]:
+    """Return static energies, times, powers, cores and limits."""
 
     def latency(step_us: Floats) -> Floats:
         pipeline_ms = pipeline_steps * np.maximum(inference.step_ms, step_us * 1e-3)
         return np.asarray(latency_ms(inference.decision_ms, inference.step_ms, step_us) + pipeline_ms)
 
-    def share(of_chip: Interval[Floats]) -> Interval[Known]:
-        return UNKNOWN if plan.share >= 1 else _known(of_chip.map(lambda uj: plan.share * uj))
-
-    return replace(
-        row,
-        energy_static_uj=_known(priced.static_uj),
-        energy_static_share_uj=share(priced.static_uj),
-        energy_static_throttled_uj=_known(priced.static_throttled_uj),
-        energy_static_throttled_share_uj=share(priced.static_throttled_uj),
-        pipeline_ms=_number(priced.pipeline_ms),
-        step_time_us=_known(priced.step_time_us),
-        hardware_latency_ms=_known(priced.step_time_us.map(lambda us: us * 1e-3 * inference.n_steps)),
-        latency_ms=_known(priced.step_time_us.map(latency)),
-        power_idle_w=priced.power_idle_w.map(_number),
-        power_w=_known(priced.power_w),
-        n_cores=Interval(*priced.n_cores),
-        fits=priced.fits,
-        misfits=priced.misfits,
-        assumptions=priced.assumptions,
-    )
+    static = {"static": priced.static_uj, "static_throttled": priced.static_throttled_uj}
+    shares = {} if plan.share >= 1 else {k: x.map(lambda uj: plan.share * uj) for k, x in static.items()}
+    return {
+        **{f"energy_{name}_uj": _known(uj) for name, uj in static.items()},
+        **{f"energy_{name}_share_uj": _known(uj) for name, uj in shares.items()},
+        "pipeline_ms": _number(priced.pipeline_ms),
+        "step_time_us": _known(priced.step_time_us),
+        "hardware_latency_ms": _known(priced.step_time_us.map(lambda us: us * 1e-3 * inference.n_steps)),
+        "latency_ms": _known(priced.step_time_us.map(latency)),
+        "power_idle_w": priced.power_idle_w.map(_number),
+        "power_w": _known(priced.power_w),
+        "n_cores": Interval(*priced.n_cores),
+        **{name: getattr(priced, name) for name in ("fits", "misfits", "assumptions")},
+    }
 
 
-def _with_quantiles(row: CostRow, profile: Profile, inference: Inference, n_draws: int) -> CostRow:
-    """Add quantiles of the energies under draws of the profile's numbers."""
+def _quantiles(profile: Profile, inference: Inference, n_draws: int) -> dict[str, Any]:
+    """Return quantiles of the energies under draws of the profile's numbers."""
     load, figures = inference.on(profile), profile.draws(n_draws)
     at_once = max(1, _DRAWN_AT_ONCE // (inference.n_steps if inference.per_step else 1))
     over_steps = -1 if inference.per_step else ()
@@ -233,11 +220,10 @@ def _with_quantiles(row: CostRow, profile: Profile, inference: Inference, n_draw
         interval = _known(Interval(*(np.quantile(among, q) for q in _QUANTILES.values())))
         return replace(interval, value=None) if profile.interval_only else interval
 
-    return replace(
-        row,
-        energy_quantiles_uj=quantiles(energies),
-        energy_throttled_quantiles_uj=quantiles(throttled),
-    )
+    return {
+        "energy_quantiles_uj": quantiles(energies),
+        "energy_throttled_quantiles_uj": quantiles(throttled),
+    }
 
 
 def _with_duty(row: CostRow, plan: Plan, duty: Duty) -> CostRow:
