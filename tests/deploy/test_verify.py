@@ -206,11 +206,12 @@ def test_less_than_before_is_drift(before: Any, now: Any, drifts: bool) -> None:
 def test_bundles_without_the_newer_words_are_read(folder: Path, touch: Path) -> None:
     export_targets(folder, ["arrays"], touch)
     document = json.loads((folder / "bundle.json").read_text())
-    for name in ("run_by", "output_f1"):
+    for name in ("run_by", "output_f1", "compiler"):
         del document["targets"]["arrays"][name]
     (folder / "bundle.json").write_text(json.dumps(sealed(document)))
     verdict = bundle.read(folder).targets["arrays"]
-    assert (verdict.kind, verdict.run_by, verdict.output_f1) == ("faithful", (), None)
+    found = verdict.kind, verdict.run_by, verdict.output_f1, verdict.compiler
+    assert found == ("faithful", (), None, "")
 
 
 def test_what_cannot_be_run_here_is_exit_code_2(folder: Path, touch: Path, capsys: Captured) -> None:
