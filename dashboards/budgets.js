@@ -3,6 +3,7 @@
 // The rules are those of dse.skyline, so that the page and the commands give the same rows.
 const Budgets = (() => {
   const STEPS = 200; // of a slider
+  const { element, button } = Dom;
 
   // ---- pure: rows and numbers in, rows and numbers out
 
@@ -84,7 +85,7 @@ const Budgets = (() => {
     const costOf = (column, way) => (way === "max" ? values[column].map((v) => -v) : values[column]);
     const costs = objectives.map(([column, way]) => costOf(column, way));
     const whole = new Uint8Array(nRows); // rows of any front or budget: all of the table's are here
-    for (const row of budgets.whole) whole[row] = 1;
+    for (const row of budgets.contenders) whole[row] = 1;
     const weight = (row) => (whole[row] ? 1 : budgets.stands_for); // how many points a row stands for
     const text = (column) => columns[column]?.values.map(String);
     const [task, family, hardware] = ["task", "family", "hardware"].map(text);
@@ -206,7 +207,7 @@ const Budgets = (() => {
         rivals.filter((row) => costs.every((cost) => Number.isFinite(cost[row])) && beside.every((limit) => meets(limit, row))), costs));
       const isWithin = (row) => within[row] === 1;
       const result = {
-        page, chosen, limits, within, count, total, admitted, conditions, rivals,
+        key: JSON.stringify([key, limits.map(({ column, text }) => [column, text]), sure]), page, chosen, limits, within, count, total, admitted, conditions, rivals,
         matches: (row) => conditions.every((one) => passes(one, row)),
         misfits, weight, isUnable, isMisfit: (row) => isLarge(row) || isUnable(row), noneFits: admissible.length === 0 && misfits.length > 0, front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
         cost: Object.fromEntries(limits.map(({ column }, k) => [column, alone[k]])),
@@ -270,8 +271,9 @@ const Budgets = (() => {
     }
 
     // The front over some objectives alone, among what is within the budgets.
-    const joined = (result, named) => byTask((result.conditions.length ? result.rivals : budgets.contenders).filter((row) => result.within[row] && isSure(result.sure, row) && named.every((c) => Number.isFinite(values[c][row]))),
-      named.map((c) => costOf(c, page.objectives[c])));
+    const joined = (result, named) => remembered("joined", `${result.key}${named}`, () => byTask(
+      result.rivals.filter((row) => result.within[row] && isSure(result.sure, row) && named.every((c) => Number.isFinite(values[c][row]))),
+      named.map((c) => costOf(c, page.objectives[c]))));
 
     // Each budget alone, at half of its slider.
     const halfway = (state) => Object.entries(rangesOf(filters(state))).filter(([column, range]) => range && budgets.columns[column])
@@ -289,40 +291,33 @@ const Budgets = (() => {
 
   // Returns what shows a result of `evaluate`. Inputs last as long as the columns with a budget do, so that a drag
   // or the focus survives new points.
-  function panel(root, { element, clip, number, many, withInterval, beside, nameOf, change, keyOf }) {
+  function panel(root, { clip, number, many, withInterval, beside, nameOf, change, keyOf }) {
     let [inputs, built] = [[], ""];
     const build = ({ columns, budgets }) => Object.entries(budgets.columns).map(([column, way], k) => {
       const { label, unit } = columns[column];
       const sign = way === "max" ? "≥" : "≤";
       const words = `${label} ${way === "max" ? "at least" : "at most"}${unit ? `, ${unit}` : ""}`;
-      const box = element("input", { type: "number", step: "any", id: `budget-${k}`, placeholder: "any" });
-      const slider = element("input", { type: "range", min: 0, max: STEPS, step: 1, id: `slider-${k}` });
-      box.setAttribute("aria-label", words);
-      slider.setAttribute("aria-label", words);
+      const set = (text) => change({ [`b.${column}`]: text });
+      const box = element("input", { type: "number", step: "any", id: `budget-${k}`, placeholder: "any", "aria-label": words,
+        oninput: () => set(box.validity.badInput ? "" : box.value) });
       const cost = element("small", { id: `cost-${k}` });
-      slider.setAttribute("aria-describedby", cost.id);
-      const line = element("div", { className: "budget" },
-        element("label", { htmlFor: box.id, textContent: `${clip(label, 40)} ${sign}`, title: column }), box,
-        element("span", { textContent: unit }), slider, cost);
+      const slider = element("input", { type: "range", min: 0, max: STEPS, step: 1, id: `slider-${k}`, "aria-label": words, "aria-describedby": cost.id,
+        oninput: () => set(one.steps.limit(Number(slider.value))) });
       const one = { column, words, box, slider, cost, steps: null };
-      box.addEventListener("input", () => change({ [`b.${column}`]: box.validity.badInput ? "" : box.value }));
-      slider.addEventListener("input", () => change({ [`b.${column}`]: one.steps.limit(Number(slider.value)) }));
-      root.querySelector("#sliders").append(line);
+      root.querySelector("#sliders").append(element("div", { className: "budget" },
+        element("label", { htmlFor: box.id, textContent: `${clip(label, 40)} ${sign}`, title: column }), box,
+        element("span", { textContent: unit }), slider, cost));
       return one;
     });
     const part = (name) => root.querySelector(name) ?? document.querySelector(name); // the pick has a column of its own
-    part("#clear").addEventListener("click", () => change(Object.fromEntries(inputs.map(({ column }) => [`b.${column}`, ""]))));
-    part("#pick > div").addEventListener("click", (event) => {
-      const key = event.target.closest("button")?.dataset.key;
-      if (key !== undefined) change({ chosen: key });
-    });
-    part("#copy").addEventListener("click", () => copy(part("#command"), part("#copied")));
+    part("#clear").onclick = () => change(Object.fromEntries(inputs.map(({ column }) => [`b.${column}`, ""])));
+    part("#copy").onclick = () => copy(part("#command"), part("#copied"));
 
     // A pick as a card: first what it gains, corrected for having been chosen as the best, then what it costs.
     function design(page, row, missed = []) {
       const { columns, objectives, budgets } = page;
-      const button = element("button", { type: "button", textContent: clip(nameOf(row), 40) });
-      button.dataset.key = keyOf(row);
+      const key = keyOf(row);
+      const choose = button(clip(nameOf(row), 40), () => change({ chosen: key }), { data: { key } });
       const whole = (c) => element("span", { className: "whole", textContent: `${withInterval(c, row)}\u00a0${columns[c].unit}`.trim() });
       const named = (c) => element("span", {}, `${clip(columns[c].label, 40)} `, whole(c));
       const line = (nodes) => element("span", { className: "line" }, ...nodes.flatMap((node, k) => (k ? [" · ", node] : [node])));
@@ -338,7 +333,7 @@ const Budgets = (() => {
         ]),
       ];
       const costs = beside(Object.keys(objectives).filter((c) => c !== gain)).map(named);
-      return element("p", {}, button, " ", ...gains, line(costs), ...missed.map(({ column, by }) =>
+      return element("p", {}, choose, " ", ...gains, line(costs), ...missed.map(({ column, by }) =>
         element("span", { className: "note missed", textContent: `misses ${clip(columns[column].label, 40)} by ${number(by, true)}\u00a0${columns[column].unit}`.trim() })));
     }
 

@@ -11,11 +11,7 @@ const Data = (() => {
 
   // What is wrong, in place of a page that cannot be shown.
   function showError(text) {
-    const line = document.createElement("p");
-    line.className = "note";
-    line.setAttribute("role", "alert");
-    line.textContent = text;
-    document.querySelector("main").replaceChildren(line);
+    document.querySelector("main").replaceChildren(Dom.element("p", { className: "note", role: "alert", textContent: text }));
   }
 
   async function read() {
@@ -30,5 +26,8 @@ const Data = (() => {
     }
   }
 
-  return { read, unpacked };
+  // The least and the largest of some numbers.
+  const ends = (values) => values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+
+  return { read, unpacked, ends };
 })();

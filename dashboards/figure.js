@@ -16,9 +16,7 @@ const Figure = (() => {
   function library() {
     started ??= new Promise((resolve) => {
       const start = () => {
-        const code = document.createElement("script");
-        code.textContent = document.getElementById("plotly").textContent;
-        document.head.append(code);
+        document.head.append(Dom.element("script", { textContent: document.getElementById("plotly").textContent }));
         resolve(Plotly);
       };
       if (document.hidden) setTimeout(start);
@@ -106,5 +104,39 @@ const Figure = (() => {
     for (const plot of gone) Promise.resolve(drawings.get(plot)).finally(() => Plotly.purge(plot));
   }
 
-  return { library, style, print, recoloured, config, face, draw, fitted, heightOf, replace, NOTATION };
+  // What draws on a canvas that was emptied, in the pixels of the page.
+  function brush(canvas, [width, height]) {
+    const ratio = devicePixelRatio || 1;
+    const [w, h] = [width, height].map((side) => Math.round(side * ratio));
+    if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+    const drawing = canvas.getContext("2d");
+    drawing.setTransform(ratio, 0, 0, ratio, 0, 0);
+    drawing.clearRect(0, 0, width, height);
+    return drawing;
+  }
+
+  // A place for a figure, with its text alternative.
+  function node(name, height, label = "") {
+    const place = Dom.element("div", { className: "plot", role: "img", "aria-label": label, data: { figure: name } });
+    place.style.height = `${height}px`;
+    return place;
+  }
+
+  // A figure as a picture in the colours of print: a data address.
+  async function picture(figure, palette, format, [width, height]) {
+    const look = print(palette);
+    const frame = node("picture", height);
+    frame.classList.add("aside");
+    frame.style.width = `${width}px`;
+    document.body.append(frame);
+    try {
+      await draw(frame, figure, look, (layout) => ({ ...fitted(layout), paper_bgcolor: look.page }));
+      return await Plotly.toImage(frame, { format, width, height, scale: format === "png" ? 2 : 1 });
+    } finally {
+      Plotly.purge(frame);
+      frame.remove();
+    }
+  }
+
+  return { library, style, print, recoloured, config, face, draw, fitted, heightOf, replace, brush, node, picture, NOTATION };
 })();

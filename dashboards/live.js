@@ -6,9 +6,7 @@
   const PATIENCE_MS = 60000;
   let page = await Data.read();
   let updated = new Date();
-  const line = document.createElement("p");
-  line.id = "live";
-  line.setAttribute("role", "status");
+  const line = Dom.element("p", { id: "live", role: "status" });
   document.querySelector("header").append(line);
 
   function setStatus(text, kind) {

@@ -14,6 +14,7 @@
   const UNDO_MS = 1000; // steps of a slider nearer than this are one change
   const SMALL = matchMedia("(max-width: 800px)");
   const NOTES = SMALL.matches ? 0 : 2; // that are open to begin with
+  const { element, button } = Dom;
 
   // ---- words and numbers
 
@@ -137,14 +138,14 @@
 
   // A page whose energies are those at the sensor's period: one switch for every number of it.
   function atPeriod(data) {
-    const { energy, instead, ...other } = data.period;
+    const { energy, instead } = data.period;
     const renamed = (name) => (name === energy ? instead : name);
     const swapped = (object) => Object.fromEntries(Object.entries(object ?? {}).map(([name, value]) => [renamed(name), value]));
     const { definition: given, columns: { [energy]: flat, [instead]: paced, ...rest } } = data;
     const front = { ...given.front, ...Object.fromEntries(["x", "y", "z"].map((axis) => [axis, renamed(given.front[axis])])), log: given.front.log.map(renamed) };
     const list = (names) => names && names.map(renamed);
     return {
-      ...data, objectives: swapped(data.objectives), fronts: { ...data.fronts, ...other.fronts }, budgets: { ...data.budgets, ...other.budgets },
+      ...data, objectives: swapped(data.objectives), budgets: { ...data.budgets, columns: swapped(data.budgets.columns) },
       columns: { ...rest, [instead]: { ...paced, label: flat.label }, [energy]: { ...flat, label: `${flat.label} flat out` } },
       definition: {
         ...given, front, table: list(given.table), parallel: list(given.parallel), budgets: swapped(given.budgets), sort: renamed(given.sort),
@@ -184,9 +185,8 @@
 
   // A column that spans more than two decades reads better in logarithms.
   function spansDecades(column) {
-    const values = columns[column].values.filter((v) => typeof v === "number");
-    const [low, high] = values.reduce(([least, most], v) => [Math.min(least, v), Math.max(most, v)], [Infinity, -Infinity]);
-    return values.length > 0 && low > 0 && high / low > 100;
+    const [low, high] = Data.ends(columns[column].values.filter((v) => typeof v === "number"));
+    return low > 0 && high / low > 100;
   }
 
   const log = (column) => (column && (page.definition.front.log.includes(column) || spansDecades(column)) ? "1" : "0");
@@ -320,7 +320,6 @@
   // What every view is a function of.
   function selection(moving) {
     const budgeted = engine.evaluate(state);
-    const limited = budgeted.limits.length || budgeted.conditions.length || budgeted.sure || budgeted.chosen.oversize || state.family !== BOTH;
     return {
       page, columns, objectives, state, budgeted, moving, onFront: new Set(budgeted.front),
       colour: state.colour || ownColour(), rows: shownRows(budgeted), leftOut: (row) => engine.leftOut(budgeted, row),
@@ -328,9 +327,8 @@
       // The front over some columns alone, if each has a direction and no two are the same.
       joined: (drawn) => {
         const named = drawn.map(measuredOf);
-        const key = [...named].sort().join("|");
-        if (!Object.hasOwn(page.fronts, key)) return null;
-        return (limited ? engine.joined(budgeted, named) : page.fronts[key]).filter(isShown);
+        const known = new Set(named).size === named.length && named.every((column) => Object.hasOwn(page.objectives, column));
+        return known ? engine.joined(budgeted, named) : null;
       },
       chosen: state.chosen ? point(state.chosen) : null,
       compared: state.compare ? state.compare.split(",").map(point) : [],
@@ -338,12 +336,6 @@
   }
 
   // ---- what the page is made of
-
-  function element(tag, properties = {}, ...children) {
-    const node = Object.assign(document.createElement(tag), properties);
-    node.append(...children);
-    return node;
-  }
 
   function download(name, address) {
     element("a", { href: address, download: name }).click();
@@ -389,17 +381,13 @@
 
   for (const { name, root, view } of views.filter((one) => one.view.image)) {
     const place = root.querySelector(".save") ?? root.appendChild(element("span", { className: "save" }));
-    place.append(...["svg", "png"].map((format) => {
-      const button = element("button", { type: "button", textContent: format.toUpperCase(), title: `save this figure as ${format.toUpperCase()}` });
-      button.addEventListener("click", async () => download(`${fileName()}-${name}.${format}`, await view.image(format)));
-      return button;
-    }));
+    const save = (format) => async () => download(`${fileName()}-${name}.${format}`, await view.image(format));
+    place.append(...["svg", "png"].map((format) => button(format.toUpperCase(), save(format), { title: `save this figure as ${format.toUpperCase()}` })));
   }
 
   for (const { root, view } of views.filter((one) => one.view.listed)) {
-    const button = element("button", { type: "button", textContent: "CSV", title: "save the points that are shown here, with all their columns" });
-    button.addEventListener("click", () => csv(root.dataset.view, view.listed()));
-    root.querySelector(".save").append(button);
+    const title = "save the points that are shown here, with all their columns";
+    root.querySelector(".save").append(button("CSV", () => csv(root.dataset.view, view.listed()), { title }));
   }
 
   // ---- views of the page itself
@@ -420,31 +408,20 @@
       element("details", { open }, element("summary", { textContent: plural(rest.length, NOTES ? "more note" : "note") }), element("ul", {}, ...rest)))] : []));
   }
 
-  function fillSelect(id, options, names) {
-    const select = byId(id);
-    const content = JSON.stringify([options, names]);
-    if (select.dataset.content !== content) {
-      select.dataset.content = content;
-      select.replaceChildren(...options.map((value, k) => element("option", { value, textContent: clip(names[k], 40) })));
-    }
-    select.value = state[id];
-  }
+  const fillSelect = (id, options, nameOf) => Dom.fill(byId(id), options.map((value) => [value, clip(nameOf(value), 40)]), state[id]);
 
   function renderControls() {
     for (const axis of ["x", "y", "z"]) {
-      fillSelect(axis, axes, axes.map(title));
+      fillSelect(axis, axes, title);
       byId(`l${axis}`).checked = state[`l${axis}`] === "1";
       byId(`l${axis}`).disabled = !canBeLog(state[axis]);
     }
-    fillSelect("task", allowed.task, allowed.task.map((t) => (t === BOTH && tasks.length > 1 ? "all" : t)));
-    fillSelect("hardware", hardware, hardware);
-    fillSelect("colour", allowed.colour, allowed.colour.map((column) => (column === "" ? `auto: ${ownColour() === "task" && tasks.length < 2 ? "none" : ownColour()}` : title(column))));
-    fillSelect("pace", allowed.pace, allowed.pace.map((pace) => ({ flat: "flat out", period: "at the sensor's period" })[pace]));
-    byId("pace-label").hidden = allowed.pace.length < 2;
-    fillSelect("family", [BOTH, ...families], ["all", ...families]);
-    byId("family-label").hidden = families.length < 2;
-    byId("task-label").hidden = tasks.length < 2;
-    byId("hardware-label").hidden = hardware.length < 2;
+    fillSelect("task", allowed.task, String);
+    fillSelect("hardware", hardware, String);
+    fillSelect("colour", allowed.colour, (column) => (column === "" ? `auto: ${ownColour() === "task" && tasks.length < 2 ? "none" : ownColour()}` : title(column)));
+    fillSelect("pace", allowed.pace, (pace) => ({ flat: "flat out", period: "at the sensor's period" })[pace]);
+    fillSelect("family", [BOTH, ...families], String);
+    for (const [name, several] of Object.entries({ pace: allowed.pace, family: families, task: tasks, hardware })) byId(`${name}-label`).hidden = several.length < 2;
     byId("view-s").hidden = tasks.length < 2;
     byId("third").hidden = state.view !== "3";
     for (const n of ["2", "3", "s"]) byId(`view-${n}`).setAttribute("aria-pressed", String(state.view === n));
@@ -480,39 +457,27 @@
   const filterOf = (column) => byId("filters").querySelector(`fieldset[data-column="${CSS.escape(column)}"]`);
 
   function newFilter(column) {
-    const node = element("fieldset", {}, element("legend", { textContent: clip(title(column), 40), title: column }));
-    node.dataset.column = column;
-    const remove = element("button", { type: "button", textContent: "×", title: "remove this filter" });
-    remove.setAttribute("aria-label", `remove the filter of ${columns[column].label}`);
-    remove.addEventListener("click", () => {
-      opened = opened.filter((other) => other !== column);
-      change({ [`f.${column}`]: "" });
-      byId("add-filter").focus();
-    });
+    const { label } = columns[column];
+    const node = element("fieldset", { data: { column } }, element("legend", { textContent: clip(title(column), 40), title: column }));
+    const set = (text) => change({ [`f.${column}`]: text });
+    const inputs = () => [...node.querySelectorAll("input")];
     if (isNumeric(column)) {
-      const boxes = ["from", "to"].map((end) => {
-        const box = element("input", { type: "number", step: "any" });
-        box.setAttribute("aria-label", `${columns[column].label} ${end}`);
-        return box;
-      });
-      for (const box of boxes) {
-        box.addEventListener("input", () => {
-          const ends = boxes.map(({ value }) => value);
-          change({ [`f.${column}`]: ends.every((end) => end === "") ? "" : ends.join("~") });
-        });
-      }
-      node.append(boxes[0], " to ", boxes[1]);
+      const moved = () => set(inputs().every(({ value }) => value === "") ? "" : inputs().map(({ value }) => value).join("~"));
+      const [from, to] = ["from", "to"].map((end) => element("input", { type: "number", step: "any", "aria-label": `${label} ${end}`, oninput: moved }));
+      node.append(from, " to ", to);
     } else {
-      for (const name of categories(column)) {
-        const box = element("input", { type: "checkbox", value: name });
-        box.addEventListener("change", () => {
-          const taken = [...node.querySelectorAll("input")].filter((one) => one.checked).map((one) => encodeURIComponent(one.value));
-          change({ [`f.${column}`]: taken.length === categories(column).length ? "" : `in:${taken.join("|")}` });
-        });
-        node.append(element("label", {}, box, ` ${clip(name, 24)}`));
-      }
+      const moved = () => {
+        const taken = inputs().filter(({ checked }) => checked).map(({ value }) => encodeURIComponent(value));
+        set(taken.length === categories(column).length ? "" : `in:${taken.join("|")}`);
+      };
+      node.append(...categories(column).map((value) => element("label", {}, element("input", { type: "checkbox", value, onchange: moved }), ` ${clip(value, 24)}`)));
     }
-    node.append(" ", remove);
+    const remove = () => {
+      opened = opened.filter((other) => other !== column);
+      set("");
+      byId("add-filter").focus();
+    };
+    node.append(" ", button("×", remove, { title: "remove this filter", "aria-label": `remove the filter of ${label}` }));
     return node;
   }
 
@@ -525,8 +490,7 @@
       const text = state[`f.${column}`];
       const inputs = [...node.querySelectorAll("input")];
       if (isNumeric(column)) {
-        const known = [...numbers(column)].filter(Number.isFinite);
-        const range = known.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+        const range = Data.ends([...numbers(column)].filter(Number.isFinite));
         text.split("~").concat("").slice(0, 2).forEach((end, k) => {
           if (inputs[k].value !== end && document.activeElement !== inputs[k]) inputs[k].value = end;
           inputs[k].placeholder = number(range[k]);
@@ -552,13 +516,9 @@
     const details = byId("failures").querySelector("details");
     details.open ||= nRows === 0;
     details.querySelector("summary").textContent = plural(failed.length, "failed trial");
-    const table = details.querySelector("table");
-    table.tHead.replaceChildren(element("tr", {}, ...["trial", "reason", "design"].map((text) => element("th", { scope: "col", textContent: text }))));
-    table.tBodies[0].replaceChildren(...failed.map(({ trial, reason, design }) => element("tr", {},
-      element("td", { textContent: number(trial) }),
-      element("td", { textContent: clip(reason, 600) }),
-      element("td", { textContent: Object.entries(design).map(([key, value]) => `${key} ${number(value)}`).join(", ") }),
-    )));
+    const words = (design) => Object.entries(design).map(([key, value]) => `${key} ${number(value)}`).join(", ");
+    details.replaceChildren(details.querySelector("summary"), Dom.table("Failed trials", [["trial"], ["reason"], ["design"]],
+      failed.map(({ trial, reason, design }) => [number(trial), clip(reason, 600), words(design)])));
   }
 
   function renderBundle({ budgeted }) {

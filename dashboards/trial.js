@@ -143,7 +143,7 @@
   // ---- what a reader does
 
   byId("counts").textContent = page.facts;
-  byId("notes").replaceChildren(...page.notes.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  byId("notes").replaceChildren(...page.notes.map((textContent) => Dom.element("li", { textContent })));
   byId("course-caption").textContent =
     "From top to bottom: events, counted for the nearest pin, with pins in order along the motion; " +
     "thousand ON and OFF events per second; speed v of the tip; shear s of its skin. Select a point to show its time.";

@@ -4,12 +4,12 @@ const Audit = (() => {
   const COLUMNS = ["task", "probe", "accuracy", "chance", "without", "test", "verdict"];
   const ERRORS = { accuracy: "se", chance: null, without: "without_se", test: "test_se" }; // of the columns of numbers
   const BELOW = { probe: "reader", verdict: "remedy" }; // in the same cell
+  const { element } = Dom;
 
   function view(root, app) {
-    const { element, number } = app;
     const line = element("summary");
-    const table = element("table", {}, element("thead"), element("tbody"));
-    root.append(element("details", {}, line, element("div", { className: "scroll" }, table)));
+    const place = element("div");
+    root.append(element("details", {}, line, place));
     let drawn = null;
 
     const isNumber = (column) => Object.hasOwn(ERRORS, column);
@@ -17,14 +17,10 @@ const Audit = (() => {
     function value(row, column) {
       if (row[column] === null || !isNumber(column)) return row[column] ?? "–";
       const error = row[ERRORS[column]] ?? null;
-      return number(row[column], true) + (error === null ? "" : ` ${app.error(error)}`);
+      return app.number(row[column], true) + (error === null ? "" : ` ${app.error(error)}`);
     }
 
-    function cell(row, column) {
-      const below = row[BELOW[column]] ? [element("small", { textContent: row[BELOW[column]] })] : [];
-      const className = isNumber(column) ? "" : `text ${column}`;
-      return element("td", { className }, String(value(row, column)), ...below);
-    }
+    const cell = (row, column) => [String(value(row, column)), ...(row[BELOW[column]] ? [element("small", { textContent: row[BELOW[column]] })] : [])];
 
     function render({ page }) {
       const rows = page.audit ?? [];
@@ -38,10 +34,8 @@ const Audit = (() => {
       const named = [...new Set(shortcuts.map(({ probe, task }) => (several ? `${probe} (${task})` : probe)))];
       line.textContent = named.length ? `Audit: could pass for skill: ${named.join(", ")}`
         : "Audit: no probe found a shortcut in the recordings";
-      table.tHead.replaceChildren(element("tr", {}, ...columns.map((column) =>
-        element("th", { scope: "col", className: isNumber(column) ? "" : "text", textContent: column }))));
-      table.tBodies[0].replaceChildren(...rows.map((row) =>
-        element("tr", { className: row.shortcut ? "shortcut" : "" }, ...columns.map((column) => cell(row, column)))));
+      place.replaceChildren(Dom.table("Probes", columns.map((column) => [column, isNumber(column) ? "" : `text ${column}`]),
+        rows.map((row) => ({ className: row.shortcut ? "shortcut" : "", cells: columns.map((column) => cell(row, column)) }))));
     }
 
     return { render };

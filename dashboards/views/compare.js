@@ -6,6 +6,7 @@ const Compare = (() => {
   const UNKNOWN = "–";
   const NARROW = 1.35; // how much longer the axis of bars is beside the panel's
   const PLACES = ["trial", "task", "hardware"]; // named by the head of the table and its first rows
+  const { element, button } = Dom;
 
   // ---- pure
 
@@ -74,16 +75,14 @@ const Compare = (() => {
   // ---- the view
 
   function view(root, app) {
-    const { element, clip, number } = app;
+    const { clip, number } = app;
     root.classList.add("compare");
     const table = element("table", {}, element("thead"), element("tbody"));
     const same = element("p", { className: "quiet" });
-    const select = element("select");
-    select.setAttribute("aria-label", "Figure of each design");
+    const select = element("select", { "aria-label": "Figure of each design", onchange: renderFigures });
     const figures = element("div", { className: "multiples" });
     const choice = element("label", {}, "figure ", select);
-    root.append(element("h2", {}, "Compare ", element("small")), element("div", { className: "scroll" }, table), same, choice, figures);
-    root.querySelector(".scroll").tabIndex = 0;
+    root.append(element("h2", {}, "Compare ", element("small")), Dom.scroll("Designs side by side", table), same, choice, figures);
     let shown = null;
     let drawn = { key: "", details: [] };
     const loaded = new Map(); // trial -> {page, text, details}
@@ -96,17 +95,15 @@ const Compare = (() => {
 
     // ---- the table
 
+    const square = (k) => element("span", { className: "square", textContent: String(k + 1) });
+
     function head() {
       return element("tr", {}, element("td"), ...shown.compared.map((at, k) => {
-        const choose = element("button", { type: "button", textContent: clip(nameAt(at), 40), title: "choose this design" });
-        const remove = element("button", { type: "button", textContent: "×", title: "remove from the comparison" });
-        choose.setAttribute("aria-pressed", String(shown.chosen?.key === at.key));
-        remove.setAttribute("aria-label", `remove ${nameAt(at)} from the comparison`);
-        choose.dataset.does = "choose";
-        remove.dataset.does = "remove";
-        const cell = element("th", { scope: "col" }, element("span", { className: "square", textContent: String(k + 1) }), " ", choose, " ", remove);
-        cell.dataset.key = at.key;
-        return cell;
+        const choose = button(clip(nameAt(at), 40), () => app.change({ chosen: at.key }),
+          { title: "choose this design", "aria-pressed": shown.chosen?.key === at.key, data: { does: "choose" } });
+        const remove = button("×", () => app.toggleCompared(at.key),
+          { title: "remove from the comparison", "aria-label": `remove ${nameAt(at)} from the comparison`, data: { does: "remove" } });
+        return element("th", { scope: "col", data: { key: at.key } }, square(k), " ", choose, " ", remove);
       }));
     }
 
@@ -170,12 +167,6 @@ const Compare = (() => {
       if (does) table.tHead.rows[0].cells[Math.min(place, compared.length)].querySelector(`[data-does=${does}]`).focus({ preventScroll: true });
     }
 
-    table.addEventListener("click", (event) => {
-      const key = event.target.closest("th[data-key]")?.dataset.key;
-      const does = event.target.closest("button")?.dataset.does;
-      if (does === "choose") app.change({ chosen: key });
-      else if (does === "remove") app.toggleCompared(key);
-    });
     table.addEventListener("pointerover", (event) => app.hover(event.target.closest("th[data-key]")?.dataset.key ?? null));
     table.addEventListener("pointerleave", () => app.hover(null));
 
@@ -205,13 +196,8 @@ const Compare = (() => {
     function renderFigures() {
       const { state, compared } = shown;
       const offered = TABS.filter((tab) => compared.some((at) => Design.figureOf(partAt(at), tab, state.hardware, state.pace, at.value)));
-      const selected = select.value;
-      if ([...select.options].map(({ value }) => value).join() !== offered.join()) {
-        select.replaceChildren(...offered.map((tab) => element("option", { value: tab, textContent: tab })));
-        if (offered.includes(selected)) select.value = selected;
-      }
-      choice.hidden = offered.length === 0;
-      figures.hidden = offered.length === 0;
+      Dom.fill(select, offered.map((tab) => [tab, tab]));
+      choice.hidden = figures.hidden = offered.length === 0;
       const details = compared.map(detailsOf);
       const key = JSON.stringify([select.value, state.hardware, app.style().dark, state.pace, compared.map((at) => [trialOf(at), ...["task", "weight_bits", "pruned_after"].map(at.value)])]);
       if (!offered.length || (drawn.key === key && details.every((one, k) => one === drawn.details[k]))) return;
@@ -220,24 +206,15 @@ const Compare = (() => {
       const wide = SCALED.includes(select.value) ? scaled(drawings.filter(Boolean)) : drawings.filter(Boolean);
       const high = Math.max(...wide.map(Figure.heightOf));
       const nodes = compared.map((at, k) => {
-        const caption = element("figcaption", {}, element("span", { className: "square", textContent: String(k + 1) }), ` ${clip(nameAt(at), 40)}`);
-        const node = element("div", { className: "plot" });
-        if (!drawings[k]) {
-          const text = details[k] === undefined ? "…" 
-            : details[k] === null ? Details.absent(shown.page, trialOf(at))
-              : ["energy", "cores"].includes(select.value) ? "No numbers on this hardware." : "Nothing was recorded.";
-          return element("figure", {}, caption, element("p", { className: "quiet", textContent: text }));
-        }
-        node.style.height = `${high}px`;
-        node.setAttribute("role", "img");
-        node.setAttribute("aria-label", `${k + 1}, ${nameAt(at)}. ${Design.words[select.value](drawings[k], number)}`);
-        return element("figure", {}, caption, node);
+        const caption = element("figcaption", {}, square(k), ` ${clip(nameAt(at), 40)}`);
+        if (drawings[k]) return element("figure", {}, caption, Figure.node(select.value, high, `${k + 1}, ${nameAt(at)}. ${Design.told(select.value, drawings[k], number)}`));
+        const text = details[k] === undefined ? "…" : details[k] === null ? Details.absent(shown.page, trialOf(at))
+          : ["energy", "cores"].includes(select.value) ? "No numbers on this hardware." : "Nothing was recorded.";
+        return element("figure", {}, caption, element("p", { className: "quiet", textContent: text }));
       });
       Figure.replace(figures, ...nodes);
-      figures.querySelectorAll(".plot").forEach((node, k) =>
-        Figure.draw(node, wide[k], app.style(), Figure.fitted));
+      figures.querySelectorAll(".plot").forEach((node, k) => Figure.draw(node, wide[k], app.style(), Figure.fitted));
     }
-    select.addEventListener("change", renderFigures);
 
     function render(next) {
       shown = next;

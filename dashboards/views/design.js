@@ -14,8 +14,8 @@ const Design = (() => {
     first_spike: "Validation recordings, all repeats: median of each class, from its least to its largest time.",
     histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
   };
-  const SETTLED_MS = 150;
   const NO_PARTS = "Its runs recorded nothing to draw.";
+  const { element, button } = Dom;
 
   // ---- pure: a trial's document in, numbers and words out
 
@@ -140,56 +140,35 @@ const Design = (() => {
 
   const axisOf = (layout, trace) => plain(layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`]?.title?.text);
 
-  // What a figure shows, in words with its numbers.
-  const WORDS = {
-    confusion({ data: [heat], layout }, number) {
-      const counts = listed(heat.text).map((row) => row.map(Number));
-      const names = (layout.xaxis.ticktext ?? []).map(plain);
-      const total = counts.flat().reduce((sum, n) => sum + n, 0);
-      const right = counts.reduce((sum, row, k) => sum + row[k], 0);
-      const wrong = counts.flatMap((row, i) => row.map((n, j) => [n, i, j])).filter(([n, i, j]) => i !== j && n > 0).sort((a, b) => b[0] - a[0]);
-      const most = wrong.slice(0, 3).map(([n, i, j]) => `${names[i]} taken for ${names[j]} ${number(n)} times`);
-      const worst = most.length ? `; most often wrong: ${most.join(", ")}` : "";
-      return `Confusion matrix of ${names.length} classes: ${number(right)} of ${number(total)} right${worst}.`;
-    },
-    learning({ data, layout }, number) {
-      const curves = data.map((trace) => [trace, listed(trace.y)]).filter(([, y]) => y.length);
-      const whose = (trace) => (data.length > 1 ? ` of ${plain(trace.name)}` : "");
-      const curveWords = curves.map(([trace, y]) => `${axisOf(layout, trace)}${whose(trace)} ${number(y[0])} to ${number(y.at(-1))}`);
-      return `Learning curves over ${Math.max(0, ...curves.map(([, y]) => y.length))} epochs: ${curveWords.join(", ")}.`;
-    },
-    energy({ data: [bars] }) {
-      return `Energy of an inference: ${listed(bars.customdata).map(plain).join(", ")}.`;
-    },
-    recognition({ data: [line] }, number) {
-      const [time, accuracy] = [listed(line.x), listed(line.y)];
-      return `Accuracy over input length: ${accuracy.map((value, k) => `${number(value, true)} after ${number(time[k])} ms`).join(", ")}.`;
-    },
-    first_spike({ data: [bars] }, number) {
-      const median = listed(bars.x);
-      const known = listed(bars.customdata).map((name, k) => [plain(name), median[k]]).filter(([, time]) => Number.isFinite(time));
-      return `First output spike: ${known.map(([name, time]) => `${name}, ${number(time)} ms`).join("; ")}.`;
-    },
-    histograms({ data, layout }) {
-      const names = (layout.annotations ?? []).slice(0, data.length).map(({ text }) => plain(text));
-      return `Class histograms over ${listed(data[0]?.y).length} prototypes: ${names.join(", ")}.`;
-    },
-    power({ layout }) {
-      const names = (layout.yaxis.ticktext ?? []).map(plain);
-      return `Power at rest and beyond: ${names.map((name, k) => `${name} ${plain(layout.annotations[k].text)}`).join(", ")}.`;
-    },
-    cores({ data, layout }) {
-      const counted = (layout.annotations ?? []).filter(({ name }) => name === "cores").map(({ text }) => plain(text));
-      return `Cores in use: ${[...counted, data.map((trace) => plain(trace.name)).join(", ")].join(". ")}.`;
-    },
-    bits({ data, layout }, number) {
-      const lineWords = data.map((trace) => {
-        const [bits, accuracy] = [listed(trace.customdata ?? trace.x), listed(trace.y)];
-        return `${plain(trace.name)} ${accuracy.map((value, k) => `${number(value, true)} at ${number(bits[k])} bits`).join(", ")}`;
-      });
-      return `${axisOf(layout, data[0] ?? {}) || "accuracy"} against bits per weight: ${lineWords.join("; ")}.`;
-    },
-  };
+  // What a figure shows, in words with its numbers: of a matrix and of a chip what counts, of others each line and bar.
+  function told(tab, { data, layout }, number) {
+    const [first = {}] = data;
+    const names = (axis) => (layout[axis]?.ticktext ?? []).map(plain);
+    const notes = (layout.annotations ?? []).map(({ text }) => plain(text));
+    const ends = (trace, [from, ...rest]) => `${axisOf(layout, trace)}${data.length > 1 ? ` of ${plain(trace.name)}` : ""} ${number(from)} to ${number(rest.at(-1))}`;
+    const along = (trace, at, unit) => listed(trace.y).map((value, k) => `${number(value, true)} ${at} ${number(listed(trace.customdata ?? trace.x)[k])} ${unit}`).join(", ");
+    const curves = () => data.map((trace) => [trace, listed(trace.y)]).filter(([, y]) => y.length);
+    return {
+      confusion() {
+        const counts = listed(first.text).map((row) => row.map(Number));
+        const right = counts.reduce((sum, row, k) => sum + row[k], 0);
+        const wrong = counts.flatMap((row, i) => row.map((n, j) => [n, i, j])).filter(([n, i, j]) => i !== j && n > 0).sort((a, b) => b[0] - a[0]);
+        const most = wrong.slice(0, 3).map(([n, i, j]) => `${names("xaxis")[i]} taken for ${names("xaxis")[j]} ${number(n)} times`);
+        return `Confusion matrix of ${counts.length} classes: ${number(right)} of ${number(counts.flat().reduce((sum, n) => sum + n, 0))} right${most.length ? `; most often wrong: ${most.join(", ")}` : ""}.`;
+      },
+      learning: () => `Learning curves over ${Math.max(0, ...curves().map(([, y]) => y.length))} epochs: ${curves().map(([trace, y]) => ends(trace, y)).join(", ")}.`,
+      energy: () => `Energy of an inference: ${listed(first.customdata).map(plain).join(", ")}.`,
+      recognition: () => `Accuracy over input length: ${along(first, "after", "ms")}.`,
+      first_spike() {
+        const known = listed(first.customdata).map((name, k) => [plain(name), listed(first.x)[k]]).filter(([, time]) => Number.isFinite(time));
+        return `First output spike: ${known.map(([name, time]) => `${name}, ${number(time)} ms`).join("; ")}.`;
+      },
+      histograms: () => `Class histograms over ${listed(first.y).length} prototypes: ${notes.slice(0, data.length).join(", ")}.`,
+      power: () => `Power at rest and beyond: ${names("yaxis").map((name, k) => `${name} ${notes[k]}`).join(", ")}.`,
+      cores: () => `Cores in use: ${[...notes, data.map((trace) => plain(trace.name)).join(", ")].join(". ")}.`,
+      bits: () => `${axisOf(layout, first) || "accuracy"} against bits per weight: ${data.map((trace) => `${plain(trace.name)} ${along(trace, "at", "bits")}`).join("; ")}.`,
+    }[tab]();
+  }
 
   // The figure of one tab of a design, on the hardware shown; undefined where the study recorded none. That of its own
   // precision, or else that of the network as trained: `isOwn` tells which.
@@ -211,37 +190,29 @@ const Design = (() => {
   // ---- the panel
 
   function view(root, app) {
-    const { element, clip, number, change } = app;
-    const set = (node, attributes) => {
-      for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
-      return node;
-    };
+    const { clip, number, change } = app;
     const heading = element("h2", {}, "Design");
-    const compare = element("button", { type: "button", textContent: "compare", title: "beside other designs, below (c)" });
+    const compare = button("compare", () => app.toggleCompared(shown.chosen.key), { title: "beside other designs, below (c)" });
     const bundle = element("a", { textContent: "export", title: "download the bundle of this design" });
-    const command = element("code", { tabIndex: 0 });
+    const command = element("code", { tabIndex: 0, "aria-label": "Command that exports this design" });
     const line = element("details", { className: "export" }, element("summary", { textContent: "export" }), command);
     const standing = element("p", { className: "standing" });
     const misfit = element("div");
     const win = element("p", { className: "quiet" });
     const [objectives, parameters, others] = [0, 1, 2].map(() => element("dl"));
     const everything = element("details", {}, element("summary", { textContent: "everything measured" }), others);
-    const strip = set(element("div", { className: "tabs" }), { role: "tablist", "aria-label": "What its runs recorded" });
-    const pane = set(element("div", { className: "pane", id: "design-pane", tabIndex: 0 }), { role: "tabpanel" });
+    const strip = element("div", { className: "tabs", role: "tablist", "aria-label": "What its runs recorded", onkeydown: moveTab });
+    const pane = element("div", { className: "pane", id: "design-pane", tabIndex: 0, role: "tabpanel" });
     const owner = element("p", { className: "owner" });
     const notes = element("div", { className: "quiet" });
     const save = element("span", { className: "save" });
     const hint = element("p", { className: "quiet" });
     const body = element("div", {}, standing, win, misfit, objectives, parameters, everything, strip, owner, pane, notes, save, line);
-    set(command, { "aria-label": "Command that exports this design" });
     root.append(element("div", { className: "head" }, heading, bundle, compare), hint, body);
 
     let shown = null;
     let loaded = { trial: null, page: null, details: undefined, text: "" }; // details: undefined while they are awaited
-    let waiting = 0;
     let drawn = null; // what is in the pane: {key, figure(), draw(), move()}
-
-    compare.addEventListener("click", () => app.toggleCompared(shown.chosen.key));
 
     // ---- the head
 
@@ -441,15 +412,8 @@ const Design = (() => {
 
     function renderTabs(names, open) {
       const now = [...strip.children].map((tab) => tab.dataset.tab);
-      if (now.join() !== names.join()) {
-        const focused = strip.contains(document.activeElement) ? document.activeElement.dataset.tab : null;
-        strip.replaceChildren(...names.map((name) => {
-          const tab = set(element("button", { type: "button", id: `tab-${name}`, textContent: TABS[name] }), { role: "tab", "aria-controls": pane.id });
-          tab.dataset.tab = name;
-          return tab;
-        }));
-        strip.querySelector(`[data-tab="${focused}"]`)?.focus({ preventScroll: true });
-      }
+      const made = (name) => button(TABS[name], () => change({ tab: name }), { id: `tab-${name}`, role: "tab", "aria-controls": pane.id, data: { tab: name } });
+      if (now.join() !== names.join()) Dom.keepFocus(strip, ({ dataset }) => dataset.tab, () => strip.replaceChildren(...names.map(made)));
       strip.hidden = names.length === 0;
       for (const tab of strip.children) {
         const isOpen = tab.dataset.tab === open;
@@ -460,11 +424,7 @@ const Design = (() => {
       else pane.removeAttribute("aria-labelledby");
     }
 
-    strip.addEventListener("click", (event) => {
-      const tab = event.target.closest("[role=tab]");
-      if (tab) change({ tab: tab.dataset.tab });
-    });
-    strip.addEventListener("keydown", (event) => {
+    function moveTab(event) {
       const tabs = [...strip.children];
       const at = tabs.indexOf(document.activeElement);
       const to = { ArrowLeft: at - 1 + tabs.length, ArrowRight: at + 1, Home: 0, End: tabs.length - 1 }[event.key];
@@ -473,24 +433,16 @@ const Design = (() => {
       const next = tabs[to % tabs.length];
       change({ tab: next.dataset.tab });
       next.focus({ preventScroll: true });
-    });
+    }
 
     // ---- figures
 
-    function figureNode(name, height) {
-      const node = set(element("div", { className: "plot" }), { role: "img" });
-      node.dataset.figure = name;
-      node.style.height = `${height}px`;
-      return node;
-    }
-
     function figurePane(part, surface, tab) {
       const figure = figureOf(part, tab, shown.state.hardware, shown.state.pace, shown.chosen.value);
-      const node = figureNode(tab, Figure.heightOf(figure));
-      node.setAttribute("aria-label", WORDS[tab](figure, number));
-      const told = (...texts) => texts.filter(Boolean).map((textContent) => element("p", { className: "quiet", textContent }));
+      const node = Figure.node(tab, Figure.heightOf(figure), told(tab, figure, number));
+      const quiet = (...texts) => texts.filter(Boolean).map((textContent) => element("p", { className: "quiet", textContent }));
       return {
-        nodes: [...told(tab === "energy" ? apart() : ""), node, ...told(OF[tab])],
+        nodes: [...quiet(tab === "energy" ? apart() : ""), node, ...quiet(OF[tab])],
         node, figure: () => figure, draw: () => Figure.draw(node, figure, app.style(), Figure.fitted), move() {},
       };
     }
@@ -505,6 +457,12 @@ const Design = (() => {
 
     // ---- φ and θ
 
+    function chooser(name, label, options, onchange) {
+      const select = element("select", { "aria-label": label, data: { name }, onchange });
+      Dom.fill(select, options);
+      return select;
+    }
+
     // Two sliders that move a setting over a surface. `place` is the setting chosen, -1 for an answer without one.
     function settings(surface, known, follow) {
       const { theta } = surface;
@@ -513,15 +471,14 @@ const Design = (() => {
       let request = 0;
       const sliders = ["phi", "theta"].map((name) => {
         const [symbol, words] = name === "phi" ? ["φ", "φ: spikes before any decision"] : ["θ", "θ: share of spikes that decides"];
-        const slider = set(element("input", { type: "range", min: 0, max: surface[name].length - 1, step: 1 }), { "aria-label": words });
-        slider.dataset.name = name;
-        slider.disabled = surface[name].length < 2;
+        const slider = element("input", {
+          type: "range", min: 0, max: surface[name].length - 1, step: 1, disabled: surface[name].length < 2, "aria-label": words, data: { name },
+          oninput: () => aim(Number(sliders[0].slider.value) * theta.length + Number(sliders[1].slider.value)), onchange: settle,
+        });
         const out = element("output");
-        slider.addEventListener("input", () => aim(Number(sliders[0].slider.value) * theta.length + Number(sliders[1].slider.value)));
-        slider.addEventListener("change", settle);
         return { name, slider, out, node: element("label", { title: words }, element("span", { textContent: symbol }), slider, out) };
       });
-      const summary = set(element("p", { className: "summary" }), { role: "status" });
+      const summary = element("p", { className: "summary", role: "status" });
 
       function show() {
         const at = place < 0 ? best : place;
@@ -598,11 +555,9 @@ const Design = (() => {
       const { phi, theta } = surface;
       const offered = Object.keys(known).filter((column) => column !== "accuracy" && !/_(se|low|high)$/.test(column) && new Set(known[column]).size > 1);
       if (!offered.includes("decision_latency_ms")) offered.unshift("decision_latency_ms");
-      const select = set(element("select", {}, ...offered.map((column) => element("option", { value: column, textContent: clip(titled(column), 40) }))),
-        { "aria-label": "Quantity of the lower map" });
-      select.dataset.name = "quantity";
+      const select = chooser("quantity", "Quantity of the lower map", offered.map((column) => [column, clip(titled(column), 40)]), redraw);
       select.value = "decision_latency_ms";
-      const node = figureNode("surface", 368);
+      const node = Figure.node("surface", 368);
       // Rings over the maps: plotly would take longer to move them than a slider may.
       const rings = HALVES.map(() => element("span", { className: "ring", hidden: true }));
       const maps = element("div", { className: "maps" }, node, ...rings);
@@ -688,10 +643,10 @@ const Design = (() => {
         plot.on("plotly_afterplot", ring);
         ring();
       }
-      select.addEventListener("change", () => {
+      function redraw() {
         describe();
         draw();
-      });
+      }
       const legend = `${precision(surface, part)}Ring: chosen. Cross: the fastest of the most accurate settings.`;
       return {
         nodes: [
@@ -715,11 +670,9 @@ const Design = (() => {
 
     function rasterPane(part, surface) {
       const { examples } = part;
-      const options = examples.map(({ title }, k) => element("option", { value: k, textContent: clip(title, 60) }));
-      const select = set(element("select", {}, ...options), { "aria-label": "Recording" });
-      select.dataset.name = "example";
-      const node = figureNode("raster", Figure.heightOf(examples[0].figure));
-      const summary = set(element("p", { className: "summary" }), { role: "status" });
+      const select = chooser("example", "Recording", examples.map(({ title }, k) => [k, clip(title, 60)]), redraw);
+      const node = Figure.node("raster", Figure.heightOf(examples[0].figure));
+      const summary = element("p", { className: "summary", role: "status" });
       const known = surface && columnsOn(surface, shown.state.hardware);
       const sliders = known && isMovable() ? settings(surface, known, follow) : null;
       let rule = { phi: null, theta: null, after: null };
@@ -784,10 +737,10 @@ const Design = (() => {
         moved = marks();
         plot = await Figure.draw(node, figure(), app.style(), Figure.fitted);
       }
-      select.addEventListener("change", () => {
+      function redraw() {
         describe();
         draw();
-      });
+      }
       const drawnParts = "Output spikes, share of the leading class, spikes per layer";
       return {
         nodes: [
@@ -801,11 +754,10 @@ const Design = (() => {
     // ---- the view
 
     // Where nothing is chosen, the panel shows the pick; while a budget moves, that may change with every step.
+    const soon = Dom.settled(({ pick, ...next }) => show(pick ? { ...next, moving: false, chosen: app.point(app.keyOf(pick.row)) } : next, pick));
     function render(next) {
-      clearTimeout(waiting);
       const pick = next.chosen ? undefined : next.budgeted.picks.find(({ row }) => row >= 0);
-      if (pick && next.moving) waiting = setTimeout(() => render({ ...next, moving: false }), SETTLED_MS);
-      else show(pick ? { ...next, chosen: app.point(app.keyOf(pick.row)) } : next, pick);
+      soon({ ...next, pick, moving: next.moving && pick !== undefined });
     }
 
     function show(next, pick) {
@@ -824,25 +776,11 @@ const Design = (() => {
       else renderParts();
     }
 
-    // The open tab's figure in the colours of print: a data address.
-    async function image(format) {
-      const look = Figure.print(shown.page.palette);
-      const { clientWidth: width, clientHeight: height } = drawn.node;
-      const frame = element("div", { className: "aside" });
-      Object.assign(frame.style, { width: `${width}px`, height: `${height}px` });
-      document.body.append(frame);
-      try {
-        await Figure.draw(frame, drawn.figure(), look, (layout) => ({ ...Figure.fitted(layout), paper_bgcolor: look.page }));
-        return await Plotly.toImage(frame, { format, width, height, scale: format === "png" ? 2 : 1 });
-      } finally {
-        Plotly.purge(frame);
-        frame.remove();
-      }
-    }
+    const image = (format) => Figure.picture(drawn.figure(), shown.page.palette, format, [drawn.node.clientWidth, drawn.node.clientHeight]);
 
-    return { render, hover() {}, image };
+    return { render, image };
   }
 
-  return { view, decide, named, restore, worded, partOf, figureOf, listed, plain, words: WORDS };
+  return { view, decide, named, restore, worded, partOf, figureOf, listed, plain, told };
 })();
 Views.design = Design;

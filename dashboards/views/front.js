@@ -15,6 +15,7 @@ const Front = (() => {
   const DASHES = ["solid", "dot", "dash", "dashdot"]; // of tasks whose colour is taken
   const BOTH = "all";
   const POINTED = "pointed";
+  const { element } = Dom;
   const [OUTSIDE, DIM, BEST, JOINED, LEFT] = [0, 1, 2, 3, 4]; // points: beyond a budget, dominated, on the front, on the joined one, left out
 
   const hasWebGL = (() => {
@@ -28,10 +29,10 @@ const Front = (() => {
   // Plotly's own picture would lack the canvas.
   const config = { ...Figure.config, modeBarButtonsToRemove: [...Figure.config.modeBarButtonsToRemove, "toImage"] };
 
-  const ends = (values) => values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+  const { ends } = Data;
 
   function view(root, app) {
-    const { element, number, escaped, clip, title, taskOf, colourOf } = app;
+    const { number, escaped, clip, title, taskOf, colourOf } = app;
     const part = (name) => root.querySelector(name);
     const [plot, canvas, ring, tip] = ["#plot", "#cloud", "#ring", "#tip"].map(part);
     let shown = null;
@@ -203,7 +204,7 @@ const Front = (() => {
 
     // Plotly's traces of the plane; `whole` has the canvas's points too, for a picture that is kept.
     function planeTraces(look, whole) {
-      const { state, page } = shown;
+      const { state } = shown;
       const tint = tintOf(look);
       const traces = shown.rows.length ? keyTraces(tint) : [];
       for (const panel of panels) {
@@ -237,24 +238,25 @@ const Front = (() => {
             marker: { color: tint ? line.map(tint.of) : colour, size: 9, opacity: line.map(certainty), line: { color: look.page, width: 1 } },
           });
         }
-        const here = ({ task }) => panel.tasks.length !== 1 || !task || task === panel.tasks[0];
-        const cited = published().filter(here);
-        if (cited.length) {
-          add({
-            ...Object.fromEntries(axes().map((column, k) => ["xy"[k], cited.map(({ values }) => values[app.measuredOf(column)])])),
-            marker: { symbol: "x-thin", size: 9, color: look.quiet, line: { color: look.quiet, width: 2 } },
-            hoverinfo: "text", hovertext: cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`),
-            name: "published", showlegend: true,
-          });
-        }
-        for (const { at, marker, name, words } of marked(look).filter(here)) {
-          add({
-            x: [app.placed(state.x, at.value(state.x))], y: [app.placed(state.y, at.value(state.y))], marker,
-            ...(words ? { mode: "markers+text", text: [name], textposition: "top right", textfont: { color: look.text } } : {}),
-          });
-        }
+        overlays(look, ({ task }) => panel.tasks.length !== 1 || !task || task === panel.tasks[0]).forEach(add);
       }
       return traces;
+    }
+
+    // What lies over the points, in the plane and in space: published designs, and what is marked.
+    function overlays(look, here = () => true) {
+      const at = (values) => Object.fromEntries(axes().map((column, k) => [letters()[k], values.map((value) => app.placed(column, value(column)))]));
+      const cited = published().filter(here);
+      const marker = flat() ? { symbol: "x-thin", size: 9, color: look.quiet, line: { color: look.quiet, width: 2 } } : { symbol: "cross", size: 4, color: look.quiet };
+      const hovertext = cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`);
+      const named = { name: "published", showlegend: true, marker, hoverinfo: "text", hovertext };
+      return [
+        ...(cited.length ? [{ ...at(cited.map(({ values }) => (column) => values[app.measuredOf(column)])), ...named }] : []),
+        ...marked(look).filter(here).map(({ at: { value }, marker: one, name, words }) => ({
+          ...at([value]), marker: flat() ? one : { ...one, size: 0.65 * one.size },
+          ...(words ? { mode: "markers+text", text: [name], textposition: `top ${flat() ? "right" : "center"}`, textfont: { color: look.text } } : {}),
+        })),
+      ];
     }
 
     function spaceTraces(look) {
@@ -285,26 +287,9 @@ const Front = (() => {
         add(line, { color: shaded, size: 4.5, line: { color: look.page, width: 1 } },
           { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 && !tint });
       }
-      const at = (values) => Object.fromEntries(axes().map((column, k) => [letters()[k], values.map((value) => app.placed(column, value(column)))]));
-      const cited = published();
-      if (cited.length) {
-        traces.push({
-          type: "scatter3d", mode: "markers", ...at(cited.map(({ values }) => (column) => values[app.measuredOf(column)])), name: "published",
-          text: cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`), hovertemplate: "%{text}<extra></extra>",
-          marker: { symbol: "cross", size: 4, color: look.quiet }, showlegend: true,
-        });
-      }
-      for (const { at: point, marker, name, words } of marked(look)) {
-        traces.push({
-          type: "scatter3d", mode: words ? "markers+text" : "markers", ...at([point.value]), hoverinfo: "skip", showlegend: false,
-          marker: { ...marker, size: 0.65 * marker.size }, ...(words ? { text: [name], textfont: { color: look.text } } : {}),
-        });
-      }
-      traces.push({
-        type: "scatter3d", mode: "markers", x: [], y: [], z: [], name: POINTED, hoverinfo: "skip", showlegend: false,
-        marker: { symbol: "circle-open", size: 12, color: look.text, line: { color: look.text, width: 2 } },
-      });
-      return traces;
+      const pointed = { x: [], y: [], z: [], name: POINTED, marker: { symbol: "circle-open", size: 12, color: look.text, line: { color: look.text, width: 2 } } };
+      const plain = { type: "scatter3d", mode: "markers", hoverinfo: "skip", showlegend: false };
+      return [...traces, ...[...overlays(look), pointed].map((trace) => ({ ...plain, ...trace }))];
     }
 
     // ---- its frame
@@ -417,12 +402,7 @@ const Front = (() => {
 
     function paint() {
       const frame = plot._fullLayout;
-      const ratio = devicePixelRatio || 1;
-      const [width, height] = size;
-      if (canvas.width !== width * ratio || canvas.height !== height * ratio) [canvas.width, canvas.height] = [width * ratio, height * ratio];
-      const brush = canvas.getContext("2d");
-      brush.setTransform(ratio, 0, 0, ratio, 0, 0);
-      brush.clearRect(0, 0, width, height);
+      const brush = Figure.brush(canvas, size);
       places = [];
       if (!shown || !flat() || !frame?.xaxis || plot.dataset.view !== drawnView()) return;
       const look = app.style();
@@ -475,19 +455,14 @@ const Front = (() => {
 
     // Lines at the ticks that plotly has written.
     function grid(brush, alongX, alongY, look) {
-      brush.strokeStyle = look.rule;
-      brush.lineWidth = 1;
-      brush.globalAlpha = 0.6;
+      Object.assign(brush, { strokeStyle: look.rule, lineWidth: 1, globalAlpha: 0.6 });
       brush.beginPath();
-      for (const { x } of alongX._vals ?? []) {
-        const at = Math.round(alongX._offset + alongX.l2p(x)) + 0.5;
-        brush.moveTo(at, alongY._offset);
-        brush.lineTo(at, alongY._offset + alongY._length);
-      }
-      for (const { x } of alongY._vals ?? []) {
-        const at = Math.round(alongY._offset + alongY.l2p(x)) + 0.5;
-        brush.moveTo(alongX._offset, at);
-        brush.lineTo(alongX._offset + alongX._length, at);
+      for (const [along, across, line] of [[alongX, alongY, (at, over) => [at, over]], [alongY, alongX, (at, over) => [over, at]]]) {
+        for (const { x } of along._vals ?? []) {
+          const at = Math.round(along._offset + along.l2p(x)) + 0.5;
+          brush.moveTo(...line(at, across._offset));
+          brush.lineTo(...line(at, across._offset + across._length));
+        }
       }
       brush.stroke();
     }
@@ -495,7 +470,7 @@ const Front = (() => {
     // The joined front and the marks, without intervals.
     const isStale = () => plot.classList.contains("stale");
     function sketch(brush, panel, toX, toY, look, tint) {
-      const { state, page } = shown;
+      const { state } = shown;
       const [xs, ys] = axes().map(app.numbers);
       brush.globalAlpha = 1;
       for (const name of panel.tasks) {
@@ -657,7 +632,7 @@ const Front = (() => {
       paint(); // from now on with every drawing
       plot.on("plotly_afterplot", paint);
       plot.on("plotly_relayouting", paint);
-      plot.on("plotly_hover", (event) => pointInSpace(event.points[0].customdata));
+      plot.on("plotly_hover", (event) => pointInSpace(event.points[0].customdata ?? -1));
       plot.on("plotly_unhover", () => pointInSpace(-1));
     }
 

@@ -2,35 +2,27 @@
 // Notes and pins on designs: those of the study, and on a served page a form for the chosen design.
 const Notes = (() => {
   const LONGEST = 2000;
+  const { element } = Dom;
 
   const keyOf = ({ trial, point }) => (point === null ? String(trial) : `${trial}.${point}`);
 
   function view(root, app) {
-    const { element, clip, number } = app;
+    const { clip, number } = app;
     const list = element("ul");
     const label = element("label", { htmlFor: "note-text" });
     const text = element("textarea", { id: "note-text", maxLength: LONGEST });
     const pin = element("input", { type: "checkbox" });
-    const status = element("small");
-    status.setAttribute("role", "status");
-    const form = element("form", {}, label, text, element("label", {}, pin, " pinned"), " ", status, element("button", { type: "submit", textContent: "save" }));
+    const status = element("small", { role: "status" });
+    const form = element("form", { onsubmit: save }, label, text, element("label", {}, pin, " pinned"), " ", status, element("button", { type: "submit", textContent: "save" }));
     root.append(element("h2", { textContent: "Notes" }), list, form);
     let [shown, edited] = [null, null];
-
-    // The note of a point, or else of all points of its trial.
-    function noteOf(key) {
-      const notes = shown.page.design_notes ?? [];
-      return notes.find((one) => keyOf(one) === key) ?? null;
-    }
 
     function item(note) {
       const key = keyOf(note);
       const row = shown.page.budgets.contenders.concat(shown.rows).find((one) => shown.columns.trial?.values[one] === note.trial);
       const name = `${note.pinned ? "★ " : ""}Trial ${number(note.trial)}${note.point === null ? "" : `, point ${number(note.point)}`}`;
-      const button = element("button", { type: "button", textContent: name });
-      button.disabled = note.point === null && row === undefined;
-      button.addEventListener("click", () => app.change({ chosen: note.point === null ? app.keyOf(row) : key }));
-      return element("li", {}, button, ` ${clip(note.text, LONGEST)}`);
+      const choose = () => app.change({ chosen: note.point === null ? app.keyOf(row) : key });
+      return element("li", {}, Dom.button(name, choose, { disabled: note.point === null && row === undefined }), ` ${clip(note.text, LONGEST)}`);
     }
 
     function fill() {
@@ -38,7 +30,7 @@ const Notes = (() => {
       form.hidden = !Details.isServed(page) || !chosen || !columns.point;
       if (form.hidden) return;
       label.textContent = `on trial ${number(chosen.value("trial"))}, point ${number(chosen.value("point"))}`;
-      const note = noteOf(chosen.key);
+      const note = (page.design_notes ?? []).find((one) => keyOf(one) === chosen.key) ?? null;
       const now = JSON.stringify([chosen.key, note]);
       if (now === edited) return; // what is being written stays
       edited = now;
@@ -47,7 +39,7 @@ const Notes = (() => {
       status.textContent = "";
     }
 
-    form.addEventListener("submit", async (event) => {
+    async function save(event) {
       event.preventDefault();
       const [trial, point] = [shown.chosen.value("trial"), shown.chosen.value("point")];
       const body = JSON.stringify({ trial, point, text: text.value, pinned: pin.checked });
@@ -58,7 +50,7 @@ const Notes = (() => {
       } catch {
         status.textContent = "not saved: the connection is lost";
       }
-    });
+    }
 
     function render(next) {
       shown = next;

@@ -19,11 +19,13 @@ const Parallel = (() => {
   const STEPS = Budgets.scale([0, 1], "min").step(""); // of a slider: a cost is free at the last
   const MOVES = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10, Home: -STEPS, End: STEPS };
 
+  const { element } = Dom;
+
   // ---- pure: values in, places out; a share is 0 at the foot of an axis, 1 at its top and NaN where there is no value
 
   const isKnown = (value) => value !== null && value !== undefined;
   const inside = (share) => Math.min(1, Math.max(0, share));
-  const ends = (values) => values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+  const { ends } = Data;
   const heightOf = (share) => TOP + (Number.isNaN(share) ? HEIGHT + BELOW : HEIGHT * (1 - share));
 
   // An axis over the values of some rows; what a slider reaches (`range`, or null) is on it too.
@@ -117,17 +119,13 @@ const Parallel = (() => {
   const inXML = (text) => text.replace(/[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\u{10000}-\u{10ffff}]/gu, "\ufffd");
 
   function view(root, app) {
-    const { element, number, clip, title, many, plural, taskOf, colourOf } = app;
+    const { number, clip, title, many, plural, taskOf, colourOf } = app;
     const count = element("small");
-    const [lines, marks] = [element("canvas", { className: "lines" }), element("canvas", { className: "marks" })];
+    const [lines, marks] = [element("canvas", { className: "lines", role: "img" }), element("canvas", { className: "marks", "aria-hidden": "true" })];
     const frame = element("div", { className: "axes" });
     const plane = element("div", { className: "plane" }, lines, marks, frame);
-    const scroll = element("div", { className: "scroll", tabIndex: 0 }, plane);
+    const scroll = Dom.scroll("Axes, which scroll sideways", plane);
     const caption = element("p", { className: "caption" });
-    lines.setAttribute("role", "img");
-    marks.setAttribute("aria-hidden", "true");
-    scroll.setAttribute("role", "group");
-    scroll.setAttribute("aria-label", "Axes, which scroll sideways");
     const onPaper = element("div");
     root.append(element("h2", { textContent: "Parallel coordinates " }, count), scroll, onPaper, caption);
 
@@ -137,7 +135,7 @@ const Parallel = (() => {
     let drawn = { front: [], dominated: [], outside: [], others: 0 }; // places in `made.order`
     let [look, painted, marking] = [null, "", []]; // colours, what the lines on the canvas stand for, marked designs
     let [width, gap, left] = [0, 0, 0]; // px: of the section, between axes, scrolled
-    let [settling, pointed] = [0, -1];
+    let pointed = -1;
     const nodes = new Map(); // of each column's axis: a drag or the focus survives new points
 
     // ---- what is drawn
@@ -243,18 +241,8 @@ const Parallel = (() => {
 
     // ---- the canvases
 
-    function sized(canvas, wide) {
-      const ratio = devicePixelRatio || 1;
-      const [w, h] = [Math.round(wide * ratio), Math.round((TOP + HEIGHT + BELOW + FOOT) * ratio)];
-      if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-      const brush = canvas.getContext("2d");
-      brush.setTransform(ratio, 0, 0, ratio, 0, 0);
-      brush.clearRect(0, 0, wide, h);
-      brush.lineJoin = "round";
-      return brush;
-    }
-
     const wide = () => (made.axes.length > 1 ? across(made.axes.length - 1) : across(0)) + made.right;
+    const sized = (canvas) => Object.assign(Figure.brush(canvas, [wide(), TOP + HEIGHT + BELOW + FOOT]), { lineJoin: "round" });
 
     // One path per colour; on a single axis a line is a dash. While a budget moves, only what is in sight is drawn.
     function paint() {
@@ -267,7 +255,7 @@ const Parallel = (() => {
       const [first, last] = moving ? inSight : [0, n - 1];
       const most = moving ? Math.ceil(MOVING_PIECES / Math.max(1, last - first)) : Infinity;
       drawn = sample(Math.min(DIM_LINES, most));
-      const brush = sized(lines, wide());
+      const brush = sized(lines);
       const { heights } = made;
       for (const { colour, alpha, places } of layers(look, drawn)) {
         brush.strokeStyle = colour;
@@ -285,7 +273,7 @@ const Parallel = (() => {
 
     // What is looked at lies on a canvas of its own, so that pointing costs a few lines.
     function paintMarks(key = null) {
-      const brush = sized(marks, wide());
+      const brush = sized(marks);
       brush.font = `11px ${look.font}`;
       for (const { heights, colour, width: thick, dash, name } of marking) {
         trace(brush, heights, colour, thick, dash);
@@ -337,19 +325,14 @@ const Parallel = (() => {
     // ---- axes and brushes
 
     function axisNode(column) {
-      const node = element("div", { className: "axis" });
       const name = element("span", { className: "name" });
-      const [rail, ticks, outside, handle, limit] = ["rail", "ticks", "outside", "handle", "limit"]
-        .map((className) => element("div", { className }));
-      handle.setAttribute("role", "slider");
-      handle.setAttribute("aria-orientation", "vertical");
-      handle.setAttribute("aria-valuemin", 0);
-      handle.setAttribute("aria-valuemax", STEPS);
-      handle.tabIndex = 0;
-      handle.dataset.column = column;
-      rail.append(outside, limit, handle);
+      const [ticks, outside, limit] = ["ticks", "outside", "limit"].map((className) => element("div", { className }));
+      const handle = element("div", {
+        className: "handle", tabIndex: 0, role: "slider", "aria-orientation": "vertical", "aria-valuemin": 0, "aria-valuemax": STEPS, data: { column },
+      });
+      const rail = element("div", { className: "rail" }, outside, limit, handle);
       const value = element("span", { className: "value", hidden: true }); // of the line that is pointed at
-      node.append(element("div", { className: "head" }, name), ticks, rail, value);
+      const node = element("div", { className: "axis" }, element("div", { className: "head" }, name), ticks, rail, value);
       brushed(column, rail, handle);
       return { node, name, rail, ticks, outside, handle, limit, value };
     }
@@ -552,10 +535,11 @@ const Parallel = (() => {
       if (!shown.moving) describe();
     }
 
-    function settle() {
-      shown = { ...shown, moving: false };
+    // While a budget moves, some lines are drawn at once, and all of them when it rests.
+    const soon = Dom.settled((next) => {
+      shown = { ...next, moving: false };
       draw();
-    }
+    }, SETTLE_MS);
 
     function render(next) {
       shown = next;
@@ -565,9 +549,8 @@ const Parallel = (() => {
       if (prepare() || width !== before) arrange();
       pointed = -1;
       moveHandles();
-      draw();
-      clearTimeout(settling);
-      if (next.moving) settling = setTimeout(settle, SETTLE_MS);
+      if (next.moving) draw();
+      soon(next);
     }
 
     new ResizeObserver(() => {

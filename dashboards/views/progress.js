@@ -4,6 +4,7 @@ const Progress = (() => {
   const [WIDTH, HEIGHT] = [560, 240]; // of the figure, in px, at least
   const FAR = "\u202f"; // between a number and its unit
   const AGE_MS = 5000; // after which the age of the last sign of life is written anew
+  const { element } = Dom;
 
   function duration(seconds) {
     if (seconds < 60) return `${Math.ceil(seconds)}${FAR}s`;
@@ -46,17 +47,15 @@ const Progress = (() => {
   }
 
   function view(root, app) {
-    const { element, clip, number, plural } = app;
+    const { clip, number, plural } = app;
     const line = element("summary");
-    const plot = element("div", { className: "plot" });
-    plot.setAttribute("role", "img");
+    const plot = element("div", { className: "plot", role: "img" });
     const caption = element("p", { className: "caption" });
     const figure = element("div", { className: "growth" }, plot, caption, element("span", { className: "save" }));
     const lists = element("div", { className: "lists" });
-    const box = element("details", {}, line, element("div", { className: "body" }, figure, lists));
+    const box = element("details", { ontoggle: () => draw() }, line, element("div", { className: "body" }, figure, lists));
     root.append(box);
     let [shown, drawn, listed, isEmpty] = [null, "", null, null];
-    box.addEventListener("toggle", () => draw());
 
     const isChosen = ({ task, hardware }, { state }) =>
       (!task || !shown.columns.task || state.task === "all" || state.task === task)
@@ -155,17 +154,9 @@ const Progress = (() => {
       draw();
     }
 
-    // The figure as a picture, in the colours of print: a data address.
-    async function image(format) {
-      await Figure.library();
-      const look = Figure.print(shown.page.palette);
-      const { data, layout } = chosen();
-      const size = { width: Math.max(WIDTH, plot.clientWidth), height: Math.max(HEIGHT, plot.clientHeight) };
-      const printed = { ...layout, font: { family: look.font, color: look.text }, paper_bgcolor: look.page, plot_bgcolor: look.page };
-      return Plotly.toImage({ data, layout: printed }, { format, ...size, scale: format === "png" ? 2 : 1 });
-    }
+    const image = (format) => Figure.picture(chosen(), shown.page.palette, format, [Math.max(WIDTH, plot.clientWidth), Math.max(HEIGHT, plot.clientHeight)]);
 
-    return { render, hover() {}, image };
+    return { render, image };
   }
 
   return { view, duration, summary, stateOf };

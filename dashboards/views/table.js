@@ -4,8 +4,10 @@ const Table = (() => {
   const ROWS = 50; // before all are asked for
   const SETTINGS = ["phi", "theta", "read_out_ms", "weight_bits", "pruned_after"]; // in which points of a trial differ
 
+  const { element, button } = Dom;
+
   function view(root, app) {
-    const { element, clip, title, withInterval } = app;
+    const { clip, title, withInterval } = app;
     const part = (name) => root.querySelector(name);
     const table = part("table");
     let shown = null;
@@ -35,23 +37,17 @@ const Table = (() => {
     function head(column) {
       const { state, page } = shown;
       const sorted = state.sort === column;
-      const button = element("button", { type: "button", textContent: clip(title(column), 40), title: column });
-      button.addEventListener("click", () => app.change({
-        sort: column,
-        order: sorted ? (state.order === "ascending" ? "descending" : "ascending")
-          : page.objectives[column] === "max" ? "descending" : "ascending",
-      }));
-      const cell = element("th", { scope: "col", className: app.isNumeric(column) ? "" : "text" }, button);
-      cell.setAttribute("aria-sort", sorted ? state.order : "none");
-      return cell;
+      const isUp = sorted ? state.order === "descending" : page.objectives[column] !== "max";
+      const sort = () => app.change({ sort: column, order: isUp ? "ascending" : "descending" });
+      return element("th", { scope: "col", className: app.isNumeric(column) ? "" : "text", "aria-sort": sorted ? state.order : "none" },
+        button(clip(title(column), 40), sort, { title: column }));
     }
 
     function lineFor(row, named) {
-      const line = element("tr", { tabIndex: 0 }, ...named.map((column) => element("td", {
+      const line = element("tr", { tabIndex: 0, data: { key: app.keyOf(row) } }, ...named.map((column) => element("td", {
         textContent: column === "trial" ? app.number(app.trialNumber(shown.columns.trial.values[row])) : withInterval(column, row), className: app.isNumeric(column) ? "" : "text",
         title: String(shown.columns[column].values[row] ?? "not measured"),
       })));
-      line.dataset.key = app.keyOf(row);
       const notes = (shown.page.design_notes ?? []).filter((note) => [line.dataset.key, line.dataset.key.split(".")[0]].includes(Notes.keyOf(note)));
       if (notes.length) line.cells[0].append(element("span", { textContent: notes.some(({ pinned }) => pinned) ? " ★" : " ✎", title: notes.map(({ text }) => text).join("; ") }));
       return line;
@@ -74,13 +70,10 @@ const Table = (() => {
         line.setAttribute("aria-selected", String(row === chosen));
         return line;
       });
-      const focused = table.contains(document.activeElement) ? document.activeElement.closest("tr[data-key], th") : null;
-      const [key, column] = [focused?.dataset.key, focused?.querySelector("button")?.title];
-      table.tHead.replaceChildren(element("tr", {}, ...named.map(head)));
-      table.tBodies[0].replaceChildren(...body);
-      const again = key !== undefined ? lineOf(key) : column === undefined ? null
-        : [...table.tHead.querySelectorAll("button")].find((button) => button.title === column);
-      again?.focus({ preventScroll: true });
+      Dom.keepFocus(table, (node) => node.dataset.key ?? node.title, () => {
+        table.tHead.replaceChildren(element("tr", {}, ...named.map(head)));
+        table.tBodies[0].replaceChildren(...body);
+      });
       part("#once").checked = state.once === "1";
       part("label").hidden = !columns.trial || firstOfTrials(all).length === all.length;
       part("#front-count").textContent = `${app.plural(all.length, "point")} that no other beats in ${objectives.map((c) => columns[c].label).join(", ")}`;

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,7 +38,11 @@ def budget_columns(points: pandas.DataFrame, objectives: Mapping[str, str]) -> d
 
 
 def gather_budgets(
-    points: pandas.DataFrame, objectives: Mapping[str, str], results: str, hardware: Sequence[str]
+    points: pandas.DataFrame,
+    objectives: Mapping[str, str],
+    results: str,
+    hardware: Sequence[str],
+    others: Collection[str] = (),
 ) -> dict[str, Any]:
     """Gather the data for a page's budgets, as plain values that JSON can hold.
 
@@ -47,6 +51,7 @@ def gather_budgets(
         objectives: column -> 'max' or 'min'.
         results: the folder of the study, for the commands that the page shows.
         hardware: the profiles for these commands.
+        others: columns that a budget may have on a page in another state.
 
     Returns:
         columns: {column: 'max' or 'min'} of each column with a budget;
@@ -64,7 +69,7 @@ def gather_budgets(
         "ties": [list(goal) for goal in ties(points, maximise or "", list(objectives.items()))],
         "results": results,
         "hardware": list(hardware),
-        "ranges": _ranges(points, list(dict.fromkeys([*objectives, *columns]))),
+        "ranges": _ranges(points, list(dict.fromkeys([*objectives, *columns, *others]))),
     }
 
 

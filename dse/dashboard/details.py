@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -229,14 +228,13 @@ def packed_details(
 
 
 def shown_first(page: Mapping[str, Any]) -> list[int]:
-    """Return the trials of a page, those on the most fronts first, then by number."""
+    """Return the trials of a page: those on a front first, then those that budgets can put on one."""
     if "trial" not in page["columns"]:
         return []
     trials = page["columns"]["trial"]["values"]
-    n_fronts = Counter(trial for rows in page["fronts"].values() for trial in {trials[row] for row in rows})
-    return sorted(
-        {trial for trial in trials if trial is not None}, key=lambda trial: (-n_fronts[trial], trial)
-    )
+    best = [{trials[row] for row in rows} for rows in (page["front"], page["budgets"]["contenders"])]
+    known = {trial for trial in trials if trial is not None}
+    return sorted(known, key=lambda trial: (*(trial not in among for among in best), trial))
 
 
 def _source(study: Study, points: pandas.DataFrame, hardware: Sequence[str]) -> _Source:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -66,10 +65,10 @@ def gather_page(
         columns: {column: {label, unit, values}}; `design` names the columns that define a design;
         intervals: {column: {low, high}}, distances from the value;
         unable: numbers of the rows that their hardware cannot run;
-        fronts: {columns joined by '|': numbers of the rows that no row of the same task and hardware
-        dominates in these columns}, for all objectives (key 'all') and each two or three of them;
-        period: the same page with energies at the sensor's period: `energy` names the column that `instead`
-        replaces, `fronts` and `budgets` are over that; None if the table has not both;
+        front: numbers of the rows that no row of the same task and hardware dominates in all objectives;
+        budgets: what decides fronts and picks under any limits (`budgets.gather_budgets`, `contenders`);
+        period: the same page with energies at the sensor's period: `instead` takes the place of column
+        `energy`; None if the table has not both;
         bins: counts of all points, if `columns` holds a sample of them (`bins.gather_bins`);
         importance: of each parameter for each objective (`importance.gather_importance`);
         failures: trial, reason and design of each failed trial;
@@ -98,20 +97,11 @@ def gather_page(
         for column, direction in directions.items()
         if np.isfinite(numbers(points, column)).any()
     }
-    fronts = _fronts(points, present)
-    budgets = gather_budgets(points, present, results, hardware)
-    whole = {**fronts, "contenders": contenders(points, present, budgets["maximise"])}
     at_period = _at_period(points, present)
-    if at_period:
-        of_period = {
-            k: v for k, v in _fronts(points, at_period).items() if k == "all" or INSTEAD in k.split("|")
-        }
-        budgets_of_period = gather_budgets(points, at_period, results, hardware)
-        of_period["contenders"] = contenders(points, at_period, budgets["maximise"])
-        whole |= {f"{key} at period": rows for key, rows in of_period.items()}
-    keep = _kept(len(points), whole)
-    of_fronts = np.unique(np.concatenate(list(whole.values())))
-    n_whole = len(of_fronts)
+    budgets = gather_budgets(points, present, results, hardware, at_period)
+    several = [contenders(points, goals, budgets["maximise"]) for goals in (present, at_period)]
+    deciding = np.union1d(*several).astype(int)
+    keep = _kept(len(points), deciding)
     shown = points.iloc[keep]
     place = np.full(len(points), -1)
     place[keep] = np.arange(len(keep))
@@ -136,22 +126,15 @@ def gather_page(
         "columns": columns,
         "intervals": _intervals(shown, measured),
         "unable": np.flatnonzero(_unable(points)[keep]).tolist(),
-        "fronts": {key: place[rows].tolist() for key, rows in fronts.items()},
+        "front": place[_front(points, present)].tolist(),
         "budgets": budgets
         | {
-            "contenders": place[whole["contenders"]].tolist(),
-            "whole": place[of_fronts].tolist() if len(keep) < len(points) else [],
-            "stands_for": (len(points) - n_whole) / (len(keep) - n_whole) if len(keep) < len(points) else 1,
+            "contenders": place[deciding].tolist(),
+            "stands_for": (len(points) - len(deciding)) / (len(keep) - len(deciding))
+            if len(keep) < len(points)
+            else 1,
         },
-        "period": {
-            "energy": ENERGY,
-            "instead": INSTEAD,
-            "fronts": {k: place[rows].tolist() for k, rows in of_period.items() if k != "contenders"},
-            "budgets": {key: budgets_of_period[key] for key in ("columns", "ranges")}
-            | {"contenders": place[of_period["contenders"]].tolist()},
-        }
-        if at_period
-        else None,
+        "period": {"energy": ENERGY, "instead": INSTEAD} if at_period else None,
         "bins": gather_bins(points, [*dict.fromkeys([*budgets["columns"], *at_period]), *corrected])
         if len(keep) < len(points)
         else [],
@@ -178,20 +161,13 @@ def _failed(frame: pandas.DataFrame) -> Array:
     return np.asarray(frame["status"].astype(str) == "failed")
 
 
-def _fronts(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[str, Array]:
-    """Return the row numbers on the front over all objectives and over each two or three of them."""
+def _front(points: pandas.DataFrame, objectives: Mapping[str, str]) -> Array:
+    """Return the row numbers on the front over all objectives."""
+    if not objectives:
+        return np.zeros(0, np.int64)
     by = [column for column in ("task", "hardware") if column in points.columns]
     group, usable = group_numbers(points, by), admissible(points)
-    compared = points[list(objectives)]  # a table of few columns is quicker to read
-
-    def rows(columns: Sequence[str]) -> Array:
-        goals = [(column, objectives[column]) for column in columns]
-        return np.flatnonzero(front_mask(compared, goals, group, usable))
-
-    if not objectives:
-        return {"all": np.zeros(0, np.int64)}
-    subsets = [*itertools.combinations(objectives, 2), *itertools.combinations(objectives, 3)]
-    return {"all": rows(list(objectives))} | {"|".join(sorted(columns)): rows(columns) for columns in subsets}
+    return np.flatnonzero(front_mask(points[list(objectives)], objectives.items(), group, usable))
 
 
 def _unable(points: pandas.DataFrame) -> Array:
@@ -209,11 +185,10 @@ def _at_period(points: pandas.DataFrame, objectives: Mapping[str, str]) -> dict[
     return {INSTEAD if name == ENERGY else name: way for name, way in objectives.items()}
 
 
-def _kept(n: int, fronts: Mapping[str, Array]) -> Array:
-    """Return the rows in the page: all rows of any front or budget, and an even sample of the rest."""
+def _kept(n: int, best: Array) -> Array:
+    """Return the rows in the page: all that decide a front or a pick, and an even sample of the rest."""
     if n <= MAX_POINTS:
         return np.arange(n)
-    best = np.unique(np.concatenate(list(fronts.values())))
     rest = np.delete(np.arange(n), best)
     # The sample is never empty, however many points are on fronts: feasible points are estimated from it.
     room = min(len(rest), max(MAX_POINTS - len(best), MAX_POINTS // 4))

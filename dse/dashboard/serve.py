@@ -8,7 +8,6 @@ address holds: other users of this machine, and pages of others in a reader's br
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import functools
 import hmac
@@ -22,6 +21,7 @@ import threading
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import MappingProxyType
 from typing import Any, NamedTuple
 from urllib.parse import parse_qs
 
@@ -31,11 +31,8 @@ from dse.text import one_line
 
 PORT = 8050
 LOOPBACK = "127.0.0.1"
-MOST_OPEN = 256
-"""Largest number of connections; beyond it the oldest one is closed."""
 _LONGEST_NOTE = 16_384  # bytes
 _WAIT_S = 60.0  # for a client that sends or takes nothing
-_WORTH_PACKING = 1024
 _MOST_DOCUMENTS = 16  # trials with a document in memory, a few 100 kB each
 _NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'"  # policy of answers that are no page
 _GUARDS = {
@@ -89,10 +86,7 @@ class Site:
 
 
 class Server(ThreadingHTTPServer):
-    """A server of a live page with one thread for each connection; each carries one request.
-
-    A flood closes the connections that have been open for longest, which are those that say nothing.
-    """
+    """A server of a live page with one thread for each connection; each carries one request."""
 
     request_queue_size = 1024
 
@@ -112,8 +106,7 @@ class Server(ThreadingHTTPServer):
             OSError: the host is not an address of this machine, or the port is in use; the text is for users.
         """
         self.live, self.site, self.token = live, site or Site(), token or secrets.token_urlsafe(24)
-        self._open: dict[int, socket.socket] = {}  # the oldest first
-        self._opening, self.exporting, self._gathering = (threading.Lock() for _ in range(3))
+        self.working = threading.Lock()  # one document or bundle at a time
         self._document = functools.lru_cache(_MOST_DOCUMENTS)(
             lambda points, trial: as_json(self.site.details(trial)).encode()
         )
@@ -141,24 +134,8 @@ class Server(ThreadingHTTPServer):
             Refused: there is nothing to show.
         """
         points = self.live.version().data.tag
-        with self._gathering:
+        with self.working:
             return self._document(points, trial)
-
-    def process_request(self, request: Any, client_address: object) -> None:
-        """Answer in a thread; the oldest connection makes room."""
-        with self._opening:
-            self._open[id(request)] = request
-            oldest = self._open.pop(next(iter(self._open))) if len(self._open) > MOST_OPEN else None
-        if oldest is not None:
-            with contextlib.suppress(OSError):  # its thread sees that, and ends
-                oldest.shutdown(socket.SHUT_RDWR)
-        super().process_request(request, client_address)
-
-    def shutdown_request(self, request: Any) -> None:
-        """Close a connection."""
-        with self._opening:
-            self._open.pop(id(request), None)
-        super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: object) -> None:
         """Ignore lost connections; print any other error."""
@@ -206,20 +183,15 @@ class _Handler(BaseHTTPRequestHandler):
             routes[path](fields)
         except Refused as refused:
             self._say(refused)
-        except OSError as error:
-            if isinstance(error, ConnectionError | TimeoutError):  # the client has gone
-                raise
-            self._fail(error)
+        except (ConnectionError, TimeoutError):  # the client has gone
+            raise
         except Exception as error:  # a damaged study raises nearly anything, and the server goes on
-            self._fail(error)
-
-    def _fail(self, error: Exception) -> None:
-        print(one_line(str(error)) or type(error).__name__, file=sys.stderr)
-        self._say(Refused(HTTPStatus.INTERNAL_SERVER_ERROR))
+            print(one_line(str(error)) or type(error).__name__, file=sys.stderr)
+            self._say(Refused(HTTPStatus.INTERNAL_SERVER_ERROR))
 
     def _page(self, _: object) -> None:
         page = self.server.live.version().filled
-        self._send("text/html", page.html.encode(), policy=page.policy)
+        self._send("text/html", page.html.encode(), page.policy)
 
     def _design(self, fields: Mapping[str, list[str]]) -> None:
         self._send("application/json", self.server.document(_number(fields, "trial")))
@@ -227,13 +199,11 @@ class _Handler(BaseHTTPRequestHandler):
     def _bundle(self, fields: Mapping[str, list[str]]) -> None:
         trial, point, hardware = _number(fields, "trial"), _number(fields, "point"), _once(fields, "hardware")
         self.server.live.version()
-        with self.server.exporting:
+        with self.server.working:
             download = self.server.site.bundle(trial, point, hardware)
         name = re.sub(r"[^A-Za-z0-9._-]", "_", download.name)
-        headers = {
-            "Content-Type": "application/zip",
-            "Content-Disposition": f'attachment; filename="{name}"',
-        }
+        disposition = f'attachment; filename="{name}"'
+        headers = {"Content-Type": "application/zip", "Content-Disposition": disposition}
         self._reply(HTTPStatus.OK, headers, download.content)
 
     def _note(self, _: object) -> None:
@@ -251,22 +221,22 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("If-None-Match") == document.tag:
             self._reply(HTTPStatus.NOT_MODIFIED, headers)
         else:
-            self._send("application/json", document.text, headers, packed=lambda: document.packed)
+            self._send("application/json", document.text, more=headers, pack=lambda _: document.packed)
 
     def _send(
         self,
         kind: str,
         body: bytes,
-        headers: Mapping[str, str] | None = None,
         policy: str = _NOTHING,
-        packed: Callable[[], bytes] | None = None,
+        more: Mapping[str, str] = MappingProxyType({}),
+        pack: Callable[[bytes], bytes] = gzipped,
     ) -> None:
-        """Send a text, packed if it is long and the reader can unpack it."""
-        known = {"Content-Type": f"{kind}; charset=utf-8", "Vary": "Accept-Encoding", **(headers or {})}
-        if len(body) > _WORTH_PACKING and "gzip" in self.headers.get("Accept-Encoding", ""):
-            known["Content-Encoding"] = "gzip"
-            body = packed() if packed else gzipped(body)
-        self._reply(HTTPStatus.OK, known, body, policy)
+        """Send a text, packed if the reader can unpack it."""
+        headers = {"Content-Type": f"{kind}; charset=utf-8", "Vary": "Accept-Encoding", **more}
+        if "gzip" in self.headers.get("Accept-Encoding", ""):
+            headers["Content-Encoding"] = "gzip"
+            body = pack(body)
+        self._reply(HTTPStatus.OK, headers, body, policy)
 
     def _say(self, refused: Refused) -> None:
         """Answer with one line of text."""

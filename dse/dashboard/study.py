@@ -193,16 +193,10 @@ def checked(study: Study, request: PageRequest) -> PageRequest:
     if not request.question.draws:
         return request
     names = {name for name, _ in study.objectives}
-    if not names & {*DRAWN, *resampling.ACCURACIES}:
-        text = (
-            "nothing to sample: no objective is an accuracy or depends on uncertain numbers of hardware "
-            f"({', '.join(DRAWN)})"
-        )
-        raise StoreError(f"{study.folder}: {text}")
-    if not names & {*resampling.ACCURACIES} and not (
-        request.question.hardware or study.space.get("hardware")
-    ):
-        raise StoreError(f"{study.folder}: nothing to sample: the study has no hardware")
+    is_priced = request.question.hardware or study.space.get("hardware")
+    if not names & {*resampling.ACCURACIES, *(DRAWN if is_priced else ())}:
+        text = "no objective is an accuracy, or depends on uncertain numbers of the study's hardware"
+        raise StoreError(f"{study.folder}: nothing to sample: {text} ({', '.join(DRAWN)})")
     return request
 
 

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 PLOTLY = "plotly-strict.min.js.gz"
 """plotly.js without `eval`: plotly.js-strict-dist-min of npm, in the version of the package plotly."""
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
-_MODULES = {"page": ("data", "figure", "details", "budgets", "views"), "trial": ("data", "figure")}
+_SHARED = ("dom", "data", "figure")
+_MODULES = {"page": (*_SHARED, "details", "budgets", "views"), "trial": _SHARED}
 """The scripts that the views and the main script of each page call."""
 
 

@@ -1,4 +1,4 @@
-"""A page of designs with their documents, in a browser."""
+"""Pages in a browser: written once for each content, opened by each test that looks at them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import pytest
 
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled
-from tests.dashboard.designs import OBJECTIVES, details, table
+from tests.dashboard.designs import details, table
 from tests.dashboard.page import Page
+from tests.page_data import OBJECTIVES
 
 
 @pytest.fixture
@@ -20,6 +21,8 @@ def shown(new_tab, page_path):
     pages = []
 
     def show(fragment="", *, size=(1280, 720), scheme="light"):
+        if pages:
+            pages[0].tab.set_viewport_size({"width": size[0], "height": size[1]})
         tab = pages[0].tab if pages else new_tab(size, scheme)
         pages.append(Page(tab, page_path))
         return pages[-1].open(fragment)
@@ -28,20 +31,48 @@ def shown(new_tab, page_path):
     assert [fault for page in pages for fault in page.faults] == []
 
 
+@pytest.fixture(scope="module")
+def written():
+    """The pages of a module by what they are of."""
+    return {}
+
+
 @pytest.fixture
-def opened(shown, page_path):
-    """Return a function that writes a page with details of trials and opens it."""
+def opened(shown, page_path, written):
+    """Return a function that writes a page and opens it: of some designs with documents, or of a table.
+
+    documents: details by trial. parts: what the page holds beside. forest: whether importances are computed,
+    which takes longer than a browser. Others are options of `gather_page`.
+    """
 
     def open_page(
-        documents=None, fragment="", *, frame=None, name="fabric", scheme="light", size=(1280, 720)
+        frame=None,
+        fragment="",
+        *,
+        documents=None,
+        parts=None,
+        forest=False,
+        size=(1280, 720),
+        scheme="light",
+        **options,
     ):
-        documents = {0: details(0), 1: details(1)} if documents is None else documents
-        page = gather_page(table() if frame is None else frame, name=name, objectives=OBJECTIVES)
-        packed = {
-            str(trial): base64.b64encode(gzip.compress(json.dumps(document).encode())).decode()
-            for trial, document in documents.items()
-        }
-        write_filled("page", page | {"details": packed}, page_path)
+        if documents is None:
+            documents = {0: details(0), 1: details(1)} if frame is None else {}
+        frame = table() if frame is None else frame
+        options = {"name": "fabric", "objectives": OBJECTIVES, "results": "results/fabric"} | options
+        key = json.dumps([frame.to_csv(), documents, parts, forest, str(options)])
+        if key not in written:
+            with pytest.MonkeyPatch.context() as patch:
+                if not forest:
+                    patch.setattr("dse.dashboard.gather.gather_importance", lambda *_: [])
+                page = gather_page(frame, **options) | (parts or {})
+            packed = {
+                str(trial): base64.b64encode(gzip.compress(json.dumps(document).encode())).decode()
+                for trial, document in documents.items()
+            }
+            write_filled("page", page | {"details": packed}, page_path)
+            written[key] = page_path.read_bytes()
+        page_path.write_bytes(written[key])
         return shown(fragment, size=size, scheme=scheme)
 
     return open_page

@@ -10,10 +10,11 @@ import pandas as pd
 
 from dse.figures.confusion import ConfusionFigure
 from dse.figures.learning import LearningFigure
+from dse.figures.progress import ProgressFigure, gather_progress
 from dse.figures.raster import RecordingFigure, gather_recording
 from tests.figure_data import study
+from tests.page_data import OBJECTIVES
 
-OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min"}
 PHI = (0, 2, 4)
 THETA = (0.5, 0.8)
 ACCURACY = (0.5, 0.6, 0.9, 0.7, 0.9, 0.8)  # over phi and theta; of the best two the first is faster
@@ -95,6 +96,34 @@ def details(trial=0, figures=None, **parts):
     own = recorded if figures is None else figures
     task = {"figures": own, "surfaces": [surface()], "examples": [example()]} | parts
     return {"trial": trial, "notes": [], "tasks": {"texture": task}}
+
+
+def progress_of(frame, **more):
+    """Return how a study of these points goes, with two failed and one trial stopped early of twelve."""
+    growth = gather_progress(frame, OBJECTIVES, range(5), [0.1, 0.2, 0.3, 0.4, 0.5]) if len(frame) else None
+    return {
+        "trials": {"total": 12, "done": 8, "running": 3, "failed": 2, "stopped": 1},
+        "runs": {"total": 12, "done": 8},
+        "running": [{"trial": 9, "design": {"model.hidden": [8, 8], "model.true_rate": 0.25}}],
+        "failed": [
+            {"reason": "loss is not finite", "count": 1, "trials": [5]},
+            {"reason": "x" * 500, "count": 1, "trials": [6]},
+        ],
+        "stopped": [{"reason": "behind the median", "count": 1, "trials": [7]}],
+        "hours": 0.5,
+        "time_left_s": 734.0 if growth else None,
+        "sign": "2026-01-02T03:04:05+00:00",
+        "is_running": None,
+        "hypervolume": [
+            {
+                name: value if isinstance(value, str) else float(value[-1])
+                for name, value in vars(curve).items()
+            }
+            for curve in (growth.curves if growth else ())
+        ],
+        "figure": plain(ProgressFigure().draw(growth)) if growth else None,
+        **more,
+    }
 
 
 def hash_of(page):

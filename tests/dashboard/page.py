@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import shlex
+
 HOSTILE = (
     '<img src=x onerror="window.hacked=1">',
     "</script><script>window.hacked=1</script>",
@@ -90,5 +93,22 @@ class Page:
         self.tab.mouse.move(left, top)
         return left, top
 
-    def overflow(self):
-        return self.tab.evaluate("document.documentElement.scrollWidth - innerWidth")
+    def saved(self, section, form):
+        """Return the name and the content of a figure that was saved as `form`, of rows for 'csv'."""
+        with self.tab.expect_download() as started:
+            self.tab.click(f"{section} .save button:text-is('{form.upper()}')")
+        return started.value.suggested_filename, started.value.path().read_bytes()
+
+    def budgets(self):
+        """Return the conditions of the command that exports the pick."""
+        words = shlex.split(self.tab.text_content("#command"))
+        return [word for flag, word in itertools.pairwise(words) if flag == "--budget"]
+
+    def fits(self):
+        """Return whether the page holds no more than its width."""
+        return self.tab.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+
+    def is_clean(self):
+        """Return whether nothing of a study ran, or became a link or a picture."""
+        found = self.tab.locator("img, main a[href], main svg[onload]").count()
+        return self.tab.evaluate("window.hacked") is None and found == 0

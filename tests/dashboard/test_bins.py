@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from dse.dashboard import gather as gather_module
 from dse.dashboard.bins import N_BINS, gather_bins
-from dse.dashboard.gather import gather_page
 from tests.page_data import OBJECTIVES, points
 
 
@@ -41,14 +39,6 @@ def test_a_cell_is_where_its_points_are():
         i = min(np.searchsorted(bins["x_edges"], accuracy, "right") - 1, N_BINS - 1)
         j = min(np.searchsorted(bins["y_edges"], energy, "right") - 1, N_BINS - 1)
         assert (i, j) in at
-
-
-def test_only_a_page_that_carries_a_sample_has_bins(monkeypatch):
-    frame = pd.concat([points(accuracy=k / 1000, trial=k) for k in range(20)], ignore_index=True)
-    assert gather_page(frame, name="whole", objectives=OBJECTIVES)["bins"] == []
-    monkeypatch.setattr(gather_module, "MAX_POINTS", 10)
-    page = gather_page(frame, name="thinned", objectives=OBJECTIVES)
-    assert {sum(n for *_, n in bins["counts"]) for bins in page["bins"]} == {len(frame)}
 
 
 def test_nothing_and_one_value_have_no_bins():

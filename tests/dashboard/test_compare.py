@@ -4,13 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.dashboard.designs import (
-    details,
-    hash_of,
-    learning_of,
-    table,
-)
-from tests.dashboard.page import HOSTILE
+from tests.dashboard.designs import details, hash_of, learning_of
 
 SHOWN = "chosen=0.0&compare=0.0,1.3,2.1,0.6"
 
@@ -88,46 +82,24 @@ def test_a_fifth_replaces_the_oldest_and_any_can_be_removed_or_chosen(opened):
 
 def test_figures_have_the_same_scales(opened):
     losses = {0: [4.0, 1.0], 1: [40.0, 10.0, 5.0]}
-    documents = {
-        trial: details(trial, figures={"learning": learning_of(loss)}) for trial, loss in losses.items()
-    }
-    page = opened(documents, "compare=0.1,1.1,2.1")
+    learnt = {k: details(k, figures={"learning": learning_of(loss)}) for k, loss in losses.items()}
+    page = opened(documents=learnt, fragment="compare=0.1,1.1,2.1")
     page.tab.wait_for_function(
         "[...document.querySelectorAll('#compare .plot')].filter((plot) => plot.data).length === 2"
     )
-    ranges = page.tab.evaluate(
-        "[...document.querySelectorAll('#compare .plot')]"
-        ".map(({ _fullLayout: { xaxis, yaxis } }) => [xaxis.range, yaxis.range])"
+    ranges, said = page.tab.evaluate(
+        "[({ _fullLayout: { xaxis, yaxis } }) => [xaxis.range, yaxis.range], (plot) => plot.ariaLabel]"
+        ".map((of) => [...document.querySelectorAll('#compare .plot')].map(of))"
     )
     assert ranges[0] == ranges[1] == [pytest.approx([0.9, 3.1]), pytest.approx([0, 42])]
-    said = page.tab.eval_on_selector_all(
-        "#compare .plot", "plots => plots.map((plot) => plot.getAttribute('aria-label'))"
-    )
     assert said == [
         "1, Trial 0. Learning curves over 2 epochs: loss 4 to 1.",
         "2, Trial 1. Learning curves over 3 epochs: loss 40 to 5.",
     ]
     text = page.tab.inner_text("#compare figure >> nth=2")
     assert "This file does not contain the details of this design." in text
-
-
-def test_nothing_recorded_leaves_the_numbers(opened):
-    page = opened({}, "compare=0.1,2.1")
+    page = opened(documents={}, fragment="compare=0.1,2.1")
     wait_for(page, "0.500")
-    assert not page.tab.is_visible("#compare select")
+    assert not page.tab.is_visible("#compare select"), "nothing recorded leaves the numbers"
     assert page.tab.locator("#compare figure").count() == 0
     assert page.tab.get_attribute("#compare .scroll", "tabindex") == "0"
-
-
-def test_long_and_hostile_names_stay_text_and_inside(opened):
-    frame = table(4).assign(task=HOSTILE[0])
-    frame["encoder.kind"] = [HOSTILE[trial] for trial in frame["trial"]]
-    frame["model.name"] = [HOSTILE[-1 - trial] for trial in frame["trial"]]
-    frame = frame.rename(columns={"model.hidden": HOSTILE[2]})
-    page = opened({0: details(0)}, "compare=0.0,1.1,2.1,3.1", frame=frame)
-    page.tab.wait_for_function("document.querySelector('#compare .plot')?.data")
-    for width, height in ((1280, 720), (390, 844)):
-        page.tab.set_viewport_size({"width": width, "height": height})
-        assert page.overflow() <= 0
-    assert line(page, "encoder.kind")[0].startswith("<img src=x")
-    assert page.tab.evaluate("window.hacked") is None

@@ -58,16 +58,12 @@ design: []
 budgets: {energy_uj: 50, accuracy: 8e-1}
 sort: energy_uj
 """
-    assert load(written(tmp_path / "mine.yaml", text)) == Definition(
-        title="mine",
-        views=("table", "front"),
-        front=FrontView("n_weights", "accuracy", "energy_uj", 3, ("n_weights",)),
-        parallel=("accuracy", "energy_uj"),
-        table=("energy_uj",),
-        design=(),
-        budgets={"energy_uj": 50.0, "accuracy": 0.8},
-        sort="energy_uj",
-    )
+    front = FrontView("n_weights", "accuracy", "energy_uj", 3, ("n_weights",))
+    about = {"title": "mine", "views": ("table", "front"), "design": (), "sort": "energy_uj"}
+    columns = {"parallel": ("accuracy", "energy_uj"), "table": ("energy_uj",)}
+    budgets = {"energy_uj": 50.0, "accuracy": 0.8}
+    found = load(written(tmp_path / "mine.yaml", text))
+    assert found == Definition(front=front, budgets=budgets, **about, **columns)
     assert load(written(tmp_path / "empty.yaml", "# nothing said\n")) == Definition()
 
 
@@ -85,26 +81,22 @@ parallel: [a, b, a]
 sort: 3
 """
     path = written(tmp_path / "bad.yaml", text)
-    assert faults_of(path) == [
-        f"{path}:{line}"
-        for line in (
-            "1: unknown key 'titel'; known: title, plugins, views, front, parallel, table, design, budgets, "
-            "sort. Did you mean 'title'?",
-            "2: unknown views[1] 'tabel'; known: audit, compare, decide, design, front, importance, "
-            "notes, parallel, progress, studies, table. Did you mean 'table'?",
-            "2: views must not contain a name twice, got 'front' again",
-            "5: front.y must be another column than front.x, got 'accuracy' twice",
-            "6: unknown front.dimensions 4; known: 2, 3",
-            "7: unknown key 'front.colour'; known: x, y, z, dimensions, log",
-            "8: unknown design[0] 'energie'; known: confusion, surface, raster, recognition, first_spike, "
-            "histograms, energy, power, cores, learning, bits. Did you mean 'energy'?",
-            "9: budgets.accuracy must be a number, got 'high'",
-            "9: budgets.n_weights must be a finite number, got nan",
-            "9: budgets.fits must be a number, got true",
-            "10: parallel must not contain a name twice, got 'a' again",
-            "11: sort must be text, got 3",
-        )
-    ]
+    expected = (
+        ("1: unknown key 'titel'; known: title, plugins, views,", "Did you mean 'title'?"),
+        ("2: unknown views[1] 'tabel'; known: audit, compare,", "Did you mean 'table'?"),
+        ("2: views must not contain a name twice", "'front' again"),
+        ("5: front.y must be another column than front.x", "'accuracy' twice"),
+        ("6: unknown front.dimensions 4", "known: 2, 3"),
+        ("7: unknown key 'front.colour'", "known: x, y, z, dimensions, log"),
+        ("8: unknown design[0] 'energie'; known: confusion, surface,", "Did you mean 'energy'?"),
+        ("9: budgets.accuracy must be a number", "'high'"),
+        ("9: budgets.n_weights must be a finite number", "nan"),
+        ("9: budgets.fits must be a number", "true"),
+        ("10: parallel must not contain a name twice", "'a' again"),
+        ("11: sort must be text", "3"),
+    )
+    for fault, (begins, ends) in zip(faults_of(path), expected, strict=True):
+        assert fault.startswith(f"{path}:{begins}") and fault.endswith(ends), fault
 
 
 @pytest.mark.parametrize(
@@ -116,22 +108,19 @@ sort: 3
         ("title: a\ntitle: b", "duplicate key 'title', first on line 1"),
         ("front: [accuracy]", "front must be a mapping of keys to values, got ['accuracy']"),
         ("budgets: [energy_uj]", "budgets must be a mapping, got ['energy_uj']"),
+        ("\udcff", "cannot be read: not UTF-8 text"),
     ],
 )
 def test_what_a_file_must_be(tmp_path: Path, text: str, fault: str) -> None:
-    [found] = faults_of(written(tmp_path / "bad.yaml", text))
+    (tmp_path / "bad.yaml").write_bytes(text.encode(errors="surrogateescape"))
+    [found] = faults_of(tmp_path / "bad.yaml")
     assert fault in found
 
 
-def test_what_cannot_be_found_or_read(tmp_path: Path) -> None:
-    known = "known: deployment, paper, study"
-    missing = "no such file and no shipped page of this name"
-    assert faults_of("papre") == [f"papre: {missing}; {known}. Did you mean 'paper'?"]
-    assert faults_of(tmp_path) == [f"{tmp_path}: {missing}; {known}"]
-    (tmp_path / "bytes.yaml").write_bytes(b"\xff\xfe")
-    assert faults_of(tmp_path / "bytes.yaml") == [
-        f"{tmp_path / 'bytes.yaml'}: cannot be read: not UTF-8 text"
-    ]
+def test_what_cannot_be_found() -> None:
+    [found] = faults_of("papre")
+    assert found.startswith("papre: no such file and no shipped page of this name; known: deployment, paper")
+    assert found.endswith("Did you mean 'paper'?")
 
 
 _PLAIN = st.recursive(
@@ -189,16 +178,13 @@ def test_a_page_holds_what_its_study_has() -> None:
 
 
 def test_a_gathered_page_has_its_definition_and_marks() -> None:
-    marks = [
-        {"name": "A", "task": "texture", "values": {"accuracy": 0.9}, "source": "s", "caption": "published"}
-    ]
-    wanted = Definition(
-        title="</script>", front=FrontView(y="energy_uj", x="n_cores"), budgets={"accuracy": 0.7}
-    )
+    marks = [{"name": "A", "task": "texture", "values": {"accuracy": 0.9}, "source": "s", "caption": "c"}]
+    front = FrontView(y="energy_uj", x="n_cores")
+    wanted = Definition(title="</script>", front=front, budgets={"accuracy": 0.7})
     page = gather_page(points(), name="fabric", objectives=OBJECTIVES, definition=wanted, marks=marks)
-    assert page["definition"]["title"] == "</script>"
-    assert page["definition"]["front"] | {"y": "energy_uj", "x": None} == page["definition"]["front"]
-    assert page["definition"]["budgets"] == {"accuracy": 0.7}
+    found = page["definition"]
+    assert (found["title"], found["budgets"]) == ("</script>", {"accuracy": 0.7})
+    assert (found["front"]["y"], found["front"]["x"]) == ("energy_uj", None)
     assert "This study has no n_cores, used in the page definition." in page["notes"]
     assert page["marks"] == marks
     plain = gather_page(failed(), name="fabric", objectives=OBJECTIVES)

@@ -4,7 +4,7 @@ import pytest
 
 from dse.dashboard import gather as gather_module
 from dse.dashboard.gather import gather_page
-from tests.page_data import ACCURACY, OBJECTIVES, ON_FRONT, ON_PAIR, failed, points
+from tests.page_data import ACCURACY, OBJECTIVES, ON_FRONT, failed, points
 from tests.skyline.tables import GOALS, WORDS
 
 
@@ -16,27 +16,30 @@ def rows(mask):
     return np.flatnonzero(mask).tolist()
 
 
-def test_fronts_over_all_and_over_pairs():
-    page = gather(points())
-    assert page["fronts"]["all"] == rows(ON_FRONT)
-    assert page["fronts"]["accuracy|energy_uj"] == rows(ON_PAIR)
-    assert set(page["fronts"]) == {
-        "all",
-        "accuracy|energy_uj",
-        "accuracy|n_weights",
-        "energy_uj|n_weights",
-        "accuracy|energy_uj|n_weights",
-    }
-    assert page["state"] is None
+def test_a_page_of_points():
+    frame = pd.concat([points(), failed()], ignore_index=True)
+    before = frame.copy(deep=True)
+    page = gather(frame)
+    pd.testing.assert_frame_equal(frame, before)
+    assert page["front"] == rows(ON_FRONT) and page["state"] is None
     assert page["columns"]["accuracy"] == {"label": "accuracy", "unit": "", "values": ACCURACY}
     assert page["intervals"]["energy_uj"]["high"][1] == 10
     assert page["design"] == ["trial", "model.hidden", "phi", "theta"]
+    assert page["counts"] == {"finished": 5, "failed": 1}
+    assert page["failures"] == [
+        {"trial": 9, "reason": "loss became NaN in epoch 3", "design": {"model.hidden": 500}}
+    ]
+    assert page["period"] is None
+    paced = gather(points(energy_throttled_uj=[5.0, 2.0, 1.0, 3.0, 4.0]))
+    assert paced["period"] == {"energy": "energy_uj", "instead": "energy_throttled_uj"}
+    assert paced["budgets"]["contenders"] == [0, 1, 2, 3], "of the front at either pace"
+    assert paced["budgets"]["ranges"][0]["ends"]["energy_throttled_uj"] == [1, 5]
 
 
 @pytest.mark.parametrize("column", ["task", "hardware"])
 def test_tasks_and_hardware_have_a_front_each(column):
     both = pd.concat([points(**{column: "a"}), points(**{column: "b"}, accuracy=0.1)], ignore_index=True)
-    front = gather(both)["fronts"]["all"]
+    front = gather(both)["front"]
     assert [row for row in front if row < 5] == rows(ON_FRONT)
     assert [row for row in front if row >= 5] == [7, 8]
 
@@ -44,28 +47,19 @@ def test_tasks_and_hardware_have_a_front_each(column):
 def test_what_has_seen_the_labels_is_on_no_front_and_is_told():
     leaky = pd.array([None, True, False, False, None], dtype="boolean")
     page = gather(points(transductive=leaky))
-    assert page["fronts"]["accuracy|energy_uj"] == [0, 2, 3, 4]
+    assert page["front"] == [0, 2, 3, 4]
     [told] = [note for note in page["notes"] if "transductive" in note]
     assert told.startswith("1 of 5 points are transductive and excluded from fronts")
-    assert gather(points(transductive="no"))["fronts"] == gather(points())["fronts"]
+    assert gather(points(transductive="no"))["front"] == rows(ON_FRONT)
 
 
 @pytest.mark.parametrize("family", ["fits", "transductive_x"])
 def test_names_of_families_let_nothing_onto_a_front(family):
     frame = WORDS.assign(family=family, task="fits")
     page = gather(frame, dict(GOALS))
-    assert page["fronts"]["all"] == [2]
+    assert page["front"] == [2]
     ends = page["budgets"]["ranges"][0]["ends"]["accuracy"]
     assert ends == [0.8, 0.9], "what has seen its labels bounds no budget"
-
-
-def test_failed_trials_are_listed_not_drawn():
-    page = gather(pd.concat([points(), failed()], ignore_index=True))
-    assert page["counts"] == {"finished": 5, "failed": 1}
-    assert page["failures"] == [
-        {"trial": 9, "reason": "loss became NaN in epoch 3", "design": {"model.hidden": 500}}
-    ]
-    assert len(page["columns"]["accuracy"]["values"]) == 5
 
 
 @pytest.mark.parametrize(
@@ -97,20 +91,20 @@ def test_remarks(frame, remark):
 
 def test_a_row_without_an_objective_is_on_no_front_of_it():
     page = gather(points(energy_uj=[50, np.nan, 21, 5, 30]))
-    assert 1 not in page["fronts"]["all"]
-    assert 1 in page["fronts"]["accuracy|n_weights"]
-    assert page["columns"]["energy_uj"]["values"][1] is None
+    assert 1 not in page["front"] and page["columns"]["energy_uj"]["values"][1] is None
 
 
-def test_a_large_table_is_thinned_but_its_fronts_are_whole(monkeypatch):
-    monkeypatch.setattr(gather_module, "MAX_POINTS", 50)
+def test_a_large_table_is_thinned_but_its_front_is_whole_and_all_points_are_counted(monkeypatch):
     many = pd.concat(
         [points(accuracy=0.1, energy_uj=60.0, n_weights=10**6)] * 40 + [points()], ignore_index=True
     ).assign(trial=range(205))
+    assert gather(many)["bins"] == []
+    monkeypatch.setattr(gather_module, "MAX_POINTS", 50)
     page = gather(many)
+    assert {sum(n for *_, n in bins["counts"]) for bins in page["bins"]} == {len(many)}
     trials = page["columns"]["trial"]["values"]
     assert len(trials) == 50
-    assert {trials[row] for row in page["fronts"]["all"]} >= {200, 201, 202, 203}
+    assert {trials[row] for row in page["front"]} >= {200, 201, 202, 203}
     assert any(note.startswith("50 of 205 points are shown") for note in page["notes"])
 
 
@@ -119,13 +113,6 @@ def test_values_keep_six_digits_and_whole_numbers_but_budgeted_ones_keep_all():
     assert page["columns"]["accuracy"]["values"][0] == 1 / 3
     assert page["columns"]["undecided"]["values"][0] == 0.333333
     assert page["columns"]["n_weights"]["values"][0] == 123_456_789
-
-
-def test_table_is_not_changed():
-    frame = pd.concat([points(), failed()], ignore_index=True)
-    before = frame.copy(deep=True)
-    gather(frame)
-    pd.testing.assert_frame_equal(frame, before)
 
 
 @pytest.mark.parametrize(
@@ -143,13 +130,7 @@ def test_wrong_input(frame, objectives, message):
 def test_costs_that_a_family_cannot_have_on_a_chip_are_no_warning():
     """Who else lacks a number is warned of: here one row of a family that has them."""
     frame = points(family=["snn", "snn", "snn", "elm", "elm"], hardware="loihi")
-    frame.loc[[3, 4], "energy_uj"] = None
-    lacks = [
-        note for note in gather_page(frame, name="x", objectives=OBJECTIVES)["notes"] if "no value" in note
-    ]
-    assert lacks == []
-    frame.loc[0, "energy_uj"] = None
-    lacks = [
-        note for note in gather_page(frame, name="x", objectives=OBJECTIVES)["notes"] if "no value" in note
-    ]
-    assert lacks == ["1 of 5 points have no value of energy_uj and are excluded from fronts with it."]
+    for rows_without, n in (([3, 4], 0), ([0], 1)):
+        frame.loc[rows_without, "energy_uj"] = None
+        lacks = [note for note in gather(frame)["notes"] if "no value" in note]
+        assert len(lacks) == n and all(note.startswith("1 of 5 points have no value") for note in lacks)

@@ -23,7 +23,6 @@ from dse.study.status import status
 from tests import tiny_study
 
 START = 1_700_000_000.0
-OBJECTIVES = ["accuracy:max", "energy_uj:min"]
 
 
 def moment(seconds):
@@ -37,7 +36,7 @@ class Folder:
         self.path, self.n = path, 0
         path.mkdir(parents=True)
         wanted = {"sampler": "random", "n_trials": 4, "batch": 2, "repeats": 1, "repeats_on_front": 1}
-        space = {"study": "made", "objectives": OBJECTIVES, "search": wanted | search}
+        space = {"study": "made", "objectives": ["accuracy:max", "energy_uj:min"], "search": wanted | search}
         (path / "search_space.yaml").write_text(yaml.safe_dump(space))
         store.keep(path, store.ENVIRONMENT, [{"started": moment(at)} for at in sessions])
 
@@ -45,8 +44,7 @@ class Folder:
         for trial in trials:
             assert trial == self.n
             self.n += 1
-            design = {"model.hidden": [8, trial], "rate": float("nan")}
-            self.put(Entry(trial, batch, design, START + at))
+            self.put(Entry(trial, batch, {"model.hidden": [8, trial], "rate": float("nan")}, START + at))
 
     def put(self, entry):
         with store.Book(self.path, writes=True) as book:
@@ -67,12 +65,13 @@ class Folder:
         rows = pd.DataFrame(points, columns=["trial", "accuracy", "energy_uj"])
         rows.assign(task="texture", family="snn").to_parquet(self.path / "points.parquet")
 
+    @property
+    def found(self):
+        return gather_progress(self.path)
 
-def contents(path):
-    return {
-        file.relative_to(path): (file.stat().st_mtime_ns, file.read_bytes() if file.is_file() else b"")
-        for file in path.rglob("*")
-    }
+
+def counts(total, done, running=0, failed=0, stopped=0):
+    return {"total": total, "done": done, "running": running, "failed": failed, "stopped": stopped}
 
 
 @pytest.fixture
@@ -85,27 +84,25 @@ def half(tmp_path):
     made.tell(0, 1, at=901)
     made.ask(1, 2, 3, at=902)
     made.end(2, at=1800, status="failed", reason="loss is not finite")
-    made.table(
-        [(0, "finished", "", 1), (1, "finished", "", 1)], [(0, 0.0, 0.0), (1, 0.5, 5.0), (9, 1.0, 10.0)]
-    )
+    finished = [(0, "finished", "", 1), (1, "finished", "", 1)]
+    made.table(finished, [(0, 0.0, 0.0), (1, 0.5, 5.0), (9, 1.0, 10.0)])
     return made
 
 
 def test_a_study_half_way(half):
-    found = gather_progress(half.path)
-    assert found["trials"] == {"total": 4, "done": 3, "running": 1, "failed": 1, "stopped": 0}
-    assert found["runs"] == {"total": 4, "done": 3}
+    (half.path / ".lock").touch()
+    before = {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in half.path.rglob("*")}
+    found = half.found
+    assert {p: (p.stat().st_mtime_ns, p.stat().st_size) for p in half.path.rglob("*")} == before
+    assert (found["trials"], found["runs"]) == (counts(4, 3, running=1, failed=1), {"total": 4, "done": 3})
     assert found["running"] == [{"trial": 3, "design": {"model.hidden": [8, 3], "rate": None}}]
     assert found["failed"] == [{"reason": "loss is not finite", "count": 1, "trials": [2]}]
-    assert found["hours"] == 0.5
+    assert (found["hours"], found["sign"], found["is_running"]) == (0.5, moment(1800), False)
     assert found["time_left_s"] is None  # three runs are too few to tell
-    assert found["sign"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
-    assert found["is_running"] is False
     (end,) = found["hypervolume"]
     assert end == {"task": "texture", "hardware": "", "hypervolume": 0.25, "trials": 3, "hours": 0.5}
     trials, hours = (trace["x"] for trace in found["figure"]["data"])
-    assert trials == [1, 2, 3]
-    assert hours == pytest.approx([1 / 6, 0.25, 0.5])
+    assert trials == [1, 2, 3] and hours == pytest.approx([1 / 6, 0.25, 0.5])
     assert "template" not in found["figure"]["layout"]
     json.dumps(found, allow_nan=False)
     now = status(half.path)
@@ -113,14 +110,17 @@ def test_a_study_half_way(half):
     assert [(entry.trial, entry.batch, entry.proposed_s - START) for entry in now.running] == [(3, 1, 902)]
     assert now.trials_by_reason("failed") == [("loss is not finite", [2])]
     assert now.outcomes[0].status == "finished" and now.sign_s == START + 1800
+    half.table([(0, "finished", "", 1), (1, "stopped", "behind the median", 1)])
+    assert half.found["trials"] == counts(4, 3, running=1, failed=1, stopped=1)
+    assert half.found["stopped"] == [{"reason": "behind the median", "count": 1, "trials": [1]}]
 
 
 def test_a_process_that_holds_the_study_runs_it_and_who_looks_is_in_nobody_s_way(half):
     with exclusive(half.path):
-        assert gather_progress(half.path)["is_running"] is True
+        assert half.found["is_running"] is True
         with pytest.raises(StoreError, match="another process"), exclusive(half.path):
             pass
-    assert gather_progress(half.path)["is_running"] is False
+    assert half.found["is_running"] is False
     with (half.path / ".lock").open() as looked:
         fcntl.flock(looked, fcntl.LOCK_SH)
         threading.Timer(0.02, fcntl.flock, [looked, fcntl.LOCK_UN]).start()
@@ -128,40 +128,29 @@ def test_a_process_that_holds_the_study_runs_it_and_who_looks_is_in_nobody_s_way
             assert is_held(half.path)
 
 
-def test_looking_changes_nothing_in_the_folder(half):
-    (half.path / ".lock").touch()
-    before = contents(half.path)
-    assert gather_progress(half.path)["trials"]["done"] == 3
-    assert contents(half.path) == before
-
-
-def test_a_damaged_book(half):
-    (half.path / store.BOOK).write_bytes(b"torn")
-    assert gather_progress(half.path)["trials"]["done"] == 3
-
-
-def test_before_the_tables_and_before_anything(half):
-    for name in ("trials", "points"):
-        (half.path / f"{name}.parquet").unlink()
-    found = gather_progress(half.path)
-    assert found["trials"] == {"total": 4, "done": 3, "running": 1, "failed": 1, "stopped": 0}
-    assert found["figure"] is None
-    assert found["hypervolume"] == []
-    shutil.rmtree(half.path / "runs")
-    (half.path / store.BOOK).unlink()
-    found = gather_progress(half.path)
-    assert found["trials"] == {"total": 4, "done": 0, "running": 0, "failed": 0, "stopped": 0}
-    assert (found["hours"], found["time_left_s"], found["sign"]) == (0, None, None)
-
-
-def test_tables_that_are_being_written_are_as_if_missing(half):
+def test_what_is_damaged_or_missing_takes_no_more_than_it_tells(half):
     for name in ("trials", "points"):
         path = half.path / f"{name}.parquet"
         path.write_bytes(path.read_bytes()[:-20])
-    assert gather_progress(half.path)["trials"]["done"] == 3
+        assert half.found["trials"]["done"] == 3
+        path.unlink()
+    found = half.found
+    assert found["trials"] == counts(4, 3, running=1, failed=1)
+    assert (found["figure"], found["hypervolume"]) == (None, [])
+    (half.path / store.BOOK).write_bytes(b"torn")
+    assert half.found["trials"]["done"] == 3
+    shutil.rmtree(half.path / "runs")
+    (half.path / store.BOOK).unlink()
+    found = half.found
+    assert found["trials"] == counts(4, 0)
+    assert (found["hours"], found["time_left_s"], found["sign"]) == (0, None, None)
 
 
-def test_no_study_is_an_error(tmp_path):
+@pytest.mark.parametrize("space", ["", "objectives: ['accuracy:max']\nsearch: {batch: 2, repeats: 1}\n"])
+def test_no_study_is_an_error(tmp_path, space):
+    """A search space as a user writes it is not a study's either."""
+    if space:
+        (tmp_path / "search_space.yaml").write_text(space)
     with pytest.raises(StoreError, match=r"search_space\.yaml"):
         gather_progress(tmp_path)
 
@@ -175,35 +164,28 @@ def test_time_between_sessions_does_not_count(tmp_path):
     made.ask(1, 2, 3, at=101_000)
     made.end(2, at=101_800)
     made.table([(k, "finished", "", 1) for k in range(3)], [(0, 0.0, 0.0), (1, 0.5, 5.0), (2, 1.0, 10.0)])
-    found = gather_progress(made.path)
-    assert found["hours"] == pytest.approx(1.5)
-    assert found["time_left_s"] is None  # two runs of the second session are too few to tell
-    assert found["figure"]["data"][1]["x"] == pytest.approx([1, 1 + 1000 / 3600, 1.5])
+    assert made.found["hours"] == pytest.approx(1.5)
+    assert made.found["time_left_s"] is None  # two runs of the second session are too few to tell
+    assert made.found["figure"]["data"][1]["x"] == pytest.approx([1, 1 + 1000 / 3600, 1.5])
 
 
-def test_a_copied_folder_falls_back_on_the_book(tmp_path):
-    made = Folder(tmp_path / "made", n_trials=2, repeats_on_front=2)
+def test_a_copied_folder_falls_back_on_the_book_and_one_without_runs_keeps_its_numbers(tmp_path, half):
+    made = Folder(tmp_path / "copied", n_trials=2, repeats_on_front=2)
     made.ask(0, 0, 1, at=0)
     for trial, repeat in ((0, 0), (0, 1), (1, 0)):
         made.end(trial, repeat, at=9_000_000)
     made.tell(0, 1, at=1800)
-    found = gather_progress(made.path)
-    assert found["hours"] == 0.5
-    assert found["sign"] == datetime.fromtimestamp(START + 1800, UTC).isoformat()
-
-
-def test_a_folder_without_its_runs_keeps_its_numbers(half):
+    assert (made.found["hours"], made.found["sign"]) == (0.5, moment(1800))
     half.end(3, at=1900)
     half.tell(2, 3, at=1900)
     half.table([(k, "finished", "", 1) for k in range(4)], [(0, 0.0, 0.0), (1, 0.5, 5.0), (2, 1.0, 10.0)])
     shutil.rmtree(half.path / "runs")
-    found = gather_progress(half.path)
-    assert found["trials"]["done"] == 4
-    assert found["runs"] == {"total": 4, "done": 4}
+    found = half.found
+    assert (found["trials"]["done"], found["runs"]) == (4, {"total": 4, "done": 4})
     assert found["time_left_s"] is None
     assert found["hypervolume"][0]["hours"] == pytest.approx(1900 / 3600)
     (half.path / store.BOOK).unlink()
-    (end,) = gather_progress(half.path)["hypervolume"]
+    (end,) = half.found["hypervolume"]
     assert (end["trials"], end["hours"]) == (4, None)
 
 
@@ -214,16 +196,14 @@ def test_repeats_make_a_trial_done_and_the_front_needs_more(tmp_path):
         made.end(trial, repeat, at=100 * (1 + trial) + repeat)
     # Trial 1 beats trial 0; trial 2 lacks a run of its own.
     made.table([(k, "finished", "", 2) for k in range(2)], [(0, 0.5, 5.0), (1, 0.6, 4.0)])
-    found = gather_progress(made.path)
-    assert found["trials"] == {"total": 3, "done": 2, "running": 1, "failed": 0, "stopped": 0}
-    assert found["runs"] == {"total": 5 + 1 + 2, "done": 5}
-    assert found["time_left_s"] is None
+    assert made.found["trials"] == counts(3, 2, running=1)
+    assert made.found["runs"] == {"total": 5 + 1 + 2, "done": 5}
+    assert made.found["time_left_s"] is None
 
 
 def test_the_time_left_is_that_of_the_missing_runs_at_the_pace_of_the_last_session(tmp_path):
-    made = Folder(
-        tmp_path / "made", sessions=(0, 100_000), n_trials=14, batch=7, repeats=2, repeats_on_front=4
-    )
+    search = {"n_trials": 14, "batch": 7, "repeats": 2, "repeats_on_front": 4}
+    made = Folder(tmp_path / "made", sessions=(0, 100_000), **search)
     made.ask(0, *range(7), at=0)
     for trial in range(4):
         made.end(trial, 0, at=10 * (1 + trial))
@@ -231,53 +211,37 @@ def test_the_time_left_is_that_of_the_missing_runs_at_the_pace_of_the_last_sessi
     for place, (trial, repeat) in enumerate(later, 1):
         made.end(trial, repeat, at=100_000 + 300 * place)
     made.table([(k, "finished", "", 2) for k in range(2)], [(0, 0.5, 5.0), (1, 0.6, 4.0)])
-    found = gather_progress(made.path)
-    assert found["runs"] == {"total": 28 + 2, "done": 13}
-    assert found["time_left_s"] == pytest.approx(300 * 17)
+    assert made.found["runs"] == {"total": 28 + 2, "done": 13}
+    assert made.found["time_left_s"] == pytest.approx(300 * 17)
 
 
-def test_all_failed_and_reasons_by_their_number(tmp_path):
+def test_reasons_come_by_their_number_and_lists_end(tmp_path):
     n = MAX_LISTED + 10
     made = Folder(tmp_path / "made", n_trials=n, batch=n)
     made.ask(0, *range(n), at=0)
+    assert made.found["trials"]["running"] == n
+    assert [one["trial"] for one in made.found["running"]] == list(range(MAX_LISTED))
     for trial in range(n):
         made.end(trial, at=10 + trial, status="failed", reason="rare" if trial == 3 else "<b>often</b>")
     made.table([(k, "failed", "rare" if k == 3 else "<b>often</b>", 1) for k in range(n)])
-    found = gather_progress(made.path)
-    assert found["trials"] == {"total": n, "done": n, "running": 0, "failed": n, "stopped": 0}
+    found = made.found
+    assert found["trials"] == counts(n, n, failed=n)
     often, rare = found["failed"]
     assert (often["reason"], often["count"], often["trials"][:4]) == ("<b>often</b>", n - 1, [0, 1, 2, 4])
     assert len(often["trials"]) == MAX_LISTED
     assert rare == {"reason": "rare", "count": 1, "trials": [3]}
-    assert found["figure"] is None
-    assert found["time_left_s"] is None
-
-
-def test_stopped_trials_are_told_apart(half):
-    half.table([(0, "finished", "", 1), (1, "stopped", "behind the median", 1)])
-    found = gather_progress(half.path)
-    assert (found["trials"]["failed"], found["trials"]["stopped"]) == (1, 1)
-    assert found["stopped"] == [{"reason": "behind the median", "count": 1, "trials": [1]}]
+    assert (found["figure"], found["time_left_s"]) == (None, None)
 
 
 def test_a_sampler_that_has_no_other_designs_ends_the_search(tmp_path):
     made = Folder(tmp_path / "made", n_trials=100, batch=3)
     made.ask(0, 0, 1, 2, at=0)
     made.tell(0, 1, 2, at=5)
-    assert gather_progress(made.path)["trials"]["total"] == 100
+    assert made.found["trials"]["total"] == 100
     made.ask(1, 3, at=6)
-    assert gather_progress(made.path)["trials"]["total"] == 100
+    assert made.found["trials"]["total"] == 100
     made.tell(3, at=7)
-    assert gather_progress(made.path)["trials"]["total"] == 4
-
-
-def test_more_trials_under_way_than_are_listed(tmp_path):
-    n = MAX_LISTED + 1
-    made = Folder(tmp_path / "made", n_trials=n, batch=n)
-    made.ask(0, *range(n), at=0)
-    found = gather_progress(made.path)
-    assert found["trials"]["running"] == n
-    assert [one["trial"] for one in found["running"]] == list(range(MAX_LISTED))
+    assert made.found["trials"]["total"] == 4
 
 
 def test_a_study_that_was_really_run(tmp_path):
@@ -289,22 +253,10 @@ def test_a_study_that_was_really_run(tmp_path):
         found = gather_progress(ran.folder)
     finally:
         tiny_study.unregister()
-    assert found["trials"] == {"total": 4, "done": 4, "running": 0, "failed": 2, "stopped": 0}
-    assert found["runs"] == {"total": 4, "done": 4}
+    assert (found["trials"], found["runs"]) == (counts(4, 4, failed=2), {"total": 4, "done": 4})
     (group,) = found["failed"]
-    assert group["count"] == 2
-    assert "hidden must be kind" in group["reason"]
-    assert found["time_left_s"] is None
-    assert 0 < found["hours"] < 1
+    assert group["count"] == 2 and "hidden must be kind" in group["reason"]
+    assert found["time_left_s"] is None and 0 < found["hours"] < 1
     (end,) = found["hypervolume"]
-    assert end["hardware"] == "loihi1_silicon"
-    assert end["trials"] == 4
+    assert (end["hardware"], end["trials"]) == ("loihi1_silicon", 4)
     assert 0 < end["hours"] <= found["hours"]
-
-
-def test_a_search_space_as_a_user_writes_it_is_not_a_study_s(tmp_path):
-    (tmp_path / "search_space.yaml").write_text(
-        "objectives: ['accuracy:max']\nsearch: {batch: 2, repeats: 1}\n"
-    )
-    with pytest.raises(StoreError, match=r"search_space\.yaml: has no search\."):
-        gather_progress(tmp_path)

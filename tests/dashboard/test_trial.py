@@ -12,6 +12,7 @@ import pytest
 from dse.dashboard.trial import trial_page, write_trial_page
 from dse.figures.trial import draw_pins, gather_trial
 from dse.records import Block
+from tests.dashboard.page import Page
 from tests.page_data import held
 
 HOSTILE = '<img src=x onerror="window.hacked=1"></script><script>window.hacked=1</script>{{script}}'
@@ -46,20 +47,14 @@ def test_what_a_page_carries_is_the_view():
         assert unpacked(page[name], kind).tolist() == getattr(view.events, name).tolist()
     assert page["facts"] == "12 pins · 160 × 100 px · 0.2 s · 2,000 events, 0.01 million per s"
     assert page["notes"] == []
-
-
-def test_a_reader_is_told_what_is_left_out():
     (note,) = trial_page(made_up(most_events=500))["notes"]
     assert note.startswith("The image shows one event in 4")
     assert trial_page(made_up(n_events=0))["notes"] == ["No pixel sent an event in this trial."]
 
 
-def test_the_largest_page_is_of_sane_size(tmp_path):
+def test_the_largest_page_is_of_sane_size_and_hostile_text_stays_data(tmp_path):
     path = write_trial_page(made_up(n_pins=331, n_events=400_000), tmp_path / "page.html")
     assert path.stat().st_size < 8e6
-
-
-def test_hostile_text_stays_data(tmp_path):
     path = write_trial_page(made_up(name=HOSTILE), tmp_path / "page.html")
     text = path.read_text(encoding="utf-8")
     assert held(path)["name"] == HOSTILE
@@ -73,19 +68,14 @@ def opened(new_tab, page_path):
     faults = []
 
     def open_page(view):
-        path = write_trial_page(view, page_path)
-        tab = new_tab()
-        tab.on("pageerror", lambda error: faults.append(str(error)))
-        tab.on(
-            "console", lambda line: faults.append(line.text) if line.type in ("error", "warning") else None
-        )
-        tab.on("request", lambda one: faults.append(one.url) if not one.url.startswith("file:") else None)
-        tab.goto(path.as_uri())
-        tab.wait_for_selector("#course .plot-container")
-        return tab
+        page = Page(new_tab(), write_trial_page(view, page_path))
+        faults.append(page.faults)
+        page.tab.goto(page.path.as_uri())
+        page.tab.wait_for_selector("#course .plot-container")
+        return page.tab
 
     yield open_page
-    assert [fault for fault in faults if not fault.startswith(("data:", "blob:"))] == []
+    assert [fault for of_page in faults for fault in of_page] == []
 
 
 MOVE = """(moment) => {
@@ -100,7 +90,7 @@ FITS = """(at) => {
 SHOWN = """() => document.getElementById("pins").data.map((t) => ({ x: [...t.x], y: [...t.y] }))"""
 
 
-def test_the_page_moves_as_the_figure_in_python_would(opened):
+def test_the_page_moves_as_the_figure_in_python_would_and_plays(opened):
     view = made_up()
     tab = opened(view)
     for moment, exaggeration in ((view.busiest, 1), (100, 1), (100, 10)):
@@ -116,10 +106,7 @@ def test_the_page_moves_as_the_figure_in_python_would(opened):
     assert "drawn 10 × larger;" in tab.inner_text("#caption")
     cursor = tab.evaluate("document.getElementById('course').layout.shapes[0].x0")
     assert cursor == pytest.approx(0.05)
-
-
-def test_it_plays_to_the_end_and_goes_where_it_is_told(opened):
-    tab = opened(made_up())
+    # It plays to the end and goes where it is told.
     tab.select_option("#slower", "1")
     tab.evaluate(MOVE, 390)
     tab.click("#play")
@@ -139,29 +126,23 @@ def test_it_plays_to_the_end_and_goes_where_it_is_told(opened):
     assert tab.input_value("#moment") == "241"
 
 
-def test_readable_at_any_size_in_light_and_dark(opened):
-    tab = opened(made_up(name="a name that is much longer than any phone is wide, " * 3))
+def test_a_hostile_name_never_runs_and_is_readable_at_any_size_in_light_and_dark(opened):
+    name = f"{HOSTILE} is much longer than any phone is wide, " * 3
+    tab = opened(made_up(name=name, n_events=0))
+    assert "No pixel sent an event" in tab.inner_text("#notes") and tab.is_visible("#pins .plot-container")
+    assert tab.evaluate("window.hacked") is None and tab.locator("img").count() == 0
+    assert tab.locator("h1").text_content() == name
     for width, height in SIZES:
         tab.set_viewport_size({"width": width, "height": height})
         assert tab.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
         for plot in ("#pins", "#course"):
             tab.wait_for_function(FITS, arg=plot)
             assert tab.locator(plot).bounding_box()["height"] >= 320
-    for theme, ink, colour in (
+    ink = "(ink) => getComputedStyle(document.querySelector('#course .ytitle')).fill === ink"
+    for theme, text, colour in (
         ("light", "rgb(27, 30, 34)", "#0072B2"),
         ("dark", "rgb(232, 234, 237)", "#56B4E9"),
     ):
         tab.emulate_media(color_scheme=theme)
-        tab.wait_for_function(
-            "(ink) => getComputedStyle(document.querySelector('#course .ytitle')).fill === ink", arg=ink
-        )
+        tab.wait_for_function(ink, arg=text)
         assert tab.evaluate("document.getElementById('pins').data[3].marker.color") == colour
-
-
-def test_a_hostile_name_never_runs_and_no_event_has_a_face(opened):
-    tab = opened(made_up(name=HOSTILE, n_events=0))
-    assert tab.evaluate("window.hacked") is None
-    assert tab.locator("img").count() == 0
-    assert tab.locator("h1").text_content() == HOSTILE
-    assert "No pixel sent an event" in tab.inner_text("#notes")
-    assert tab.is_visible("#pins .plot-container")

@@ -13,6 +13,7 @@ from dse.config.faults import ConfigError
 from dse.dashboard.definition import load
 from dse.dashboard.sources import sources
 from dse.dashboard.views import ViewError, view_names, view_sources
+from tests.dashboard.page import Page
 from tests.page_data import OBJECTIVES, points, write_page
 
 PLUGIN = '''
@@ -67,9 +68,6 @@ def test_every_file_is_a_view() -> None:
         assert f"Views.{view.name} = " in view.script
         assert f'data-view="{view.name}"' in view.section
         assert re.search(r"<style|<script", view.section) is None
-
-
-def test_sections_follow_the_definition() -> None:
     names = [view.name for view in view_sources(["table", "front"])]
     assert names[:2] == ["table", "front"]
     assert sorted(names) == view_names()
@@ -84,9 +82,8 @@ def test_a_view_of_ones_own(new_tab, page_path: Path, tmp_path: Path, as_file: b
         script = 'Path(__file__).with_name("drawn.js")'
     mine = load(definition(tmp_path, script))
     path = write_page(points(), page_path, name="x", objectives=OBJECTIVES, definition=mine)
-    tab, faults = new_tab(), []
-    tab.on("pageerror", lambda error: faults.append(str(error)))
-    tab.on("console", lambda line: faults.append(line.text) if line.type == "error" else None)
+    page = Page(new_tab(), path)
+    tab = page.tab
     tab.goto(path.as_uri())
     items = tab.locator("#view-spread button")
     assert items.all_inner_texts() == [f"design {trial}" for trial in range(5)]
@@ -103,7 +100,7 @@ def test_a_view_of_ones_own(new_tab, page_path: Path, tmp_path: Path, as_file: b
     assert tab.get_attribute("#view-spread", "data-pointed") == "1"
     if as_file:
         assert chosen.evaluate("(node) => getComputedStyle(node).outlineWidth") == "7px"
-    assert faults == []
+    assert page.faults == []
 
 
 def test_a_plugin_that_cannot_be_loaded_and_an_unknown_view(tmp_path: Path) -> None:

@@ -28,10 +28,6 @@ def test_layers_are_spread_as_the_chip_places_them():
     assert [int(cores.sum()) for cores in found.neurons] == [1500, 10]
     assert len(found.neurons[0]) > 1
     assert (found.n_cores, found.on_chip, found.misfits) == (placement.n_cores, 128, ())
-
-
-def test_drawing():
-    found = gathered(load("loihi1_silicon"), workload(700, 1500, 10))
     figure = CoresFigure().draw(found)
     cells = {trace.name: trace for trace in figure.data}
     first, output, free = cells.values()
@@ -68,13 +64,14 @@ def _has_range(chip):
     return "practice_weights_per_core" in chip.numbers() and chip.practice_weights_per_core.low > 0
 
 
-@pytest.mark.parametrize("name", ["mcu_m4", "op_4.6_0.9"])
-def test_hardware_without_cores(name):
+@pytest.mark.parametrize(
+    ("name", "load_of"),
+    [
+        ("mcu_m4", workload(20, 10, 3)),
+        ("op_4.6_0.9", workload(20, 10, 3)),
+        ("loihi1_silicon", Operations(*5 * [np.array(1.0)])),
+    ],
+)
+def test_hardware_without_cores_and_a_classifier_that_the_chip_cannot_run(name, load_of):
     with pytest.raises(NotApplicable):
-        gathered(load(name), workload(20, 10, 3))
-
-
-def test_a_classifier_that_the_chip_cannot_run():
-    one = np.array(1.0)
-    with pytest.raises(NotApplicable):
-        gathered(load("loihi1_silicon"), Operations(one, one, one, one, one))
+        gathered(load(name), load_of)

@@ -23,33 +23,23 @@ def points() -> pd.DataFrame:
     )
 
 
-def test_at_rest_and_beyond():
+def test_bars_at_rest_and_beyond():
     found = FIGURE.gather(study(points()))
     assert found.hardware == ("CPU", "GPU", "<Loihi 2>")
     assert found.idle_w.tolist() == [56, 28, 0.5]
     assert found.beyond_w == pytest.approx([0.005, 18, 1.75])
     assert found.low_w == pytest.approx([0.005, 2, 0.25]) and found.high_w == pytest.approx([0, 1, 0.5])
     assert found.without == ("other",)
-
-
-def test_bars_on_each_other():
-    figure = FIGURE.draw(FIGURE.gather(study(points())))
+    figure = FIGURE.draw(found)
     assert [bar.name for bar in figure.data] == ["at rest", "beyond, running"]
     assert figure.layout.barmode == "stack"
     assert figure.layout.xaxis.title.text == "power (W)<br>not known: other"
-    assert [note.text for note in figure.layout.annotations] == [
-        "56 W + 5 mW",
-        "28 W + 18 W",
-        "500 mW + 1.75 W",
-    ]
+    notes = [note.text for note in figure.layout.annotations]
+    assert notes == ["56 W + 5 mW", "28 W + 18 W", "500 mW + 1.75 W"]
     assert list(figure.layout.yaxis.ticktext) == ["CPU", "GPU", "&lt;Loihi 2&gt;"]
     assert list(figure.data[1].error_x.array) == pytest.approx([0, 1, 0.5])
 
 
 def test_what_it_refuses():
-    with pytest.raises(
-        NothingRecorded, match="points must have a column power_idle_w, got a study without it"
-    ):
-        FIGURE.gather(study(points().drop(columns="power_idle_w")))
     with pytest.raises(NothingRecorded, match="must be known on some hardware, got none on other"):
         FIGURE.gather(study(points().iloc[3:4]))

@@ -31,9 +31,6 @@ def test_drawing_marks_t_c_in_the_colour_of_its_curve(curves):
     assert mark.marker.color == line.line.color != other.line.color == other_mark.marker.color
     assert "t_c 200 ms" in mark.hovertemplate
     assert (other.name, single.mode) == ("&lt;snn&gt;", "markers")
-
-
-def test_more_curves_than_colours_are_told_apart():
     curves = tuple(curve(str(i), [1, 2], [0.1, 0.2]) for i in range(14))
     lines = RecognitionFigure().draw(curves).data[::2]
     assert len({(line.line.color, line.line.dash) for line in lines}) == 14

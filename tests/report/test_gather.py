@@ -15,32 +15,13 @@ from dse.report.rows import FAMILIES
 from tests.report.made import noted, rows_of, write
 
 
-def leaky(accuracy: float, family: str, **more: Any) -> dict[str, Any]:
-    return {"accuracy": accuracy, "family": family, "transductive": True, **more}
-
-
 def test_families_meet_and_the_winner_is_named(tmp_path: Path) -> None:
-    shared = {"hardware": "op_4.6_0.9"}
-    designs = [
-        {**shared, "accuracy": 0.90, "n_weights": 30_000, "energy_uj": 3.0},
-        {
-            **shared,
-            "accuracy": 0.89,
-            "n_weights": 9_000,
-            "energy_uj": 2.0,
-            "spikes_per_inference_no_input": 500.0,
-        },
-        {**shared, "accuracy": 0.80, "n_weights": 500, "energy_uj": 0.1},
-        {
-            **shared,
-            "accuracy": 0.95,
-            "family": "knn",
-            "macs": 80_000.0,
-            "n_weights": 80_000,
-            "energy_uj": 9.0,
-        },
-        {**shared, **leaky(1.0, "knn"), "n_weights": 1},
-    ]
+    names = ("accuracy", "n_weights", "energy_uj", "spikes_per_inference_no_input")
+    numbers = [(0.90, 30_000, 3.0, 20.0), (0.89, 9_000, 2.0, 500.0), (0.80, 500, 0.1, 20.0)]
+    designs: list[dict[str, Any]] = [dict(zip(names, each, strict=True)) for each in numbers]
+    knn = {"accuracy": 0.95, "family": "knn", "macs": 80_000.0, "n_weights": 80_000, "energy_uj": 9.0}
+    designs += [knn, {"accuracy": 1.0, "family": "knn", "transductive": True, "n_weights": 1}]
+    designs = [{"hardware": "op_4.6_0.9", **design} for design in designs]
     found = report([write(tmp_path / "families", designs)])
     rows = rows_of(found, FAMILIES)
     assert {figure: (row.trial, row.ours) for figure, row in rows.items()} == {
@@ -125,11 +106,8 @@ def test_splits_in_words(tmp_path: Path, split: dict[str, Any], told: str) -> No
     assert part.split.startswith(told)
 
 
-def test_no_studies_make_no_rows() -> None:
-    assert report([]).rows == []
-
-
 def test_nothing_is_changed(tmp_path: Path) -> None:
+    assert report([]).rows == []
     written = write(tmp_path / "kept", [{"accuracy": 0.9}])
     before = {path: path.stat().st_mtime_ns for path in written.folder.rglob("*")}
     table = written.points()
@@ -140,26 +118,10 @@ def test_nothing_is_changed(tmp_path: Path) -> None:
 
 def test_accuracy_on_moved_windows_and_unseen_groups_stands_beside(tmp_path: Path) -> None:
     honest = {"accuracy_shifted_se": 0.02, "accuracy_unseen_se": 0.03}
-    designs: list[dict[str, Any]] = [
-        {"accuracy": 0.6, "accuracy_shifted": 0.58, "accuracy_unseen": 0.5, **honest},
-        {"accuracy": 0.5, "accuracy_shifted": 0.59, "accuracy_unseen": 0.4, **honest},
-        {
-            "accuracy": 0.9,
-            "accuracy_shifted": 0.27,
-            "accuracy_unseen": 0.5,
-            "family": "knn",
-            "macs": 5.0,
-            **honest,
-        },
-        {
-            "accuracy": 0.8,
-            "accuracy_shifted": 0.22,
-            "accuracy_unseen": 0.2,
-            "family": "mlp",
-            "macs": 5.0,
-            **honest,
-        },
-    ]
+    names = ("accuracy", "accuracy_shifted", "accuracy_unseen", "family", "macs")
+    numbers = [(0.6, 0.58, 0.5, "snn", 0.0), (0.5, 0.59, 0.4, "snn", 0.0)]
+    numbers += [(0.9, 0.27, 0.5, "knn", 5.0), (0.8, 0.22, 0.2, "mlp", 5.0)]
+    designs = [dict(zip(names, each, strict=True)) | honest for each in numbers]
     found = report([write(tmp_path / "families", designs)])
     rows = rows_of(found, FAMILIES)
     knn = rows["best accuracy, knn"]

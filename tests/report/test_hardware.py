@@ -158,19 +158,6 @@ def test_few_recordings_let_a_cheaper_design_win(tmp_path: Path, priced: dict[st
     assert "accuracy 0.88 ± 0.033" in note_of(few, "one")
 
 
-def test_ties_of_energy_go_to_fewer_weights(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
-    priced |= {"one": [STEADY] * 3, "two": [STEADY] * 3}
-    designs = [{"accuracy": x, "n_weights": n} for x, n in ((0.9, 500), (0.89, 300), (0.89, 300))]
-    found = report([made(tmp_path / "nets", designs, priced)])
-    one = rows_of(found, "one")
-    assert one["winner: accuracy"].trial == 1, "of as many weights, the earlier"
-    assert middle(one["runner-up: energy_uj over the winner's"]) == (2, 1.0, 1.0, 1.0)
-    assert note_of(found, "one").endswith(
-        "takes 1 times the energy (1 to 1), more in 0% of draws, within the uncertainty; it wins on two too"
-    )
-    assert middle(one["equal accuracy: energy_uj over that on two"]) == (1, 1.0, 1.0, 1.0)
-
-
 def test_a_small_chip_holds_only_small_designs(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
     priced |= {
         "one": [STEADY, STEADY / 5, STEADY],
@@ -226,19 +213,6 @@ def test_a_chip_that_nothing_fits(tmp_path: Path, priced: dict[str, list[Any]]) 
     alone = {name: priced[name] for name in ("tiny", "large")}
     found = report([made(tmp_path / "alone" / "nets", designs, alone)])
     assert not any("equal accuracy" in row.figure for row in found.rows), "a chip alone compares with none"
-
-
-def test_one_design(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
-    priced |= {"one": [STEADY], "two": [NEAR]}
-    found = report([made(tmp_path / "nets", [{"accuracy": 0.9}], priced)])
-    assert note_of(found, "one").endswith("; no other design that fits is as accurate; it wins on two too")
-    one = rows_of(found, "one")
-    assert one["Spearman of energies, two, 1 designs"].ours is None, "ranks of one say nothing"
-    assert one["designs on the front of two too"].ours == 1
-    assert any(note.endswith("one 1, two 1, one and two are the same") for note in found.notes)
-    # Of 400 pairs 20 are 10 / 14, 20 are 10 / 12, 340 are 10 / 11 and 20 are 10 / 9.
-    times = one["equal accuracy: energy_uj over that on two"]
-    assert middle(times) == pytest.approx((0, 10 / 11, 10 / 14, 10 / 11))
 
 
 def test_chips_at_equal_accuracy(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
@@ -357,6 +331,14 @@ def test_where_there_is_nothing_to_compare(tmp_path: Path, priced: dict[str, lis
     priced |= {"one": [STEADY]}
     assert not rows_of(report([made(tmp_path / "nets", [{"accuracy": 0.9}], priced)]), "one")
     assert not rows_of(report([write(tmp_path / "plain", [{"accuracy": 0.9}])]), "")
+    priced |= {"two": [NEAR]}
+    found = report([made(tmp_path / "both" / "nets", [{"accuracy": 0.9}], priced)])
+    assert note_of(found, "one").endswith("; no other design that fits is as accurate; it wins on two too")
+    one = rows_of(found, "one")
+    assert one["Spearman of energies, two, 1 designs"].ours is None, "ranks of one say nothing"
+    # Of 400 pairs 20 are 10 / 14, 20 are 10 / 12, 340 are 10 / 11 and 20 are 10 / 9.
+    times = one["equal accuracy: energy_uj over that on two"]
+    assert middle(times) == pytest.approx((0, 10 / 11, 10 / 14, 10 / 11))
 
 
 def test_other_chips_are_priced_without_training(

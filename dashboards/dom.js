@@ -1,0 +1,65 @@
+"use strict";
+// Nodes of a page: how views make them, and what stays when they are made anew.
+const Dom = (() => {
+  // A node with properties; `role` and names with a dash are attributes, `data` is its data set, on... are listeners.
+  function element(tag, properties = {}, ...children) {
+    const node = document.createElement(tag);
+    for (const [name, value] of Object.entries(properties)) {
+      if (name === "data") Object.assign(node.dataset, value);
+      else if (name === "role" || name.includes("-")) node.setAttribute(name, value);
+      else node[name] = value;
+    }
+    node.append(...children);
+    return node;
+  }
+
+  const button = (textContent, onclick, more = {}) => element("button", { type: "button", textContent, onclick, ...more });
+
+  // What scrolls sideways inside the page, by keyboard too.
+  const scroll = (label, ...children) => element("div", { className: "scroll", tabIndex: 0, role: "group", "aria-label": label }, ...children);
+
+  // A table that scrolls. Columns are [heading, class]; a row is its cells, or {cells, className}; a cell is a text,
+  // a node, several of them, or a finished <td> or <th>.
+  function table(label, columns, rows) {
+    const finished = (cell) => cell instanceof HTMLTableCellElement;
+    const line = (row) => {
+      const { cells = row, className = "" } = row;
+      return element("tr", { className }, ...cells.map((cell, k) =>
+        (finished(cell) ? cell : element("td", { className: columns[k][1] ?? "" }, ...[cell].flat()))));
+    };
+    const head = columns.map(([textContent, className = ""]) => element("th", { scope: "col", className, textContent }));
+    return scroll(label, element("table", {}, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...rows.map(line))));
+  }
+
+  const rowHead = (...content) => element("th", { scope: "row", className: "text" }, ...content);
+
+  // Options [value, text] of a list; the one that was chosen stays, or else `value` is.
+  function fill(select, options, value = select.value) {
+    const content = JSON.stringify(options);
+    if (select.dataset.content !== content) {
+      select.dataset.content = content;
+      select.replaceChildren(...options.map(([one, textContent]) => element("option", { value: one, textContent })));
+    }
+    if (options.some(([one]) => String(one) === String(value))) select.value = value;
+  }
+
+  // Replaces nodes; if one inside had the focus, the one of the same name gets it.
+  function keepFocus(root, nameOf, replace) {
+    const name = root.contains(document.activeElement) ? nameOf(document.activeElement) : undefined;
+    replace();
+    if (name === undefined) return;
+    [...root.querySelectorAll("button, input, select, [tabindex]")].find((node) => nameOf(node) === name)?.focus({ preventScroll: true });
+  }
+
+  // What draws a selection: at once, or, while a budget moves, when it rests.
+  function settled(draw, ms = 150) {
+    let waiting = 0;
+    return (shown) => {
+      clearTimeout(waiting);
+      if (shown.moving) waiting = setTimeout(() => draw(shown), ms);
+      else draw(shown);
+    };
+  }
+
+  return { element, button, scroll, table, rowHead, fill, keepFocus, settled };
+})();
