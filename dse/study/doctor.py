@@ -177,6 +177,8 @@ def repair(folder: Path) -> tuple[list[Damage], list[str]]:
                 if damage.repair is not None:
                     with contextlib.suppress(ConfigError, StoreError):  # it is damaged yet, and listed again
                         notes += damage.repair() or ()
+                        if damage.file == store.BOOK:
+                            break  # what it said of other files is no longer so
             before, left = left, examine(folder)
             if [(x.file, x.fault) for x in before] == [(x.file, x.fault) for x in left]:
                 break

@@ -463,6 +463,16 @@ def test_a_repaired_study_ends_with_the_tables_it_had(
     assert named_by_doctor(study, capsys) == []
 
 
+def test_the_book_of_another_study_costs_no_run(
+    whole: Study, another: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = Path(shutil.copytree(whole.folder, tmp_path / "tiny"))
+    WHOLE["of another study: the book"][0](study)
+    assert main(["doctor", str(study), "--repair"]) == 0, capsys.readouterr().out
+    assert store.runs_in(study) == store.runs_in(whole.folder)
+    same_tables(Study(study), whole)
+
+
 def test_readers_leave_out_a_trial_whose_run_is_missing(
     whole: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
