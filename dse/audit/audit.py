@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dse.audit import groups, leaks, length, position, rest, totals, twins
+from dse.audit import groups, position, rest, totals, twins
 from dse.audit.gather import designs, material, values_of, without_labels
 from dse.audit.material import Material
 from dse.audit.rows import AuditRow
@@ -69,7 +69,7 @@ def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: 
         if read.reads_labels and (honest := without_labels(space, design)) is not None:
             leaky, design = read, honest
             read = material(space, design, root, shifts, progress)
-            rows.append(leaks.of_encoder(leaky, read))
+            rows.append(twins.of_encoder(leaky, read))
         if shifts and not position.has_room_for(read, shifts).any():
             steps = ", ".join(map(str, shifts))
             text = f"no validation window of {read.task} can be moved by {steps} steps in its recording"
@@ -91,8 +91,8 @@ def probe(read: Material, shifts: Sequence[int] = ()) -> tuple[list[AuditRow], l
     rows = [
         read.row(KNOWN, score, verdict, test=read.on_test(score.reader)) for score in read.scores.values()
     ]
-    rows += [*totals.rows(read), *rest.rows(read), *length.rows(read)]
-    rows += [*moved, *twins.rows(read), *leaks.rows(read), *groups.rows(read)]
+    rows += [*totals.rows(read), *rest.rows(read), *totals.ends(read)]
+    rows += [*moved, *twins.rows(read), *twins.leaks(read), *groups.rows(read)]
     n_spikes = read.counts(read.validation, 1).sum(axis=1)
     notes = [f"{read.task}: {text}" for text in silent_windows(n_spikes)]
     for part, drawn, every in (

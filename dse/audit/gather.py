@@ -19,7 +19,7 @@ from dse.config.space import Design
 from dse.config.values import echo
 from dse.dataset.parts import Progress, encoded_without, place_signals, silent
 from dse.recordings import RecordingError, trials_of
-from dse.recordings.leakage import MOST, drawn
+from dse.recordings.doubts import MOST, drawn
 from dse.recordings.targets import target_columns
 from dse.records import Bools, Rasters, Signals
 from dse.search.space import corners

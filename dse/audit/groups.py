@@ -15,8 +15,7 @@ from dse.audit.totals import best_of_readers
 from dse.audit.twins import FEW
 from dse.config.resolved import LeftOut
 from dse.config.settings import Groups
-from dse.recordings.groups import folds, without
-from dse.recordings.splits import NUMBER
+from dse.recordings.splits import NUMBER, folds, without
 from dse.records import Array, Bools, Ints
 
 MOST_FOLDS = 8

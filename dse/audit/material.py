@@ -12,7 +12,7 @@ from dse.audit.readers import COUNT_READERS, NEAREST, NEIGHBOURS, TREES, distanc
 from dse.audit.rows import AuditRow, Score, largest_class
 from dse.dataset.shifts import shifted
 from dse.models.counts.rate_windows import as_features, window_counts
-from dse.recordings.leakage import nearest_neighbours
+from dse.recordings.doubts import nearest_neighbours
 from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
 
 SEEN: Mapping[str, tuple[tuple[int, int], ...]] = {
@@ -149,7 +149,7 @@ class Material:
         return Score(reader, predicted == self.truth, largest_class(self.truth))
 
     def read_alone(self, features: Floats) -> Score:
-        """Return what the reader of `leakage.warnings` reaches on (n, feature) of the recordings."""
+        """Return what the reader of `doubts.shortcuts` reaches on (n, feature) of the recordings."""
         guess = nearest_neighbours(features[self.train], self.codes, features[self.validation])
         return self.score(NEIGHBOURS, guess)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from dse.recordings.leakage import nearest_neighbours
+from dse.recordings.doubts import nearest_neighbours
 from dse.records import Array, Bools, Floats, Ints
 
 Reader = Callable[[Floats, Ints, Floats], Ints]

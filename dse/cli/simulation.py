@@ -130,7 +130,7 @@ def _span(text: str | None, n: int) -> range | None:
 def _write(scene: Scene, trials: range, path: Path, jobs: int, meter: progress.Progress) -> list[_Summary]:
     """Simulate the trials into a file, in order."""
     from dse.dataset.parts import in_order
-    from dse.recordings.archive import event_archive
+    from dse.recordings.events import event_archive
     from dse.recordings.scene import Trials
 
     recordings = Trials(scene)

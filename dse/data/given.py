@@ -14,7 +14,7 @@ from dse.recordings import RecordingError
 from dse.recordings.arrays import cells_of
 from dse.recordings.events import event_faults
 from dse.recordings.formats.arrays import UNITS_US, USUAL
-from dse.recordings.labels import label_columns
+from dse.recordings.source import label_columns
 from dse.recordings.time_series import USUAL_AXES, are_axes, of_cube
 from dse.records import Array, Ints
 

@@ -16,7 +16,7 @@ import numpy as np
 from dse.recordings import EventSource, RecordingError, arrays
 from dse.recordings.arrays import TABLES, first_text, place, read_table
 from dse.recordings.event_files import EventFiles, folder_columns
-from dse.recordings.folders import files_below
+from dse.recordings.files import files_below
 from dse.recordings.formats.arrays import USUAL
 from dse.recordings.table import UNITS_MS, is_even, numbered
 from dse.recordings.time_series import sample_columns
@@ -369,9 +369,9 @@ class _Looking:
         data: dict[str, Any] = {"file": self.options.place(path), "step_ms": None}
         series = {"kind": "time_series", **data, "signal": signal}
         label_file = self.options.labels or (None if vectors else self._labels_beside())
-        names = vectors
+        names, beside = vectors, {}
         if label_file is not None:
-            series["labels"] = self.options.place(Path(label_file))
+            beside = {"labels": self.options.place(Path(label_file))}
             names = {name: len(x) for name, x in _labels_in(Path(label_file)).items()}
             self.assumed.append(f"labels are in {label_file}, in the order of the recordings")
         ends = (name for name in vectors if len(shape) == 2 and _are_borders(path, name, shape[0]))
@@ -404,12 +404,10 @@ class _Looking:
             self.assumed.append(f"'{signal}' is ({sizes})")
         else:
             raise self._refuse(f"'{signal}' must have 2 or 3 axes, got shape {shape}; --signal NAME")
-        if data["kind"] == "raster" and label_file is not None:
-            raise self._refuse("the labels of spikes must be arrays of the same file")
         candidates = [name for name, length in names.items() if length == n]
         values = _labels_in(Path(label_file)) if label_file else arrays.load(path, candidates)
         values = {name: values[name] for name in candidates}
-        guess = self._with_labels(data, values, n, {} if label_file else vectors)
+        guess = self._with_labels(data | beside, values, n, {} if label_file else vectors)
         step_ms = _stated_step(path, shapes)
         if step_ms is not None:
             guess.data["step_ms"] = step_ms

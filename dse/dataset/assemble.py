@@ -29,10 +29,10 @@ from dse.dataset.parts import (
     silent,
 )
 from dse.dataset.shifts import shifts_described
-from dse.recordings import RecordingError, Recordings, Source, groups, leakage
+from dse.recordings import RecordingError, Recordings, Source
 from dse.recordings.cutting import cut
-from dse.recordings.doubts import Used, doubts, silent_windows
-from dse.recordings.splits import leak, split
+from dse.recordings.doubts import Used, doubts, drawn, guard, shortcuts, silent_windows
+from dse.recordings.splits import folds, leak, split, untrained, without
 from dse.recordings.targets import heads, in_use, target, target_columns
 from dse.recordings.windows import chosen
 from dse.records import Array, Bools, Dataset, Ints, Signals, Spikes
@@ -125,7 +125,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     """
     recordings, positions = _read(design.data, making.base, design.window)
     task = design.task
-    leakage.guard(target_columns(task.target), design.split.columns())
+    guard(target_columns(task.target), design.split.columns())
     codes, classes = target(recordings.columns, task.target)
     train, validation, test = split(recordings.columns, codes, classes, design.split)
     reasons = [leak(recordings.columns, design.split, train, validation, test, design.window)]
@@ -137,7 +137,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     out = _folds(recordings.columns, design, codes, classes, train, validation)
     left_out, held = design.left_out, test
     if left_out is not None:  # with the spikes of the whole
-        train, validation, held = groups.without(recordings.columns, left_out, train, validation)
+        train, validation, held = without(recordings.columns, left_out, train, validation)
     joint = heads(recordings.columns, task.target, codes) if task.joint else ()
     fitted = cropped(recordings, design, train, making.progress)
     sources, targets = [_Read(recordings, positions, used)], [codes]
@@ -156,13 +156,11 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     stored = read_spikes(spikes)
     seen = {head.name: head.of_class[codes] for head in joint}
     seen = seen or {" and ".join(target_columns(task.target)): codes}
-    follow = functools.partial(_follow_levels, recordings, fitted, leakage.drawn(validation, _FEW))
+    follow = functools.partial(_follow_levels, recordings, fitted, drawn(validation, _FEW))
     traps = [
         trap
         for what, labels_of in seen.items()
-        for trap in leakage.warnings(
-            stored.lengths, stored.levels, labels_of, train, validation, what, follow
-        )
+        for trap in shortcuts(stored.lengths, stored.levels, labels_of, train, validation, what, follow)
     ]
     if left_out is None:
         of = Used(
@@ -230,9 +228,9 @@ def _folds(
     out = [
         fold
         for of_column in design.evaluation.groups
-        for fold in groups.folds(columns, of_column, codes, train, validation)
+        for fold in folds(columns, of_column, codes, train, validation)
     ]
-    faults = [groups.fault(columns, fold, codes, classes, train, validation) for fold in out]
+    faults = [untrained(columns, fold, codes, classes, train, validation) for fold in out]
     if any(faults):
         raise RecordingError("\n".join(filter(None, faults)))
     return out

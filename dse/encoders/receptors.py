@@ -30,12 +30,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from dse.config.contracts import Encoder, RunningEncoder
-from dse.encoders.sampled import RunningAverage, copied, smoothed
+from dse.config.contracts import RunningEncoder
+from dse.encoders.sampled import OneByOne, RunningAverage, smoothed
 from dse.native.compiled import compiled
-from dse.neurons import izhikevich
-from dse.neurons.izhikevich import FA, FLOOR_MV, METHODS, PEAK_MV, SA, A, B, C, D, Method, Params
-from dse.records import Floats, Ints, Signals, Spikes
+from dse.neurons.izhikevich import FA, FLOOR_MV, METHODS, PEAK_MV, SA, A, B, C, D, Method
+from dse.records import Floats, Ints, Signals
 from dse.registry import param, register
 
 FA_RISING, FA_FALLING = "FA rising", "FA falling"
@@ -45,7 +44,7 @@ KINDS = ("SA", FA_RISING, FA_FALLING)
 
 @register("encoders", "receptors")
 @dataclasses.dataclass(frozen=True)
-class Receptors(Encoder):
+class Receptors(OneByOne):
     """Three receptors per channel: slowly adapting, fast adapting to rising and to falling values."""
 
     learns: ClassVar[bool] = True
@@ -94,23 +93,8 @@ class Receptors(Encoder):
         (), axis=False, doc="fitted: the value of each channel that is normalised to 1"
     )
 
-    @property
     def _copies(self) -> int:
         return (3 if self.sa else 2) * self.spikes_per_step
-
-    def n_channels(self, n_in: int) -> int:
-        """Return the number of spike channels that n_in sampled channels become."""
-        return self._copies * n_in
-
-    def positions(self, inputs: Ints) -> Ints:
-        """Return x, y and plane of the spike channels, (n_channels, 3) int32.
-
-        Copy k of plane q is plane q n_copies + k.
-
-        Args:
-            inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
-        """
-        return copied(inputs, self._copies)
 
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
@@ -165,34 +149,14 @@ class Receptors(Encoder):
         """Return how many steps the neurons take per sensor step."""
         return max(1, round(step_ms / self.solver_ms))
 
-    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
-        """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
-
-        Args:
-            signals: the recordings.
-            first: (n,) first step to keep.
-            length: (n,) steps to keep; shorter ones end in empty rows.
-
-        Raises:
-            ValueError: the range is not known, or a sample is no finite number.
-        """
-        n_in, n_steps = signals.n_channels, int(np.max(length))
-        kinds = parameters(self.sa)
-        solver = self.solver_steps(signals.step_ms)
-        counts = np.zeros((signals.n_recordings, n_steps), dtype=np.int64)
-        pieces = [np.zeros(0, np.int32)]
-        for i in np.flatnonzero(length):
-            end = int(first[i] + length[i])
-            current = self.currents(self._smooth(signals, int(i), 0, end), signals.step_ms)
-            fired = np.zeros(current.shape, dtype=np.int64)
-            half_steps = self.method == "half_steps"
-            _fire(current, kinds, signals.step_ms / solver, solver, half_steps, at_rest(kinds, n_in), fired)
-            fired = fired[int(first[i]) :]
-            step, channel = self.copies(fired)
-            counts[i, : length[i]] = np.bincount(step, minlength=length[i])
-            pieces.append(channel.astype(np.int32))
-        offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        return Spikes(offsets, np.concatenate(pieces), n_steps, self.n_channels(n_in), signals.step_ms)
+    def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
+        kinds, solver = parameters(self.sa), self.solver_steps(signals.step_ms)
+        current = self.currents(self._smooth(signals, i, 0, first + length), signals.step_ms)
+        fired = np.zeros(current.shape, dtype=np.int64)
+        state, half_steps = at_rest(kinds, signals.n_channels), self.method == "half_steps"
+        _fire(current, kinds, signals.step_ms / solver, solver, half_steps, state, fired)
+        step, channel = self.copies(fired[first:])
+        return np.bincount(step, minlength=length), channel
 
     def copies(self, fired: Ints) -> tuple[Ints, Ints]:
         """Return step and channel of every spike, given how often each receptor fired, (step, receptor)."""
@@ -255,27 +219,9 @@ def at_rest(kinds: Floats, n_in: int) -> Floats:
     return np.repeat(np.stack([c, b * c], axis=1)[:, :, None], n_in, axis=2)
 
 
-def spike_counts(current: Floats, params: Params, step_ms: float, solver_steps: int, method: Method) -> Ints:
-    """Return how often every receptor fires in each sensor step: the definition, plain and slow.
-
-    Args:
-        current: (step, receptor).
-        params: of the receptors.
-        step_ms: of the sensor.
-        solver_steps: steps of the neurons per step of the sensor, within which the current is constant.
-        method: of dse.neurons.izhikevich.
-
-    Returns:
-        (step, receptor) int64.
-    """
-    repeated = np.repeat(current, solver_steps, axis=0)
-    spikes = izhikevich.simulate(repeated, params, step_ms / solver_steps, method)
-    return np.asarray(spikes.reshape(len(current), solver_steps, -1).sum(axis=1))
-
-
 @compiled()
 def _fire(current, kinds, step_ms, solver_steps, half_steps, state, fired):  # type: ignore[no-untyped-def]
-    """Count the spikes of receptors in each sensor step, as `spike_counts`, into `fired`.
+    """Count the spikes of receptors in each sensor step, as dse.neurons.izhikevich fires, into `fired`.
 
     Constants of a kind are numbers, not arrays: more arrays than these and the loop over its receptors is
     not vectorised.

@@ -1,26 +1,64 @@
-"""What encoders of sampled signals have in common: copies of the channels, and smoothing."""
+"""What the encoders have in common: recordings one by one, copies of the channels, and smoothing."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections import deque
 
 import numpy as np
 
-from dse.records import Floats, Ints, Signals
+from dse.config.contracts import Encoder
+from dse.records import Floats, Ints, Signals, Spikes
 
 
-def copied(inputs: Ints, copies: int) -> Ints:
-    """Return x, y and plane of several copies of the channels, (copies n_in, 3) int32, copy by copy.
+class OneByOne(Encoder):
+    """An encoder that makes copies of the channels, and encodes a recording without a look at others."""
 
-    Copy k of plane q is plane q copies + k.
+    @abstractmethod
+    def _copies(self) -> int:
+        """Return the number of spike trains of each channel; a ValueError where it has yet to be learnt."""
 
-    Args:
-        inputs: (n_in, 3) x, y and plane of the sampled channels.
-        copies: spike trains of each channel.
-    """
-    positions = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
-    positions[:, 2] = positions[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
-    return positions
+    @abstractmethod
+    def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
+        """Return the spikes per step (length,) of some steps of a recording, and their channels, in order."""
+
+    def n_channels(self, n_in: int) -> int:
+        """Return the number of spike channels that n_in sampled channels become."""
+        return self._copies() * n_in
+
+    def positions(self, inputs: Ints) -> Ints:
+        """Return x, y and plane of the spike channels, (n_channels, 3) int32, copy by copy.
+
+        Copy k of plane q is plane q n_copies + k.
+
+        Args:
+            inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
+        """
+        copies = self._copies()
+        positions = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
+        positions[:, 2] = positions[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
+        return positions
+
+    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
+        """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
+
+        Args:
+            signals: the recordings.
+            first: (n,) first step to keep.
+            length: (n,) steps to keep; shorter ones end in empty rows.
+
+        Raises:
+            ValueError: the encoder has not been fitted, or refuses the recordings.
+        """
+        n_channels, n_steps = self.n_channels(signals.n_channels), int(np.max(length))
+        counts = np.zeros((signals.n_recordings, n_steps), dtype=np.int64)
+        pieces = [np.zeros(0, np.int32)]
+        for i in np.flatnonzero(length):
+            found = self._encoded(signals, int(i), int(first[i]), int(length[i]))
+            counts[i, : length[i]], channels = found
+            pieces.append(channels.astype(np.int32))
+        offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        return Spikes(offsets, np.concatenate(pieces), n_steps, n_channels, signals.step_ms)
 
 
 def smoothed(signals: Signals, i: int, first: int, length: int, smoothing_ms: float) -> Floats:

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.config.contracts import Encoder, RunningEncoder
-from dse.encoders.sampled import copied
+from dse.config.contracts import RunningEncoder
+from dse.encoders.sampled import OneByOne
 from dse.native.compiled import compiled
-from dse.records import Bools, Floats, Ints, Signals, Spikes
+from dse.records import Floats, Ints, Signals
 from dse.registry import param, register
 
 REFERENCES = ("step", "value", "level")
@@ -31,8 +31,12 @@ POLARITIES = ("separate", "merged")
 
 @register("encoders", "send_on_delta")
 @dataclass(frozen=True)
-class SendOnDelta(Encoder):
-    """ON and OFF spikes of each channel at each of several thresholds (Miskowicz, Sensors 6, 2006)."""
+class SendOnDelta(OneByOne):
+    """ON and OFF spikes of each channel at each of several thresholds (Miskowicz, Sensors 6, 2006).
+
+    Each recording is encoded from its first sample on, as a running sensor would encode it. Copy 2 k + p is
+    of threshold k and polarity p (0 OFF, 1 ON); merged, copy k is of threshold k.
+    """
 
     thresholds: tuple[float, ...] = param(
         (1.0, 2.0, 4.0, 8.0, 16.0),
@@ -46,44 +50,15 @@ class SendOnDelta(Encoder):
         "separate", doc="ON and OFF spikes use separate channels, or share one (merged)", choices=POLARITIES
     )
 
-    def n_channels(self, n_in: int) -> int:
-        """Return the number of spike channels that n_in sampled channels become."""
-        return self._copies * n_in
+    def _copies(self) -> int:
+        return len(self.thresholds) * (1 if self.polarity == "merged" else 2)
 
-    def positions(self, inputs: Ints) -> Ints:
-        """Return x, y and plane of the spike channels, (n_channels, 3) int32.
-
-        Copy 2 k + p (threshold k, polarity p) of plane q is plane 2 q len(thresholds) + 2 k + p; merged,
-        copy k is plane q len(thresholds) + k.
-
-        Args:
-            inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
-        """
-        return copied(inputs, self._copies)
-
-    def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
-        """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
-
-        Each recording is encoded from its first sample on, as a running sensor would encode it.
-
-        Args:
-            signals: the recordings.
-            first: (n,) first step to keep.
-            length: (n,) steps to keep; shorter ones end in empty rows.
-        """
+    def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
         thresholds = np.asarray(self.thresholds, dtype=np.float64)
         rule, merged = REFERENCES.index(self.reference), self.polarity == "merged"
-        n_steps = int(np.max(length))
-        counts = np.zeros((signals.n_recordings, n_steps), dtype=np.int64)
-        pieces = []
-        for i in range(signals.n_recordings):
-            values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
-            end = int(first[i] + length[i])
-            pieces.append(_encode(values, thresholds, rule, merged, int(first[i]), end, counts[i]))
-        offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        return Spikes(
-            offsets, np.concatenate(pieces), n_steps, self.n_channels(signals.n_channels), signals.step_ms
-        )
+        values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
+        counts = np.zeros(length, dtype=np.int64)
+        return counts, _encode(values, thresholds, rule, merged, first, first + length, counts)
 
     def running(self, n_in: int, step_ms: float) -> RunningEncoder:
         """Return the encoder at the start of a recording.
@@ -93,45 +68,6 @@ class SendOnDelta(Encoder):
             step_ms: not read.
         """
         return _Running(self, n_in)
-
-    @property
-    def _copies(self) -> int:
-        return len(self.thresholds) * (1 if self.polarity == "merged" else 2)
-
-
-def send_on_delta(
-    values: Floats, thresholds: tuple[float, ...], reference: str, polarity: str = "separate"
-) -> Bools:
-    """Return the spikes of one recording, (step, spike channel) bool: the definition, plain and slow.
-
-    Spike channel (2 k + p) n + c: threshold k, polarity p (0 OFF, 1 ON), channel c of n; merged, k n + c.
-
-    Args:
-        values: (step, channel) samples.
-        thresholds: each > 0, in the unit of `values`.
-        reference: 'step', 'value' or 'level'.
-        polarity: 'separate' or 'merged'.
-    """
-    n_steps, n = values.shape
-    spikes = np.zeros((n_steps, len(thresholds), 2, n), dtype=bool)
-    x = values.astype(np.float64)
-    for k, theta in enumerate(thresholds):
-        r = x[0].copy()
-        for t in range(n_steps):
-            d = x[t] - r
-            fires = np.abs(d) >= theta
-            spikes[t, k, 0] = fires & (d < 0)
-            spikes[t, k, 1] = fires & (d > 0)
-            if reference == "value":
-                moved = x[t]
-            elif reference == "step":
-                moved = r + np.sign(d) * theta
-            else:
-                moved = r + np.sign(d) * (theta * np.floor(np.abs(d) / theta))
-            r = np.where(fires, moved, r)
-    if polarity == "merged":
-        return spikes.any(axis=2).reshape(n_steps, -1)
-    return spikes.reshape(n_steps, -1)
 
 
 class _Running:

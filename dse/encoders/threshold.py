@@ -28,8 +28,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from dse.config.contracts import Encoder
-from dse.encoders.sampled import copied, smoothed
+from dse.encoders.sampled import OneByOne, smoothed
 from dse.records import Bools, Floats, Ints, Signals, Spikes
 from dse.registry import param, register
 
@@ -39,7 +38,7 @@ _NO_MEAN = 1e-4
 
 @register("encoders", "threshold")
 @dataclasses.dataclass(frozen=True)
-class Threshold(Encoder):
+class Threshold(OneByOne):
     """A channel spikes while it is at or above its mean; one copy of the channels per class."""
 
     learns: ClassVar[bool] = True
@@ -77,24 +76,6 @@ class Threshold(Encoder):
     def transductive(self) -> bool:
         """Whether encoding a recording reads its own label."""
         return self.matching == "own_label"
-
-    def n_channels(self, n_in: int) -> int:
-        """Return the number of spike channels that n_in sampled channels become.
-
-        Raises:
-            ValueError: it has not been fitted, so that the number of classes is not known.
-        """
-        return n_in * self._n_copies()
-
-    def positions(self, inputs: Ints) -> Ints:
-        """Return x, y and plane of the spike channels, (n_channels, 3) int32.
-
-        The copy of class n of plane q is plane q n_classes + n.
-
-        Args:
-            inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
-        """
-        return copied(inputs, self._n_copies())
 
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
@@ -142,35 +123,23 @@ class Threshold(Encoder):
         )
 
     def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
-        """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
-
-        Args:
-            signals: the recordings.
-            first: (n,) first step to keep.
-            length: (n,) steps to keep; shorter ones end in empty rows.
-
-        Raises:
-            ValueError: it has not been fitted, or (own_label) not to these recordings.
-        """
-        n_in, n_steps = signals.n_channels, int(np.max(length))
-        n_channels = self.n_channels(n_in)
+        """Return spikes as every encoder; own_label refuses recordings that it was not fitted to."""
+        self._copies()
         if self.matching == "own_label":
             self._check_labels(signals, length)
-        counts = np.zeros((signals.n_recordings, n_steps), dtype=np.int64)
-        pieces = [np.zeros(0, np.int64)]
-        for i in np.flatnonzero(length):
-            values = self._piece(signals, int(i), int(first[i]), int(length[i]))
-            mean, spread = statistics(values, past=self.level == "past")
-            step, channel = np.nonzero(values >= mean)
-            matched = self._matched(mean if self.statistic == "mean" else spread, int(i))
-            k, copy = np.nonzero(matched[np.minimum(step, len(matched) - 1), :, channel])
-            cells = np.sort(step[k] * n_channels + copy * n_in + channel[k])
-            counts[i, : length[i]] = np.bincount(cells // n_channels, minlength=length[i])
-            pieces.append(cells % n_channels)
-        offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-        return Spikes(offsets, np.concatenate(pieces).astype(np.int32), n_steps, n_channels, signals.step_ms)
+        return super().encode_all(signals, first, length)
 
-    def _n_copies(self) -> int:
+    def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
+        values = self._piece(signals, i, first, length)
+        mean, spread = statistics(values, past=self.level == "past")
+        step, channel = np.nonzero(values >= mean)
+        matched = self._matched(mean if self.statistic == "mean" else spread, i)
+        k, copy = np.nonzero(matched[np.minimum(step, len(matched) - 1), :, channel])
+        n_channels = self.n_channels(signals.n_channels)
+        cells = np.sort(step[k] * n_channels + copy * signals.n_channels + channel[k])
+        return np.bincount(cells // n_channels, minlength=length), cells % n_channels
+
+    def _copies(self) -> int:
         if self.matching == "none":
             return 1
         if not self.n_classes:

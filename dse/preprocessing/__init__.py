@@ -16,10 +16,9 @@ With `every_event` there is no counting: each event is a spike of every pool tha
 time.
 """
 
-from dse.preprocessing.every_event import pool_events
 from dse.preprocessing.pins import count_pixels, pin_rectangle
 from dse.preprocessing.pools import END_OF_TIME_US, Pooling
-from dse.preprocessing.streaming import Survey, pool, survey, without_quiet
+from dse.preprocessing.streaming import Survey, pool, pool_events, survey, without_quiet
 
 __all__ = [
     "END_OF_TIME_US",

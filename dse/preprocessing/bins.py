@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.preprocessing.every_event import channels_of
 from dse.preprocessing.kernels import add, flush
 from dse.preprocessing.pools import Pooling
-from dse.preprocessing.streaming import within
+from dse.preprocessing.streaming import channels_of, within
 from dse.records import Block, Ints
 
 

@@ -22,12 +22,10 @@ import numpy as np
 
 from dse.config.faults import known_names
 from dse.recordings import RecordingError, arrays
-from dse.recordings.files import content, locate
-from dse.recordings.folders import by_path, content_of, files_below
+from dse.recordings.files import by_path, content, content_of, files_below, locate
 from dse.recordings.formats import Format, Repairs, checked, detect, named
 from dse.recordings.formats.arrays import UNITS_US, USUAL
-from dse.recordings.labels import label_columns
-from dse.recordings.source import columns_key
+from dse.recordings.source import columns_key, label_columns
 from dse.records import Array, Block, FrontEnd
 from dse.registry import Rule, param, register
 

@@ -1,18 +1,21 @@
-"""Asynchronous events in an .npz file: time, address and polarity, laid end to end with offsets."""
+"""Asynchronous events in an .npz file, end to end with offsets: time, address, polarity; read and written."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from dse.recordings import RecordingError, arrays
-from dse.recordings.borders import checked_offsets
-from dse.recordings.source import FileSource, class_names_key, columns_key, file_key
-from dse.records import Events, Ints
+from dse.recordings.source import FileSource, checked_offsets, class_names_key
+from dse.records import Array, Block, Events, Ints
 from dse.registry import param, register
+from dse.store import atomic
 
 
 @register("recordings", "events")
@@ -23,7 +26,6 @@ class EventFile(FileSource):
     An address is a pixel (`x`, `y`) or a `taxel`; polarity is 1 for ON and 0 for OFF.
     """
 
-    file: str = file_key()
     width: int = param(doc="number of columns (or of taxels), addresses 0 to width - 1", low=1, axis=False)
     height: int = param(1, doc="number of rows, addresses 0 to height - 1", low=1, axis=False)
     t_us: str = param("t_us", doc="name of the array of time stamps, integers in microseconds", axis=False)
@@ -36,7 +38,6 @@ class EventFile(FileSource):
     offsets: str = param(
         "offsets", doc="name of the array of the n + 1 borders between recordings", axis=False
     )
-    columns: Mapping[str, str] = columns_key()
     class_names: Mapping[str, str] = class_names_key()
 
     def __post_init__(self) -> None:
@@ -125,3 +126,47 @@ def event_faults(
                 f"{rule}, got {values[event]} at event {event - offsets[recording]} of recording {recording}"
             )
     return faults
+
+
+@contextlib.contextmanager
+def event_archive(
+    path: Path, width: int, height: int, duration_us: int, columns: Mapping[str, Array]
+) -> Iterator[Callable[[Block], None]]:
+    """Yield a function that takes the next recording; the file appears when the block succeeds, whole.
+
+    Memory holds the events, each value in the smallest unsigned type that holds its range.
+
+    Args:
+        path: the .npz file, replaced if it exists; its folder must exist.
+        width: addresses x are below.
+        height: addresses y are below.
+        duration_us: no event is later.
+        columns: label columns, each (n,): one value for each recording that will be given.
+
+    Raises:
+        RecordingError: the disk refuses (full, read-only, ...), or another number of recordings was given.
+    """
+    ranges = {"t_us": duration_us, "x": width - 1, "y": height - 1, "polarity": 1}
+    parts = {name: [np.zeros(0, np.min_scalar_type(most))] for name, most in ranges.items()}
+    offsets = [0]
+
+    def append(block: Block) -> None:
+        for name, gathered in parts.items():
+            gathered.append(getattr(block, name).astype(gathered[0].dtype))
+        offsets.append(offsets[-1] + len(block.t_us))
+
+    yield append
+    for column, values in columns.items():
+        if len(values) != len(offsets) - 1:
+            raise RecordingError(
+                f"{path}: column '{column}' must have one value for each of the {len(offsets) - 1} "
+                f"recordings, got {len(values)}"
+            )
+    events = {name: np.concatenate(parts.pop(name)) for name in ranges}
+    try:
+        with atomic(path) as temporary, temporary.open("wb") as file:
+            arrays: dict[str, Any] = {**events, "offsets": offsets, "width": width, "height": height}
+            np.savez(file, **(arrays | dict(columns)))
+    except OSError as error:
+        why = os.strerror(error.errno) if error.errno else str(error)
+        raise RecordingError(f"{path}: cannot be written: {why}; no partial file remains") from error

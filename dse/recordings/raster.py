@@ -10,23 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from dse.recordings import RecordingError, arrays
-from dse.recordings.positions import positions_key
-from dse.recordings.source import FileSource, class_names_key, columns_key, file_key
+from dse.recordings.source import Sampled, class_names_key
 from dse.records import Array, Ints, Rasters, Spikes
 from dse.registry import param, register
 
 
 @register("recordings", "raster")
 @dataclasses.dataclass(frozen=True)
-class RasterFile(FileSource):
+class RasterFile(Sampled):
     """Spikes (0 or 1) of an .npz file, with axes in any order.
 
     Axes other than `sample` and `step` are flattened, in the file's order, into the input channels. An axis
     `polarity` counts planes; the others, flattened, count taxels.
     """
 
-    file: str = file_key()
-    step_ms: float = param(doc="duration of a step", unit="ms", low=0, low_open=True, axis=False)
     array: str = param("spikes", doc="name of the array of spikes", axis=False)
     axes: str = param(
         "sample step channel", doc="names of the axes; `sample` and `step` are required", axis=False
@@ -40,9 +37,7 @@ class RasterFile(FileSource):
     shape: str | None = param(
         None, doc="name of the array of the unpacked shape, instead of n_steps", axis=False
     )
-    columns: Mapping[str, str] = columns_key()
     class_names: Mapping[str, str] = class_names_key()
-    positions: tuple[tuple[int, int], ...] | None = positions_key()
 
     def __post_init__(self) -> None:
         super().__post_init__()

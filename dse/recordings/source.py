@@ -12,19 +12,196 @@ import numpy as np
 
 from dse.recordings import RecordingError, arrays
 from dse.recordings.files import content, locate
-from dse.recordings.labels import label_columns, shape_faults
-from dse.recordings.positions import Positions, check_positions, position_faults, taxel_positions
 from dse.records import Array, Ints
 from dse.registry import Rule, param
 
 
-def file_key() -> Any:
-    """Declare the key `file` of a component."""
-    return param(
-        doc="the .npz, .npy, .mat, .h5, .csv or .parquet file: an absolute path, or relative to the YAML "
-        "file or to $DSE_DATA",
-        axis=False,
-    )
+def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array, Ints]:
+    """Return samples (sum of lengths, channel) float32 and borders (n + 1,) int64, both checked.
+
+    Raises:
+        RecordingError: wrong number of axes, bad borders, an empty recording, NaN or infinite samples.
+    """
+    if values.dtype.kind not in "biuf":
+        raise RecordingError(f"{where} must hold numbers, got {values.dtype}")
+    if offsets is None:
+        if values.ndim != 3:
+            raise RecordingError(
+                f"{where} must be (recording, sample, channel) without offsets, got shape {values.shape}"
+            )
+        n, n_steps, n_channels = values.shape
+        offsets, values = np.arange(n + 1) * n_steps, values.reshape(n * n_steps, n_channels)
+    elif values.ndim != 2:
+        raise RecordingError(f"{where} must be (sample, channel), got shape {values.shape}")
+    borders = checked_offsets(offsets, len(values), where)
+    if values.shape[1] == 0:
+        raise RecordingError(f"{where} has no channel")
+    with np.errstate(over="ignore"):  # what is too large for float32 is reported as infinite
+        flat = np.ascontiguousarray(values, dtype=np.float32)
+    bad = ~np.isfinite(flat)
+    if bad.any():
+        sample, channel = (int(x) for x in np.argwhere(bad)[0])
+        recording = int(np.searchsorted(borders, sample, side="right")) - 1
+        raise RecordingError(
+            f"{where} must be finite, got {flat[sample, channel]} in recording {recording}, "
+            f"sample {sample - borders[recording]}, channel {channel}"
+        )
+    return flat, borders
+
+
+def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bool = False) -> Ints:
+    """Return borders as int64, checked from 0 to n_rows; no recording is empty unless it may be.
+
+    Raises:
+        RecordingError: they do not.
+    """
+    if offsets.ndim != 1 or len(offsets) < 2 or offsets.dtype.kind not in "iu":
+        raise RecordingError(
+            f"{where}: offsets must be integers, one more than there are recordings, "
+            f"got {offsets.dtype} of shape {offsets.shape}"
+        )
+    borders = offsets.astype(np.int64)
+    lengths = np.diff(borders)
+    if (lengths < 0).any():
+        i = int((lengths < 0).argmax())
+        raise RecordingError(
+            f"{where}: offsets must not decrease, got {borders[i]} and then {borders[i + 1]}"
+        )
+    if borders[0] != 0 or borders[-1] != n_rows:
+        raise RecordingError(
+            f"{where}: offsets must run from 0 to its end at {n_rows}, got {borders[0]} to {borders[-1]}"
+        )
+    if not may_be_empty and (lengths == 0).any():
+        raise RecordingError(f"{where}: recording {int((lengths == 0).argmax())} is empty")
+    return borders
+
+
+Positions = tuple[tuple[int, int], ...]
+"""[x, y] of every taxel."""
+
+# Event addresses are 16 bits wide in every format that is read.
+_HIGHEST = 65535
+
+
+def check_positions(positions: Positions | None) -> None:
+    """Refuse positions that are no places of taxels.
+
+    Raises:
+        RecordingError: not two whole numbers >= 0 each, or two taxels at one place.
+    """
+    first: dict[tuple[int, int], int] = {}
+    for i, place in enumerate(() if positions is None else positions):
+        pair = tuple(place) if isinstance(place, tuple | list) else (place,)
+        whole = all(isinstance(u, int) and not isinstance(u, bool) and 0 <= u <= _HIGHEST for u in pair)
+        if len(pair) != 2 or not whole:
+            raise RecordingError(
+                f"data.positions must be [x, y] with integers from 0 to {_HIGHEST} for every taxel, "
+                f"got {list(pair)} for taxel {i}"
+            )
+        if pair in first:
+            raise RecordingError(
+                f"data.positions must be distinct, got {list(pair)} for taxels {first[pair]} and {i}"
+            )
+        first[pair] = i
+
+
+def position_faults(positions: Positions | None, n_taxels: int | None) -> list[str]:
+    """Return what is wrong with the number of positions; None: the number of taxels is not known."""
+    if positions is None or n_taxels is None or len(positions) == n_taxels:
+        return []
+    return [f"data.positions must hold [x, y] for each of the {n_taxels} taxels, got {len(positions)}"]
+
+
+def taxel_positions(positions: Positions | None, taxel: Ints, plane: Ints) -> Ints:
+    """Return x, y and plane of channels of which the number of the taxel and the plane are known.
+
+    Args:
+        positions: as checked, or None.
+        taxel: (n_channels,) numbers from 0, none left out.
+        plane: (n_channels,) numbers.
+
+    Raises:
+        RecordingError: another number of positions than of taxels.
+    """
+    n_taxels = int(taxel.max()) + 1
+    for fault in position_faults(positions, n_taxels):
+        raise RecordingError(fault)
+    if positions is None:
+        x, y = taxel, np.zeros_like(taxel)
+    else:
+        x, y = np.array(positions, dtype=np.int32).reshape(n_taxels, 2)[taxel].T
+    return np.stack([x, y, plane], axis=1).astype(np.int32)
+
+
+def label_columns(
+    arrays: Mapping[str, Array],
+    columns: Mapping[str, str],
+    class_names: Mapping[str, str],
+    n: int,
+    where: str,
+) -> dict[str, Array]:
+    """Return each column as (n,) numbers, or strings without blanks at their ends.
+
+    Args:
+        arrays: arrays of the file by name.
+        columns: column name -> array name.
+        class_names: column name -> array of the names that the column's integer codes index.
+        n: number of recordings.
+        where: the file's name, for errors.
+
+    Raises:
+        RecordingError: a column has not one value per recording, holds NaN, or a code has no name.
+    """
+    for fault in shape_faults({name: x.shape for name, x in arrays.items()}, columns, class_names, n, where):
+        raise RecordingError(fault)
+    labels = {}
+    for column, source in columns.items():
+        values = arrays[source]
+        if values.dtype.kind not in "biufUS":
+            raise RecordingError(f"{where}: column '{column}' must hold numbers or texts, got {values.dtype}")
+        if values.dtype.kind == "f" and np.isnan(values).any():
+            raise RecordingError(
+                f"{where}: column '{column}' is NaN for recording {np.isnan(values).argmax()}"
+            )
+        if column in class_names:
+            values = _named(values, arrays[class_names[column]], f"{where}: column '{column}'")
+        labels[column] = np.char.strip(values.astype(str)) if values.dtype.kind in "US" else values
+    return labels
+
+
+def shape_faults(
+    shapes: Mapping[str, tuple[int, ...]],
+    columns: Mapping[str, str],
+    class_names: Mapping[str, str],
+    n: int,
+    where: str,
+) -> list[str]:
+    """Return what is wrong with the label arrays as far as their shapes tell; -1 is a length not known."""
+    faults = [
+        f"{where}: column '{column}' (array '{source}') must have one value for each of the {n} recordings, "
+        f"got shape {shapes[source]}"
+        for column, source in columns.items()
+        if shapes.get(source, (-1,)) not in ((n,), (-1,))
+    ]
+    return faults + [
+        f"{where}: class_names contains '{column}', which is not a column of {', '.join(columns) or 'it'}"
+        for column in class_names
+        if column not in columns
+    ]
+
+
+def _named(codes: Ints, names: Array, where: str) -> Array:
+    if codes.dtype.kind not in "iu":
+        raise RecordingError(f"{where} must hold integer codes to be named by class_names, got {codes.dtype}")
+    if names.ndim != 1:
+        raise RecordingError(f"{where}: class_names must be a list of names, got shape {names.shape}")
+    bad = (codes < 0) | (codes >= len(names))
+    if bad.any():
+        first = int(bad.argmax())
+        raise RecordingError(
+            f"{where} has code {codes[first]} for recording {first}, but class_names holds {len(names)} names"
+        )
+    return np.asarray(names[codes].astype(str))
 
 
 def columns_key() -> Any:
@@ -41,31 +218,28 @@ def class_names_key() -> Any:
     return dataclasses.field(default_factory=dict, metadata={"rule": rule})
 
 
-def labels_key() -> Any:
-    """Declare the key `labels` of a component."""
-    return param(
-        None,
-        doc="file of the label columns, one row or element per recording, in their order: .csv, "
-        ".parquet, .npz, .npy, .mat or .h5 (default: the columns are in the file of the recordings)",
-        axis=False,
-    )
-
-
+@dataclasses.dataclass(frozen=True)
 class FileSource(ABC):
     """Recordings of one file of named arrays or columns, with labels in it or in another.
 
-    A component says which arrays it needs, how many recordings and taxels their shapes announce, and reads
-    them; a table of labels whose rows are named has the key `recording`.
+    A component says which arrays it needs, how many recordings their shapes announce, and reads them. One
+    with codes as labels has the key `class_names`.
     """
 
-    file: str
-    columns: Mapping[str, str]
-    labels: str | None = None
-    class_names: Mapping[str, str] = {}
-    positions: Positions | None = None
-
-    def __post_init__(self) -> None:
-        check_positions(self.positions)
+    file: str = param(
+        doc="the .npz, .npy, .mat, .h5, .csv or .parquet file: an absolute path, or relative to the YAML "
+        "file or to $DSE_DATA",
+        axis=False,
+    )
+    _: dataclasses.KW_ONLY
+    columns: Mapping[str, str] = columns_key()
+    labels: str | None = param(
+        None,
+        doc="file of the label columns, .csv, .parquet, .npz, .npy, .mat or .h5: one row or element per "
+        "recording, in their order, or by the column data.recording of a table (default: the columns are in "
+        "the file of the recordings)",
+        axis=False,
+    )
 
     @abstractmethod
     def _names(self) -> list[str]:
@@ -75,17 +249,16 @@ class FileSource(ABC):
         """Return the number of recordings; None where shapes do not tell."""
         return None
 
-    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
-        """Return the number of the taxel and the plane of every channel; None where shapes do not tell."""
-        return None
-
     def _more_faults(self, path: Path, shapes: arrays.Shapes) -> list[str]:
         """Return further faults that the file's headers show."""
         return []
 
+    def _codes(self) -> Mapping[str, str]:
+        return getattr(self, "class_names", {})
+
     def _label_names(self) -> list[str]:
         """Return the arrays that labels need, of the file or of that of the labels."""
-        return [*self.columns.values(), *self.class_names.values()]
+        return [*self.columns.values(), *self._codes().values()]
 
     def check(self, base: Path) -> list[str]:
         """Return the faults that the headers of the file, and of that of the labels, show."""
@@ -110,11 +283,8 @@ class FileSource(ABC):
         n = self._count(shapes[self.file])
         if n is not None and beside in shapes:
             where = locate(beside, base).name
-            faults += shape_faults(shapes[beside], self.columns, self.class_names, n, where)
-        faults += self._more_faults(path, shapes[self.file])
-        if faults or self.positions is None or not (found := self._taxels(shapes[self.file])):
-            return faults
-        return position_faults(self.positions, int(found[0].max()) + 1) if found[0].size else []
+            faults += shape_faults(shapes[beside], self.columns, self._codes(), n, where)
+        return faults + self._more_faults(path, shapes[self.file])
 
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its file, or that of the labels, holds."""
@@ -129,32 +299,15 @@ class FileSource(ABC):
 
     def _with(self, columns: Mapping[str, str], **changes: Any) -> Self:
         """Return the component with other label columns."""
-        if self.class_names:
-            names = {column: name for column, name in self.class_names.items() if column in columns}
+        if self._codes():
+            names = {column: name for column, name in self._codes().items() if column in columns}
             changes["class_names"] = names
-        return dataclasses.replace(self, columns=columns, **changes)  # type: ignore[type-var]
+        return dataclasses.replace(self, columns=columns, **changes)
 
     def content(self, base: Path) -> str:
         """Return the hash of the file, and of that of the labels."""
         files = [self.file, *([] if self.labels is None else [self.labels])]
         return " ".join(content(locate(file, base)) for file in files)
-
-    def channel_positions(self, base: Path) -> Ints | None:
-        """Return x, y and plane of every channel.
-
-        Raises:
-            RecordingError: the file cannot be read, or positions are given for another number of taxels.
-        """
-        found = self._taxels({})  # where the keys tell, no file is read
-        if found is None:
-            path = locate(self.file, base)
-            found = self._taxels(arrays.headers(path))
-            if found is None or not found[0].size:
-                raise RecordingError(f"{path.name}: {self._no_channel()}")
-        return taxel_positions(self.positions, *found)
-
-    def _no_channel(self) -> str:
-        return "the file has no channel"
 
     def _loaded(self, base: Path) -> tuple[Path, dict[str, Array]]:
         """Return the path of the file, and its arrays, with those of the labels if it holds them."""
@@ -177,7 +330,54 @@ class FileSource(ABC):
             values = arrays.load(path, self._label_names())
         if path.suffix.lower() in arrays.TABLES:
             values = {name: arrays.complete(values[name], name, path) for name in self._label_names()}
-        return label_columns(values, self.columns, self.class_names, n, path.name)
+        return label_columns(values, self.columns, self._codes(), n, path.name)
+
+
+@dataclasses.dataclass(frozen=True)
+class Sampled(FileSource):
+    """Recordings with a number for every step and channel."""
+
+    step_ms: float = param(doc="duration of a step", unit="ms", low=0, low_open=True, axis=False)
+    _: dataclasses.KW_ONLY
+    positions: tuple[tuple[int, int], ...] | None = param(
+        None,
+        doc="[x, y] of every taxel, integers (default: x is the number of the taxel, y is 0)",
+        low=0,
+        high=_HIGHEST,
+        axis=False,
+    )
+
+    def __post_init__(self) -> None:
+        check_positions(self.positions)
+
+    @abstractmethod
+    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
+        """Return the number of the taxel and the plane of every channel; None where shapes do not tell."""
+
+    def check(self, base: Path) -> list[str]:
+        """Return the faults that the headers of the file, and of that of the labels, show."""
+        faults = super().check(base)
+        if faults or self.positions is None:
+            return faults
+        found = self._taxels(arrays.headers(locate(self.file, base)))
+        return position_faults(self.positions, int(found[0].max()) + 1) if found and found[0].size else []
+
+    def channel_positions(self, base: Path) -> Ints | None:
+        """Return x, y and plane of every channel.
+
+        Raises:
+            RecordingError: the file cannot be read, or positions are given for another number of taxels.
+        """
+        found = self._taxels({})  # where the keys tell, no file is read
+        if found is None:
+            path = locate(self.file, base)
+            found = self._taxels(arrays.headers(path))
+            if found is None or not found[0].size:
+                raise RecordingError(f"{path.name}: {self._no_channel()}")
+        return taxel_positions(self.positions, *found)
+
+    def _no_channel(self) -> str:
+        return "the file has no channel"
 
 
 def in_a_row(n: int | None) -> tuple[Ints, Ints] | None:

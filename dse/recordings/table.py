@@ -7,21 +7,21 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dse.recordings import RecordingError, arrays
 from dse.recordings.arrays import complete, numbers
-from dse.recordings.borders import end_to_end
 from dse.recordings.files import locate
-from dse.recordings.labels import label_columns
-from dse.recordings.positions import position_faults, positions_key
-from dse.recordings.source import FileSource, columns_key, file_key, in_a_row
+from dse.recordings.source import Sampled, end_to_end, in_a_row, label_columns, position_faults
 from dse.records import Array, Floats, Ints, Signals
 from dse.registry import param, register
 
 UNITS_MS = {"s": 1000.0, "ms": 1.0, "us": 1e-3}
+_RECORDING = (
+    "name of the column that identifies the recording, in both tables; null: a recording begins where time, "
+    "in a long table that of a channel, does not rise"
+)
 
 Rows = tuple[Ints, list[str], Floats | None, Floats]
 """The series of each row and the names of the series, times (row,) in ms, and values (row, column).
@@ -32,12 +32,21 @@ Series = tuple[Floats, Floats]
 """Times (sample,) in ms, which rise, and values (sample, channel)."""
 
 
-def _time_unit_key() -> Any:
-    return param(None, doc="unit of the times (default: ms)", choices=tuple(UNITS_MS), axis=False)
+@dataclasses.dataclass(frozen=True)
+class _Samples(Sampled):
+    """Recordings whose samples are rows of a table; they come in the order of the label table, if any."""
 
-
-def _resample_key() -> Any:
-    return param(
+    channels: tuple[str, ...] = param(
+        doc="names of the channels, in the order of the input: columns of the table, or values of its column "
+        "of channels",
+        axis=False,
+    )
+    _: dataclasses.KW_ONLY
+    recording: str | None = param(None, doc=_RECORDING, axis=False)
+    time_unit: str | None = param(
+        None, doc="unit of the times (default: ms)", choices=tuple(UNITS_MS), axis=False
+    )
+    resample: str | None = param(
         None,
         doc="linear: samples at uneven times are interpolated every step_ms, and a note says how many "
         "recordings (default: uneven times are a fault)",
@@ -45,25 +54,9 @@ def _resample_key() -> Any:
         axis=False,
     )
 
-
-def _labels_key() -> Any:
-    return param(
-        None,
-        doc="label table (.csv or .parquet) with one row per recording (default: the label columns are "
-        "in the file, with one value in all rows of a recording)",
-        axis=False,
-    )
-
-
-class _Samples(FileSource):
-    """Recordings whose samples are rows of a table; they come in the order of the label table, if any."""
-
-    step_ms: float
-    channels: tuple[str, ...]
-    recording: str | None
-    resample: str | None
-
     def __post_init__(self) -> None:
+        if not self.channels:
+            raise RecordingError("data.channels must contain at least one channel, got none")
         super().__post_init__()
         for fault in position_faults(self.positions, len(self.channels)):
             raise RecordingError(fault)
@@ -180,33 +173,18 @@ class Table(_Samples):
     Recordings come in the order of the label table, without one in the order of their first rows.
     """
 
-    file: str = file_key()
-    step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
-    channels: tuple[str, ...] = param(doc="names of the columns of sensor channels", axis=False)
-    recording: str | None = param(
-        "recording",
-        doc="name of the column that identifies the recording, in both tables; null: a recording begins "
-        "where time does not rise",
-        axis=False,
-    )
+    recording: str | None = param("recording", doc=_RECORDING, axis=False)
     time_ms: str | None = param(
         None,
         doc="name of the column of sample times, which are checked against step_ms",
         unit="ms",
         axis=False,
     )
-    labels: str | None = _labels_key()
-    columns: Mapping[str, str] = columns_key()
-    positions: tuple[tuple[int, int], ...] | None = positions_key()
     time: str | None = param(
         None, doc="name of the column of sample times, in time_unit; instead of time_ms", axis=False
     )
-    time_unit: str | None = _time_unit_key()
-    resample: str | None = _resample_key()
 
     def __post_init__(self) -> None:
-        if not self.channels:
-            raise RecordingError("data.channels must contain at least one column, got none")
         super().__post_init__()
         if self.time is not None and self.time_ms is not None:
             raise RecordingError("data.time and data.time_ms exclude each other, got both")
@@ -240,30 +218,9 @@ class LongTable(_Samples):
     Recordings come in the order of the label table, without one in the order of their first rows.
     """
 
-    file: str = file_key()
-    step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
-    channels: tuple[str, ...] = param(
-        doc="names of the channels, as the column of channels has them, in the order of the input", axis=False
-    )
     time: str = param("time", doc="name of the column of times", axis=False)
     channel: str = param("channel", doc="name of the column of channels", axis=False)
     value: str = param("value", doc="name of the column of values", axis=False)
-    recording: str | None = param(
-        None,
-        doc="name of the column that identifies the recording, in both tables (default: a recording begins "
-        "where the time of a channel does not rise)",
-        axis=False,
-    )
-    time_unit: str | None = _time_unit_key()
-    resample: str | None = _resample_key()
-    labels: str | None = _labels_key()
-    columns: Mapping[str, str] = columns_key()
-    positions: tuple[tuple[int, int], ...] | None = positions_key()
-
-    def __post_init__(self) -> None:
-        if not self.channels:
-            raise RecordingError("data.channels must contain at least one channel, got none")
-        super().__post_init__()
 
     def _names(self) -> list[str]:
         return [name for name in (self.recording, self.time, self.channel, self.value) if name is not None]

@@ -10,16 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dse.recordings import RecordingError, arrays
-from dse.recordings.borders import end_to_end
-from dse.recordings.positions import position_faults, positions_key
-from dse.recordings.source import (
-    FileSource,
-    class_names_key,
-    columns_key,
-    file_key,
-    in_a_row,
-    labels_key,
-)
+from dse.recordings.source import Sampled, class_names_key, end_to_end, in_a_row, position_faults
 from dse.records import Array, Ints, Signals
 from dse.registry import param, register
 
@@ -28,7 +19,7 @@ USUAL_AXES = ("recording", "step", "channel")
 
 @register("recordings", "time_series")
 @dataclasses.dataclass(frozen=True)
-class TimeSeries(FileSource):
+class TimeSeries(Sampled):
     """Sampled recordings of an .npz, .npy, .mat or .h5 file.
 
     `signal` is (sum of lengths, channel) with `offsets`, recording i being signal[offsets[i]:offsets[i+1]],
@@ -36,8 +27,6 @@ class TimeSeries(FileSource):
     an .mat file holds recordings of different lengths.
     """
 
-    file: str = file_key()
-    step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
     signal: str = param("signal", doc="name of the array of samples", axis=False)
     offsets: str | None = param(
         None,
@@ -45,16 +34,13 @@ class TimeSeries(FileSource):
         "length)",
         axis=False,
     )
-    columns: Mapping[str, str] = columns_key()
     class_names: Mapping[str, str] = class_names_key()
-    positions: tuple[tuple[int, int], ...] | None = positions_key()
     axes: str | None = param(
         None,
         doc="order of the axes of a cube, e.g. 'step channel recording'; 'recording step': one channel "
         "(default: recording step channel)",
         axis=False,
     )
-    labels: str | None = labels_key()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -144,23 +130,18 @@ def of_cube(signal: Array, axes: str | None, where: str, hint: str = "") -> tupl
 
 @register("recordings", "wide_table")
 @dataclasses.dataclass(frozen=True)
-class WideTable(FileSource):
+class WideTable(Sampled):
     """Sampled recordings of a CSV or Parquet table with one row per recording: its labels and its samples.
 
     The samples of a channel are the columns whose names are a text and a number, in the order of the numbers:
     `left_0`, `left_1`, ... Cells that are empty at the end make a recording shorter.
     """
 
-    file: str = file_key()
-    step_ms: float = param(doc="sampling period", unit="ms", low=0, low_open=True, axis=False)
     samples: tuple[str, ...] = param(
         doc="beginning of the names of the sample columns, one per channel: `left_` stands for left_0, "
         "left_1, ...; an empty text for columns that are named by numbers alone",
         axis=False,
     )
-    columns: Mapping[str, str] = columns_key()
-    labels: str | None = labels_key()
-    positions: tuple[tuple[int, int], ...] | None = positions_key()
 
     def __post_init__(self) -> None:
         if not self.samples:

@@ -11,7 +11,7 @@ from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Evaluation
 from dse.config.yaml_lines import error_of
 from dse.dataset.shifts import shifts_described
-from dse.recordings import RecordingError, Recordings, groups
+from dse.recordings import RecordingError, Recordings, splits
 from dse.recordings.splits import split
 from dse.recordings.targets import target
 from dse.recordings.windows import place, signal_onset
@@ -42,15 +42,10 @@ def previewed(space: SearchSpace, first: Sections, recordings: Recordings) -> di
         codes, classes = target(recordings.columns, space.resolve(design).task.target)
         train, validation, test = split(recordings.columns, codes, classes, first.split)
         try:
-            folds = [
-                fold
-                for of_column in evaluation.groups
-                for fold in groups.folds(recordings.columns, of_column, codes, train, validation)
-            ]
-            untrained = (
-                groups.fault(recordings.columns, fold, codes, classes, train, validation) for fold in folds
-            )
-            faults |= dict.fromkeys(filter(None, untrained))
+            columns = recordings.columns
+            folds = [y for x in evaluation.groups for y in splits.folds(columns, x, codes, train, validation)]
+            lost = (splits.untrained(columns, x, codes, classes, train, validation) for x in folds)
+            faults |= dict.fromkeys(filter(None, lost))
             used = np.concatenate([train, validation, test])
             sentences += _of_shifts(first, evaluation, recordings, used, validation, codes, classes)
         except RecordingError as error:

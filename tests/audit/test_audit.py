@@ -120,23 +120,29 @@ def test_folds_and_draws_are_stated(tmp_path, monkeypatch):
     assert "material: 30 of 40 training samples are drawn" in notes
 
 
-def test_no_more_touch_is_simulated_than_probes_use(tmp_path, monkeypatch):
-    (tmp_path / "tip.yaml").write_text(FINGERTIP + "trials: 6\n", encoding="utf-8")
-    (tmp_path / "sim.yaml").write_text(SIMULATED, encoding="utf-8")
-    space = load_space(tmp_path / "sim.yaml")
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tip")
+    (folder / "tip.yaml").write_text(FINGERTIP + "trials: 6\n", encoding="utf-8")
+    (folder / "sim.yaml").write_text(SIMULATED, encoding="utf-8")
+    return load_space(folder / "sim.yaml"), folder / "cache"
+
+
+def test_no_more_touch_is_simulated_than_probes_use(simulated, monkeypatch):
+    space, root = simulated
     monkeypatch.setattr(gather, "MOST_SIMULATED", (6, 6, 2))
     (design,) = gather.designs(space)
-    read = gather.material(space, design, tmp_path / "cache")
+    read = gather.material(space, design, root)
     assert len(read.train) == 6 and read.validation.tolist() == [5, 11, 17, 23]
     recordings = np.arange(24)
     drawn = np.isin(recordings, [*read.train, *read.validation, *read.test])
     assert read.columns["repetition"][read.train].max() <= 3
     n_spikes = np.diff(read.dataset.spikes.row_offsets[:: read.dataset.spikes.n_steps])
     assert (n_spikes[drawn] > 0).all() and not n_spikes[~drawn].any()
-    notes = audit(space, tmp_path / "cache").notes
+    notes = audit(space, root).notes
     assert "texture: 6 of 16 training samples are drawn" in notes
     monkeypatch.setattr(gather, "MOST_SIMULATED", (400, 400, 400))
-    assert len(gather.material(space, design, tmp_path / "cache").train) == 16
+    assert len(gather.material(space, design, root).train) == 16
 
 
 def test_an_audit_is_stored_and_mentioned(tmp_path, monkeypatch, capsys):
@@ -183,19 +189,6 @@ def test_recordings_that_cannot_be_audited(changes, message, tmp_path):
         audit(write(tmp_path, **changes), tmp_path / "cache")
 
 
-def test_single_samples_and_constant_columns(tmp_path):
-    part, label = np.indices((2, 2)).reshape(2, -1)
-    few = {
-        "signal": np.random.default_rng(0).integers(0, 9, (4, 48, 3)).astype(np.float32),
-        "label": label,
-        "part": part,
-        "force": np.ones(4),
-    }
-    result = audit(write(tmp_path, **few), tmp_path / "cache")
-    assert result.shortcuts == []
-    assert "material: training has one value of force" in result.notes
-
-
 def test_a_first_design_that_its_encoder_refuses(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     space = write(tmp_path)
@@ -206,12 +199,6 @@ def test_a_first_design_that_its_encoder_refuses(tmp_path, monkeypatch, capsys):
 
 def refuse(space, design):
     raise ValueError("encoder: these do not go together")
-
-
-def test_one_class(tmp_path):
-    result = audit(write(tmp_path, label=np.zeros(80)), tmp_path / "cache")
-    assert result.rows == ()
-    assert "material: training has one class, so that there is nothing to tell apart" in result.notes
 
 
 @pytest.mark.parametrize(
@@ -236,16 +223,14 @@ def test_run_and_audit_read_the_resting_level_alike(encoder, advice, tmp_path, m
     assert ("(0 % of the spike counts follow it)" in verdict) == ("already" in advice)
 
 
-def test_the_reader_that_validation_chooses_is_told_on_the_test_set(tmp_path):
-    (tmp_path / "tip.yaml").write_text(FINGERTIP + "trials: 6\n", encoding="utf-8")
-    (tmp_path / "sim.yaml").write_text(SIMULATED, encoding="utf-8")
-    space = load_space(tmp_path / "sim.yaml")
-    found = audit(space, tmp_path / "cache")
+def test_the_reader_that_validation_chooses_is_told_on_the_test_set(simulated):
+    space, root = simulated
+    found = audit(space, root)
     known = found.known("texture")
     rows = [row for row in found.rows if row.probe == "counts over time"]
     assert known.accuracy == max(row.accuracy for row in rows) and known.test is not None
     (design,) = gather.designs(space)
-    read = gather.material(space, design, tmp_path / "cache")
+    read = gather.material(space, design, root)
     answered = read.on_test(known.reader)
     assert known.test == answered.accuracy == answered.correct.mean() and answered.n == len(read.test) == 4
     assert found.known("profile") is None

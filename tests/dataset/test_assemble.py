@@ -3,9 +3,9 @@ import pytest
 
 from dse.config import ConfigError
 from dse.dataset import cache, load, transductive
-from dse.encoders.send_on_delta import send_on_delta
 from dse.recordings import RecordingError
 from tests.dataset.plain import build, build_for, prepare
+from tests.encoders.plain import send_on_delta
 
 RNG = np.random.default_rng(8)
 LENGTHS = RNG.integers(40, 60, 12)
@@ -133,15 +133,6 @@ def test_new_recordings_need_no_labels(folder):
     assert dataset.target.tolist() == [-1, -1] and dataset.classes == ("a", "b")
 
 
-def test_drawn_split_and_one_group_left_out(folder):
-    drawn, _ = build(
-        DESIGN | {"split": {"stratified": {"validation": 0.25, "test": 0.25, "seed": 1}}}, folder
-    )
-    assert [len(x) for x in (drawn.train, drawn.validation, drawn.test)] == [6, 3, 3]
-    left, _ = build(DESIGN | {"split": {"leave_out": {"column": "repetition", "value": 1}}}, folder)
-    assert left.validation.tolist() == [3, 4, 5] and left.train.tolist() == [0, 1, 2, 6, 7, 8, 9, 10, 11]
-
-
 def test_mean_removal_leaves_changes_as_they_are(folder):
     plain, _ = build(DESIGN, folder)
     window = {**DESIGN["window"], "remove_mean": True}
@@ -150,16 +141,6 @@ def test_mean_removal_leaves_changes_as_they_are(folder):
     plain, _ = build(DESIGN | {"encoder": half}, folder)
     removed, _ = build(DESIGN | {"encoder": half, "window": window}, folder)
     assert np.array_equal(plain.spikes.channel, removed.spikes.channel)
-
-
-def test_traps_are_reported(folder):
-    level = np.repeat(LABEL * 100, LENGTHS).astype(np.uint16)[:, None]
-    save(folder / "x.npz", signal=SIGNAL + level)
-    split = {"train": {"repetition": [0, 1]}, "validation": {"repetition": [2, 3]}}
-    _, notes = build(DESIGN | {"split": split}, folder)
-    assert len(notes) == 1 and notes[0].startswith(
-        "resting level (mean of each channel) alone predicts fabric with"
-    )
 
 
 RASTER = {

@@ -129,6 +129,7 @@ def test_what_is_mapped_outlives_its_entry(root: Path) -> None:
     folder = entry(root, "a")
     mapped = np.memmap(folder / "data", np.uint8, mode="r")
     cache.discard(root, "a")
+    cache.discard(root, "never made")
     assert keys(root) == set() and not parts(root)
     assert bytes(mapped) == b"x" * 1000
 
@@ -224,13 +225,6 @@ def test_a_writer_that_is_given_up_leaves_nothing(root: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         cache.made(root, "a", fill)
-    assert keys(root) == set() and not parts(root)
-
-
-def test_discarding(root: Path) -> None:
-    entry(root, "a")
-    cache.discard(root, "a")
-    cache.discard(root, "b")
     assert keys(root) == set() and not parts(root)
 
 

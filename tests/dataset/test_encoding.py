@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse.config import ConfigError, Sections
+from dse.config import Sections
 from dse.config.values import plain
-from dse.dataset import cache, find, load, transductive
+from dse.dataset import cache, load, transductive
 from dse.dataset.encoding import encoded, learnt
-from dse.dataset.files import Stored, read_meta, read_spikes
+from dse.dataset.files import Stored, read_meta
 from dse.recordings import RecordingError
 from dse.records import Dataset, Signals, Spikes
 from tests.dataset.encoders import Counting, Levels, encoders  # noqa: F401
-from tests.dataset.plain import as_prepared, build, build_for, dataset_key, prepare
+from tests.dataset.plain import as_prepared, build, build_for, prepare
 
 pytestmark = pytest.mark.usefixtures("encoders")
 
@@ -205,21 +205,6 @@ def test_positions_of_pooled_events(folder: Path):
     assert pooled.positions.tolist() == [[0, 0, 0], [1, 0, 0]]
 
 
-@pytest.mark.parametrize(
-    ("positions", "message"),
-    [
-        ([[0, 0]] * 4, r"data.positions must be distinct, got \[0, 0\] for taxels 0 and 1"),
-        (PLACES[:3], r"data.positions must hold \[x, y\] for each of the 4 taxels, got 3"),
-        ([[0, -1], *PLACES[1:]], r"data.positions\[0\]\[1\] must be in \[0, 65535\], got -1"),
-    ],
-)
-@pytest.mark.parametrize("kind", ["raster", "signal"])
-def test_positions_that_are_none(folder: Path, kind: str, positions: list[list[int]], message: str):
-    design = KINDS[kind] | {"encoder": {"kind": "counting"}}
-    with pytest.raises((RecordingError, ConfigError), match=message):
-        build(design | {"data": {**design["data"], "positions": positions}}, folder)
-
-
 def test_a_test_file_lies_where_the_data_lie(folder: Path):
     design = OF_RASTERS | {"test": {"file": "x.npz", "positions": PLACES}}
     with pytest.raises(RecordingError, match="the test file must have the same channel positions"):
@@ -329,36 +314,6 @@ def test_a_split_changes_spikes_only_where_something_is_learnt(folder: Path):
         made(design | OTHER_SPLIT, folder)
         # The spikes without an encoder are shared in both cases.
         assert entries(folder) == {"dataset": 2, "spikes": expected}
-
-
-def test_designs_that_differ_in_the_encoder_share_what_it_is_shown(folder: Path):
-    for every in (1, 2, 3):
-        made(OF_EVENTS | {"encoder": {"kind": "counting", "every": every}}, folder)
-    made(OF_EVENTS, folder)
-    assert entries(folder) == {"dataset": 4, "spikes": 4}
-
-
-@pytest.mark.parametrize("kind", ["raster", "signal"])
-def test_an_entry_that_lacks_a_file_or_a_key_is_prepared_again(folder: Path, kind: str):
-    design = KINDS[kind] | {"encoder": {"kind": "counting"}}
-    root = folder / "cache"
-    data, _, meta = made(design, folder)
-    key = dataset_key(design, folder)
-    (root / meta["spikes"] / "positions.npy").unlink()
-    with pytest.raises(RecordingError, match="the spikes cannot be read"):
-        read_spikes(root / meta["spikes"])
-    assert find(root, key) is None
-    made(design, folder)
-    old = json.loads((root / key / "meta.json").read_text())
-    old = {name: old[name] for name in ("spikes", "classes", "warnings")} | {"crop": None}
-    (root / key / "meta.json").write_text(json.dumps(old))
-    with pytest.raises(RecordingError, match="the data set cannot be read"):
-        load(root / key)
-    again, _, _ = made(design, folder) if find(root, key) is None else pytest.fail("an old entry was read")
-    assert np.array_equal(again.positions, data.positions)
-
-
-# --- memory
 
 
 def test_signals_of_spikes_are_made_a_few_recordings_at_a_time(monkeypatch: pytest.MonkeyPatch):

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from dse import preprocessing, registry
-from dse.config import ConfigError
 from dse.config.settings import Preprocessing
 from dse.dataset import cache, find, load, stages, warnings
 from dse.dataset.encoding import as_signals
@@ -256,20 +255,6 @@ def test_a_recording_without_events_is_named():
     Kind.there["files"] = Silent(16)
     with pytest.raises(RecordingError, match="recording 5 must have events, got none"):
         build(DESIGN | {"data": {**DESIGN["data"], "file": "files"}}, Path())
-
-
-def test_keys_that_exclude_each_other_are_a_fault_of_the_recordings():
-    Kind.there["scene"] = Scene()
-    design = DESIGN | {"preprocessing": {"bin_ms": 1, "pool": 2, "padding": 2}}
-    with pytest.raises(ConfigError, match=r": preprocessing\.padding must be smaller than pool"):
-        build(design, Path())
-
-
-def test_what_a_frame_cannot_give_is_a_fault_of_the_recordings():
-    Kind.there["scene"] = Scene()
-    design = DESIGN | {"preprocessing": {"bin_ms": 1, "crop": [0, 0, 13, 2]}}
-    with pytest.raises(RecordingError, match="crop must lie within the frame of 12 x 12 pixels"):
-        build(design, Path())
 
 
 def tree(folder: Path) -> dict[str, bytes]:

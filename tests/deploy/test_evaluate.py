@@ -403,7 +403,7 @@ def test_what_was_repaired_is_said(real: Study, exported: Path, monkeypatch: pyt
 def test_a_missing_path_is_one_line_and_no_folder_is_searched(
     on_scene: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("dse.recordings.folders.os.scandir", lambda _: pytest.fail("searched"))
+    monkeypatch.setattr("dse.recordings.files.os.scandir", lambda _: pytest.fail("searched"))
     for command in ("evaluate", "stream"):
         assert main([command, str(on_scene / "bundle"), "--data", "/missing.aedat4"]) == 2
         assert capsys.readouterr().err == "/missing.aedat4: no such file or folder\n"

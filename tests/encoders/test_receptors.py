@@ -5,28 +5,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dse import registry
-from dse.encoders.receptors import Receptors, parameters, spike_counts
+from dse.encoders.receptors import Receptors, parameters
+from dse.neurons import izhikevich
 from dse.neurons.izhikevich import FA, METHODS, SA, Params
-from dse.records import Signals, Spikes
-
-
-def dense(spikes: Spikes) -> np.ndarray:
-    out = np.zeros((spikes.n_samples * spikes.n_steps, spikes.n_channels), dtype=bool)
-    rows = np.repeat(np.arange(len(out)), np.diff(spikes.row_offsets))
-    assert len(set(zip(rows.tolist(), spikes.channel.tolist(), strict=True))) == len(rows)
-    assert (np.diff(spikes.channel)[np.diff(rows) == 0] > 0).all(), "sorted within a step"
-    out[rows, spikes.channel] = True
-    return out.reshape(spikes.n_samples, spikes.n_steps, spikes.n_channels)
+from dse.records import Signals
+from tests.encoders import plain
+from tests.encoders.plain import recorded
 
 
 def one(values: np.ndarray, step_ms: float = 10.0) -> Signals:
-    return Signals(np.asarray(values, np.float32), np.array([0, len(values)]), step_ms, {})
+    return recorded(values, step_ms=step_ms)
 
 
 def encoded(encoder: Receptors, values: np.ndarray, step_ms: float = 10.0) -> np.ndarray:
-    whole = np.zeros(1, np.int64), np.array([len(values)])
-    return dense(encoder.encode_all(one(values, step_ms), *whole))[0]
+    return plain.encoded(encoder, one(values, step_ms))[0]
 
 
 def learnt(encoder: Receptors, signals: Signals, train: np.ndarray) -> Receptors:
@@ -65,7 +57,9 @@ def test_the_fast_path_is_the_definition(method, sa, seed, step_ms, copies, gain
     encoder = learnt(encoder, one(values, step_ms), np.array([0]))
     current = encoder.currents(values.astype(np.float64), step_ms)
     params = Params(*np.repeat(parameters(sa), 2, axis=0).T)
-    fired = spike_counts(current, params, step_ms, encoder.solver_steps(step_ms), method)
+    n = encoder.solver_steps(step_ms)  # steps of the neurons, within which the current is constant
+    fired = izhikevich.simulate(np.repeat(current, n, axis=0), params, step_ms / n, method)
+    fired = fired.reshape(len(current), n, -1).sum(axis=1)
     expected = np.concatenate([fired > j for j in range(copies)], axis=1)
     assert np.array_equal(encoded(encoder, values, step_ms), expected)
 
@@ -148,30 +142,6 @@ def test_causal_and_blind_to_level_without_sa(cut):
     assert np.array_equal(encoded(changes, values), encoded(there, values + 512))
 
 
-def test_recordings_of_many_lengths_cut_to_their_spans():
-    lengths = [50, 20, 35]
-    values = np.concatenate([wave(n, 3, n) for n in lengths])
-    values.setflags(write=False)
-    offsets = np.concatenate([[0], np.cumsum(lengths)])
-    signals = Signals(values, offsets, 10.0, {})
-    encoder = learnt(Receptors(spikes_per_step=2), signals, np.arange(3))
-    first, length = np.array([10, 0, 4]), np.array([12, 0, 9])
-    found = dense(encoder.encode_all(signals, first, length))
-    assert found.shape == (3, 12, 18)
-    for i in range(3):
-        whole = encoded(encoder, values[offsets[i] : offsets[i + 1]])
-        assert np.array_equal(found[i, : length[i]], whole[first[i] : first[i] + length[i]])
-        assert not found[i, length[i] :].any()
-
-
-def test_positions_tell_kinds_and_copies_apart():
-    inputs = np.array([[3, 4, 0], [5, 6, 1]], np.int32)
-    found = Receptors(spikes_per_step=2).positions(inputs)
-    assert found.dtype == np.int32
-    assert found[:4].tolist() == [[3, 4, 0], [5, 6, 6], [3, 4, 1], [5, 6, 7]]
-    assert len(np.unique(found, axis=0)) == len(found) == 12
-
-
 def test_what_it_refuses():
     values = wave()
     with pytest.raises(
@@ -183,7 +153,3 @@ def test_what_it_refuses():
         encoded(UNIT, values)
     with pytest.raises(ValueError, match="recording 0 must hold finite numbers"):
         learnt(Receptors(), one(values), np.array([0]))
-
-
-def test_it_is_a_component():
-    assert registry.known("encoders")["receptors"] is Receptors

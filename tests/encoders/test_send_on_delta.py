@@ -4,22 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from dse import registry
-from dse.encoders.send_on_delta import POLARITIES, REFERENCES, SendOnDelta, send_on_delta
+from dse.encoders.send_on_delta import POLARITIES, REFERENCES, SendOnDelta
 from dse.recordings.time_series import TimeSeries
-from dse.records import Signals, Spikes
-
-
-def dense(spikes: Spikes) -> np.ndarray:
-    out = np.zeros((spikes.n_samples * spikes.n_steps, spikes.n_channels), dtype=bool)
-    rows = np.repeat(np.arange(len(out)), np.diff(spikes.row_offsets))
-    assert len(set(zip(rows.tolist(), spikes.channel.tolist(), strict=True))) == len(rows)
-    out[rows, spikes.channel] = True
-    return out.reshape(spikes.n_samples, spikes.n_steps, spikes.n_channels)
-
-
-def one(values: np.ndarray) -> Signals:
-    return Signals(values.astype(np.float32), np.array([0, len(values)]), 28.0, {})
+from dse.records import Signals
+from tests.encoders.plain import encoded, recorded, send_on_delta
 
 
 @pytest.mark.parametrize(
@@ -52,13 +40,10 @@ def test_channels_are_threshold_then_polarity_then_channel():
     assert np.flatnonzero(spikes[1]).tolist() == [1, 3, 7]  # OFF of channel 1; ON of 0; OFF of 1 at 4
     encoder = SendOnDelta((1.0, 4.0), "value")
     assert encoder.n_channels(3) == 12
-    encoded = encoder.encode_all(one(values), np.array([0]), np.array([2]))
-    assert (encoded.n_channels, encoded.channel.tolist(), encoded.row_offsets.tolist()) == (
-        12,
-        [1, 3, 7],
-        [0, 0, 3],
-    )
-    assert (encoded.step_ms, encoded.channel.dtype, encoded.row_offsets.dtype) == (28.0, np.int32, np.int64)
+    found = encoder.encode_all(recorded(values), np.array([0]), np.array([2]))
+    assert (found.channel.tolist(), found.row_offsets.tolist()) == ([1, 3, 7], [0, 0, 3])
+    assert (found.n_channels, found.step_ms) == (12, 10.0)
+    assert (found.channel.dtype, found.row_offsets.dtype) == (np.int32, np.int64)
 
 
 @given(
@@ -72,8 +57,8 @@ def test_channels_are_threshold_then_polarity_then_channel():
 )  # fmt: skip
 def test_the_fast_path_is_the_definition(values, thresholds, reference, polarity):
     encoder = SendOnDelta(tuple(thresholds), reference, polarity)
-    encoded = dense(encoder.encode_all(one(values), np.array([0]), np.array([len(values)])))
-    assert np.array_equal(encoded[0], send_on_delta(values, tuple(thresholds), reference, polarity))
+    wanted = send_on_delta(values, tuple(thresholds), reference, polarity)
+    assert np.array_equal(encoded(encoder, recorded(values))[0], wanted)
 
 
 def test_merged_polarities_by_hand():
@@ -83,17 +68,8 @@ def test_merged_polarities_by_hand():
     merged = [[], [], [0], [], [0], [1, 3]]
     for polarity, wanted in (("separate", separate), ("merged", merged)):
         encoder = SendOnDelta((2.0, 4.0), "value", polarity)
-        encoded = encoder.encode_all(one(values), np.array([0]), np.array([6]))
-        assert [np.flatnonzero(row).tolist() for row in dense(encoded)[0]] == wanted
-    assert encoded.n_channels == encoder.n_channels(2) == 4
-
-
-@given(values=arrays.arrays(np.int16, (12, 2), elements=st.integers(-30, 30)))
-def test_merged_is_either_polarity_of_a_channel(values):
-    separate = send_on_delta(values, (1.0, 3.0), "step").reshape(12, 2, 2, 2)
-    merged = send_on_delta(values, (1.0, 3.0), "step", "merged").reshape(12, 2, 2)
-    assert np.array_equal(merged, separate.any(axis=2))
-    assert np.array_equal(send_on_delta(-values, (1.0, 3.0), "step", "merged").reshape(12, 2, 2), merged)
+        assert [np.flatnonzero(row).tolist() for row in encoded(encoder, recorded(values))[0]] == wanted
+    assert encoder.n_channels(2) == 4
 
 
 @given(
@@ -111,27 +87,6 @@ def test_causal_blind_to_level_and_quiet_at_first(values, cut, level, reference)
     assert np.array_equal(mirrored[:, :, ::-1].reshape(12, -1), spikes)
 
 
-@pytest.mark.parametrize("reference", REFERENCES)
-def test_recordings_of_many_lengths_cut_to_their_spans(reference):
-    rng = np.random.default_rng(3)
-    lengths = [30, 7, 19]
-    values = rng.integers(0, 20, (sum(lengths), 3)).astype(np.float32)
-    values.setflags(write=False)
-    offsets = np.concatenate([[0], np.cumsum(lengths)])
-    encoder = SendOnDelta((2.0, 5.0), reference)
-    first, length = np.array([10, 0, 4]), np.array([12, 0, 9])
-    encoded = dense(encoder.encode_all(Signals(values, offsets, 1.0, {}), first, length))
-    assert encoded.shape == (3, 12, 12)
-    for i in range(3):
-        whole = send_on_delta(values[offsets[i] : offsets[i + 1]], (2.0, 5.0), reference)
-        assert np.array_equal(encoded[i, : length[i]], whole[first[i] : first[i] + length[i]])
-        assert not encoded[i, length[i] :].any()
-
-
-def test_it_is_a_component_whose_thresholds_are_an_axis():
-    assert registry.known("encoders")["send_on_delta"] is SendOnDelta
-
-
 def test_events_of_public_recordings(shared_data):
     """The data's README: 1, 2, 3, 5 counts give a median of about 5000, 2040, 1110, 480 crossings per window.
 
@@ -147,8 +102,8 @@ def test_events_of_public_recordings(shared_data):
     for theta, about in ((1, 5000), (2, 2040), (3, 1110), (5, 480)):
         crossings, spikes = _crossings(windows, theta)
         assert np.median(crossings) == pytest.approx(about, rel=0.01)
-        encoded = SendOnDelta((float(theta),), "level").encode_all(everywhere, n, whole)
-        per_window = np.diff(encoded.row_offsets[::128])
+        found = SendOnDelta((float(theta),), "level").encode_all(everywhere, n, whole)
+        per_window = np.diff(found.row_offsets[::128])
         assert np.array_equal(per_window, spikes)
 
 

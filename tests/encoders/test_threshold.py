@@ -7,29 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from dse import registry
 from dse.config import values
 from dse.encoders.sampled import moving_average
 from dse.encoders.threshold import Threshold, statistics
-from dse.records import Signals, Spikes
-
-
-def dense(spikes: Spikes) -> np.ndarray:
-    out = np.zeros((spikes.n_samples * spikes.n_steps, spikes.n_channels), dtype=int)
-    rows = np.repeat(np.arange(len(out)), np.diff(spikes.row_offsets))
-    assert ((np.diff(rows) > 0) | (np.diff(spikes.channel) > 0)).all(), "sorted, and none twice"
-    out[rows, spikes.channel] = 1
-    return out.reshape(spikes.n_samples, spikes.n_steps, spikes.n_channels)
-
-
-def recorded(*recordings) -> Signals:
-    values = np.concatenate([np.asarray(x, np.float32).reshape(len(x), -1) for x in recordings])
-    values.setflags(write=False)
-    return Signals(values, np.cumsum([0, *map(len, recordings)]), 10.0, {})
+from dse.records import Signals
+from tests.encoders import plain
+from tests.encoders.plain import dense, recorded
 
 
 def encoded(encoder: Threshold, signals: Signals) -> np.ndarray:
-    return dense(encoder.encode_all(signals, np.zeros(signals.n_recordings, int), np.diff(signals.offsets)))
+    return plain.encoded(encoder, signals).astype(int)
 
 
 def fitted(encoder: Threshold, signals: Signals, target, train) -> Threshold:
@@ -46,7 +33,7 @@ def test_a_trace_by_hand():
     assert encoded(Threshold("none", level="past"), rising)[0, :, 0].tolist() == [1, 1, 1, 1]
 
 
-def plain(values, means, tolerance, deviations, own):
+def algorithm_1(values, means, tolerance, deviations, own):
     """Return Algorithm 1 for one recording, (step, class * channel): loops over classes and channels."""
     n_steps, n_in = values.shape
     out = np.zeros((n_steps, len(means) * n_in), dtype=int)
@@ -82,8 +69,8 @@ def test_it_is_algorithm_1(values, target, tolerance):
     encoded_spikes = encoded(encoder, signals)
     as_printed = encoded(fitted(Threshold("own_label"), signals, target, np.arange(5)), signals)
     for i in range(5):
-        assert np.array_equal(encoded_spikes[i], plain(values[i], means, tolerance, deviations, None))
-        assert np.array_equal(as_printed[i], plain(values[i], means, None, None, target[i]))
+        assert np.array_equal(encoded_spikes[i], algorithm_1(values[i], means, tolerance, deviations, None))
+        assert np.array_equal(as_printed[i], algorithm_1(values[i], means, None, None, target[i]))
 
 
 def test_a_tie_goes_to_the_lowest_class():
@@ -170,21 +157,7 @@ def test_constant_channels_are_at_their_mean():
             assert encoded(Threshold("none", level=level, smoothing_ms=smoothing_ms), signals).all()
 
 
-def test_recordings_cut_to_their_spans():
-    rng = np.random.default_rng(4)
-    recordings = [rng.integers(0, 9, (n, 2)) for n in (30, 7, 19)]
-    first, length = np.array([10, 0, 4]), np.array([12, 0, 9])
-    encoded_spikes = dense(
-        Threshold("none", smoothing_ms=30).encode_all(recorded(*recordings), first, length)
-    )
-    assert encoded_spikes.shape == (3, 12, 2)
-    for i in (0, 2):
-        smooth = np.stack(
-            [recordings[i][max(0, t - 2) : t + 1].mean(axis=0) for t in range(30 - 11 * i // 2)]
-        )
-        piece = smooth[first[i] : first[i] + length[i]]
-        assert np.array_equal(encoded_spikes[i, : length[i]], piece >= piece.mean(axis=0))
-    assert not encoded_spikes[1].any() and not encoded_spikes[2, 9:].any()
+def test_no_steps_have_no_spikes():
     empty = Threshold("none").encode_all(recorded([1, 2]), np.zeros(1, int), np.zeros(1, int))
     assert (empty.channel.size, empty.row_offsets.tolist()) == (0, [0])
 
@@ -210,18 +183,10 @@ def test_statistics_until_now_end_at_those_of_all(values):
         assert spread[t] == pytest.approx(one[1][0], abs=1e-7)
 
 
-def test_it_is_a_component_that_knows_its_channels():
-    assert registry.known("encoders")["threshold"] is Threshold
+def test_it_knows_its_channels():
     with pytest.raises(ValueError, match="matching nearest must be fitted to training recordings first"):
         Threshold().n_channels(19)
-    inputs = np.array([[3, 1, 0], [4, 1, 1]], np.int32)
-    encoder = dataclasses.replace(Threshold(), n_classes=20)
-    assert encoder.n_channels(19) == 380, "as published"
-    positions = encoder.positions(inputs)
-    assert (positions.shape, positions.dtype) == ((40, 3), np.int32)
-    assert positions[:4].tolist() == [[3, 1, 0], [4, 1, 20], [3, 1, 1], [4, 1, 21]]
-    assert len({*map(tuple, positions.tolist())}) == 40
-    assert Threshold("none").positions(inputs).tolist() == inputs.tolist()
+    assert dataclasses.replace(Threshold(), n_classes=20).n_channels(19) == 380, "as published"
 
 
 def test_what_is_learnt_survives_json():

@@ -42,7 +42,6 @@ from dse.deploy.bundle import BundleError
 from dse.deploy.reference import of_recordings
 from dse.recordings import RecordingError
 from dse.recordings.event_files import EventFiles
-from dse.recordings.events import EventFile
 from dse.recordings.raster import RasterFile
 from dse.records import Array
 from dse.registry import known
@@ -53,7 +52,7 @@ from dse.study.results import Study
 from dse.testing.targets import small_bundle, small_recordings
 from tests import tiny_study
 from tests.in_process import InProcess
-from tests.recordings import test_long_table, test_table, test_time_series, test_wide_table
+from tests.recordings import rectangles
 from tests.recordings.formats import test_contract
 from tests.recordings.formats.test_contract import MARKS, a_reader_that_hangs_fails
 
@@ -301,29 +300,18 @@ def _read(source: Any, place: Path) -> None:
     assert recordings.n_recordings >= 0
 
 
-_TAXELS = {
-    "t_us": np.array([5, 5, 9, 2, 7]),
-    "taxel": np.array([0, 3, 1, 2, 2]),
-    "polarity": np.array([1, 0, 1, 1, 0]),
-    "offsets": np.array([0, 3, 5]),
-    "label": np.array([0, 1]),
-}
 _SPIKES = {"spikes": np.eye(24, dtype=np.uint8).reshape(4, 6, 24), "label": np.arange(4)}
-_TABLES = {"x.csv": test_table.SAMPLES, "labels.csv": test_table.LABELS}
+_TABLES = {"x.csv": rectangles.SAMPLES, "labels.csv": rectangles.LABELS}
 KINDS: dict[str, Callable[[Path], Kind]] = {
     "bundle": bundle_of,
     "record": record_of,
     "book": book_of,
     "raster": functools.partial(arrays_kind, RasterFile("x.npz", 5.0, columns={"a": "label"}), _SPIKES),
-    "events": functools.partial(
-        arrays_kind,
-        EventFile("x.npz", 4, taxel="taxel", polarity="polarity", columns={"a": "label"}),
-        _TAXELS,
-    ),
-    "time_series": functools.partial(arrays_kind, test_time_series.SOURCE, test_time_series.GOOD),
-    "table": functools.partial(table_kind, test_table.SOURCE, _TABLES),
-    "long_table": functools.partial(table_kind, test_long_table.SOURCE, {"x.csv": test_long_table.LONG}),
-    "wide_table": functools.partial(table_kind, test_wide_table.SOURCE, {"x.csv": test_wide_table.WIDE}),
+    "events": functools.partial(arrays_kind, rectangles.EVENTS, rectangles.TAXELS),
+    "time_series": functools.partial(arrays_kind, rectangles.TIME_SERIES, rectangles.SERIES),
+    "table": functools.partial(table_kind, rectangles.TABLE, _TABLES),
+    "long_table": functools.partial(table_kind, rectangles.LONG_TABLE, {"x.csv": rectangles.LONG}),
+    "wide_table": functools.partial(table_kind, rectangles.WIDE_TABLE, {"x.csv": rectangles.WIDE}),
     **{name: functools.partial(format_of, name) for name in known("recordings.formats")},
 }
 

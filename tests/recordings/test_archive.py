@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from dse.recordings import RecordingError
-from dse.recordings.archive import event_archive
-from dse.recordings.events import EventFile
+from dse.recordings.events import EventFile, event_archive
 from dse.records import Block
 
 ADDRESSES = ("t_us", "x", "y", "polarity")

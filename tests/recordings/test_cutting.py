@@ -36,16 +36,6 @@ def test_windows_of_signals_by_hand():
     assert windows.columns["force"].tolist() == [0, 0, 0, 10, 20, 20]
 
 
-def test_windows_follow_each_other_without_a_distance_and_the_rest_is_dropped():
-    windows = cut(signals([7, 3], 1), 3)
-    assert windows.values[:, 0].tolist() == [0, 1, 2, 3, 4, 5, 7, 8, 9]
-    assert windows.columns["recording"].tolist() == [0, 0, 1]
-
-
-def test_a_distance_beyond_the_length_skips_steps():
-    assert cut(signals([9], 1), 2, 5).values[:, 0].tolist() == [0, 1, 5, 6]
-
-
 @given(
     lengths=st.lists(st.integers(1, 20), min_size=1, max_size=5),
     cut_steps=st.integers(1, 6),

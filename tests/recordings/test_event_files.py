@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from dse.config.sections import front_end
-from dse.recordings import RecordingError, event_files, folders
+from dse.recordings import RecordingError, event_files, files
 from dse.recordings.event_files import EventFiles
 
 LINE = "{} {} {:.6f}\n"
@@ -356,7 +356,7 @@ def test_hidden_files_loops_and_what_is_no_file_are_ignored(tmp_path):
     (tmp_path / "f" / "a" / "zero.tact").symlink_to("/dev/zero")
     tact(tmp_path / "elsewhere" / "y.tact", [0])
     (tmp_path / "f" / "linked").symlink_to(tmp_path / "elsewhere")
-    assert folders.files_below(tmp_path / "f", "**/*.tact") == ["a/x.tact", "linked/y.tact"]
+    assert files.files_below(tmp_path / "f", "**/*.tact") == ["a/x.tact", "linked/y.tact"]
     assert EventFiles("f", "**/*.tact").read(tmp_path).names == ("a/x.tact", "linked/y.tact")
     assert EventFiles("f").check(tmp_path)[0].startswith("self: cannot be read:")
 
@@ -379,7 +379,7 @@ def test_hidden_files_loops_and_what_is_no_file_are_ignored(tmp_path):
 def test_patterns(tmp_path, pattern, wanted):
     for name in ("a.tact", "p/a.tact", "p/q/B.tact"):
         tact(tmp_path / name, [0])
-    assert folders.files_below(tmp_path, pattern) == wanted
+    assert files.files_below(tmp_path, pattern) == wanted
 
 
 def test_the_content_says_all_that_counts(cloths, tmp_path):

@@ -3,7 +3,7 @@ import pytest
 from sklearn.neighbors import KNeighborsClassifier
 
 from dse.config.settings import Column, Split, Window
-from dse.recordings import RecordingError, leakage
+from dse.recordings import RecordingError, doubts
 from dse.recordings.splits import split
 from dse.recordings.targets import target
 from dse.recordings.time_series import TimeSeries
@@ -15,7 +15,7 @@ TRAIN, VALIDATION = np.arange(0, 90, 2), np.arange(1, 90, 2)
 
 
 def warned(lengths, levels, follow=True):
-    return leakage.warnings(lengths, levels, CODES, TRAIN, VALIDATION, "fabric", lambda: follow)
+    return doubts.shortcuts(lengths, levels, CODES, TRAIN, VALIDATION, "fabric", lambda: follow)
 
 
 def test_a_label_read_off_the_length_is_reported():
@@ -45,7 +45,7 @@ def test_honest_data_is_left_in_peace():
 def test_neighbours_agree_with_scikit_learn():
     features = RNG.normal(size=(600, 3)) * [1, 10, 100] + CODES.repeat(7)[:600, None]
     codes = RNG.integers(0, 4, 300)
-    guess = leakage.nearest_neighbours(features[:300], codes, features[300:])
+    guess = doubts.nearest_neighbours(features[:300], codes, features[300:])
     scaled = (features - features[:300].mean(axis=0)) / features[:300].std(axis=0)
     peer = KNeighborsClassifier(5).fit(scaled[:300], codes).predict(scaled[300:])
     assert np.array_equal(guess, peer)
@@ -53,7 +53,7 @@ def test_neighbours_agree_with_scikit_learn():
 
 def test_few_training_rows_and_a_constant_feature():
     train = np.array([[0.0, 7.0], [1.0, 7.0]])
-    assert leakage.nearest_neighbours(train, np.array([0, 1]), np.array([[3.0, 7.0], [-1, 7]])).tolist() == [
+    assert doubts.nearest_neighbours(train, np.array([0, 1]), np.array([[3.0, 7.0], [-1, 7]])).tolist() == [
         1,
         0,
     ]
@@ -62,13 +62,13 @@ def test_few_training_rows_and_a_constant_feature():
 def test_three_lucky_guesses_are_no_evidence():
     codes = np.array([0, 0, 1, 1, 0, 1, 1])
     lengths = np.array([10, 11, 20, 21, 10, 20, 20])
-    assert leakage.warnings(lengths, None, codes, np.arange(4), np.arange(4, 7), "fabric", bool) == []
+    assert doubts.shortcuts(lengths, None, codes, np.arange(4), np.arange(4, 7), "fabric", bool) == []
 
 
 def test_the_predicted_column_cannot_split():
-    leakage.guard(("fabric",), ("repetition",))
+    doubts.guard(("fabric",), ("repetition",))
     with pytest.raises(RecordingError, match="split cannot use column 'fabric', which"):
-        leakage.guard(("fabric", "velocity"), ("repetition", "fabric"))
+        doubts.guard(("fabric", "velocity"), ("repetition", "fabric"))
 
 
 def test_the_traps_of_public_recordings_are_found(shared_data):
@@ -94,7 +94,7 @@ def test_the_traps_of_public_recordings_are_found(shared_data):
         train, validation, _ = split(
             signals.columns, codes, classes, Split({"repetition": 0}, {"repetition": 1})
         )
-        sentences[name] = leakage.warnings(lengths, levels, codes, train, validation, name, bool)
+        sentences[name] = doubts.shortcuts(lengths, levels, codes, train, validation, name, bool)
     # The README of the data gives kNN on the mean level 0.960 for fabric, 0.230 for speed.
     assert (
         len(sentences["fabric"]) == 1

@@ -43,11 +43,6 @@ def test_pixels_of_every_pool(size, pool, stride, padding, pools):
     assert members(along_y.first_y, along_y.n_y, along_y.height) == pools
 
 
-@pytest.mark.parametrize(("size", "n"), [(160, 40), (312, 78), (10, 2)])
-def test_number_of_pools_of_whole_frames(size, n):
-    assert pooling(Preprocessing(1, pool=4, stride=4), size, 1).width == n
-
-
 def test_pools_lie_in_the_crop():
     pools = pooling(Preprocessing(1, pool=2, crop=(3, 1, 5, 2)), 10, 4)
     assert (pools.width, pools.height, pools.n_channels) == (2, 1, 4)
