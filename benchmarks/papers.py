@@ -60,7 +60,7 @@ def table(results: Path) -> list[str]:
     for folder in sorted(results.glob("0*/compared.csv")):
         compared = pd.read_csv(folder, dtype={"printed": str, "ours": str}, keep_default_na=False)
         known = compared[(compared["kind"] == "result") & (compared["ours"] != "")]
-        shares = known["quantity"].str.match("accuracy(?! on)(?!.*,)")  # of all classes together
+        shares = known["quantity"].str.match("(peak )?accuracy(?! on)(?!.*,)")  # of all classes together
         for row in known[shares].itertuples():
             se = f" ± {float(row.se):.2g}" if row.se else ""
             where = f"[{folder.parent.name}]({folder.parent.name}/README.md)"
