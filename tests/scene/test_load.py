@@ -304,6 +304,7 @@ def test_what_is_shipped() -> None:
         "neurotac_davis_soft": (11, 1, 4, 50, 5000),
         "neurotac_dvxplorer": (12, 12, 1, 100, 1000),
         "neurotac_dvxplorer_soft": (12, 12, 1, 100, 1000),
+        "neurotac_small": (12, 12, 1, 14, 1000),
         "pin_arrays": (11, 1, 1, 100, 5000),
         "pin_arrays_soft": (11, 1, 1, 100, 5000),
         "quickstart": (6, 4, 1, 20, 1000),
