@@ -16,8 +16,9 @@ from dse.config import ConfigError, Sections
 from dse.config.contracts import Source
 from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.verify import publish
-from dse.models.snn.quantise import BITS, exponents, rounded
+from dse.models.snn.quantise import exponents, rounded
 from dse.neurons import neuron_of
+from dse.neurons.fixed_point import BITS
 from dse.recordings import RecordingError
 from dse.records import Array, Network, Parameters
 from dse.study import imported, precision

@@ -36,9 +36,10 @@ from dse.engine.checks import check_network
 from dse.engine.events import Rows, gather
 from dse.engine.goal import Goal
 from dse.engine.shared import copies_of, distinct
-from dse.models.snn.quantise import BITS, stored
+from dse.models.snn.quantise import stored
 from dse.models.snn.settings import Stack
 from dse.neurons import population_of
+from dse.neurons.fixed_point import BITS
 from dse.neurons.surrogate import Exponential
 from dse.records import Arithmetic, Array, Head, Ints, Layer, Network, Spikes
 

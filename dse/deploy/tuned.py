@@ -17,8 +17,8 @@ from dse.deploy.reference import prepared
 from dse.hardware.profile import Profile, load
 from dse.measure.on_chips import columns_on
 from dse.measure.run import Measurement, measure
-from dse.models.snn.quantise import BITS
 from dse.native.extras import require_torch
+from dse.neurons.fixed_point import BITS
 from dse.records import Network, Outcome, Response
 from dse.store import StoreError
 from dse.study import imported

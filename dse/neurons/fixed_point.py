@@ -14,6 +14,8 @@ STATE_SCALE = 4096
 WEIGHT_SCALE = 64
 """Units of a weight's and a threshold's mantissa per weight unit."""
 DECAY_SCALE = 4096
+BITS = 8
+"""Bits of a weight as trained."""
 LOWEST_WEIGHT, HIGHEST_WEIGHT = -256 / WEIGHT_SCALE, 254 / WEIGHT_SCALE
 """Ends of 8-bit weights, weight units."""
 STATE_LIMIT = 2**23 - 1

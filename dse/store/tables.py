@@ -31,7 +31,7 @@ def parquet(
     """
     import pyarrow.parquet
 
-    with pyarrow.parquet.ParquetWriter(path, schema) as writer:
+    with pyarrow.parquet.ParquetWriter(path, schema, compression="zstd") as writer:
         yield writer
         writer.add_key_value_metadata({_MADE_FROM: made_from})
 

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
+from dse.neurons.fixed_point import BITS
 from dse.records import Array
 from dse.study.record import Numbers
 
@@ -33,8 +34,7 @@ Setting = tuple[int, float]
 FOLDER = "precision"
 """Of a study."""
 
-AS_TRAINED: Setting = (8, 0.0)
-"""The bits of `dse.models.snn.quantise.BITS`, which imports more than who reads tables needs."""
+AS_TRAINED: Setting = (BITS, 0.0)
 
 _SCHEMA = "dse/precision/1"
 _KEYS = ("schema", "trial", "repeat", "weight_bits", "pruned", "numbers")
@@ -94,7 +94,7 @@ def as_trained(points: pandas.DataFrame) -> pandas.DataFrame:
     """Return the design points at the trained precision."""
     if "weight_bits" not in points:
         return points
-    return points[~((points["weight_bits"] < AS_TRAINED[0]) | (points["pruned_after"] > 0))]
+    return points[~((points["weight_bits"] < BITS) | (points["pruned_after"] > 0))]
 
 
 def near(

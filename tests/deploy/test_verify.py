@@ -15,6 +15,7 @@ from dse import store
 from dse.cli import main
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError, sealed
+from dse.deploy.c import replay
 from dse.deploy.verdict import Verdict
 from dse.deploy.verify import Verified, export_targets, verify
 from dse.recordings import RecordingError
@@ -267,3 +268,8 @@ def test_a_pick_is_exported_with_its_targets(tmp_path: Path, capsys: Captured) -
     ):
         assert main(["pick", study, *wrong]) == 2
         assert re.search(message, capsys.readouterr().err)
+
+
+def test_a_program_that_says_nothing_has_answered_nothing() -> None:
+    played = replay.parsed(np.zeros(0, np.int32))
+    assert played.spikes.shape == (0, 4) and played.label.shape == played.steps.shape == (0,)

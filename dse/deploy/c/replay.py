@@ -178,10 +178,13 @@ def windows(numbers: Ints, width: int) -> Iterator[tuple[Ints, Ints, Ints]]:
 
 def parsed(numbers: Ints) -> Played:
     """Return what replay.c has written of spikes and answers."""
-    rows, answers, counts = zip(*windows(numbers, 3), strict=True)
-    spikes = [np.column_stack([np.full(len(x), i), x]) for i, x in enumerate(rows)]
-    label, steps, confident = np.array(answers, np.int64).T
-    return Played(np.concatenate(spikes), label, steps, confident.astype(bool), np.array(counts))
+    of_windows = list(windows(numbers, 3))
+    spikes = [np.zeros((0, 4), np.int64)]
+    spikes += [np.column_stack([np.full(len(rows), i), rows]) for i, (rows, _, _) in enumerate(of_windows)]
+    answers = np.array([answer for _, answer, _ in of_windows], np.int64)
+    label, steps, confident = answers.reshape(-1, 3).T
+    counts = np.array([counts for _, _, counts in of_windows])
+    return Played(np.concatenate(spikes), label, steps, confident.astype(bool), counts)
 
 
 def run_of(played: Played, plan: Frame, reference: Reference) -> Run:

@@ -10,8 +10,8 @@ from dse.deploy.classifier import Classifier
 from dse.deploy.form import Net
 from dse.hardware import profile
 from dse.hardware.cost import NotApplicable
-from dse.models.snn.quantise import BITS
 from dse.neurons import neuron_of
+from dse.neurons.fixed_point import BITS
 from dse.records import Network, Workload
 
 

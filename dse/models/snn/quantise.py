@@ -27,14 +27,11 @@ from dse.models.snn.prune import largest
 from dse.models.snn.whiten import inverse
 from dse.native.compiled import compiled
 from dse.neurons import Population
-from dse.neurons.fixed_point import HIGHEST_WEIGHT, WEIGHT_SCALE
+from dse.neurons.fixed_point import BITS, HIGHEST_WEIGHT, WEIGHT_SCALE
 from dse.records import Array, Floats, Ints, Layer, Network
 
 FINEST = 8
 """Largest exponent of a layer's thresholds and weights."""
-
-BITS = 8
-"""Bits of a weight as trained."""
 
 P = TypeVar("P", bound=Population[Any])
 
