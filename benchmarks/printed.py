@@ -30,10 +30,18 @@ from dse.records import Dataset, Outcome, Response
 
 SPACE = Path(__file__).resolve().parent.parent / "search_spaces" / "texture_profile_contrasts.yaml"
 JOINT = {"epochs": 8, "output_epochs": 0, "learning_rate": 0.01, "hidden_lr_factor": 0.05}
+AS_PRINTED = {
+    "start": "fan_in", "regions": 0, "whitened": "none", "weight_norm": True, "weight_scale": 2,
+    "rounding": "nearest", "threshold_exponents": (), "max_axonal_delay": 62, "learnt_decays": "layer",
+    "loss": SpikeRate(), "epochs": 16, "output_epochs": 0, "learning_rate": 0.01, "step_unit": "weight",
+    "dropout": 0.1, "input_dropout": 0.1, "batch_size": 4, "clip_norm": 1.0,
+}  # fmt: skip
 AFTERWARDS = {**JOINT, "epochs": 16, "output_epochs": 8, "output_learning_rate": 0.05}
 ROUNDED = {"compensated": lambda weights, _: weights}
 ROWS: dict[str, dict[Any, Any]] = {
     "all parts": {},
+    "as printed (texture_profile_as_printed.yaml), 16 epochs": AS_PRINTED,
+    "lags of 20 to 320 ms": {"input_delays": (0, 20, 40, 80, 160, 320)},
     "start uniform": {"start": "uniform"},
     "start uniform, 6084 free weights, rounded": {
         "start": "uniform", "regions": 0, "rounding": "nearest", "threshold_exponents": (0, 3),
