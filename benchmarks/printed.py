@@ -96,7 +96,7 @@ def main() -> None:
 def loaded(task: str, hidden: int, n_trials: int) -> tuple[Dataset, Any]:
     """Return the data set with its first trials for training, and the sections of the design."""
     space = load_space(SPACE)
-    sections = space.resolve({"task.target": task, "model.hidden": 25, "model.hidden_spike_penalty": 0})
+    sections = space.resolve({"task.target": task, "model.hidden": 25, "model.hidden_spike_penalty": 0.0})
     root, _ = opened_root(Path("results/studies"))
     data = dataset.load(dataset.prepare(sections, SPACE.parent, root, 2))
     repetition = np.asarray(dataset.recordings(sections, SPACE.parent).columns["repetition"])

@@ -67,10 +67,10 @@ def test_microcontroller(performed: Callable[[str], Shown], capsys: pytest.Captu
     assert picked["ram_bytes"] <= 8192 and picked["hardware_latency_ms"] <= 100 < picked["cycles"]
     printed = capsys.readouterr().out
     assert "; the nearest misses flash_bytes<=200 by " in printed
-    assert "#define DSE_CLASSES 6u" in printed
+    assert "#define DSE_CLASSES 12u" in printed
     bundle, text = shown[4]
     assert sorted(bundle.targets) == ["c99", "cortex_m4"]
-    assert text.startswith("<Bundle snn: 6 classes, accuracy 0.958, c99: ") and "\n" not in text
+    assert text.startswith("<Bundle snn: 12 classes, accuracy 0.660, c99: ") and "\n" not in text
 
 
 def test_own_neuron(performed: Callable[[str], Shown]) -> None:
@@ -89,7 +89,7 @@ def test_reading_a_front(performed: Callable[[str], Shown], monkeypatch: pytest.
     assert "<svg" in page and "<table" in table
     assert (front["front_probability"] >= 0.5).all()
     assert {trace.name for trace in figure.data} >= {"texture front"}
-    assert len(price.data[0].x) == 4 and len(chips.data[1].x) == 3
+    assert len(price.data[0].x) == 3 and len(chips.data[1].x) == 3
     assert summary["study"].tolist() == ["example", "spiking"]
     assert gains["gain"].notna().any()
 
