@@ -116,6 +116,10 @@ def init(
         RecordingError: the data cannot be read, or lack what cannot be guessed.
         StoreError: the file exists.
         TypeError: an unknown option, or data of another type.
+
+    >>> file = dse.init("touch.npz", "first.yaml", step_ms=4, group="session")
+    >>> dse.load_space(file).objectives
+    (('accuracy', 'max'), ('n_weights', 'min'), ('energy_uj', 'min'))
     """
     if not isinstance(data, str | Path | Mapping):
         raise TypeError(

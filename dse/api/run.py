@@ -37,6 +37,10 @@ def run(
         StoreError: the folder is in use or cannot be written; nothing finished is lost.
         TypeError: an argument of another kind.
         KeyboardInterrupt: after Ctrl-C; finished runs and the tables are written.
+
+    >>> study = dse.run("my_touch.yaml", progress=False)
+    >>> study.trials[["family", "status"]].values.tolist()
+    [['snn', 'finished']]
     """
     given: Mapping[str, object] = {"results": results, "jobs": jobs, "on_trial": on_trial}
     if not isinstance(given["results"], str | Path):

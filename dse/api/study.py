@@ -81,6 +81,10 @@ class Study(results.Study):
         Raises:
             ExpressionError: an unknown column, or a condition that cannot be read.
             TypeError: an argument of another kind, or out of range.
+
+        >>> front = study.skyline("accuracy:max,energy_uj:min", where="task == 'profile'", hardware="mcu_m33")
+        >>> front.rows["family"].iloc[0]
+        'mlp'
         """
         question = Question.of(objectives=objectives, where=where, by=by, **options)
         return front_of([self.folder], question)
@@ -96,6 +100,9 @@ class Study(results.Study):
         Raises:
             ExpressionError: an unknown column, or a budget that cannot be read.
             TypeError: an argument of another kind.
+
+        >>> study.pick(["task == 'texture'", "n_weights <= 20000"], hardware="mcu_m4")
+        <Choice trial 0 of example on mcu_m4: accuracy 0.5799, n_weights 1.029e+04, energy_uj 1157>
         """
         columns = texts(maximise, "maximise")
         return choose(
@@ -113,6 +120,9 @@ class Study(results.Study):
             NothingFeasible: no point meets every budget; the text says what the nearest one misses.
             ExpressionError: as of `pick`.
             TypeError: as of `pick`.
+
+        >>> study.best("energy_uj <= 300", "task == 'profile'", hardware="mcu_m4")["family"]
+        'mlp'
         """
         conditions = [text for each in budgets for text in texts(each, "budgets")]
         return self.pick(conditions, **options).found
@@ -133,6 +143,10 @@ class Study(results.Study):
 
         Raises:
             StoreError: the study has no such design, or the note is too long.
+
+        >>> study.note(3, "to be built", pinned=True)
+        >>> study.notes["text"].tolist()
+        ['to be built']
         """
         from dse.study import notes
 
@@ -170,6 +184,9 @@ class Study(results.Study):
         Raises:
             ExpressionError: the two have no objectives, tasks or hardware in common, or a condition is wrong.
             TypeError: an argument of another kind.
+
+        >>> float(study.compare("results/example").gains["gain"].max())
+        0.0
         """
         from dse.study.comparison import compare_studies
 
@@ -187,7 +204,11 @@ class Study(results.Study):
         targets: str | Sequence[str] = (),
         recordings: str | Path | None = None,
     ) -> Bundle:
-        """Write a design point as a bundle (`dse.export`)."""
+        """Write a design point as a bundle (`dse.export`).
+
+        >>> study.export(study.best("n_weights <= 20000"), "small").targets
+        {}
+        """
         from dse.deploy.export import export
 
         row = {str(name): value for name, value in point.items()}
@@ -206,6 +227,9 @@ class Study(results.Study):
 
         Raises:
             ConfigError: a component of the search space is not installed here.
+
+        >>> len(study.to_optuna().trials)
+        16
         """
         from dse.study.as_optuna import as_optuna
 
@@ -218,6 +242,9 @@ def open(folder: str | Path) -> Study:
     Raises:
         StoreError: there is none, or nothing has finished yet.
         TypeError: the folder is neither text nor path.
+
+    >>> dse.open("results/example")
+    <Study example: 16 finished, accuracy up to 0.903; results/example>
     """
     given: object = folder
     if not isinstance(given, str | Path):

@@ -48,6 +48,9 @@ def load_space(
     Raises:
         ConfigError: with every fault of the file and of the overrides.
         TypeError: the space is neither text, path nor mapping.
+
+    >>> dse.load_space("quickstart", {"model.hidden": "{choice: [20, 80]}"}).n_designs
+    16
     """
     given: object = path_or_name
     if not isinstance(given, str | Path | Mapping):

@@ -50,6 +50,9 @@ def from_arrays(
     Raises:
         RecordingError: recordings without samples, with NaN, or of different channels; labels that do not
             fit.
+
+    >>> dse.data.from_arrays(np.zeros((6, 50, 2)), ["denim", "silk"] * 3, step_ms=4, file="zeros.npz")
+    {'kind': 'time_series', 'step_ms': 4.0, 'offsets': 'offsets', 'file': ..., 'columns': ...}
     """
     if not np.isfinite(step_ms) or step_ms <= 0:
         raise RecordingError(f"step_ms must be a number > 0, got {step_ms!r}")
@@ -106,6 +109,10 @@ def from_events(
 
     Raises:
         RecordingError: times that fall, addresses outside of the frame, other fields; labels that do not fit.
+
+    >>> touch = np.arange(100), np.arange(100) % 8, np.zeros(100, int), np.ones(100, int)
+    >>> dse.data.from_events([touch, touch], ["denim", "silk"], file="events.npz")
+    {'kind': 'events', 'width': 8, 'height': 1, 'x': 'x', 'y': 'y', 'polarity': 'polarity', ...}
     """
     if time_unit not in UNITS_US:
         raise RecordingError(f"time_unit must be one of {', '.join(UNITS_US)}, got {time_unit!r}")
@@ -185,6 +192,10 @@ def from_dataset(
 
     Raises:
         RecordingError: no pairs, signals without step_ms; as of `from_arrays` and `from_events`.
+
+    >>> pairs = [(np.zeros((50, 2)), "denim"), (np.ones((40, 2)), "silk")]
+    >>> dse.data.from_dataset(pairs, step_ms=4, file="pairs.npz")
+    {'kind': 'time_series', 'step_ms': 4.0, 'offsets': 'offsets', 'file': ..., 'columns': ...}
     """
     samples, labels = [], []
     for number, item in enumerate(_items(dataset)):

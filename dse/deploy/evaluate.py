@@ -106,6 +106,10 @@ def evaluate(
     Raises:
         BundleError: the bundle is damaged or of a newer schema, or its classifier refuses the recordings.
         RecordingError: the recordings do not fit.
+
+    >>> found = dse.evaluate("bundle", "touch.npz")
+    >>> found.classes, found.label.shape
+    (('denim', 'silk'), (40,))
     """
     if isinstance(bundle, str | Path):
         classifier = read(bundle)

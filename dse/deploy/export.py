@@ -83,6 +83,9 @@ def export(
             unknown or cannot be written or run on this machine.
         RecordingError: the recordings do not fit.
         StoreError: an artefact is damaged, or the bundle cannot be written.
+
+    >>> dse.export(study, study.best("n_weights <= 20000"), "small", ["c99"]).targets["c99"].kind
+    'not verified'
     """
     bundle = bundle_of(study, point)
     verified = publish(bundle, Path(folder), targets, recordings)

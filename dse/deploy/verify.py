@@ -166,6 +166,9 @@ def verify(
     Raises:
         BundleError: the bundle is damaged or has no such target, or a target cannot be run on this machine.
         RecordingError: the recordings do not fit.
+
+    >>> {name: each.verdict.kind for name, each in dse.verify("bundle", "touch.npz").items()}
+    {'c99': 'faithful'}
     """
     path = Path(folder)
     bundle = read(path)
