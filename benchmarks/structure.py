@@ -1,17 +1,44 @@
-"""The shape of the package: rooms, arrows, circles, loose files, `Any`, string subscripts, long functions.
+"""The shape of the package: lines, rooms, arrows, circles, long and complex functions, what commands enter.
 
-python -m benchmarks.structure [CHECKOUT]
+`python -m benchmarks.structure [CHECKOUT ...]` prints a column per checkout, today's beside an earlier one.
+Commands read results/example of this checkout: their CPU seconds, and the files of dse that they import.
 """
 
 from __future__ import annotations
 
 import ast
+import json
+import os
+import resource
+import shutil
+import subprocess
 import sys
-from collections import Counter, defaultdict
+import tempfile
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
+ROOT = Path(__file__).parents[1]
 FACE = ("__init__", "__main__")
+LONG, COMPLEX = 60, 20
+COMMANDS = {
+    "skyline --where": (
+        "skyline",
+        "example",
+        "--where",
+        "task == 'texture'",
+        "--where",
+        "n_weights <= 20000",
+    ),
+    "check": ("check", str(ROOT / "search_spaces" / "example.yaml")),
+    "pick --export": ("pick", "example", "--budget", "task == 'texture'", "--export", "bundle"),
+}
+_ENTERED = """
+import atexit, sys
+atexit.register(lambda: print(sum(name.split(".")[0] == "dse" for name in sys.modules), file=sys.stderr))
+from dse.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 def modules(package: Path) -> dict[str, ast.Module]:
@@ -81,10 +108,9 @@ def rooms_of(name: str) -> str:
     return parts[1] if len(parts) > 1 else parts[0]
 
 
-def main(root: Path) -> None:
-    """Print the figures of a checkout."""
-    package = root / "dse"
-    trees = modules(package)
+def shape(root: Path) -> dict[str, object]:
+    """Return the figures of a checkout by their names."""
+    trees = modules(root / "dse")
     names = set(trees)
     arrows = {
         name: {other for other in imports(tree, names) if other != name} for name, tree in trees.items()
@@ -94,43 +120,86 @@ def main(root: Path) -> None:
         for other in others:
             if rooms_of(name) != rooms_of(other) and "." in name and "." in other:
                 between[rooms_of(name)].add(rooms_of(other))
-    lines: Counter[str] = Counter()
-    for path in package.rglob("*.py"):
-        lines[path.relative_to(package).parts[0].removesuffix(".py")] += len(path.read_text().splitlines())
-    loose = sorted(p.stem for p in package.glob("*.py") if p.stem not in FACE)
     nodes = [node for tree in trees.values() for node in ast.walk(tree)]
-    functions = [
-        ((node.end_lineno or 0) - node.lineno + 1, f"{name}.{node.name}")
-        for name, tree in trees.items()
-        for node in ast.walk(tree)
+    lengths = [
+        (node.end_lineno or 0) - node.lineno + 1
+        for node in nodes
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     ]
-    print(
-        f"files {len(trees)}, lines {sum(lines.values())}, rooms {len(set(map(rooms_of, names)) - {'dse'})}"
-    )
-    print(f"loose files {len(loose)}: {', '.join(loose)}")
-    print(f"arrows between rooms {sum(map(len, between.values()))}")
-    print(f"arrows between files {sum(map(len, arrows.values()))}")
-    inside = [c for c in circles(arrows) if "dse" not in c]
-    print(f"circles of rooms {circles(between)}")
-    print(f"circles of files {len(inside)}: {inside}")
-    print(f"Any {sum(isinstance(n, ast.Name) and n.id == 'Any' for n in nodes)}")
-    texts = [
-        node.slice.value
-        for node in nodes
-        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
-        if isinstance(node.slice.value, str)
+    return {
+        **{
+            f"lines of {top}": lines(root / top, end)
+            for top, end in (("dse", "py"), ("tests", "py"), ("dashboards", "js"))
+        },
+        "files": len(trees),
+        "rooms": sum(path.is_dir() and (path / "__init__.py").is_file() for path in (root / "dse").iterdir()),
+        "loose files": sum(path.stem not in FACE for path in (root / "dse").glob("*.py")),
+        "arrows between rooms": sum(map(len, between.values())),
+        "circles of rooms": len(circles(between)),
+        "circles of files": sum("dse" not in circle for circle in circles(arrows)),
+        f"functions over {LONG} lines": sum(n > LONG for n in lengths),
+        f"functions of complexity above {COMPLEX}": complex_functions(root),
+        "Any": sum(isinstance(node, ast.Name) and node.id == "Any" for node in nodes),
+        **commands(root),
+    }
+
+
+def lines(folder: Path, ending: str) -> int:
+    """Return the lines of the files of a folder."""
+    return sum(path.read_text(encoding="utf-8").count("\n") for path in folder.rglob(f"*.{ending}"))
+
+
+def complex_functions(root: Path) -> int:
+    """Return how many functions ruff finds too complex (McCabe)."""
+    ruff = [
+        sys.executable,
+        "-m",
+        "ruff",
+        "check",
+        "--isolated",
+        "--select",
+        "C901",
+        "--output-format",
+        "json",
     ]
-    print(f"string subscripts {len(texts)}")
-    for word in ("found", "told", "said", "asked", "wanted", "kept", "own", "given"):
-        uses = sum(isinstance(n, ast.Name) and n.id == word for n in nodes)
-        print(f"  name '{word}': {uses}")
-    longest = sorted(functions, reverse=True)[:8]
-    print("longest functions: " + ", ".join(f"{name.removeprefix('dse.')} {n}" for n, name in longest))
-    print(
-        "lines: " + ", ".join(f"{room} {n}" for room, n in sorted(lines.items(), key=lambda item: -item[1]))
-    )
+    limit = ["--config", f"lint.mccabe.max-complexity={COMPLEX}", str(root / "dse")]
+    return len(json.loads(subprocess.run([*ruff, *limit], capture_output=True, check=False).stdout))
+
+
+def commands(root: Path) -> dict[str, object]:
+    """Return the columns of a design point, and the CPU seconds and files of each command."""
+    found: dict[str, object] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copytree(ROOT / "results" / "example", Path(folder, "example"))
+        plugins = root / "plugins" / "dse-papers"
+        environment = {**os.environ, "PYTHONPATH": f"{root}:{plugins}"}
+        for name, arguments in COMMANDS.items():
+            run = [sys.executable, "-c", _ENTERED, *arguments]
+            before = _children_s()
+            ended = subprocess.run(
+                run, cwd=folder, env=environment, capture_output=True, text=True, check=False
+            )
+            cpu_s = _children_s() - before
+            entered = ended.stderr.split()[-1] if ended.returncode == 0 else "failed"
+            found |= {f"{name}: CPU s": f"{cpu_s:.2f}", f"{name}: files": entered}
+            if name.startswith("skyline"):
+                found["columns of its view"] = ended.stdout.partition("\n")[0].count(",") + 1
+    return found
+
+
+def _children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def main(roots: list[Path]) -> None:
+    """Print the figures of checkouts, side by side."""
+    columns = [shape(root) for root in roots]
+    print(f"| | {' | '.join(root.resolve().name for root in roots)} |")
+    print("|---" * (len(roots) + 1) + "|")
+    for name in columns[0]:
+        print(f"| {name} | {' | '.join(str(column[name]) for column in columns)} |")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1])
+    main([Path(path) for path in sys.argv[1:]] or [ROOT])
