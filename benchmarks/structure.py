@@ -195,11 +195,11 @@ def _children_s() -> float:
 def main(roots: list[Path]) -> None:
     """Print the figures of checkouts, side by side."""
     columns = [shape(root) for root in roots]
-    print(f"| | {' | '.join(root.resolve().name for root in roots)} |")
+    print(f"| | {' | '.join(root.name for root in roots)} |")
     print("|---" * (len(roots) + 1) + "|")
     for name in columns[0]:
         print(f"| {name} | {' | '.join(str(column[name]) for column in columns)} |")
 
 
 if __name__ == "__main__":
-    main([Path(path) for path in sys.argv[1:]] or [ROOT])
+    main([Path(path).resolve() for path in sys.argv[1:]] or [ROOT])
