@@ -490,8 +490,8 @@ def test_damage_is_told_and_repaired(path, fault):
 
 ZEROS = bytes(1 << 22)
 BAD_4 = {
-    "must be an LZ4 frame: ": dv.packet_4(bytes(40)),
-    "must be an LZ4 frame": dv.coded(BLOCK, "zstd"),
+    "must be compressed as lz4: ": dv.packet_4(bytes(40)),
+    "must be compressed as lz4": dv.coded(BLOCK, "zstd"),
     "must hold a flatbuffer of its own length, got 0 bytes": dv.packet_4(b""),
     "must hold a flatbuffer EVTS, got b'IMUS'": dv.coded(BLOCK, kind=b"IMUS"),
     "must hold 4294967295 items of 16 bytes, got 16000 bytes": dv.coded(BLOCK, count=2**32 - 1),
@@ -504,7 +504,7 @@ BAD_4 = {
     ("sentence", "compression", "bad"),
     [
         *((sentence, "lz4", bad) for sentence, bad in BAD_4.items()),
-        ("must be a Zstandard frame: ", "zstd", dv.coded(BLOCK)),
+        ("must be compressed as zstd: ", "zstd", dv.coded(BLOCK)),
         ("must hold a flatbuffer", "none", dv.coded(BLOCK)),
         ("the packet at byte", "zstd", dv.packet_4(dv.COMPRESS["zstd"](dv.content(BLOCK))[:2000])),
         ("at most 32768 bytes after decompression, got more", "lz4", dv.packet_4(dv.COMPRESS["lz4"](ZEROS))),
