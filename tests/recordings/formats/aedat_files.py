@@ -21,6 +21,8 @@ DVS128, DAVIS240 = list(CHIPS)[:2]
 VERSION_2, VERSION_3, VERSION_4 = b"#!AER-DAT2.0\r\n", b"#!AER-DAT3.1\r\n", b"#!AER-DAT4.0\r\n"
 END_2, END_3 = b"#End Of ASCII Header\r\n", b"#!END-HEADER\r\n"
 POLARITY = 1
+
+
 def _without_size(data: bytes) -> bytes:
     sink = pyarrow.BufferOutputStream()
     with pyarrow.CompressedOutputStream(sink, "zstd") as stream:

@@ -14,25 +14,13 @@ from dse.recordings import RecordingError
 from dse.recordings.formats import BLOCK_EVENTS, Repairs, checked, detect, named
 from dse.registry import known
 from tests.recordings.formats.encoders import dat, evt2_words, evt3_words, nmnist, raw
+from tests.recordings.formats.reading import RECORDED
 
 FORMATS = list(known("recordings.formats"))
 assert {"dat", "evt2", "evt3", "nmnist"} <= set(FORMATS)
 FRAME = (320, 240)
 MOST_S = 20
 ONE = [(70, 3, 4, 1)]
-SAMPLES = {
-    "expelliarmus_evt2_sample.raw": "evt2",
-    "expelliarmus_evt3_sample.raw": "evt3",
-    "expelliarmus_evt3_sample_decoded.npz": "npz",
-    "faery_dvs.es": "es",
-    "neutouch_sponge_trial1_5.tact": "neutouch",
-    "tonic_sample.aedat4": "aedat4",
-    "tonic_sample_aedat_header.aedat": "aedat2",
-    "tonic_sample_ncars.dat": "dat",
-    "tonic_sample_nmnist.bin": "nmnist",
-    "tonic_sample_stmnist.mat": "stmnist",
-}
-"""Real files, and what they are."""
 MARKS = (
     b"",
     b"% evt 2.0\n",
@@ -118,7 +106,7 @@ def test_random_bytes(folder, name, mark, content, repair):
     read(path, name, repair)
 
 
-@pytest.mark.parametrize("file", SAMPLES)
+@pytest.mark.parametrize("file", RECORDED)
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_real_files_cut_and_damaged(shared_data, folder, file, data):
@@ -131,18 +119,7 @@ def test_real_files_cut_and_damaged(shared_data, folder, file, data):
     path = folder / file
     path.write_bytes(damaged)
     for repair in (False, True):
-        read(path, SAMPLES[file], repair)
-
-
-@pytest.mark.parametrize(("file", "name"), SAMPLES.items())
-def test_real_files_are_told_apart_by_content_and_by_name(shared_data, folder, file, name):
-    path = shared_data / "native_event_files" / file
-    assert detect(path) == named(name)
-    read(path, name, repair=False)
-    if name not in ("neutouch", "nmnist"):  # nothing in their bytes says what they are
-        other = folder / "other.name"
-        other.write_bytes(path.read_bytes())
-        assert detect(other) == named(name)
+        read(path, RECORDED[file][0], repair)
 
 
 @pytest.mark.parametrize(
