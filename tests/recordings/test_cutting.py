@@ -1,11 +1,9 @@
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.recordings import RecordingError
 from dse.recordings.cutting import cut
-from dse.records import Events, Rasters, Signals, Spikes
+from dse.records import Rasters, Signals, Spikes
 
 
 def signals(lengths, n_channels=2):
@@ -91,33 +89,3 @@ def test_cutting_rasters_is_the_loop(shape, cut_steps, every, rate):
 def test_without_a_length_nothing_is_cut():
     recorded = signals([5, 3])
     assert cut(recorded, None) is recorded
-
-
-EVENTS = Events(*np.zeros((4, 1), dtype=np.int64), np.array([0, 1]), 1, 1, {})
-
-
-@pytest.mark.parametrize(
-    ("recordings", "steps", "message"),
-    [
-        (signals([9, 5]), 6, "window.cut_steps = 6 does not fit recording 1: it has 5 steps"),
-        (
-            Rasters(sparse(np.ones((1, 4, 1), bool)), {}),
-            5,
-            "window.cut_steps = 5 does not fit recording 0: it has 4 steps",
-        ),
-        (EVENTS, 5, "window.cut_steps does not apply to events, .* got 5"),
-        (
-            Signals(np.zeros((4, 1), np.float32), np.array([0, 4]), 1.0, {"recording": np.array([3])}),
-            2,
-            "data.columns cannot contain 'recording' together with window.cut_steps",
-        ),
-        (
-            Signals(np.zeros((4, 1), np.float32), np.array([0, 4]), 1.0, {"window": np.array([3])}),
-            2,
-            "data.columns cannot contain 'window' together with window.cut_steps",
-        ),
-    ],
-)
-def test_what_cannot_be_cut_is_named(recordings, steps, message):
-    with pytest.raises(RecordingError, match=message):
-        cut(recordings, steps)

@@ -1,9 +1,8 @@
 import numpy as np
-import pytest
 from sklearn.neighbors import KNeighborsClassifier
 
 from dse.config.settings import Column, Split, Window
-from dse.recordings import RecordingError, doubts
+from dse.recordings import doubts
 from dse.recordings.splits import split
 from dse.recordings.targets import target
 from dse.recordings.time_series import TimeSeries
@@ -63,12 +62,6 @@ def test_three_lucky_guesses_are_no_evidence():
     codes = np.array([0, 0, 1, 1, 0, 1, 1])
     lengths = np.array([10, 11, 20, 21, 10, 20, 20])
     assert doubts.shortcuts(lengths, None, codes, np.arange(4), np.arange(4, 7), "fabric", bool) == []
-
-
-def test_the_predicted_column_cannot_split():
-    doubts.guard(("fabric",), ("repetition",))
-    with pytest.raises(RecordingError, match="split cannot use column 'fabric', which"):
-        doubts.guard(("fabric", "velocity"), ("repetition", "fabric"))
 
 
 def test_the_traps_of_public_recordings_are_found(shared_data):

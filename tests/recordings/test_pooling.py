@@ -5,7 +5,6 @@ import pytest
 
 from dse.config.settings import Preprocessing
 from dse.preprocessing import END_OF_TIME_US
-from dse.recordings import RecordingError
 from dse.recordings.pooling import pooling
 
 
@@ -64,23 +63,6 @@ def test_the_pins_are_a_crop():
     assert np.array_equal(given.n_x, pins.n_x)
     # Pins that nobody asked for change nothing.
     assert pooling(Preprocessing(1), 8, 4, pins=(2, 0, 3, 3)).crop == (0, 0, 8, 4)
-
-
-@pytest.mark.parametrize("crop", [(0, 0, 9, 4), (7, 0, 2, 4), (0, 3, 8, 2), (8, 0, 1, 1)])
-def test_a_crop_outside_the_frame_is_a_fault(crop):
-    x, y, width, height = crop
-    text = (
-        f"preprocessing.crop must lie within the frame of 8 x 4 pixels, got x {x} to {x + width - 1} and "
-        f"y {y} to {y + height - 1}"
-    )
-    with pytest.raises(RecordingError) as fault:
-        pooling(Preprocessing(1, crop=crop), 8, 4)
-    assert str(fault.value) == text
-
-
-def test_unknown_pins_are_a_fault():
-    with pytest.raises(RecordingError, match="because the positions of pins are unknown, got pins"):
-        pooling(Preprocessing(1, crop="pins"), 8, 4)
 
 
 def test_what_the_kernels_read():
