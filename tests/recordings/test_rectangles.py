@@ -64,11 +64,7 @@ def dense(spikes: Spikes) -> np.ndarray:
 OF_TABLES = [
     (TABLE, edited(SAMPLES, "left", 3, None), "column 'left' is empty or NaN in line 5"),
     (TABLE, edited(SAMPLES, "left", 3, "u"), "column 'left' must hold numbers, got"),
-    (
-        TABLE,
-        edited(SAMPLES, "right", 4, "inf"),
-        "finite, got inf in recording 0, sample 1, channel 1",
-    ),
+    (TABLE, edited(SAMPLES, "right", 4, "inf"), "finite, got inf in recording 0, sample 1, channel 1"),
     (TABLE, edited(SAMPLES, "id", 1, None), "'id' is empty in line 3"),
     (TABLE, edited(SAMPLES, "id", 1, "c"), "recording 'c' has no row in the label table labels.csv"),
     (TABLE, SAMPLES[SAMPLES.id == "a"], "recording 'b' has no samples"),
@@ -81,11 +77,7 @@ OF_TABLES = [
     (LONG_TABLE, LONG.assign(taxel=["c", *"bababababab"]), r"channel 'c' is not among data\.channels"),
     (LONG_TABLE, LONG.assign(taxel=["a", "b\n\x1b[2J"] * 6), r"channel 'b\\n\\x1b\[2J' is not among"),
     (LONG_TABLE, LONG.drop(columns="pressure"), r"no column 'pressure'; known: t, taxel, cloth"),
-    (
-        LONG_TABLE,
-        LONG.assign(pressure=["high", *range(11)]),
-        "must hold numbers, got 'high' in line 2",
-    ),
+    (LONG_TABLE, LONG.assign(pressure=["high", *range(11)]), "must hold numbers, got 'high' in line 2"),
     (LONG_TABLE, LONG.assign(cloth=["felt", *LONG.cloth[1:]]), "got 'felt' and, in line 3, 'silk'"),
     (WIDE_TABLE, WIDE.assign(l_1=[1.0, np.nan]), "column 'l_1' must hold a number in line 3, got none"),
     (WIDE_TABLE, WIDE.assign(r_10=[1.0, np.nan]), "column 'r_10' must hold a number in line 3, got none"),
@@ -93,11 +85,7 @@ OF_TABLES = [
     (WIDE_TABLE, WIDE.assign(cloth=["silk", None]), "'cloth' is empty in line 3"),
     (WIDE_TABLE, WIDE.drop(columns="r_1"), "columns as each other, got 4 of 'l_', 3 of 'r_'"),
     (WIDE_TABLE, WIDE.drop(columns="cloth"), "no column 'cloth'; known: l_0"),
-    (
-        WIDE_TABLE,
-        WIDE.rename(columns=lambda x: x.replace("r_", "q_")),
-        "is named 'r_' and a number",
-    ),
+    (WIDE_TABLE, WIDE.rename(columns=lambda x: x.replace("r_", "q_")), "is named 'r_' and a number"),
     (WIDE_TABLE, WIDE[:0], "the table has no rows"),
 ]
 OF_LABELS = [
@@ -107,11 +95,7 @@ OF_LABELS = [
 ]
 ONE_EACH = r"must have one value for each of the 2"
 OF_ARRAYS: list[tuple[Any, dict[str, Any], str]] = [
-    (
-        TIME_SERIES,
-        {"signal": np.zeros((10, 2, 1))},
-        r"must be \(sample, channel\), got .*\(10, 2, 1\)",
-    ),
+    (TIME_SERIES, {"signal": np.zeros((10, 2, 1))}, r"must be \(sample, channel\), got .*\(10, 2, 1\)"),
     (TIME_SERIES, {"signal": np.array([["a", "b"]] * 10)}, "'signal' must hold numbers, got <U1"),
     (TIME_SERIES, {"signal": with_value(np.nan)}, "finite, got nan in recording 1, sample 2, channel 1"),
     (TIME_SERIES, {"signal": with_value(1e300)}, "finite, got inf in recording 1, sample 2, channel 1"),
@@ -124,22 +108,10 @@ OF_ARRAYS: list[tuple[Any, dict[str, Any], str]] = [
     (TIME_SERIES, {"offsets": np.array([0])}, r"offsets must be integers, one more .*of shape \(1,\)"),
     (TIME_SERIES, {"label": np.array([1, 0, 1])}, rf"column 'fabric' \(array 'label'\) {ONE_EACH}"),
     (TIME_SERIES, {"label": np.array([[1], [0]])}, rf"{ONE_EACH} recordings, got shape \(2, 1\)"),
-    (
-        TIME_SERIES,
-        {"label": np.array([0, 2])},
-        "has code 2 for recording 1, but class_names holds 2",
-    ),
+    (TIME_SERIES, {"label": np.array([0, 2])}, "has code 2 for recording 1, but class_names holds 2"),
     (TIME_SERIES, {"label": np.array([0, -1])}, "column 'fabric' has code -1 for recording 1"),
-    (
-        TIME_SERIES,
-        {"label": np.array([0.0, 1])},
-        "must hold integer codes to be named .*got float64",
-    ),
-    (
-        TIME_SERIES,
-        {"names": np.array([["a", "b"]])},
-        r"must be a list of names, got shape \(1, 2\)",
-    ),
+    (TIME_SERIES, {"label": np.array([0.0, 1])}, "must hold integer codes to be named .*got float64"),
+    (TIME_SERIES, {"names": np.array([["a", "b"]])}, r"must be a list of names, got shape \(1, 2\)"),
     (TIME_SERIES, {"force": np.array([0.5, np.nan])}, "column 'force' is NaN for recording 1"),
     (TIME_SERIES, {"force": np.array([0.5, 1j])}, "'force' must hold numbers or texts, got complex128"),
     (EVENTS, {"t_us": np.array([5, 4, 9, 2, 7])}, "must not decrease .*, got 4 at event 1 of recording 0"),
@@ -160,17 +132,9 @@ OF_ARRAYS: list[tuple[Any, dict[str, Any], str]] = [
     (RASTER, {"spikes": SPIKES - 0.5}, "must be 0 or 1, got -0.5 in recording 0, step 0, channel 0"),
     (RASTER, {"spikes": SPIKES.astype(str)}, "must hold 0 and 1, got <U"),
     (RASTER, {"spikes": SPIKES[:0], "label": []}, r"must hold samples, steps and channels, .*\(0, 11, 4\)"),
-    (
-        RASTER,
-        {"spikes": SPIKES[0], "label": [1] * 11},
-        r"axes 'sample step channel', got .*\(11, 4\)",
-    ),
+    (RASTER, {"spikes": SPIKES[0], "label": [1] * 11}, r"axes 'sample step channel', got .*\(11, 4\)"),
     (RasterFile("x.npz", 5, n_steps=12), {"spikes": SPIKES}, "must hold 12 steps, got 11"),
-    (
-        RasterFile("x.npz", 5, packed=True),
-        {"spikes": SPIKES.astype(int)},
-        "must be uint8 to be packed bits",
-    ),
+    (RasterFile("x.npz", 5, packed=True), {"spikes": SPIKES.astype(int)}, "must be uint8 to be packed bits"),
     (RasterFile("x.npz", 5, shape="shape"), {"shape": [3, 11]}, "'shape' must hold 3 integers > 0"),
     (RasterFile("x.npz", 5, shape="shape"), {"shape": [3, -1, 4]}, "'shape' must hold 3 integers > 0"),
 ]

@@ -188,8 +188,7 @@ KEYS: list[tuple[Callable[[], Any], str]] = [
 
 
 @pytest.mark.parametrize(
-    ("kind", "call", "message"),
-    [*((RecordingError, *x) for x in REFUSED), *((ValueError, *x) for x in KEYS)],
+    ("kind", "call", "message"), [*((RecordingError, *x) for x in REFUSED), *((ValueError, *x) for x in KEYS)]
 )
 def test_refusals(kind: type[Exception], call: Callable[[], Any], message: str) -> None:
     with pytest.raises(kind, match=message) as error:
