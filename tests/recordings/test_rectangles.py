@@ -12,7 +12,6 @@ import pytest
 from dse.recordings import RecordingError
 from dse.recordings.events import EventFile
 from dse.recordings.raster import RasterFile, sparse
-from dse.recordings.source import check_positions, position_faults, taxel_positions
 from dse.recordings.table import LongTable, Table
 from dse.recordings.time_series import TimeSeries, WideTable
 from dse.records import Spikes
@@ -189,6 +188,7 @@ KEYS: list[tuple[type, dict[str, Any], str]] = [
     (Table, {"channels": ("left",), "recording": None, "time": "t"}, "data.labels needs data.recording"),
     (Table, {"channels": ("left",), "recording": None, "labels": None}, "data.recording must name a column"),
     (Table, {"channels": ("a", "b"), "positions": ((3, 1),)}, "for each of the 2 taxels, got 1"),
+    (RasterFile, {"positions": ((2, 1), (0, 0), (2, 1))}, r"distinct, got \[2, 1\] for taxels 0 and 2"),
     (RasterFile, {"axes": "step channel"}, "data.axes must name each axis once"),
     (RasterFile, {"axes": "sample step step"}, "each axis once"),
     (RasterFile, {"n_steps": 3, "shape": "shape"}, "data must have n_steps or shape, not both"),
@@ -253,41 +253,6 @@ def test_unlabelled_recordings_keep_the_columns_they_have(write, tmp_path):
 
 
 # ---- where channels lie
-
-PLACES = ((4, 0), (0, 7), (4, 7))
-
-
-def test_taxels_lie_where_they_are_said_to_and_in_a_row_else():
-    taxel, plane = np.array([0, 0, 1, 1, 2, 2]), np.array([0, 1] * 3)
-    found = taxel_positions(PLACES, taxel, plane)
-    assert found.dtype == np.int32
-    assert found.tolist() == [[4, 0, 0], [4, 0, 1], [0, 7, 0], [0, 7, 1], [4, 7, 0], [4, 7, 1]]
-    assert taxel_positions(None, taxel, plane)[:, :2].tolist() == [[k, 0] for k in (0, 0, 1, 1, 2, 2)]
-    for positions in (None, PLACES, [[0, 0]], ((65535, 0),)):
-        check_positions(positions)
-    assert position_faults(PLACES, 3) == position_faults(None, 8) == position_faults(PLACES, None) == []
-    for positions in (PLACES, ()):
-        with pytest.raises(RecordingError, match=rf"for each of the 2 taxels, got {len(positions)}"):
-            taxel_positions(positions, np.arange(2), np.zeros(2, dtype=int))
-
-
-@pytest.mark.parametrize(
-    ("positions", "got"),
-    [
-        (((0, 0), (1, -1)), r"got \[1, -1\] for taxel 1"),
-        (((0, 0.5),), r"got \[0, 0.5\] for taxel 0"),
-        (((0, True),), r"got \[0, True\] for taxel 0"),
-        (((0, 1, 2),), r"got \[0, 1, 2\] for taxel 0"),
-        ((3, 4), r"got \[3\] for taxel 0"),
-        (((0, 65536),), r"from 0 to 65535 for every taxel, got \[0, 65536\] for taxel 0"),
-        (((2, 1), (0, 0), (2, 1)), r"must be distinct, got \[2, 1\] for taxels 0 and 2"),
-    ],
-)
-def test_places_that_are_none(positions, got):
-    with pytest.raises(RecordingError, match=got):
-        check_positions(positions)
-    with pytest.raises(RecordingError, match=got):
-        dataclasses.replace(TIME_SERIES, positions=positions)
 
 
 def test_sampled_channels_lie_where_positions_say(write, tmp_path):
