@@ -27,9 +27,6 @@ def test_by_column_leaves_the_rest_out():
     assert parts(Split({"repetition": [0]}, {"repetition": 1}, {"repetition": 2})) == [[0, 3], [1, 4], [2, 5]]
     assert parts(Split({"part": "train"}, {"part": "val"})) == [[0, 2, 4, 5], [1, 3], []]
     assert parts(Split({"repetition": [0, 2]}, {"repetition": 1, "force": 150})) == [[0, 2, 3, 5], [1], []]
-
-
-def test_one_group_left_out():
     rule = Split(leave_out=LeaveOut("repetition", 2))
     assert parts(rule) == [[0, 1, 3, 4], [2, 5], []] and rule.columns() == ("repetition",)
 
@@ -53,16 +50,20 @@ def test_a_drawn_split_takes_the_same_share_of_every_class(sizes, validation, te
     assert all(np.array_equal(a, b) for a, b in zip(drawn, again, strict=True))
 
 
-def test_the_seed_of_a_drawn_split_matters():
-    codes = np.zeros(40, dtype=int)
-    first, second = (
-        split({}, codes, ("a",), Split(stratified=Stratified(0.5, seed=seed)))[1] for seed in (0, 1)
-    )
-    assert first.tolist() != second.tolist()
-
-
 def fold(f, columns=None, codes=CODES, classes=CLASSES, **keys):
     return split(columns or {}, codes, classes, Split(k_fold=KFold(fold=f, **keys)))
+
+
+def test_the_seed_matters_and_nothing_else():
+    codes = np.zeros(40, dtype=int)
+    for kind, rule in (
+        ("stratified", lambda seed: Stratified(0.5, seed=seed)),
+        ("k_fold", lambda s: KFold(seed=s)),
+    ):
+        one, same, other = (
+            split({}, codes, ("a",), Split(**{kind: rule(seed)}))[1].tolist() for seed in (1, 1, 2)
+        )
+        assert one == same != other
 
 
 def grouped(rng, k):
@@ -144,12 +145,6 @@ def test_a_test_set_by_column_is_the_same_in_all_folds():
     for f in range(2):
         _, _, test = fold(f, columns, codes, k=2, test={"force": 3}, group="plate")
         assert test.tolist() == np.flatnonzero(columns["force"] == 3).tolist()
-
-
-def test_the_seed_of_folds_matters_and_nothing_else():
-    codes = np.zeros(40, dtype=int)
-    one, same, other = (fold(0, {}, codes, ("a",), seed=seed)[1].tolist() for seed in (1, 1, 2))
-    assert one == same != other
 
 
 @settings(max_examples=30)
