@@ -108,14 +108,6 @@ def test_folders_above(tmp_path):
     )
 
 
-def test_published_recordings(shared_data, monkeypatch):
-    monkeypatch.setenv("DSE_DATA", str(shared_data))
-    source = EventFiles("native_event_files", "*.tact")
-    assert source.check(shared_data / "nowhere") == []
-    found = source.read(shared_data / "nowhere")
-    assert [len(times(found, i)) for i in range(2)] == [11099, 5386]
-
-
 def _edited(column, row, value):
     frame = LABELS.copy()
     frame[column] = frame[column].astype(object)

@@ -76,20 +76,12 @@ def test_what_the_kernels_read():
     assert pooling(Preprocessing(1, polarity="merge"), 3, 2).only == -1
 
 
-@pytest.mark.parametrize(
-    ("time_ms", "duration_us", "n"),
-    [
-        (None, 0, 0),
-        (None, 1, 1),
-        (None, 30, 3),
-        (None, 31, 4),
-        ((0.0, 0.02), 1000, 2),
-        ((0.0, 0.025), 1000, 3),  # the last bin is partly empty
-        ((0.005, 0.025), 1000, 2),
-        ((0.005, 0.025), 16, 2),
-        ((0.005, 0.025), 5, 0),
-        ((0.005, 0.025), 6, 1),
-    ],
-)
-def test_bins_of_a_duration(time_ms, duration_us, n):
-    assert pooling(Preprocessing(0.01, time_ms=time_ms), 1, 1).n_bins(duration_us) == n
+def test_bins_of_a_duration():
+    for time_ms, bins in {
+        None: {0: 0, 1: 1, 30: 3, 31: 4},
+        (0.0, 0.02): {1000: 2},
+        (0.0, 0.025): {1000: 3},  # the last bin is partly empty
+        (0.005, 0.025): {1000: 2, 16: 2, 5: 0, 6: 1},
+    }.items():
+        pools = pooling(Preprocessing(0.01, time_ms=time_ms), 1, 1)
+        assert {duration_us: pools.n_bins(duration_us) for duration_us in bins} == bins

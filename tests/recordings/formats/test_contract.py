@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -19,7 +15,6 @@ from tests.recordings.formats.reading import RECORDED
 FORMATS = list(known("recordings.formats"))
 assert {"dat", "evt2", "evt3", "nmnist"} <= set(FORMATS)
 FRAME = (320, 240)
-MOST_S = 20
 ONE = [(70, 3, 4, 1)]
 MARKS = (
     b"",
@@ -39,41 +34,26 @@ MARKS = (
 """How files of the formats begin, so that random bytes get past the first look."""
 
 
-@contextmanager
-def a_reader_that_hangs_fails() -> Iterator[None]:
-    def give_up(*_: object) -> None:
-        raise TimeoutError(f"still reading after {MOST_S} s")
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(MOST_S)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
-
-
 def read(path, name, repair):
     """Read a file to its end, or to its RecordingError; what comes out must be sound."""
     form = named(name)
     repairs = Repairs(path.name, repair)
     n_events, latest = 0, 0
-    with a_reader_that_hangs_fails():
-        try:
-            width, height = form.frame(path) or FRAME
-            assert width > 0 and height > 0
-            for block in checked(form.blocks(path, repairs), width, height, repairs):
-                n = len(block.t_us)
-                assert len({len(column) for column in vars(block).values()}) == 1
-                assert 0 < n <= 16 * BLOCK_EVENTS
-                assert block.t_us[0] >= latest and (block.t_us[1:] >= block.t_us[:-1]).all()
-                assert 0 <= block.x.min() and block.x.max() < width
-                assert 0 <= block.y.min() and block.y.max() < height
-                assert block.polarity.max() <= 1
-                n_events, latest = n_events + n, int(block.t_us[-1])
-        except RecordingError as error:
-            assert str(error).startswith(f"{path.name}: ") and "\n" not in str(error)
-            return None
+    try:
+        width, height = form.frame(path) or FRAME
+        assert width > 0 and height > 0
+        for block in checked(form.blocks(path, repairs), width, height, repairs):
+            n = len(block.t_us)
+            assert len({len(column) for column in vars(block).values()}) == 1
+            assert 0 < n <= 16 * BLOCK_EVENTS
+            assert block.t_us[0] >= latest and (block.t_us[1:] >= block.t_us[:-1]).all()
+            assert 0 <= block.x.min() and block.x.max() < width
+            assert 0 <= block.y.min() and block.y.max() < height
+            assert block.polarity.max() <= 1
+            n_events, latest = n_events + n, int(block.t_us[-1])
+    except RecordingError as error:
+        assert str(error).startswith(f"{path.name}: ") and "\n" not in str(error)
+        return None
     assert repair or not repairs.notes
     return n_events
 
