@@ -28,8 +28,8 @@ LOOSE = ("records", "registry", "seeds", "text", "trust")
 FINDS_BY_NAME = ("dse", "dse.registry")  # what a user names, wherever it lives
 
 HEAVY = (
-    *("h5py", "lz4", "moocore", "numba", "optuna", "pandas"),
-    *("plotly", "pyarrow", "sklearn", "torch", "zstandard"),
+    *("h5py", "moocore", "numba", "optuna", "pandas"),
+    *("plotly", "pyarrow", "sklearn", "torch"),
 )
 
 

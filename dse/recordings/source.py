@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -76,61 +76,21 @@ def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bo
     return borders
 
 
-Positions = tuple[tuple[int, int], ...]
-"""[x, y] of every taxel."""
-
 # Event addresses are 16 bits wide in every format that is read.
 _HIGHEST = 65535
 
 
-def check_positions(positions: Positions | None) -> None:
-    """Refuse positions that are no places of taxels.
-
-    Raises:
-        RecordingError: not two whole numbers >= 0 each, or two taxels at one place.
-    """
-    first: dict[tuple[int, int], int] = {}
-    for i, place in enumerate(() if positions is None else positions):
-        pair = tuple(place) if isinstance(place, tuple | list) else (place,)
-        whole = all(isinstance(u, int) and not isinstance(u, bool) and 0 <= u <= _HIGHEST for u in pair)
-        if len(pair) != 2 or not whole:
-            raise RecordingError(
-                f"data.positions must be [x, y] with integers from 0 to {_HIGHEST} for every taxel, "
-                f"got {list(pair)} for taxel {i}"
-            )
-        if pair in first:
-            raise RecordingError(
-                f"data.positions must be distinct, got {list(pair)} for taxels {first[pair]} and {i}"
-            )
-        first[pair] = i
-
-
-def position_faults(positions: Positions | None, n_taxels: int | None) -> list[str]:
-    """Return what is wrong with the number of positions; None: the number of taxels is not known."""
-    if positions is None or n_taxels is None or len(positions) == n_taxels:
-        return []
-    return [f"data.positions must hold [x, y] for each of the {n_taxels} taxels, got {len(positions)}"]
-
-
-def taxel_positions(positions: Positions | None, taxel: Ints, plane: Ints) -> Ints:
-    """Return x, y and plane of channels of which the number of the taxel and the plane are known.
-
-    Args:
-        positions: as checked, or None.
-        taxel: (n_channels,) numbers from 0, none left out.
-        plane: (n_channels,) numbers.
-
-    Raises:
-        RecordingError: another number of positions than of taxels.
-    """
-    n_taxels = int(taxel.max()) + 1
-    for fault in position_faults(positions, n_taxels):
-        raise RecordingError(fault)
-    if positions is None:
-        x, y = taxel, np.zeros_like(taxel)
-    else:
-        x, y = np.array(positions, dtype=np.int32).reshape(n_taxels, 2)[taxel].T
-    return np.stack([x, y, plane], axis=1).astype(np.int32)
+def position_faults(positions: Sequence[Sequence[int]] | None, n_taxels: int | None) -> list[str]:
+    """Return what is wrong with [x, y] of every taxel; None: the number of taxels is not known."""
+    places = [list(place) for place in positions or ()]
+    faults = [
+        f"data.positions must be distinct, got {place} for taxels {places.index(place)} and {i}"
+        for i, place in enumerate(places)
+        if place in places[:i]
+    ][:1]
+    if positions is not None and n_taxels not in (None, len(places)):
+        faults.append(f"data.positions must hold [x, y] for each of the {n_taxels} taxels, got {len(places)}")
+    return faults
 
 
 def label_columns(
@@ -348,21 +308,17 @@ class Sampled(FileSource):
     )
 
     def __post_init__(self) -> None:
-        check_positions(self.positions)
+        for fault in position_faults(self.positions, _count_of(self._taxels({}))):
+            raise RecordingError(fault)
 
     @abstractmethod
     def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
         """Return the number of the taxel and the plane of every channel; None where shapes do not tell."""
 
-    def check(self, base: Path) -> list[str]:
-        """Return the faults that the headers of the file, and of that of the labels, show."""
-        faults = super().check(base)
-        if faults or self.positions is None:
-            return faults
-        found = self._taxels(arrays.headers(locate(self.file, base)))
-        return position_faults(self.positions, int(found[0].max()) + 1) if found and found[0].size else []
+    def _more_faults(self, path: Path, shapes: arrays.Shapes) -> list[str]:
+        return position_faults(self.positions, _count_of(self._taxels(shapes)))
 
-    def channel_positions(self, base: Path) -> Ints | None:
+    def channel_positions(self, base: Path) -> Ints:
         """Return x, y and plane of every channel.
 
         Raises:
@@ -374,10 +330,18 @@ class Sampled(FileSource):
             found = self._taxels(arrays.headers(path))
             if found is None or not found[0].size:
                 raise RecordingError(f"{path.name}: {self._no_channel()}")
-        return taxel_positions(self.positions, *found)
+        taxel, plane = found
+        for fault in position_faults(self.positions, _count_of(found)):
+            raise RecordingError(fault)
+        places = np.array(self.positions or [(k, 0) for k in range(taxel.max() + 1)], np.int32)
+        return np.column_stack([places[taxel], plane]).astype(np.int32)
 
     def _no_channel(self) -> str:
         return "the file has no channel"
+
+
+def _count_of(channels: tuple[Ints, Ints] | None) -> int | None:
+    return None if channels is None or not channels[0].size else int(channels[0].max()) + 1
 
 
 def in_a_row(n: int | None) -> tuple[Ints, Ints] | None:

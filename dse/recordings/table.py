@@ -13,7 +13,7 @@ import numpy as np
 from dse.recordings import RecordingError, arrays
 from dse.recordings.arrays import complete, numbers
 from dse.recordings.files import locate
-from dse.recordings.source import Sampled, end_to_end, in_a_row, label_columns, position_faults
+from dse.recordings.source import Sampled, end_to_end, in_a_row, label_columns
 from dse.records import Array, Floats, Ints, Signals
 from dse.registry import param, register
 
@@ -58,8 +58,6 @@ class _Samples(Sampled):
         if not self.channels:
             raise RecordingError("data.channels must contain at least one channel, got none")
         super().__post_init__()
-        for fault in position_faults(self.positions, len(self.channels)):
-            raise RecordingError(fault)
         if self.recording is None and self.labels is not None:
             raise RecordingError("data.labels needs data.recording, the column that both tables have")
 

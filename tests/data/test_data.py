@@ -104,10 +104,7 @@ def test_data_sets_yield_samples_and_labels() -> None:
     ("call", "message"),
     [
         (lambda: dse.data.from_arrays(CUBE, [1], step_ms=1), r"each of the 2 recordings, got shape \(1,\)"),
-        (
-            lambda: dse.data.from_arrays(CUBE, [1, np.nan], step_ms=1),
-            "'label' is NaN for recording 1",
-        ),
+        (lambda: dse.data.from_arrays(CUBE, [1, np.nan], step_ms=1), "'label' is NaN for recording 1"),
         (lambda: dse.data.from_arrays(CUBE, [{}, []], step_ms=1), "must hold numbers or texts, got object"),
         (lambda: dse.data.from_arrays(CUBE, step_ms=0), "step_ms must be a number > 0, got 0"),
         (lambda: dse.data.from_arrays(CUBE[0, 0], step_ms=1), r"got shape \(3,\)"),

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dse import dataset
 from dse.config import Sections
 from dse.dataset import keys, parts
@@ -49,3 +51,22 @@ def same_spikes(design: Design) -> str:
 
 def placed(recordings: Any, design: Design, *args: Any, **others: Any) -> parts.Part:
     return parts.placed(recordings, sections(design), *args, **others)
+
+
+def dense(data: Dataset, i: int, first: int = 0, n: int | None = None) -> Any:
+    """Return the spikes of n stored steps of a sample, (step, channel) counts; None: of all."""
+    spikes = data.spikes
+    n = spikes.n_steps if n is None else n
+    out = np.zeros((n, spikes.n_channels), dtype=int)
+    for t in range(n):
+        row = i * spikes.n_steps + first + t
+        np.add.at(out[t], spikes.channel[spikes.row_offsets[row] : spikes.row_offsets[row + 1]], 1)
+    return out
+
+
+def entries(root: Path) -> dict[str, list[str]]:
+    """Return the names of the entries of a cache by what they are."""
+    found: dict[str, list[str]] = {"spikes": [], "dataset": []}
+    for path in root.glob("*/meta.json"):
+        found["dataset" if (path.parent / "target.npy").exists() else "spikes"].append(path.parent.name)
+    return found

@@ -16,7 +16,7 @@ from dse.dataset.files import Stored, read_meta
 from dse.recordings import RecordingError
 from dse.records import Dataset, Signals, Spikes
 from tests.dataset.encoders import Counting, Levels, encoders  # noqa: F401
-from tests.dataset.plain import as_prepared, build, build_for, prepare
+from tests.dataset.plain import as_prepared, build, build_for, dense, entries, prepare
 
 pytestmark = pytest.mark.usefixtures("encoders")
 
@@ -67,16 +67,6 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def dense(data: Dataset, i: int) -> np.ndarray:
-    """Return the spikes of a sample, (stored step, channel)."""
-    spikes = data.spikes
-    out = np.zeros((spikes.n_steps, spikes.n_channels), dtype=bool)
-    for t in range(spikes.n_steps):
-        row = i * spikes.n_steps + t
-        out[t, spikes.channel[spikes.row_offsets[row] : spikes.row_offsets[row + 1]]] = True
-    return out
-
-
 def same_windows(one: Dataset, other: Dataset) -> bool:
     """Return whether every step that a window can reach has the same spikes."""
     reach = one.start_high + one.n_steps
@@ -112,36 +102,27 @@ def test_an_encoder_of_every_spike_changes_nothing(folder: Path, kind: str, wind
     assert np.array_equal(bare.positions, through.positions)
 
 
-def test_a_raster_is_encoded_from_its_first_step_and_only_where_it_is_used(folder: Path):
-    design = OF_RASTERS | {"encoder": {"kind": "counting", "every": 3}}
-    data, _ = build(design, folder)
-    assert (data.start[0], data.start_low[0], data.start_high[0]) == (10, 7, 13)
-    for i in range(9):
-        expected = RASTER[i] & (np.cumsum(RASTER[i], axis=0) % 3 == 0)
-        assert np.array_equal(dense(data, i), expected[:23])
-    assert not dense(data, 9).any(), "recordings in no part have no spikes"
-
-
-def test_recorded_events_are_encoded_from_the_first_step_that_a_window_reaches(folder: Path):
+def test_an_encoder_begins_at_the_first_step_that_a_window_reaches(folder: Path):
+    raster, _ = build(OF_RASTERS | {"encoder": {"kind": "counting", "every": 3}}, folder)
+    assert (raster.start[0], raster.start_low[0], raster.start_high[0]) == (10, 7, 13)
     bare, _ = build(OF_EVENTS, folder)
-    data, _ = build(OF_EVENTS | {"encoder": {"kind": "counting", "every": 2}}, folder)
+    events, _ = build(OF_EVENTS | {"encoder": {"kind": "counting", "every": 2}}, folder)
     for i in range(9):
-        before = dense(bare, i)
-        assert np.array_equal(dense(data, i), before & (np.cumsum(before, axis=0) % 2 == 0))
+        assert np.array_equal(dense(raster, i), (RASTER[i] & (np.cumsum(RASTER[i], axis=0) % 3 == 0))[:23])
+        before = dense(bare, i) > 0
+        assert np.array_equal(dense(events, i), before & (np.cumsum(before, axis=0) % 2 == 0))
+    assert not dense(raster, 9).any(), "recordings in no part have no spikes"
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_an_encoder_that_yields_nothing(folder: Path, kind: str):
-    data, _ = build(KINDS[kind] | {"encoder": {"kind": "silent"}}, folder)
-    assert data.spikes.channel.size == 0 and data.spikes.n_samples == 12
-    assert data.spikes.n_channels == 4 and (data.start_high + 10 <= data.spikes.n_steps).all()
-
-
-def test_rasters_without_a_spike(folder: Path):
-    np.savez(folder / "x.npz", raster=np.zeros_like(RASTER), label=LABEL, part=PART)
-    for encoder in ({"kind": "counting"}, {"kind": "levels"}):
-        data, _ = build(OF_RASTERS | {"encoder": encoder}, folder)
+def test_no_spike_at_all(folder: Path):
+    of_nothing = [KINDS[kind] | {"encoder": {"kind": "silent"}} for kind in KINDS]
+    of_nothing += [OF_RASTERS | {"encoder": {"kind": encoder}} for encoder in ("counting", "levels")]
+    for number, design in enumerate(of_nothing):
+        if number == len(KINDS):
+            np.savez(folder / "x.npz", raster=np.zeros_like(RASTER), label=LABEL, part=PART)
+        data, _ = build(design, folder)
         assert data.spikes.channel.size == 0 and data.spikes.n_samples == 12
+        assert (data.start_high + 10 <= data.spikes.n_steps).all()
 
 
 def test_one_taxel(folder: Path):
@@ -241,27 +222,18 @@ def test_what_was_learnt_is_in_the_spikes_the_design_and_new_recordings(folder: 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_only_training_labels_are_shown(folder: Path, kind: str):
-    build(KINDS[kind] | {"encoder": {"kind": "levels"}}, folder)
-    [seen] = Levels.seen
+def test_only_training_labels_are_shown_but_to_an_encoder_that_says_so(folder: Path, kind: str):
     codes = np.array(["abc".index(x) for x in LABEL])
-    assert (seen["target"][seen["train"]] == codes[:6]).all()
-    assert (np.delete(seen["target"], seen["train"]) == -1).all()
-    assert (seen["first"][seen["train"]] + 10 <= seen["lengths"][seen["train"]]).all()
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_an_encoder_that_reads_labels_says_so(folder: Path, kind: str):
-    honest = KINDS[kind] | {"encoder": {"kind": "levels"}}
-    leaky = KINDS[kind] | {"encoder": {"kind": "levels", "peeks": True}}
-    prepared = prepare(honest, folder, folder / "cache")
-    assert transductive(prepared) == ""
-    Levels.seen.clear()
-    prepared = prepare(leaky, folder, folder / "cache")
-    assert "encoder levels reads the labels" in transductive(prepared)
-    [seen] = Levels.seen
-    codes = np.array(["abc".index(x) for x in LABEL])
-    assert seen["target"][:9].tolist() == codes[:9].tolist() and seen["train"].tolist() == list(range(6))
+    for peeks in (False, True):
+        Levels.seen.clear()
+        design = KINDS[kind] | {"encoder": {"kind": "levels", "peeks": peeks}}
+        why = transductive(prepare(design, folder, folder / "cache"))
+        assert ("encoder levels reads the labels" in why) == peeks and bool(why) == peeks
+        [seen] = Levels.seen
+        shown = seen["target"][:9].tolist() if peeks else seen["target"][seen["train"]].tolist()
+        assert shown == codes[: 9 if peeks else 6].tolist() and len(seen["train"]) == 6
+        assert peeks or (np.delete(seen["target"], seen["train"]) == -1).all()
+        assert (seen["first"][seen["train"]] + 10 <= seen["lengths"][seen["train"]]).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -296,12 +268,6 @@ def test_what_an_encoder_refuses_is_a_fault_of_the_recordings(folder: Path):
 # --- the cache
 
 
-def entries(folder: Path) -> dict[str, int]:
-    found = [path.parent for path in (folder / "cache").glob("*/meta.json")]
-    datasets = sum((path / "target.npy").exists() for path in found)
-    return {"dataset": datasets, "spikes": len(found) - datasets}
-
-
 OTHER_SPLIT = {"split": {"train": {"part": "val"}, "validation": {"part": "train"}}}
 
 
@@ -313,7 +279,8 @@ def test_a_split_changes_spikes_only_where_something_is_learnt(folder: Path):
         made(design, folder)
         made(design | OTHER_SPLIT, folder)
         # The spikes without an encoder are shared in both cases.
-        assert entries(folder) == {"dataset": 2, "spikes": expected}
+        found = {name: len(keys) for name, keys in entries(folder / "cache").items()}
+        assert found == {"dataset": 2, "spikes": expected}
 
 
 def test_signals_of_spikes_are_made_a_few_recordings_at_a_time(monkeypatch: pytest.MonkeyPatch):

@@ -21,7 +21,16 @@ from dse.recordings import RecordingError
 from dse.recordings.pooling import pooling
 from dse.records import Array, Block, Signals
 from tests.dataset.encoders import encoders  # noqa: F401
-from tests.dataset.plain import as_prepared, build, build_for, load_or_prepare, placed, prepare
+from tests.dataset.plain import (
+    as_prepared,
+    build,
+    build_for,
+    dense,
+    entries,
+    load_or_prepare,
+    placed,
+    prepare,
+)
 from tests.saved_data import in_a_row
 from tests.spaces import sections
 
@@ -132,6 +141,7 @@ DESIGN = {
     "split": {"train": {"part": [0, 1]}, "validation": {"part": 2}, "test": {"part": 3}},
     "preprocessing": {"bin_ms": 1, "pool": 2},
 }
+OF_FILES = {"data": {**DESIGN["data"], "file": "files"}}
 
 
 def expected(
@@ -145,9 +155,7 @@ def expected(
 
 
 def window_of(data: Any, i: int, first: int, n: int) -> list[list[int]]:
-    rows = i * data.spikes.n_steps + first + np.arange(n)
-    offsets = data.spikes.row_offsets
-    return [data.spikes.channel[offsets[row] : offsets[row + 1]].tolist() for row in rows]
+    return [np.repeat(np.arange(len(row)), row).tolist() for row in dense(data, i, first, n)]
 
 
 def test_trials_of_a_scene_are_its_events_pooled():
@@ -160,6 +168,11 @@ def test_trials_of_a_scene_are_its_events_pooled():
     for i in range(16):
         assert (data.start[i], data.start_low[i], data.start_high[i]) == (2, 0, 4)
         assert window_of(data, i, 0, 12) == expected(scene, i, DESIGN, 4, 12)
+    contact = DESIGN | {"window": {"n_steps": 5, "at": "contact_onset", "onset_threshold": 10}}
+    data, _ = build(contact, Path())
+    for i in range(16):
+        onset = int(np.argmax(np.bincount(block(i).t_us // 1000) >= 10))
+        assert window_of(data, i, 0, 5) == expected(Scene(), i, DESIGN, onset, 5)
 
 
 @pytest.mark.parametrize(
@@ -173,18 +186,13 @@ def test_settings_mean_the_same_for_scenes_and_files(settings: dict[str, Any]):
     first = 2 if "time_ms" in settings else 4
     for i in range(16):
         assert window_of(simulated, i, 0, 12) == expected(Scene(), i, design, first, 12)
-    recorded, _ = build(design | {"data": {**DESIGN["data"], "file": "files"}}, Path())
+    recorded, _ = build(design | OF_FILES, Path())
+    pools = pooling(Preprocessing(**design["preprocessing"]), SIZE, SIZE)
     for i in range(16):
         source = Recorded(16)
         t0_us = int(next(source.blocks(i)).t_us[0])
-        first = (int(recorded_bins(source, design, i)) - 8) // 2 - 2
+        first = (preprocessing.survey(source.blocks(i), pools, 1).n_bins - 8) // 2 - 2
         assert window_of(recorded, i, 0, 12) == expected(source, i, design, first, 12, t0_us)
-
-
-def recorded_bins(source: Any, design: Mapping[str, Any], i: int) -> int:
-    settings = Preprocessing(**design["preprocessing"])
-    found = pooling(settings, SIZE, SIZE)
-    return preprocessing.survey(source.blocks(i), found, 1).n_bins
 
 
 @pytest.mark.parametrize("file", ["scene", "files"])
@@ -223,38 +231,26 @@ def test_an_encoder_sees_how_many_events_there_are(encoders):  # noqa: F811
     assert encoded.spikes.t_us is None, "what an encoder makes is binary"
 
 
-def test_a_window_from_the_contact_of_a_trial():
-    Kind.there["scene"] = Scene()
-    design = DESIGN | {"window": {"n_steps": 5, "at": "contact_onset", "onset_threshold": 10}}
-    data, _ = build(design, Path())
-    for i in range(16):
-        onset = int(np.argmax(np.bincount(block(i).t_us // 1000) >= 10))
-        assert window_of(data, i, 0, 5) == expected(Scene(), i, DESIGN, onset, 5)
-
-
 def test_files_are_read_twice_at_most_and_only_those_in_use():
     source = Kind.there["files"] = Recorded(16, first_us=50)
-    design = DESIGN | {
-        "data": {**DESIGN["data"], "file": "files"},
-        "split": {"train": {"part": 0}, "validation": {"part": 2}},
-    }
+    design = DESIGN | OF_FILES | {"split": {"train": {"part": 0}, "validation": {"part": 2}}}
+    used = [*range(4), *range(8, 12)]
     data, notes = build(design, Path())
-    assert sorted(source.read) == sorted([*range(4), *range(8, 12)] * 2)
-    assert notes == ["recording 1 was repaired"]
-    assert data.spikes.row_offsets[-1] == data.spikes.row_offsets[12 * data.spikes.n_steps]
-    assert (np.diff(data.spikes.row_offsets).reshape(16, -1).sum(axis=1) > 0)[
-        [0, 1, 2, 3, 8, 9, 10, 11]
-    ].all()
+    assert sorted(source.read) == sorted(used * 2) and notes == ["recording 1 was repaired"]
+    n_spikes = np.diff(data.spikes.row_offsets).reshape(16, -1).sum(axis=1)
+    assert np.flatnonzero(n_spikes).tolist() == used
+    sentences: list[str] = []
+    placed(source, DESIGN, np.isin(np.arange(16), used), progress=sentences.append)
+    assert sentences == [f"reading data: {done} of 8 recordings" for done in range(1, 9)]
+    placed(Scene(), DESIGN, n_spikes > 0, progress=lambda _: pytest.fail("a scene has nothing to read"))
 
-
-def test_a_recording_without_events_is_named():
     class Silent(Recorded):
         def blocks(self, i: int) -> Iterator[Block]:
             yield from () if i == 5 else super().blocks(i)
 
     Kind.there["files"] = Silent(16)
     with pytest.raises(RecordingError, match="recording 5 must have events, got none"):
-        build(DESIGN | {"data": {**DESIGN["data"], "file": "files"}}, Path())
+        build(DESIGN | OF_FILES, Path())
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -327,14 +323,6 @@ def test_memory_does_not_follow_from_the_number_of_recordings(tmp_path: Path, th
     assert peak < 2 * (2 * threads + 2) * one, "a few recordings of a hundred"
 
 
-def entries(root: Path) -> dict[str, list[str]]:
-    """Return the names of the entries by what they are."""
-    found: dict[str, list[str]] = {"spikes": [], "dataset": []}
-    for path in root.glob("*/meta.json"):
-        found["dataset" if (path.parent / "target.npy").exists() else "spikes"].append(path.parent.name)
-    return found
-
-
 def test_texture_and_speed_share_their_spikes(tmp_path: Path):
     scene = Kind.there["scene"] = Scene()
     design = DESIGN | {"split": {"stratified": {"validation": 0.25, "test": 0.25}}}
@@ -353,65 +341,34 @@ def test_texture_and_speed_share_their_spikes(tmp_path: Path):
     assert len(scene.made) == 32
 
 
-def test_a_data_set_without_its_spikes_is_made_again(tmp_path: Path):
-    scene = Kind.there["scene"] = Scene()
-    cache.tidy(tmp_path)
-    prepared = prepare(DESIGN, Path(), tmp_path)
-    key = prepared.name
-    assert find(tmp_path, key) is not None and find(tmp_path, "unknown") is None
-    cache.discard(tmp_path, read_meta(prepared)["spikes"])
-    assert find(tmp_path, key) is None
-    prepare(DESIGN, Path(), tmp_path)
-    assert len(scene.made) == 32
-
-
 @pytest.mark.parametrize("which", ["dataset", "spikes"])
-def test_a_worker_that_misses_an_entry_makes_it_again(tmp_path: Path, which: str):
+@pytest.mark.parametrize("damage", ["discarded", "meta.json", "array"])
+def test_what_is_not_there_or_cannot_be_read_is_made_again(tmp_path: Path, which: str, damage: str):
     scene = Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
     folder = prepare(DESIGN, Path(), tmp_path)
-    before = load_or_prepare(DESIGN, Path(), folder)
-    assert len(scene.made) == 16
-    for name in entries(tmp_path)[which]:
+    before = np.array(load_or_prepare(DESIGN, Path(), folder).spikes.channel)
+    assert len(scene.made) == 16 and find(tmp_path, "unknown") is None
+    (name,) = entries(tmp_path)[which]
+    if damage == "discarded":
         cache.discard(tmp_path, name)
+    else:
+        array = {"dataset": "target.npy", "spikes": "channel.npy"}[which]
+        file = tmp_path / name / (array if damage == "array" else damage)
+        file.write_bytes(b"?" * file.stat().st_size)  # of the right size: only reading it tells
+    assert find(tmp_path, folder.name) is None
     after = load_or_prepare(DESIGN, Path(), folder)
-    assert np.array_equal(after.spikes.channel, before.spikes.channel)
+    assert np.array_equal(after.spikes.channel, before)
     assert {name: len(keys) for name, keys in entries(tmp_path).items()} == {"spikes": 1, "dataset": 1}
     for name in (folder.name, read_meta(folder)["spikes"]):
         os.utime(tmp_path / name / "entry.json", (0, 0))
         load_or_prepare(DESIGN, Path(), folder)
         assert (tmp_path / name / "entry.json").stat().st_mtime > 0, "a load is a use"
-
-
-def test_recordings_that_changed_since_they_were_prepared(tmp_path: Path):
-    Kind.there["scene"] = Scene()
-    cache.tidy(tmp_path)
     with pytest.raises(RecordingError, match="the recordings have changed since they were prepared"):
         load_or_prepare(DESIGN, Path(), tmp_path / "of_others")
 
 
-@pytest.mark.parametrize("which", ["dataset", "spikes"])
-@pytest.mark.parametrize("damage", ["meta.json", "array"])
-def test_what_cannot_be_read_is_made_again(tmp_path: Path, which: str, damage: str):
-    Kind.there["scene"] = Scene()
-    cache.tidy(tmp_path)
-    first = prepare(DESIGN, Path(), tmp_path)
-    key, before = first.name, load(first)
-    good = np.array(before.spikes.channel)
-    folder = tmp_path / entries(tmp_path)[which][0]
-    file = folder / (
-        damage if damage == "meta.json" else {"dataset": "target.npy", "spikes": "channel.npy"}[which]
-    )
-    file.write_bytes(b"?" * file.stat().st_size)  # of the right size: only reading it tells
-    assert find(tmp_path, key) is None
-    again = prepare(DESIGN, Path(), tmp_path)
-    assert np.array_equal(load(again).spikes.channel, good)
-
-
-PINS = DESIGN | {
-    "preprocessing": {"bin_ms": 1, "crop": "pins"},
-    "data": {**DESIGN["data"], "file": "files"},
-}
+PINS = DESIGN | OF_FILES | {"preprocessing": {"bin_ms": 1, "crop": "pins"}}
 
 
 def test_a_crop_is_fitted_to_training_recordings_and_recorded(tmp_path: Path):
@@ -443,16 +400,6 @@ def test_a_scene_knows_its_pins(tmp_path: Path):
     plain = DESIGN | {"preprocessing": {"bin_ms": 1, "crop": [2, 2, 3, 3]}}
     prepared = prepare(plain, Path(), tmp_path)
     assert as_prepared(plain, prepared) == sections(plain)
-
-
-def test_what_goes_on_is_told():
-    used = np.arange(16) % 2 == 0
-    sentences: list[str] = []
-    placed(Recorded(16), DESIGN, used, progress=sentences.append)
-    assert sentences[:2] == ["reading data: 1 of 8 recordings", "reading data: 2 of 8 recordings"]
-    sentences.clear()
-    placed(Scene(), DESIGN, used, progress=sentences.append)
-    assert not sentences
 
 
 @pytest.mark.usefixtures("encoders")

@@ -15,12 +15,14 @@ ENCODER = {"kind": "send_on_delta", "thresholds": [1]}
 OF_SPIKES = (
     {"window": {"n_steps": 21}},
     {"data": {**DESIGN["data"], "step_ms": 6}},
+    {"data": {**DESIGN["data"], "positions": [[0, 1]]}},
     {"test": {"file": "x.npz"}},
     {"encoder": ENCODER},
     {"preprocessing": {"bin_ms": 1}},
 )
 OF_LABELS = (
     {"task": {"target": "word"}},
+    {"task": {**DESIGN["task"], "joint": True}},
     {"split": {"stratified": {"validation": 0.3}}},
     {"data": {**DESIGN["data"], "columns": {"letter": "other"}}},
 )
@@ -39,7 +41,8 @@ def test_the_key_follows_content_and_sections_alone(folders):
     key = dataset_key(DESIGN, folders / "a")
     assert dataset_key(DESIGN, folders / "b") == key != dataset_key(DESIGN, folders / "c")
     assert dataset_key(DESIGN | {"model": {"kind": "snn", "hidden": [7]}}, folders / "a") == key
-    assert dataset_key(DESIGN | {"task": {"name": "x", "target": "letter"}}, folders / "a") == key
+    for task in ({"name": "x", "target": "letter"}, {**DESIGN["task"], "joint": False}):
+        assert dataset_key(DESIGN | {"task": task}, folders / "a") == key
     for change in (*OF_SPIKES, *OF_LABELS):
         assert dataset_key(DESIGN | change, folders / "a") != key, change
 
@@ -58,37 +61,26 @@ def test_spikes_do_not_follow_from_labels(folders):
 
 def test_what_may_share_spikes_is_known_without_recordings():
     text = same_spikes(DESIGN)
-    for change in OF_LABELS[:2]:
+    for change in OF_LABELS[:3]:
         assert same_spikes(DESIGN | change) == text, change
     for change in OF_SPIKES:
         assert same_spikes(DESIGN | change) != text, change
+    events = DESIGN | {"preprocessing": {"bin_ms": 1}}
+    assert same_spikes(events | {"encoder": ENCODER}) == same_spikes(events), "pooling is most of the work"
 
 
-def test_the_key_sees_a_file_change(tmp_path):
-    (tmp_path / "x.npz").write_bytes(b"one")
-    key = dataset_key(DESIGN, tmp_path)
-    (tmp_path / "x.npz").write_bytes(b"three")
-    assert dataset_key(DESIGN, tmp_path) != key
-    (tmp_path / "x.npz").unlink()
-    with pytest.raises(RecordingError, match="not found"):
-        dataset_key(DESIGN, tmp_path)
-
-
-def test_a_test_file_counts_by_its_content(folders):
+def test_files_count_by_their_content(folders):
+    key = dataset_key(DESIGN, folders / "a")
+    (folders / "a" / "x.npz").write_bytes(b"three")
+    assert dataset_key(DESIGN, folders / "a") != key
     design = DESIGN | {"test": {"file": str(folders / "c" / "x.npz")}}
     same = DESIGN | {"test": {"file": "../c/x.npz"}}
     assert dataset_key(design, folders / "a") == dataset_key(same, folders / "a")
     other = DESIGN | {"test": {"file": "../b/x.npz"}}
     assert dataset_key(design, folders / "a") != dataset_key(other, folders / "a")
-
-
-def test_a_joint_target_is_another_data_set_of_the_same_spikes(folders):
-    joint = DESIGN | {"task": {**DESIGN["task"], "joint": True}}
-    assert dataset_key(joint, folders / "a") != dataset_key(DESIGN, folders / "a")
-    assert dataset_key(DESIGN | {"task": {**DESIGN["task"], "joint": False}}, folders / "a") == dataset_key(
-        DESIGN, folders / "a"
-    )
-    assert spikes_key(joint, folders / "a", USED) == spikes_key(DESIGN, folders / "a", USED)
+    (folders / "a" / "x.npz").unlink()
+    with pytest.raises(RecordingError, match="not found"):
+        dataset_key(DESIGN, folders / "a")
 
 
 def test_keys_that_came_later_leave_the_names_of_older_data_sets(folders):
@@ -101,13 +93,3 @@ def test_keys_that_came_later_leave_the_names_of_older_data_sets(folders):
     assert dataset_key(events, folders / "a") == (
         "1d3049d8db6d2e0fa14bac8f51a4f0a68c525cd0e7e5da35b96f1ce1799512a7"
     )
-
-
-def test_positions_belong_to_the_spikes(folders):
-    placed = DESIGN | {"data": {**DESIGN["data"], "positions": [[0, 1]]}}
-    assert spikes_key(placed, folders / "a", USED) != spikes_key(DESIGN, folders / "a", USED)
-
-
-def test_pooled_events_are_most_of_the_work_whatever_encodes_them():
-    events = DESIGN | {"preprocessing": {"bin_ms": 1}}
-    assert same_spikes(events | {"encoder": ENCODER}) == same_spikes(events)

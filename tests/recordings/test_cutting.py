@@ -1,11 +1,9 @@
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.recordings import RecordingError
 from dse.recordings.cutting import cut
-from dse.records import Events, Rasters, Signals, Spikes
+from dse.records import Rasters, Signals, Spikes
 
 
 def signals(lengths, n_channels=2):
@@ -26,16 +24,6 @@ def sparse(raster, step_ms=2.0):
     return Spikes(offsets, np.nonzero(raster)[2].astype(np.int32), n_steps, n_channels, step_ms)
 
 
-def test_windows_of_signals_by_hand():
-    windows = cut(signals([5, 3, 4], 1), 3, 1)
-    assert windows.values[:, 0].tolist() == [0, 1, 2, 1, 2, 3, 2, 3, 4, 5, 6, 7, 8, 9, 10, 9, 10, 11]
-    assert windows.offsets.tolist() == [0, 3, 6, 9, 12, 15, 18] and windows.step_ms == 5.0
-    assert windows.columns["recording"].tolist() == [0, 0, 0, 1, 2, 2]
-    assert windows.columns["window"].tolist() == [0, 1, 2, 0, 0, 1]
-    assert windows.columns["fabric"].tolist() == ["f0", "f0", "f0", "f1", "f2", "f2"]
-    assert windows.columns["force"].tolist() == [0, 0, 0, 10, 20, 20]
-
-
 @given(
     lengths=st.lists(st.integers(1, 20), min_size=1, max_size=5),
     cut_steps=st.integers(1, 6),
@@ -45,17 +33,18 @@ def test_cutting_signals_is_the_loop(lengths, cut_steps, every):
     recorded = signals([max(length, cut_steps) for length in lengths])
     before = recorded.values.copy()
     windows = cut(recorded, cut_steps, every)
+    assert cut(recorded, None) is recorded
     expected = [
-        (i, recorded.values[a + start : a + start + cut_steps])
+        (i, k, recorded.values[a + start : a + start + cut_steps])
         for i, (a, b) in enumerate(zip(recorded.offsets, recorded.offsets[1:], strict=False))
-        for start in range(0, b - a - cut_steps + 1, every or cut_steps)
+        for k, start in enumerate(range(0, b - a - cut_steps + 1, every or cut_steps))
     ]
     assert windows.n_recordings == len(expected)
-    for number, (i, values) in enumerate(expected):
+    for number, (i, k, values) in enumerate(expected):
         assert np.array_equal(windows.values[windows.offsets[number] : windows.offsets[number + 1]], values)
-        assert windows.columns["recording"][number] == i
-        assert windows.columns["fabric"][number] == f"f{i}"
-    assert windows.values.dtype == np.float32 and windows.offsets.dtype == np.int64
+        found = {name: column[number] for name, column in windows.columns.items()}
+        assert found == {"fabric": f"f{i}", "force": 10 * i, "recording": i, "window": k}
+    assert windows.values.dtype == np.float32 and windows.offsets.dtype == np.int64 and windows.step_ms == 5
     assert np.array_equal(recorded.values, before) and "recording" not in recorded.columns
 
 
@@ -86,38 +75,3 @@ def test_cutting_rasters_is_the_loop(shape, cut_steps, every, rate):
     assert (
         windows.columns["recording"].tolist() == [i for i, _ in expected] == windows.columns["label"].tolist()
     )
-
-
-def test_without_a_length_nothing_is_cut():
-    recorded = signals([5, 3])
-    assert cut(recorded, None) is recorded
-
-
-EVENTS = Events(*np.zeros((4, 1), dtype=np.int64), np.array([0, 1]), 1, 1, {})
-
-
-@pytest.mark.parametrize(
-    ("recordings", "steps", "message"),
-    [
-        (signals([9, 5]), 6, "window.cut_steps = 6 does not fit recording 1: it has 5 steps"),
-        (
-            Rasters(sparse(np.ones((1, 4, 1), bool)), {}),
-            5,
-            "window.cut_steps = 5 does not fit recording 0: it has 4 steps",
-        ),
-        (EVENTS, 5, "window.cut_steps does not apply to events, .* got 5"),
-        (
-            Signals(np.zeros((4, 1), np.float32), np.array([0, 4]), 1.0, {"recording": np.array([3])}),
-            2,
-            "data.columns cannot contain 'recording' together with window.cut_steps",
-        ),
-        (
-            Signals(np.zeros((4, 1), np.float32), np.array([0, 4]), 1.0, {"window": np.array([3])}),
-            2,
-            "data.columns cannot contain 'window' together with window.cut_steps",
-        ),
-    ],
-)
-def test_what_cannot_be_cut_is_named(recordings, steps, message):
-    with pytest.raises(RecordingError, match=message):
-        cut(recordings, steps)

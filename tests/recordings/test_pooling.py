@@ -5,7 +5,6 @@ import pytest
 
 from dse.config.settings import Preprocessing
 from dse.preprocessing import END_OF_TIME_US
-from dse.recordings import RecordingError
 from dse.recordings.pooling import pooling
 
 
@@ -66,23 +65,6 @@ def test_the_pins_are_a_crop():
     assert pooling(Preprocessing(1), 8, 4, pins=(2, 0, 3, 3)).crop == (0, 0, 8, 4)
 
 
-@pytest.mark.parametrize("crop", [(0, 0, 9, 4), (7, 0, 2, 4), (0, 3, 8, 2), (8, 0, 1, 1)])
-def test_a_crop_outside_the_frame_is_a_fault(crop):
-    x, y, width, height = crop
-    text = (
-        f"preprocessing.crop must lie within the frame of 8 x 4 pixels, got x {x} to {x + width - 1} and "
-        f"y {y} to {y + height - 1}"
-    )
-    with pytest.raises(RecordingError) as fault:
-        pooling(Preprocessing(1, crop=crop), 8, 4)
-    assert str(fault.value) == text
-
-
-def test_unknown_pins_are_a_fault():
-    with pytest.raises(RecordingError, match="because the positions of pins are unknown, got pins"):
-        pooling(Preprocessing(1, crop="pins"), 8, 4)
-
-
 def test_what_the_kernels_read():
     pools = pooling(Preprocessing(2.5, pool_threshold=3, exceeds=True, polarity="ignore_on"), 3, 2)
     assert (pools.needed, pools.counts_needed) == (4, True)
@@ -94,20 +76,12 @@ def test_what_the_kernels_read():
     assert pooling(Preprocessing(1, polarity="merge"), 3, 2).only == -1
 
 
-@pytest.mark.parametrize(
-    ("time_ms", "duration_us", "n"),
-    [
-        (None, 0, 0),
-        (None, 1, 1),
-        (None, 30, 3),
-        (None, 31, 4),
-        ((0.0, 0.02), 1000, 2),
-        ((0.0, 0.025), 1000, 3),  # the last bin is partly empty
-        ((0.005, 0.025), 1000, 2),
-        ((0.005, 0.025), 16, 2),
-        ((0.005, 0.025), 5, 0),
-        ((0.005, 0.025), 6, 1),
-    ],
-)
-def test_bins_of_a_duration(time_ms, duration_us, n):
-    assert pooling(Preprocessing(0.01, time_ms=time_ms), 1, 1).n_bins(duration_us) == n
+def test_bins_of_a_duration():
+    for time_ms, bins in {
+        None: {0: 0, 1: 1, 30: 3, 31: 4},
+        (0.0, 0.02): {1000: 2},
+        (0.0, 0.025): {1000: 3},  # the last bin is partly empty
+        (0.005, 0.025): {1000: 2, 16: 2, 5: 0, 6: 1},
+    }.items():
+        pools = pooling(Preprocessing(0.01, time_ms=time_ms), 1, 1)
+        assert {duration_us: pools.n_bins(duration_us) for duration_us in bins} == bins

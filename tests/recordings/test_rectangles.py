@@ -12,7 +12,6 @@ import pytest
 from dse.recordings import RecordingError
 from dse.recordings.events import EventFile
 from dse.recordings.raster import RasterFile, sparse
-from dse.recordings.source import check_positions, position_faults, taxel_positions
 from dse.recordings.table import LongTable, Table
 from dse.recordings.time_series import TimeSeries, WideTable
 from dse.records import Spikes
@@ -64,11 +63,7 @@ def dense(spikes: Spikes) -> np.ndarray:
 OF_TABLES = [
     (TABLE, edited(SAMPLES, "left", 3, None), "column 'left' is empty or NaN in line 5"),
     (TABLE, edited(SAMPLES, "left", 3, "u"), "column 'left' must hold numbers, got"),
-    (
-        TABLE,
-        edited(SAMPLES, "right", 4, "inf"),
-        "finite, got inf in recording 0, sample 1, channel 1",
-    ),
+    (TABLE, edited(SAMPLES, "right", 4, "inf"), "finite, got inf in recording 0, sample 1, channel 1"),
     (TABLE, edited(SAMPLES, "id", 1, None), "'id' is empty in line 3"),
     (TABLE, edited(SAMPLES, "id", 1, "c"), "recording 'c' has no row in the label table labels.csv"),
     (TABLE, SAMPLES[SAMPLES.id == "a"], "recording 'b' has no samples"),
@@ -81,11 +76,7 @@ OF_TABLES = [
     (LONG_TABLE, LONG.assign(taxel=["c", *"bababababab"]), r"channel 'c' is not among data\.channels"),
     (LONG_TABLE, LONG.assign(taxel=["a", "b\n\x1b[2J"] * 6), r"channel 'b\\n\\x1b\[2J' is not among"),
     (LONG_TABLE, LONG.drop(columns="pressure"), r"no column 'pressure'; known: t, taxel, cloth"),
-    (
-        LONG_TABLE,
-        LONG.assign(pressure=["high", *range(11)]),
-        "must hold numbers, got 'high' in line 2",
-    ),
+    (LONG_TABLE, LONG.assign(pressure=["high", *range(11)]), "must hold numbers, got 'high' in line 2"),
     (LONG_TABLE, LONG.assign(cloth=["felt", *LONG.cloth[1:]]), "got 'felt' and, in line 3, 'silk'"),
     (WIDE_TABLE, WIDE.assign(l_1=[1.0, np.nan]), "column 'l_1' must hold a number in line 3, got none"),
     (WIDE_TABLE, WIDE.assign(r_10=[1.0, np.nan]), "column 'r_10' must hold a number in line 3, got none"),
@@ -93,11 +84,7 @@ OF_TABLES = [
     (WIDE_TABLE, WIDE.assign(cloth=["silk", None]), "'cloth' is empty in line 3"),
     (WIDE_TABLE, WIDE.drop(columns="r_1"), "columns as each other, got 4 of 'l_', 3 of 'r_'"),
     (WIDE_TABLE, WIDE.drop(columns="cloth"), "no column 'cloth'; known: l_0"),
-    (
-        WIDE_TABLE,
-        WIDE.rename(columns=lambda x: x.replace("r_", "q_")),
-        "is named 'r_' and a number",
-    ),
+    (WIDE_TABLE, WIDE.rename(columns=lambda x: x.replace("r_", "q_")), "is named 'r_' and a number"),
     (WIDE_TABLE, WIDE[:0], "the table has no rows"),
 ]
 OF_LABELS = [
@@ -107,11 +94,7 @@ OF_LABELS = [
 ]
 ONE_EACH = r"must have one value for each of the 2"
 OF_ARRAYS: list[tuple[Any, dict[str, Any], str]] = [
-    (
-        TIME_SERIES,
-        {"signal": np.zeros((10, 2, 1))},
-        r"must be \(sample, channel\), got .*\(10, 2, 1\)",
-    ),
+    (TIME_SERIES, {"signal": np.zeros((10, 2, 1))}, r"must be \(sample, channel\), got .*\(10, 2, 1\)"),
     (TIME_SERIES, {"signal": np.array([["a", "b"]] * 10)}, "'signal' must hold numbers, got <U1"),
     (TIME_SERIES, {"signal": with_value(np.nan)}, "finite, got nan in recording 1, sample 2, channel 1"),
     (TIME_SERIES, {"signal": with_value(1e300)}, "finite, got inf in recording 1, sample 2, channel 1"),
@@ -124,22 +107,10 @@ OF_ARRAYS: list[tuple[Any, dict[str, Any], str]] = [
     (TIME_SERIES, {"offsets": np.array([0])}, r"offsets must be integers, one more .*of shape \(1,\)"),
     (TIME_SERIES, {"label": np.array([1, 0, 1])}, rf"column 'fabric' \(array 'label'\) {ONE_EACH}"),
     (TIME_SERIES, {"label": np.array([[1], [0]])}, rf"{ONE_EACH} recordings, got shape \(2, 1\)"),
-    (
-        TIME_SERIES,
-        {"label": np.array([0, 2])},
-        "has code 2 for recording 1, but class_names holds 2",
-    ),
+    (TIME_SERIES, {"label": np.array([0, 2])}, "has code 2 for recording 1, but class_names holds 2"),
     (TIME_SERIES, {"label": np.array([0, -1])}, "column 'fabric' has code -1 for recording 1"),
-    (
-        TIME_SERIES,
-        {"label": np.array([0.0, 1])},
-        "must hold integer codes to be named .*got float64",
-    ),
-    (
-        TIME_SERIES,
-        {"names": np.array([["a", "b"]])},
-        r"must be a list of names, got shape \(1, 2\)",
-    ),
+    (TIME_SERIES, {"label": np.array([0.0, 1])}, "must hold integer codes to be named .*got float64"),
+    (TIME_SERIES, {"names": np.array([["a", "b"]])}, r"must be a list of names, got shape \(1, 2\)"),
     (TIME_SERIES, {"force": np.array([0.5, np.nan])}, "column 'force' is NaN for recording 1"),
     (TIME_SERIES, {"force": np.array([0.5, 1j])}, "'force' must hold numbers or texts, got complex128"),
     (EVENTS, {"t_us": np.array([5, 4, 9, 2, 7])}, "must not decrease .*, got 4 at event 1 of recording 0"),
@@ -160,17 +131,9 @@ OF_ARRAYS: list[tuple[Any, dict[str, Any], str]] = [
     (RASTER, {"spikes": SPIKES - 0.5}, "must be 0 or 1, got -0.5 in recording 0, step 0, channel 0"),
     (RASTER, {"spikes": SPIKES.astype(str)}, "must hold 0 and 1, got <U"),
     (RASTER, {"spikes": SPIKES[:0], "label": []}, r"must hold samples, steps and channels, .*\(0, 11, 4\)"),
-    (
-        RASTER,
-        {"spikes": SPIKES[0], "label": [1] * 11},
-        r"axes 'sample step channel', got .*\(11, 4\)",
-    ),
+    (RASTER, {"spikes": SPIKES[0], "label": [1] * 11}, r"axes 'sample step channel', got .*\(11, 4\)"),
     (RasterFile("x.npz", 5, n_steps=12), {"spikes": SPIKES}, "must hold 12 steps, got 11"),
-    (
-        RasterFile("x.npz", 5, packed=True),
-        {"spikes": SPIKES.astype(int)},
-        "must be uint8 to be packed bits",
-    ),
+    (RasterFile("x.npz", 5, packed=True), {"spikes": SPIKES.astype(int)}, "must be uint8 to be packed bits"),
     (RasterFile("x.npz", 5, shape="shape"), {"shape": [3, 11]}, "'shape' must hold 3 integers > 0"),
     (RasterFile("x.npz", 5, shape="shape"), {"shape": [3, -1, 4]}, "'shape' must hold 3 integers > 0"),
 ]
@@ -225,6 +188,7 @@ KEYS: list[tuple[type, dict[str, Any], str]] = [
     (Table, {"channels": ("left",), "recording": None, "time": "t"}, "data.labels needs data.recording"),
     (Table, {"channels": ("left",), "recording": None, "labels": None}, "data.recording must name a column"),
     (Table, {"channels": ("a", "b"), "positions": ((3, 1),)}, "for each of the 2 taxels, got 1"),
+    (RasterFile, {"positions": ((2, 1), (0, 0), (2, 1))}, r"distinct, got \[2, 1\] for taxels 0 and 2"),
     (RasterFile, {"axes": "step channel"}, "data.axes must name each axis once"),
     (RasterFile, {"axes": "sample step step"}, "each axis once"),
     (RasterFile, {"n_steps": 3, "shape": "shape"}, "data must have n_steps or shape, not both"),
@@ -289,41 +253,6 @@ def test_unlabelled_recordings_keep_the_columns_they_have(write, tmp_path):
 
 
 # ---- where channels lie
-
-PLACES = ((4, 0), (0, 7), (4, 7))
-
-
-def test_taxels_lie_where_they_are_said_to_and_in_a_row_else():
-    taxel, plane = np.array([0, 0, 1, 1, 2, 2]), np.array([0, 1] * 3)
-    found = taxel_positions(PLACES, taxel, plane)
-    assert found.dtype == np.int32
-    assert found.tolist() == [[4, 0, 0], [4, 0, 1], [0, 7, 0], [0, 7, 1], [4, 7, 0], [4, 7, 1]]
-    assert taxel_positions(None, taxel, plane)[:, :2].tolist() == [[k, 0] for k in (0, 0, 1, 1, 2, 2)]
-    for positions in (None, PLACES, [[0, 0]], ((65535, 0),)):
-        check_positions(positions)
-    assert position_faults(PLACES, 3) == position_faults(None, 8) == position_faults(PLACES, None) == []
-    for positions in (PLACES, ()):
-        with pytest.raises(RecordingError, match=rf"for each of the 2 taxels, got {len(positions)}"):
-            taxel_positions(positions, np.arange(2), np.zeros(2, dtype=int))
-
-
-@pytest.mark.parametrize(
-    ("positions", "got"),
-    [
-        (((0, 0), (1, -1)), r"got \[1, -1\] for taxel 1"),
-        (((0, 0.5),), r"got \[0, 0.5\] for taxel 0"),
-        (((0, True),), r"got \[0, True\] for taxel 0"),
-        (((0, 1, 2),), r"got \[0, 1, 2\] for taxel 0"),
-        ((3, 4), r"got \[3\] for taxel 0"),
-        (((0, 65536),), r"from 0 to 65535 for every taxel, got \[0, 65536\] for taxel 0"),
-        (((2, 1), (0, 0), (2, 1)), r"must be distinct, got \[2, 1\] for taxels 0 and 2"),
-    ],
-)
-def test_places_that_are_none(positions, got):
-    with pytest.raises(RecordingError, match=got):
-        check_positions(positions)
-    with pytest.raises(RecordingError, match=got):
-        dataclasses.replace(TIME_SERIES, positions=positions)
 
 
 def test_sampled_channels_lie_where_positions_say(write, tmp_path):
@@ -588,47 +517,38 @@ def test_a_recording_of_events_may_be_empty(write, tmp_path, offsets):
 # ---- public recordings
 
 
-def test_public_time_series(shared_data):
-    source = TimeSeries(
+def test_public_recordings(shared_data):
+    fabric = TimeSeries(
         "fabric_slide/fabric_slide_train_val.npz", 28, offsets="offsets",
         columns={"fabric": "label", "velocity": "velocity_mm_s"}, class_names={"fabric": "class_names"},
     )  # fmt: skip
-    assert source.check(shared_data) == []
-    signals = source.read(shared_data)
+    assert fabric.check(shared_data) == []
+    signals = fabric.read(shared_data)
     assert (signals.n_recordings, signals.values.shape) == (644, (445271, 16))
     names, counts = np.unique(signals.columns["fabric"], return_counts=True)
-    assert dict(zip(names.tolist(), counts.tolist(), strict=True)) == {
-        "BeigeCotton": 120, "BrownCotton": 120, "Canvas": 120, "Denim": 48, "DenimFlex": 48, "Linen": 120,
-        "WovenFabric": 68,
-    }  # fmt: skip
-    lengths = np.diff(signals.offsets)
-    speed = np.abs(signals.columns["velocity"])
+    assert names.tolist()[:4] == ["BeigeCotton", "BrownCotton", "Canvas", "Denim"]
+    assert counts.tolist() == [120, 120, 120, 48, 48, 120, 68]
+    lengths, speed = np.diff(signals.offsets), np.abs(signals.columns["velocity"])
     assert lengths.min() == 141 and np.median(lengths[speed == 10]) == pytest.approx(2116, abs=2)
 
-
-def test_public_rasters(shared_data):
     braille = RasterFile(
         "braille7_events/braille7_train_val.npz", 5, "spikes_packed", packed=True, shape="shape",
-        columns={"letter": "label", "split": "split"}, class_names={"letter": "class_names"},
+        columns={"split": "split"},
     )  # fmt: skip
     rasters = braille.read(shared_data)
-    assert (rasters.spikes.n_samples, rasters.spikes.n_steps, rasters.spikes.n_channels) == (920, 256, 12)
-    assert rasters.spikes.channel.size / rasters.spikes.n_samples == pytest.approx(695, abs=1)
-    assert (rasters.columns["split"] == "train").sum() == 738
     with np.load(shared_data / braille.file) as z:
         raw = np.unpackbits(z["spikes_packed"], axis=1)[:, :256]
-    assert np.array_equal(dense(rasters.spikes), raw)
+    assert raw.shape == (920, 256, 12) and np.array_equal(dense(rasters.spikes), raw)
+    assert (rasters.columns["split"] == "train").sum() == 738
     axes, file = "sample taxel polarity step", "evtouch_objects/evtouch_objects.npz"
     objects = RasterFile(file, 20, "spikes_packed", axes, True, n_steps=250).read(shared_data).spikes
     assert (objects.n_samples, objects.n_steps, objects.n_channels) == (720, 250, 78)
 
-
-def test_public_events(shared_data):
-    source = EventFile(
+    touched = EventFile(
         "neutouch_objects/neutouch_objects.npz", 80, taxel="taxel", polarity="polarity",
         columns={"object": "label", "session": "session"}, class_names={"object": "class_names"},
     )  # fmt: skip
-    assert source.check(shared_data) == []
-    events = source.read(shared_data)
+    assert touched.check(shared_data) == []
+    events = touched.read(shared_data)
     assert (events.n_recordings, len(events.t_us)) == (360, 2773164)
     assert (events.columns["session"] == "class_test/trial1").sum() == 80

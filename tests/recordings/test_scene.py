@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dse.config import ConfigError, load_space
-from dse.recordings import RecordingError, Simulated, trials_of
+from dse.recordings import RecordingError, trials_of
 from dse.recordings import scene as scene_module
 from dse.recordings.scene import COLUMNS, SceneTrials, Trials
 from dse.scene import simulate
@@ -31,19 +29,6 @@ trials: 2
 duration_ms: 120
 """
 N = 3 * 2 * 2 * 2
-SPACE = """\
-study: touch
-data:
-  kind: scene
-  scene: tiny.yaml
-task: {target: texture}
-split:
-  train: {repetition: [0]}
-  validation: {repetition: [1]}
-preprocessing: {bin_ms: 10, pool: 4}
-model: {kind: snn, hidden: 4, true_rate: 0.5}
-objectives: [accuracy]
-"""
 
 
 @pytest.fixture
@@ -93,18 +78,12 @@ def test_randomised_forces_are_one_more_cell_and_change_no_other_trial(base: Pat
     assert SceneTrials("random.yaml").content(base) != SceneTrials("tiny.yaml").content(base)
 
 
-def test_a_range_of_forces_must_rise(base: Path) -> None:
-    (base / "falls.yaml").write_text(TINY + "randomised_force_n: [1.2, 0.8]\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"falls.yaml:10: randomised_force_n must be in increasing order"):
-        load_scene(base / "falls.yaml")
-
-
 def test_columns_in_the_order_of_trials(base: Path) -> None:
     trials = read(base)
     assert tuple(trials.columns) == COLUMNS == tuple(SceneTrials("tiny.yaml").columns)
     assert trials.n_recordings == N
-    for values in trials.columns.values():
-        assert values.shape == (N,)
+    assert trials_of(trials) is trials and all(len(values) == N for values in trials.columns.values())
+    assert (trials.width, trials.height, trials.duration_us) == (64, 48, 120_000)
     for k in range(N):
         texture, motion, force, repetition = trials.scene.cell(k)
         found = tuple(values[k] for values in trials.columns.values())
@@ -114,13 +93,6 @@ def test_columns_in_the_order_of_trials(base: Path) -> None:
         )
 
 
-def test_it_is_what_a_data_set_asks_of_a_scene(base: Path) -> None:
-    trials = read(base)
-    simulated: Simulated = trials
-    assert trials_of(trials) is simulated
-    assert (trials.width, trials.height, trials.duration_us) == (64, 48, 120_000)
-
-
 def test_pixels_that_see_pins(base: Path) -> None:
     # Pins at 32 and 24 +- 10 px, radius 4 px, a pitch of 20 px around them: cut off by the frame above.
     assert read(base).pins() == (0, 0, 64, 48)
@@ -128,26 +100,15 @@ def test_pixels_that_see_pins(base: Path) -> None:
     assert Trials(dataclasses.replace(read(base).scene, sensor=wide)).pins() == (66, 16, 68, 69)
 
 
-def test_events_are_made_when_asked_for(base: Path) -> None:
-    trials = read(base)
-    (block,) = trials.blocks(5)
-    expected = simulate.events(trials.scene, 5)
-    for field in dataclasses.fields(block):
-        np.testing.assert_array_equal(getattr(block, field.name), getattr(expected, field.name))
-    assert len(block.t_us) > 0
-    assert block.t_us[0] >= 0
-    assert block.t_us[-1] < trials.duration_us
-    (again,) = trials.blocks(5)
-    np.testing.assert_array_equal(block.t_us, again.t_us)
-
-
-def test_a_trial_is_the_same_in_a_smaller_scene(base: Path) -> None:
+def test_events_are_made_when_asked_for_and_the_same_in_a_smaller_scene(base: Path) -> None:
     whole, part = read(base), read(base, textures=("wool",), trials=1)
     assert part.n_recordings == 4
     same = np.flatnonzero((whole.columns["texture"] == "wool") & (whole.columns["repetition"] == 0))
-    (a,), (b,) = whole.blocks(int(same[3])), part.blocks(3)
-    np.testing.assert_array_equal(a.t_us, b.t_us)
-    np.testing.assert_array_equal(a.x, b.x)
+    expected = simulate.events(whole.scene, int(same[3]))
+    assert 0 < len(expected.t_us) and 0 <= expected.t_us[0] and expected.t_us[-1] < whole.duration_us
+    for (block,) in (whole.blocks(int(same[3])), whole.blocks(int(same[3])), part.blocks(3)):
+        for field in dataclasses.fields(block):
+            np.testing.assert_array_equal(getattr(block, field.name), getattr(expected, field.name))
 
 
 def test_overrides(base: Path) -> None:
@@ -155,11 +116,7 @@ def test_overrides(base: Path) -> None:
     assert [texture.name for texture in scene.textures] == ["wool", "denim"]
     assert (scene.trials, scene.duration_ms, scene.seed) == (5, 80.0, 9)
     assert read(base).scene == load_scene(base / "tiny.yaml")
-
-
-def test_a_shipped_scene_by_name(tmp_path: Path) -> None:
-    assert SceneTrials("quickstart").check(tmp_path) == []
-    assert SceneTrials("quickstart").read(tmp_path).scene.name == "quickstart"
+    assert SceneTrials("quickstart").read(base).scene.name == "quickstart"
 
 
 def test_every_fault_of_the_scene_is_told(base: Path) -> None:
@@ -171,41 +128,25 @@ def test_every_fault_of_the_scene_is_told(base: Path) -> None:
     assert faults[0].startswith(f"scene 'tiny.yaml': {path}:4: unknown texture 'denin'; known: ")
     with pytest.raises(RecordingError, match=r"unknown texture 'denin'.*\n.*trials must be >= 1"):
         source.read(base)
-
-
-@pytest.mark.parametrize(
-    ("textures", "message"),
-    [
+    path.write_text(TINY + "randomised_force_n: [1.2, 0.8]\n", encoding="utf-8")
+    (fault,) = source.check(base)
+    assert f"{path}:10: randomised_force_n must be in increasing order" in fault
+    (fault,) = SceneTrials("quikstart").check(base)
+    assert fault.startswith(
+        "scene 'quikstart': no such file and no shipped scene of this name; known: natural"
+    )
+    path.write_text(TINY, encoding="utf-8")
+    each_once = r"data\.textures must name one texture or more, each once"
+    for textures, message in (
         (
             ("denim", "wol"),
             r"data\.textures: scene 'tiny\.yaml' has no texture 'wol'; .*Did you mean 'wool'\?",
         ),
-        (("denim", "denim"), r"data\.textures must name one texture or more, each once"),
-        ((), r"data\.textures must name one texture or more, each once"),
-    ],
-)
-def test_textures_that_the_scene_lacks(base: Path, textures: tuple[str, ...], message: str) -> None:
-    with pytest.raises(RecordingError, match=message):
-        read(base, textures=textures)
-
-
-def test_no_such_scene(tmp_path: Path) -> None:
-    (fault,) = SceneTrials("quikstart").check(tmp_path)
-    assert fault.startswith(
-        "scene 'quikstart': no such file and no shipped scene of this name; known: natural_textures, "
-    )
-
-
-def test_a_search_space_of_a_scene(base: Path) -> None:
-    path = base / "space.yaml"
-    path.write_text(SPACE, encoding="utf-8")
-    assert load_space(path, check_data=True).data.scene == "tiny.yaml"  # type: ignore[attr-defined]
-    path.write_text(SPACE.replace("tiny.yaml", "tin.yaml"), encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        load_space(path, check_data=True)
-    assert str(caught.value).startswith(
-        f"{path}:4: scene 'tin.yaml': no such file and no shipped scene of this name"
-    )
+        (("denim", "denim"), each_once),
+        ((), each_once),
+    ):
+        with pytest.raises(RecordingError, match=message):
+            read(base, textures=textures)
 
 
 def test_the_hash_follows_the_numbers_and_nothing_else(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -224,16 +165,3 @@ def test_the_hash_follows_the_numbers_and_nothing_else(base: Path, monkeypatch: 
     others.add(SceneTrials("renamed.yaml").content(base))
     assert len(others) == 6
     assert first not in others
-
-
-def test_a_raster_is_asked_of_the_simulator(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
-    monkeypatch.setattr(simulate, "raster", lambda *given: asked.append(given) or ("counts", "channels"))
-    trials = read(base)
-    pooling: Any = object()
-    assert trials.raster(7, pooling, 30) == ("counts", "channels")
-    assert asked == [(trials.scene, 7, pooling, 30)]
-
-
-def test_documented_columns() -> None:
-    assert all(name in (inspect.getdoc(Trials) or "") for name in COLUMNS)

@@ -1,8 +1,6 @@
 import numpy as np
-import pytest
 
 from dse.config.settings import Column
-from dse.recordings import RecordingError
 from dse.recordings.targets import heads, target, target_columns
 
 COLUMNS = {
@@ -35,25 +33,6 @@ def test_combinations_hold_only_what_occurs():
     assert target_columns("fabric") == ("fabric",)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ("fabrik", r"task.target: no column 'fabrik' among data.columns; .*Did you mean 'fabric'\?"),
-        (Column("fabric", abs=True), "task.target: abs needs numbers, but column 'fabric' holds <U4"),
-        ((), "task.target must be a column, got none"),
-    ],
-)
-def test_faults(settings, message):
-    with pytest.raises(RecordingError, match=message):
-        target(COLUMNS, settings)
-
-
-def test_two_combinations_of_one_name_are_refused():
-    columns = {"a": np.array(["x|y", "x"]), "b": np.array(["z", "y|z"])}
-    with pytest.raises(RecordingError, match=r"same name 'x\|y\|z'"):
-        target(columns, ("a", "b"))
-
-
 JOINT = ("fabric", Column("velocity", abs=True))
 
 
@@ -80,16 +59,3 @@ def test_heads_leave_out_what_is_in_no_part_of_the_split():
     fabric, velocity = heads(columns, ("fabric", "velocity"), np.array([0, -1, 1]))
     assert (fabric.classes, fabric.of_class.tolist()) == (("a", "c"), [0, 1])
     assert (velocity.classes, velocity.of_class.tolist()) == (("2", "3"), [1, 0])
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ("fabric", "task.joint needs at least two columns in task.target, got fabric"),
-        (("fabric",), "at least two columns in task.target, got fabric"),
-        (("velocity", JOINT[1]), "distinct columns in task.target, got 'velocity' twice"),
-    ],
-)
-def test_a_joint_target_has_several_columns(settings, message):
-    with pytest.raises(RecordingError, match=message):
-        heads(COLUMNS, settings, target(COLUMNS, settings)[0])

@@ -1,10 +1,8 @@
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.config.settings import Window
-from dse.recordings import RecordingError
 from dse.recordings.windows import mean_levels, place, signal_onset, without_mean
 from dse.records import Signals
 
@@ -36,34 +34,6 @@ def test_recordings_out_of_use_need_no_window():
     assert placed(Window(8, "contact_onset"), [3, 10], [False, True], [-1, 2])[0] == [0, 2]
 
 
-@pytest.mark.parametrize(
-    ("window", "onset", "message"),
-    [
-        (Window(9), None, "a window of 9 steps does not fit recording 1: it has 8 steps"),
-        (Window(9, "start"), None, "a window of 9 steps does not fit recording 1: it has 8 steps"),
-        (
-            Window(8, "contact_onset"),
-            [3, 0],
-            "a window of 8 steps does not fit recording 0 from its contact onset at step 3",
-        ),
-        (
-            Window(8, "contact_onset"),
-            [0, -1],
-            "recording 1 has no contact onset at window.onset_threshold = 3",
-        ),
-        (Window(None), None, "recording 0 has 10 steps, recording 1 has 8"),
-    ],
-)
-def test_windows_that_do_not_fit_name_the_recording(window, onset, message):
-    with pytest.raises(RecordingError, match=message):
-        placed(window, [10, 8], None, onset)
-
-
-def test_onset_is_asked_of_the_caller():
-    with pytest.raises(ValueError, match="place needs onset"):
-        placed(Window(3, "contact_onset"), [10])
-
-
 @given(
     lengths=st.lists(st.integers(20, 60), min_size=1, max_size=6),
     n_steps=st.integers(1, 20),
@@ -89,18 +59,6 @@ def test_levels_are_means_over_the_window_and_can_be_removed():
     assert mean_levels(rest, np.array([1, 0]), 2).tolist() == [[0, 0], [0, 0]]
     assert rest.values.dtype == np.float32 and SIGNALS.values[3].tolist() == [9, 9]
     assert np.array_equal(np.diff(rest.values[:4], axis=0), np.diff(SIGNALS.values[:4], axis=0))
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ({"every_steps": 5}, "window.every_steps needs window.cut_steps"),
-        ({"n_steps": 9, "cut_steps": 8}, "window.n_steps must be at most window.cut_steps = 8, got 9"),
-    ],
-)
-def test_lengths_that_do_not_go_together(keys, message):
-    with pytest.raises(ValueError, match=message):
-        Window(**keys)
 
 
 def test_lengths_that_go_together():

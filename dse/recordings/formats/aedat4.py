@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar
+from typing import BinaryIO, ClassVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -27,6 +27,8 @@ _EVENT = np.dtype(
         "itemsize": 16,
     }
 )
+_CODECS = (None, "lz4", "lz4", "zstd", "zstd")
+"""In the order of the header's number: none, LZ4, LZ4 high, Zstandard, Zstandard high."""
 _PIECE_BYTES = 1 << 20
 _MOST_BYTES = 1 << 28
 """Largest packet, before and after decompression: 16 million events; cameras send some thousand."""
@@ -56,7 +58,7 @@ class Aedat4(Format):
             header = _read_header(file, path.name)
             for at, data in _packets(file, header, broken):
                 try:
-                    events = _events(header.decompress(data))
+                    events = _events(_decompressed(data, header.codec))
                 except ValueError as problem:
                     broken(f"the packet at byte {at} {problem}", "drops invalid packets")
                     continue
@@ -69,14 +71,14 @@ class Aedat4(Format):
 class _Header:
     """What the header says.
 
-    decompress: undoes the packets' compression.
+    codec: of the packets, None if they are not compressed.
     end: where the packets end, -1 if that is not noted.
     streams: the numbers of the streams.
     stream: the number of the events' stream.
     frame: its width and height, None if not noted.
     """
 
-    decompress: Callable[[bytes], bytes]
+    codec: str | None
     end: int
     streams: tuple[int, ...]
     stream: int
@@ -105,8 +107,8 @@ def _read_header(file: BinaryIO, name: str) -> _Header:
             raise ValueError("must describe the streams, got no description")
         first, count = _vector(data, fields[2], 1)
         streams = _streams(data[first : first + count])
-        if compression not in range(len(_DECOMPRESS)):
-            most = len(_DECOMPRESS) - 1
+        if compression not in range(len(_CODECS)):
+            most = len(_CODECS) - 1
             raise ValueError(f"must state a compression from 0 (none) to {most}, got {compression}")
         events = [stream for stream, (kind, _) in streams.items() if kind == "EVTS"]
         if not events:
@@ -114,7 +116,7 @@ def _read_header(file: BinaryIO, name: str) -> _Header:
             raise ValueError(f"must describe a stream of type EVTS, got {got}")
     except ValueError as problem:
         raise RecordingError(f"{name}: the header at byte {at} {problem}") from problem
-    return _Header(_DECOMPRESS[compression], end, tuple(streams), events[0], streams[events[0]][1])
+    return _Header(_CODECS[compression], end, tuple(streams), events[0], streams[events[0]][1])
 
 
 def _streams(text: bytes) -> dict[int, tuple[str, tuple[int, int] | None]]:
@@ -224,38 +226,23 @@ def _at(data: bytes, at: int, layout: str) -> int:
     return int(struct.unpack_from(layout, data, at)[0])
 
 
-def _lz4(data: bytes) -> bytes:
-    import lz4.frame
+def _decompressed(data: bytes, codec: str | None) -> bytes:
+    """Return what was compressed.
 
-    def pieces() -> Iterator[bytes]:
-        frame: Any = lz4.frame.LZ4FrameDecompressor()
-        yield frame.decompress(data, _PIECE_BYTES)
-        while not frame.eof and not frame.needs_input:
-            yield frame.decompress(b"", _PIECE_BYTES)
+    Raises:
+        ValueError: it is damaged, or too large, as the end of a sentence.
+    """
+    if codec is None:
+        return data
+    import pyarrow
 
+    found = bytearray()
     try:
-        return _bounded(pieces())
-    except (RuntimeError, EOFError) as problem:
-        raise ValueError(f"must be an LZ4 frame: {problem}") from problem
-
-
-def _zstd(data: bytes) -> bytes:
-    import zstandard
-
-    try:
-        return _bounded(zstandard.ZstdDecompressor().read_to_iter(data, write_size=_PIECE_BYTES))
-    except zstandard.ZstdError as problem:
-        raise ValueError(f"must be a Zstandard frame: {problem}") from problem
-
-
-def _bounded(pieces: Iterator[bytes]) -> bytes:
-    data = bytearray()
-    for piece in pieces:
-        data += piece
-        if len(data) > _MOST_BYTES:
-            raise ValueError(f"must hold at most {_MOST_BYTES} bytes after decompression, got more")
-    return bytes(data)
-
-
-# In the order of the header's number: none, LZ4, LZ4 high, Zstandard, Zstandard high.
-_DECOMPRESS: tuple[Callable[[bytes], bytes], ...] = (bytes, _lz4, _lz4, _zstd, _zstd)
+        with pyarrow.CompressedInputStream(pyarrow.BufferReader(data), codec) as stream:
+            while piece := stream.read(_PIECE_BYTES):
+                found += piece
+                if len(found) > _MOST_BYTES:
+                    raise ValueError(f"must hold at most {_MOST_BYTES} bytes after decompression, got more")
+    except OSError as problem:
+        raise ValueError(f"must be compressed as {codec}: {problem}") from problem
+    return bytes(found)

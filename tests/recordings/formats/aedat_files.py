@@ -6,9 +6,8 @@ import itertools
 import struct
 from collections.abc import Callable, Iterable, Sequence
 
-import lz4.frame
 import numpy as np
-import zstandard
+import pyarrow
 
 from tests.recordings.formats.encoders import Event
 
@@ -22,12 +21,21 @@ DVS128, DAVIS240 = list(CHIPS)[:2]
 VERSION_2, VERSION_3, VERSION_4 = b"#!AER-DAT2.0\r\n", b"#!AER-DAT3.1\r\n", b"#!AER-DAT4.0\r\n"
 END_2, END_3 = b"#End Of ASCII Header\r\n", b"#!END-HEADER\r\n"
 POLARITY = 1
+
+
+def _without_size(data: bytes) -> bytes:
+    sink = pyarrow.BufferOutputStream()
+    with pyarrow.CompressedOutputStream(sink, "zstd") as stream:
+        stream.write(data)
+    return sink.getvalue().to_pybytes()
+
+
 COMPRESS: dict[str, Callable[[bytes], bytes]] = {
     "none": bytes,
-    "lz4": lz4.frame.compress,
-    "lz4 high": lambda data: lz4.frame.compress(data, compression_level=9),
-    "zstd": zstandard.ZstdCompressor().compress,
-    "zstd high": zstandard.ZstdCompressor(level=15, write_content_size=False).compress,
+    "lz4": lambda data: pyarrow.Codec("lz4").compress(data, asbytes=True),
+    "lz4 high": lambda data: pyarrow.Codec("lz4", compression_level=9).compress(data, asbytes=True),
+    "zstd": lambda data: pyarrow.Codec("zstd").compress(data, asbytes=True),
+    "zstd high": _without_size,
 }
 STREAMS = (("EVTS", (320, 240)), ("FRME", (320, 240)), ("IMUS", None))
 

@@ -1,15 +1,15 @@
-"""What the tests of the formats share: a file read whole, its faults, and memory."""
+"""What the tests of the formats share: a file read whole, its faults, and real files."""
 
 from __future__ import annotations
 
-import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import Format, Repairs, named
+from dse.recordings.formats import Format, Repairs
 from dse.records import Block
 
 
@@ -28,20 +28,18 @@ def read(form: Format, path: Path, repair: bool = False) -> tuple[Block, list[st
     return Block(**columns), repairs.notes
 
 
-def faulty(name: str, path: Path, content: bytes, n_left: int, *sentences: str) -> Block:
+def faulty(form: Format, path: Path, n_left: int, *sentences: str) -> Block:
     """Check that a file is refused with a fault that repair notes, and return the events that repair leaves.
 
     Args:
-        name: of the format.
-        path: file to write.
-        content: of the file.
+        form: reads it.
+        path: of the file.
         n_left: number of these events.
         sentences: parts of the fault and of the repair.
     """
-    path.write_bytes(content)
     with pytest.raises(RecordingError) as error:
-        read(named(name), path)
-    found, notes = read(named(name), path, repair=True)
+        read(form, path)
+    found, notes = read(form, path, repair=True)
     assert len(notes) == 1 and len(found.t_us) == n_left
     for text in (str(error.value), notes[0]):
         assert text.startswith(f"{path.name}: ") and "; --repair " in text and "\n" not in text
@@ -49,13 +47,13 @@ def faulty(name: str, path: Path, content: bytes, n_left: int, *sentences: str) 
     return found
 
 
-def refused(name: str, path: Path, content: bytes, sentence: str) -> None:
+def refused(form: Format, path: Path, sentence: str) -> None:
     """Check that a file is refused even with repair."""
-    path.write_bytes(content)
     for repair in (False, True):
         with pytest.raises(RecordingError) as error:
-            read(named(name), path, repair)
+            read(form, path, repair)
         assert str(error.value).startswith(f"{path.name}: ") and sentence in str(error.value)
+        assert "\n" not in str(error.value)
 
 
 def tuples(found: Block) -> list[tuple[int, int, int, int]]:
@@ -64,21 +62,38 @@ def tuples(found: Block) -> list[tuple[int, int, int, int]]:
     return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
-def many(n: int, width: int, height: int) -> Block:
+def block(*events: tuple[int, int, int, int]) -> Block:
+    """Return events as a block."""
+    t_us, x, y, polarity = np.array(events, dtype=np.int64).reshape(-1, 4).T
+    return Block(t_us, x.astype(np.int32), y.astype(np.int32), polarity.astype(np.uint8))
+
+
+def many(n: int, width: int, height: int) -> list[tuple[int, int, int, int]]:
     """Return n events that differ from each other."""
-    i = np.arange(n)
-    return Block(
-        3 * i, (i % width).astype(np.int32), (i // 7 % height).astype(np.int32), (i % 2).astype(np.uint8)
-    )
+    return [(3 * i, i % width, i // 7 % height, i % 2) for i in range(n)]
 
 
-def peak_bytes(form: Format, path: Path) -> tuple[int, int]:
-    """Return how many events a file has, and the most memory that reading it took."""
-    for _ in form.blocks(path, Repairs(path.name, False)):
-        break  # imports what is needed
-    tracemalloc.start()
-    try:
-        n = sum(len(block.t_us) for block in form.blocks(path, Repairs(path.name, False)))
-        return n, tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+# Format, frame, number of events, of them ON, the first and the last (what is known of them), and CRC-32 of
+# t, x and y as others decode them.
+RECORDED: dict[str, tuple[Any, ...]] = {
+    "faery_dvs.es": (
+        *("es", (320, 240), 473225, 270001, (), (999000, 38, 193, 1)),
+        [4149783995, 2153943521, 3035768722],
+    ),
+    "tonic_sample_nmnist.bin": (
+        *("nmnist", (34, 34), 4325, None, (654, 7, 15, 1), (311175, 21, 14, 1), None),
+    ),
+    "tonic_sample_ncars.dat": ("dat", None, 2009, None, (0, 25, 8, 0), (99952, 75, 28, 1), None),
+    "expelliarmus_evt2_sample.raw": ("evt2", None, 539481, 367855, (), (), None),
+    "expelliarmus_evt3_sample.raw": ("evt3", None, 219596, None, (), (), None),
+    "tonic_sample.aedat4": (
+        *("aedat4", (320, 240), 111954, 55023, (1605537493718345, 154, 204), (1605537494308262, 88, 237)),
+        [1231361461, 828355067, 2444565237],
+    ),
+    "tonic_sample_aedat_header.aedat": ("aedat2", (346, 260), 0, 0, (), (), None),
+    "neutouch_sponge_trial1_5.tact": ("neutouch", (80, 1), 11099, None, (0,), (), None),
+    "neutouch_stiff_block_trial1_5.tact": ("neutouch", (80, 1), 5386, None, (0,), (), None),
+    "tonic_sample_stmnist.mat": ("stmnist", (10, 10), 2346, None, (), (895745,), None),
+    "expelliarmus_evt3_sample_decoded.npz": ("npz", None, 219596, None, (), (), None),
+}
+"""Real files, and what is in them."""

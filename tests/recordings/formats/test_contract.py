@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -14,25 +10,12 @@ from dse.recordings import RecordingError
 from dse.recordings.formats import BLOCK_EVENTS, Repairs, checked, detect, named
 from dse.registry import known
 from tests.recordings.formats.encoders import dat, evt2_words, evt3_words, nmnist, raw
+from tests.recordings.formats.reading import RECORDED
 
 FORMATS = list(known("recordings.formats"))
 assert {"dat", "evt2", "evt3", "nmnist"} <= set(FORMATS)
 FRAME = (320, 240)
-MOST_S = 20
 ONE = [(70, 3, 4, 1)]
-SAMPLES = {
-    "expelliarmus_evt2_sample.raw": "evt2",
-    "expelliarmus_evt3_sample.raw": "evt3",
-    "expelliarmus_evt3_sample_decoded.npz": "npz",
-    "faery_dvs.es": "es",
-    "neutouch_sponge_trial1_5.tact": "neutouch",
-    "tonic_sample.aedat4": "aedat4",
-    "tonic_sample_aedat_header.aedat": "aedat2",
-    "tonic_sample_ncars.dat": "dat",
-    "tonic_sample_nmnist.bin": "nmnist",
-    "tonic_sample_stmnist.mat": "stmnist",
-}
-"""Real files, and what they are."""
 MARKS = (
     b"",
     b"% evt 2.0\n",
@@ -51,41 +34,26 @@ MARKS = (
 """How files of the formats begin, so that random bytes get past the first look."""
 
 
-@contextmanager
-def a_reader_that_hangs_fails() -> Iterator[None]:
-    def give_up(*_: object) -> None:
-        raise TimeoutError(f"still reading after {MOST_S} s")
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(MOST_S)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
-
-
 def read(path, name, repair):
     """Read a file to its end, or to its RecordingError; what comes out must be sound."""
     form = named(name)
     repairs = Repairs(path.name, repair)
     n_events, latest = 0, 0
-    with a_reader_that_hangs_fails():
-        try:
-            width, height = form.frame(path) or FRAME
-            assert width > 0 and height > 0
-            for block in checked(form.blocks(path, repairs), width, height, repairs):
-                n = len(block.t_us)
-                assert len({len(column) for column in vars(block).values()}) == 1
-                assert 0 < n <= 16 * BLOCK_EVENTS
-                assert block.t_us[0] >= latest and (block.t_us[1:] >= block.t_us[:-1]).all()
-                assert 0 <= block.x.min() and block.x.max() < width
-                assert 0 <= block.y.min() and block.y.max() < height
-                assert block.polarity.max() <= 1
-                n_events, latest = n_events + n, int(block.t_us[-1])
-        except RecordingError as error:
-            assert str(error).startswith(f"{path.name}: ") and "\n" not in str(error)
-            return None
+    try:
+        width, height = form.frame(path) or FRAME
+        assert width > 0 and height > 0
+        for block in checked(form.blocks(path, repairs), width, height, repairs):
+            n = len(block.t_us)
+            assert len({len(column) for column in vars(block).values()}) == 1
+            assert 0 < n <= 16 * BLOCK_EVENTS
+            assert block.t_us[0] >= latest and (block.t_us[1:] >= block.t_us[:-1]).all()
+            assert 0 <= block.x.min() and block.x.max() < width
+            assert 0 <= block.y.min() and block.y.max() < height
+            assert block.polarity.max() <= 1
+            n_events, latest = n_events + n, int(block.t_us[-1])
+    except RecordingError as error:
+        assert str(error).startswith(f"{path.name}: ") and "\n" not in str(error)
+        return None
     assert repair or not repairs.notes
     return n_events
 
@@ -118,7 +86,7 @@ def test_random_bytes(folder, name, mark, content, repair):
     read(path, name, repair)
 
 
-@pytest.mark.parametrize("file", SAMPLES)
+@pytest.mark.parametrize("file", RECORDED)
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_real_files_cut_and_damaged(shared_data, folder, file, data):
@@ -131,18 +99,7 @@ def test_real_files_cut_and_damaged(shared_data, folder, file, data):
     path = folder / file
     path.write_bytes(damaged)
     for repair in (False, True):
-        read(path, SAMPLES[file], repair)
-
-
-@pytest.mark.parametrize(("file", "name"), SAMPLES.items())
-def test_real_files_are_told_apart_by_content_and_by_name(shared_data, folder, file, name):
-    path = shared_data / "native_event_files" / file
-    assert detect(path) == named(name)
-    read(path, name, repair=False)
-    if name not in ("neutouch", "nmnist"):  # nothing in their bytes says what they are
-        other = folder / "other.name"
-        other.write_bytes(path.read_bytes())
-        assert detect(other) == named(name)
+        read(path, RECORDED[file][0], repair)
 
 
 @pytest.mark.parametrize(
