@@ -11,8 +11,8 @@ from dse.skyline import blocks, front
 from dse.skyline.admissible import meeting
 from dse.skyline.constraints import ExpressionError, conditions_of, named_columns
 from dse.skyline.front import Skyline
-from dse.study import corrected, held, resampling
-from dse.study.question import DRAWS, Question
+from dse.study import corrected, held
+from dse.study.question import CERTAINTY, DRAWS, Question
 from dse.study.results import open as open_study
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _IN_MEMORY = 4_000_000  # rows of a table that is read whole
 
-ADDED = ("target", "ram_bytes", "cycles", "power_mw", *resampling.CERTAINTY)
+ADDED = ("target", "ram_bytes", "cycles", "power_mw", *CERTAINTY)
 """Columns of a front that are there because they were asked for."""
 
 
@@ -62,7 +62,7 @@ def front_of(
     frames = question.points(results)
     frame = pandas.concat(frames, ignore_index=True)
     conditions = conditions_of(question.where)
-    certain = [x for x in conditions if named_columns([x]) & set(resampling.CERTAINTY)]
+    certain = [x for x in conditions if named_columns([x]) & set(CERTAINTY)]
     early = [x for x in conditions if x not in certain]
     if question.confidence is not None:
         certain.append(f"front_probability >= {question.confidence}")
@@ -70,6 +70,8 @@ def front_of(
     lacking = corrected.lacking(rows, (name for name, _ in objectives))
     notes = [*notes, *lacking, *(text for path in results for text in held.remarks(Path(path)))]
     if question.draws or certain:
+        from dse.study import resampling
+
         among = front.comparable(frame, objectives, early, by, oversize=question.oversize).rows
         shares, remarks = resampling.certainty(
             results, frames, question.hardware, objectives, question.draws or DRAWS, among, by

@@ -12,9 +12,11 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from dse.config import ConfigError, Fault
+from dse.config.faults import did_you_mean, known_names
 from dse.text import json_line, lines, one_line
 
 if TYPE_CHECKING:
@@ -45,12 +47,13 @@ class Answer:
 
     rows: one mapping per row, keyed by column name.
     notes: sentences about the rows.
-    columns: the columns of a table on a terminal; all columns if empty. Other formats have every column.
+    columns: the default view: the columns of a table and of CSV; all columns if empty. JSON and Parquet have
+        every column.
     text: shown in place of a table.
     code: exit code.
-    essential: columns that a narrow terminal shows too; it leaves out others, the widest first. Empty: it
+    essential: columns that a narrow terminal shows too; it leaves out others, the last first. Empty: it
         leaves out none, and lists a row's values below each other where they do not fit side by side.
-    telling: columns that it leaves out last: what rows are told apart by.
+    telling: columns that it leaves out after all others: what rows are told apart by.
     groups: columns whose values head the rows of a table that have them, in place of a column.
     table: the rows of a table on a terminal, if these are fewer (equal ones as one row); other formats have
         all rows.
@@ -77,28 +80,44 @@ class Answer:
 
 
 def add_format(parser: argparse.ArgumentParser) -> None:
-    """Add `--format` and its short form `--json`."""
+    """Add `--columns`, `--format` and its short form `--json`."""
+    parser.add_argument(
+        "--columns",
+        metavar="NAMES",
+        help="print these columns, separated by commas, or all (default: those that designs are chosen by; "
+        "json and parquet have every column)",
+    )
     group = parser.add_mutually_exclusive_group()
     group.add_argument(
         "--format",
         choices=FORMATS,
-        help="output format (default: table on a terminal, otherwise text, or CSV of the table's columns); "
-        "csv, parquet and json have every column",
+        help="output format (default: table on a terminal, otherwise text or csv)",
     )
     group.add_argument(
         "--json", action="store_const", const="json", dest="format", help="same as --format json"
     )
 
 
-def show(answer: Answer, command: str, form: str | None) -> None:
-    """Print an answer to stdout; notes follow a table, and go to stderr with other formats."""
+def show(answer: Answer, command: str, form: str | None, columns: str | None = None) -> None:
+    """Print an answer to stdout; notes follow a table, and go to stderr with other formats.
+
+    Args:
+        answer: of the command.
+        command: its name.
+        form: one of `FORMATS`; None: a table or text on a terminal, else CSV.
+        columns: names, separated by commas, or 'all'; None: those of the format.
+
+    Raises:
+        ConfigError: the answer has no such column.
+    """
     if answer.is_printed:
         for note in answer.notes:
             print(one_line(note), file=sys.stderr)
         return
-    columns: Sequence[str] = ()
+    if columns is not None:
+        answer = with_columns(answer, columns)
     if form is None:
-        form, columns = "table" if answer.text or sys.stdout.isatty() else "csv", answer.columns
+        form = "table" if answer.text or sys.stdout.isatty() else "csv"
     if form == "json":
         print(json_line(document(answer, command)))
         return
@@ -116,7 +135,7 @@ def show(answer: Answer, command: str, form: str | None) -> None:
     if form == "csv":
         if answer.rows or answer.columns:
             frame = _frame(answer)
-            shown = frame[[name for name in columns or frame if name in frame]]
+            shown = frame[[name for name in answer.columns or frame if name in frame]]
             content = shown.to_csv(index=False)
             sys.stdout.write(lines(content) if sys.stdout.isatty() else content)
     else:
@@ -125,6 +144,23 @@ def show(answer: Answer, command: str, form: str | None) -> None:
         sys.stdout.buffer.write(buffer.getvalue())
     for note in answer.notes:
         print(one_line(note), file=sys.stderr)
+
+
+def with_columns(answer: Answer, columns: str) -> Answer:
+    """Return an answer of some columns alone, in every format; terminals leave out none of them.
+
+    Raises:
+        ConfigError: it has no such column.
+    """
+    known = list(dict.fromkeys(key for row in answer.rows for key in row))
+    names = [name.strip() for name in columns.split(",")]
+    if names == ["all"]:
+        names = known or list(answer.columns)
+    if known and (unknown := [name for name in names if name not in known]):
+        near = did_you_mean(unknown[0], known) or known_names("", known)  # tables have many columns
+        raise ConfigError([Fault("--columns", 0, f"unknown column '{unknown[0]}'. {near}")])
+    rows = [{name: row.get(name) for name in names} for row in answer.rows]
+    return replace(answer, rows=rows, columns=names, essential=(), text="")
 
 
 def audit_answer(audit: Audit) -> Answer:
@@ -164,6 +200,8 @@ def _print_table(answer: Answer) -> None:
         low, high = f"{name}_low", f"{name}_high"
         if any(low in row for row in rows):
             rows = [with_interval(row, name, row.get(low), row.get(high)) for row in rows]
+    ends = {f"{name}{end}" for name in columns for end in ("_low", "_high")}
+    columns = [name for name in columns if name not in ends]
     width = _width() or _PIPED
     if len(rows) > 1:
         columns = [name for name in columns if any(_text(row, name) not in ("", "-") for row in rows)]
@@ -191,7 +229,7 @@ def _print_table(answer: Answer) -> None:
         text = f"{len(shown)} of {len(rows)} rows, {which}; --format csv prints all"
         print("\n".join(_wrap(text, width)))
     if left_out:
-        text = f"too narrow for {', '.join(left_out)}: widen the terminal, or --format csv prints all columns"
+        text = f"too narrow for {', '.join(left_out)}; --columns NAMES prints what you name"
         print("\n".join(_wrap(text, width)))
 
 
@@ -237,9 +275,9 @@ def _total(widths: Iterable[int]) -> int:
 def _left_out(
     needed: Mapping[str, int], essential: Sequence[str], telling: Sequence[str], width: int
 ) -> list[str]:
-    """Return the columns that do not fit: of those not essential the widest, but telling ones last."""
+    """Return the columns that do not fit: of those not essential the last, but telling ones after others."""
     out: list[str] = []
-    for name in sorted(needed, key=lambda name: (name in telling, -needed[name])) if essential else ():
+    for name in sorted([*needed][::-1], key=lambda name: name in telling) if essential else ():
         if _total(needed[x] for x in needed if x not in out) <= width:
             break
         if name not in essential:

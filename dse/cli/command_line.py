@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         left_out()  # forget those of an earlier call in this process
         with trust.answering(getattr(parsed, "trust", False) or trusts):
             answer: Answer = call(parsed.function, parsed)
-        show(answer, parsed.command, getattr(parsed, "format", None))
+        show(answer, parsed.command, getattr(parsed, "format", None), getattr(parsed, "columns", None))
         sys.stdout.flush()
     except KeyboardInterrupt as stopped:
         print(*(stopped.args or (_RESUMABLE,)), file=sys.stderr)

@@ -1,8 +1,8 @@
-"""A front as an answer: every column as data, the columns that differ on a terminal."""
+"""A front as an answer: its default view has the columns that designs are chosen by."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import MOST_ROWS, Answer
@@ -12,25 +12,22 @@ if TYPE_CHECKING:
 
     from dse.skyline.goals import Goal
 
-# Columns beside the axes that identify a design point.
-_IDENTITY = (
-    "phi",
-    "theta",
-    "read_out_ms",
-    "weight_bits",
-    "pruned_after",
-    "hardware",
-    "fits",
-    "task",
-    "family",
-)
+MOST_COLUMNS = 30
+"""Columns of the default view of a table of points."""
 
-_OF_WEIGHTS = ("weight_bits", "pruned_after")
+_IDENTITY = ("study", "trial", "task", "family", "hardware")
+_SETTINGS = ("phi", "theta", "read_out_ms", "weight_bits", "pruned_after")
+# What designs are chosen by beside the objectives; a terminal shows an interval with its number.
+_CHOSEN_BY = (
+    *("accuracy_corrected", "accuracy_corrected_low", "accuracy_corrected_high", "accuracy", "accuracy_se"),
+    *("n_weights", "spikes_per_inference", "decision_latency_ms"),
+    *("energy_uj", "energy_uj_low", "energy_uj_high", "latency_ms", "point"),
+)
 
 GROUPS = ("hardware", "task")
 """Columns without which rows of a table cannot be compared."""
 
-TELLING = (*GROUPS, "phi", "theta", "read_out_ms", *_OF_WEIGHTS)
+TELLING = (*GROUPS, *_SETTINGS)
 """Columns without which rows of a trial cannot be told apart."""
 
 _MUCH = 2.0  # times the energy
@@ -39,16 +36,8 @@ POINTS = "points"
 """Column of a table on a terminal: how many points of a trial have these objectives."""
 
 
-def front(points: pandas.DataFrame, objectives: Sequence[Goal]) -> Answer:
-    """Return the non-dominated rows of a table of points (`dse.skyline.front.skyline`)."""
-    from dse.skyline.front import skyline
-
-    rows, notes = skyline(points, objectives)
-    return front_answer(rows, objectives, notes)
-
-
 def front_answer(
-    rows: pandas.DataFrame, objectives: Sequence[Goal], notes: Sequence[str], beside: Sequence[str] = ()
+    rows: pandas.DataFrame, objectives: Sequence[Goal], notes: Sequence[str], beside: Iterable[str] = ()
 ) -> Answer:
     """Return the rows of a front; a terminal shows equal points of a trial as one row.
 
@@ -56,7 +45,7 @@ def front_answer(
         rows: of the front.
         objectives: that it is of.
         notes: on it.
-        beside: further columns to show.
+        beside: columns that were asked for, where rows have them.
     """
     from dse.skyline.front import front_columns
     from dse.skyline.goals import costs_of
@@ -64,18 +53,17 @@ def front_answer(
     from dse.skyline.table import group_numbers
 
     if rows.empty:
-        return Answer([], [*notes, "no design point is left"], list(map(str, rows.columns)))
+        return Answer([], [*notes, "no design point is left"], columns(rows, objectives, beside))
     table = without_equals(rows, objectives)
-    shown = columns(table, objectives)
-    if len(table) < len(rows):
-        shown.append(POINTS)
+    has_equals = len(table) < len(rows)
+    shown = columns(table, objectives, [*([POINTS] if has_equals else []), *beside])
+    if has_equals:
         notes = [
             *notes,
             f"{POINTS}: how many points of a trial are equal in all objectives; the one shown has the "
             "least latency, then energy, then weights",
         ]
     notes = [*notes, *_waiting(rows, shown)]
-    shown += [name for name in beside if name in rows and name not in shown]
     best_known = (f"{name}_corrected" if f"{name}_corrected" in shown else name for name, _ in objectives)
     essential = [name for name in ("trial", *best_known) if name in shown]
 
@@ -125,25 +113,35 @@ def records(frame: pandas.DataFrame) -> list[dict[str, object]]:
     return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 
 
-def columns(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> list[str]:
-    """Return the columns in which designs differ, and the objectives with what stands beside them."""
+def columns(rows: pandas.DataFrame, objectives: Sequence[Goal], beside: Iterable[str] = ()) -> list[str]:
+    """Return the default view of points: at most `MOST_COLUMNS` columns, unless more are asked for.
+
+    Args:
+        rows: points.
+        objectives: these and what stands beside them come first.
+        beside: further columns that were asked for, where rows have them.
+    """
     from dse.api.front import measured
 
-    names = measured(rows, [name for name, _ in objectives])
-    # An axis that only one family has is left out of a table of several; the other formats have every column.
-    # Axes have a point in their names; names of missed budgets may have one too, but also a space.
+    numbers, axes = measured(rows, [name for name, _ in objectives]), _axes(rows)
+    told = [x for x in _SETTINGS if x in rows and (rows.empty or rows[x].fillna(0).any())]  # pruned by 0: not
+    told += ["fits"] if "fits" in rows and rows["fits"].dropna().nunique() > 1 else []
+    asked = [x for x in dict.fromkeys([*_IDENTITY, *told, *numbers, *beside]) if x in rows]
+    others = [x for x in (*_CHOSEN_BY, *axes) if x in rows and x not in asked]
+    kept = {*asked, *others[: max(0, MOST_COLUMNS - len(asked))]}
+    order = [*_IDENTITY, *told, *numbers, *axes, *beside, *_CHOSEN_BY]
+    return [name for name in dict.fromkeys(order) if name in kept]
+
+
+def _axes(rows: pandas.DataFrame) -> list[str]:
+    """Return the axes that all rows have and in which they differ.
+
+    Names of axes have a point; those of missed budgets may have one too, but also a space.
+    """
     dotted = [name for name in map(str, rows.columns) if "." in name and " " not in name]
-    axes = [name for name in dotted if rows[name].notna().all()]
-    if "family" in rows:  # the same, and also in studies of a single family
+    axes = [x for x in dotted if rows[x].notna().all() and rows[x].astype(str).nunique() > 1]
+    if "family" in rows:  # the same
         axes = [name for name in axes if name != "model.kind"]
-    parameters = [name for name in map(str, rows.columns) if name in axes or name in _IDENTITY]
-    # Without weights of so many bits, a family has no such setting: it is no other one.
-    texts = {
-        name: tuple((rows[name].dropna() if name in _OF_WEIGHTS else rows[name]).astype(str))
-        for name in parameters
-    }
-    varied = [name for name, values in texts.items() if len(set(values)) > 1]
-    if "task" in varied and texts.get("task.target") == texts["task"]:
-        varied.remove("task.target")
-    chosen = [*(["trial"] if "trial" in rows else []), *varied, *names]
-    return [name for name in dict.fromkeys(chosen) if name in rows]
+    if "task" in rows and "task.target" in axes and (rows["task.target"] == rows["task"]).all():
+        axes.remove("task.target")
+    return axes

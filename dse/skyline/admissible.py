@@ -127,12 +127,11 @@ def leave_out_unmeasured(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.
     """Return the rows whose named columns are finite, and one note per column and kind of missing value."""
     keep = np.ones(len(frame), dtype=bool)
     notes = []
-    of_hardware = registry.columns("hardware")
     for name in names:
         values = numbers(frame, name)
-        is_cost = name in of_hardware and "hardware" in frame
         for kind, wrong in (("NaN", np.isnan(values)), ("infinite", np.isinf(values))):
             if wrong.any():
+                is_cost = "hardware" in frame and name in registry.columns("hardware")
                 chips = " and ".join(dict.fromkeys(map(str, frame["hardware"][wrong]))) if is_cost else ""
                 why = f" ({chips} cannot run them, or its costs are known only as intervals)" if chips else ""
                 notes.append(f"{_row_names(frame, wrong)} excluded: {name} is {kind}{why}")
@@ -167,8 +166,9 @@ def _chips(rows: pd.DataFrame) -> Ints:
 
 def _only_hardware(rows: pd.DataFrame, fits: Bools, named: AbstractSet[str]) -> object:
     """Return the first hardware that some row fits; None if a named column depends on hardware."""
-    depends = "hardware" in named or bool(named & registry.columns("hardware").keys())
-    if depends or "hardware" not in rows or rows["hardware"].isna().any() or rows["hardware"].nunique() < 2:
+    if "hardware" in named or "hardware" not in rows or rows["hardware"].isna().any():
+        return None
+    if rows["hardware"].nunique() < 2 or named & registry.columns("hardware").keys():
         return None
     return rows["hardware"].iloc[int(fits.argmax())]
 

@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dse.config import SearchSpace
-from dse.measure.objectives.accuracy import wilson_interval
 from dse.records import Array, Floats
-from dse.skyline.posterior import expected
-from dse.study.record import RunRecord
 
 if TYPE_CHECKING:
     import pandas
+
+    from dse.config import SearchSpace
+    from dse.study.record import RunRecord
 
 ACCURACIES = ("accuracy", "accuracy_strict", "accuracy_shifted", "accuracy_shifted_min")
 """Accuracies on the validation recordings."""
@@ -100,6 +99,8 @@ def tally(part: Part, names: Sequence[str], of: Mapping[int, Asked]) -> Counter[
 
 def values(counted: Mapping[Key, int]) -> dict[Key, float]:
     """Return what each accuracy of a tally is expected to be on other recordings."""
+    from dse.skyline.posterior import expected
+
     found: dict[Key, float] = {}
     for group in dict.fromkeys(key[:2] for key in counted):
         keys = sorted(key for key in counted if key[:2] == group)
@@ -119,6 +120,8 @@ def with_corrected(
         of: trial -> what its accuracies are of.
         known: `values` of the tally of all points.
     """
+    from dse.measure.objectives.accuracy import wilson_interval
+
     n_recordings, n = of[int(part["trial"][0])]
     nothing = np.full((3, len(part["trial"])), np.nan)
     columns = {name: nothing.copy() for name in names if name in part}

@@ -166,21 +166,8 @@ def costs(folder: str | Path, rows: pandas.DataFrame, chips: Sequence[Profile]) 
     return [pandas.concat(parts) for parts in on]
 
 
-def tables(paths: Sequence[str | Path], hardware: Sequence[str]) -> list[pandas.DataFrame]:
-    """Return the points of every study or table; if hardware is named, with costs on it.
-
-    Raises:
-        ConfigError, StoreError: as in `points`, or hardware is named for a table that is no study.
-        TableError: a file is no table.
-    """
-    if not hardware:
-        return [held.without_lost(Path(path), read_table(path)) for path in paths]
-    check_studies(paths, "--hardware needs")
-    return [points(path, hardware) for path in paths]
-
-
-def on_duty(frame: pandas.DataFrame, contacts_per_hour: float | None) -> pandas.DataFrame:
-    """Return points with the column power_mw; unchanged without contacts per hour.
+def on_duty(frame: pandas.DataFrame, contacts_per_hour: float) -> pandas.DataFrame:
+    """Return points with the column power_mw.
 
     It is NaN if contacts would overlap, if the profile does not state the idle power, or if the chip cannot
     run the classifier.
@@ -188,8 +175,6 @@ def on_duty(frame: pandas.DataFrame, contacts_per_hour: float | None) -> pandas.
     Raises:
         StoreError: points lack the necessary costs.
     """
-    if contacts_per_hour is None:
-        return frame
     needed = ("energy_throttled_uj", "idle_mw", "hardware_latency_ms", "decision_latency_ms")
     lacking = [name for name in needed if name not in frame]
     if lacking:

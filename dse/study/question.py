@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     from dse.skyline.goals import Goal
 
+CERTAINTY = ("front_share", "front_probability")
+"""Columns of what is sampled (`dse.study.resampling.certainty`)."""
 MOST_DRAWS = 100_000
 DRAWS = 200
 """Number of samples of recordings, seeds and uncertain numbers where it is not stated."""
@@ -123,10 +125,21 @@ class Question:
             StoreError: a table is no study where one is needed, or a study is damaged.
             TableError: a table cannot be read.
         """
-        from dse.study import pricing
+        from dse.skyline.table import read as read_table
+        from dse.study import held
 
-        frames = pricing.tables(results, self.hardware)
-        return [pricing.on_duty(frame, self.contacts_per_hour) for frame in frames]
+        if not self.hardware:
+            frames = [held.without_lost(Path(path), read_table(path)) for path in results]
+        else:
+            from dse.study import pricing
+
+            pricing.check_studies(results, "--hardware needs")
+            frames = [pricing.points(path, self.hardware) for path in results]
+        if self.contacts_per_hour is not None:
+            from dse.study import pricing
+
+            frames = [pricing.on_duty(frame, self.contacts_per_hour) for frame in frames]
+        return frames
 
 
 def texts(value: Any, name: str) -> list[str]:

@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 ACCURACIES = corrected.ACCURACIES
 """Columns that are resampled, if the table has them."""
 
-CERTAINTY = ("front_share", "front_probability")
-"""Columns of `certainty`."""
-
 _SEED = 20261122
 _WITHIN_SE = 5.0  # standard errors within which every sample is
 _ANSWERS = ("index", "target", "output", "shape", "step_ms", "label", "time_ms")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from dse import registry, store
-from dse.study import held, pricing
+from dse.study import held
 from dse.study.record import load_records, plain_records
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class Study:
 
     folder: Path
 
-    @property
+    @cached_property
     def space(self) -> dict[str, Any]:
         """The search space with every default written out, as plain data."""
         return plain_space(self.folder / "search_space.yaml")
@@ -69,6 +70,8 @@ class Study:
             hardware: names or files of profiles to price the points on; empty: the profiles of the study.
         """
         if hardware:
+            from dse.study import pricing
+
             return pricing.points(self.folder, hardware)
         return held.without_lost(self.folder, held.read(self.folder / held.POINTS))
 
@@ -154,6 +157,8 @@ class Study:
 
     def chip(self, name: str) -> Profile:
         """Return a hardware profile: the study's copy, or a shipped one."""
+        from dse.study import pricing
+
         return pricing.profile(self.folder, name)
 
     @property

@@ -161,9 +161,9 @@ def test_a_pipe_gets_csv_of_the_columns_of_the_table(capsys: Captured) -> None:
     assert main(["pick", str(EXAMPLE), "--budget", "accuracy > 0.99"]) == 3
     printed = capsys.readouterr()
     table = pd.read_csv(io.StringIO(printed.out))
-    assert len(table) == 5 and len(table.columns) < 20 and "missed accuracy>0.99" in table
+    assert len(table) == 5 and len(table.columns) <= 30 and "missed accuracy>0.99" in table
     assert "no design point meets accuracy > 0.99" in printed.err
-    assert main(["pick", str(EXAMPLE), "--budget", "accuracy > 0.99", "--format", "csv"]) == 3
+    assert main(["pick", str(EXAMPLE), "--budget", "accuracy > 0.99", "--columns", "all"]) == 3
     assert len(pd.read_csv(io.StringIO(capsys.readouterr().out)).columns) > 90
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from dse.cli.answer import Answer, cell, document, listing, show
+from dse.config import ConfigError
 
 
 def test_a_document_has_only_what_json_has() -> None:
@@ -107,12 +108,33 @@ def test_rows_that_do_not_fit_are_listed_below_each_other(
     ]
 
 
-def test_other_formats_have_every_row_and_column(capsys: pytest.CaptureFixture[str]) -> None:
-    answer = Answer([{"a": 1, "b": 2}] * 2, columns=["a"], table=[{"a": 1}])
-    show(answer, "skyline", "csv")
-    assert capsys.readouterr().out == "a,b\n1,2\n1,2\n"
-    show(answer, "skyline", "table")
-    assert [line.strip() for line in capsys.readouterr().out.splitlines()] == ["a", "1"]
+START, END = '{"schema": "dse/run/1", "rows": ', ', "notes": []}\n'
+ANSWER = Answer([{"a": 1, "b": 2}] * 2, columns=["a"], table=[{"a": 1, "b": 2}])
+
+
+@pytest.mark.parametrize(
+    ("form", "columns", "printed"),
+    [
+        ("csv", None, "a\n1\n1\n"),  # every row
+        ("csv", "b, a", "b,a\n2,1\n2,1\n"),
+        ("csv", "all", "a,b\n1,2\n1,2\n"),
+        ("table", None, "a\n1\n"),
+        ("table", "all", "a  b\n1  2\n"),
+        ("json", None, f"{START}[{{\"a\": 1, \"b\": 2}}, {{\"a\": 1, \"b\": 2}}]{END}"),
+        ("json", "b", f"{START}[{{\"b\": 2}}, {{\"b\": 2}}]{END}"),
+    ],
+)  # fmt: skip
+def test_a_view_is_a_table_and_csv_alike_and_other_columns_are_named(
+    form: str, columns: str | None, printed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    show(ANSWER, "run", form, columns)
+    out = capsys.readouterr().out
+    assert "".join(f"{line.strip()}\n" for line in out.splitlines()) == printed
+
+
+def test_an_unknown_column_is_a_fault() -> None:
+    with pytest.raises(ConfigError, match="--columns: unknown column 'c'"):
+        show(ANSWER, "skyline", "csv", "a,c")
 
 
 def test_markup_in_values_is_printed_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:

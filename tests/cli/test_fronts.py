@@ -11,10 +11,11 @@ import pandas as pd
 import pytest
 
 from dse.cli import main
-from dse.cli.fronts import columns, front_answer
+from dse.cli.fronts import MOST_COLUMNS, columns, front_answer
 from dse.skyline.goals import Goal
 from tests.skyline.tables import NAMING_OTHERS, WORDS
 
+EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"
 GOALS = [("accuracy", "max"), ("n_weights", "min")]
 
 
@@ -40,9 +41,36 @@ def mixed() -> pd.DataFrame:
 
 def test_a_front_of_several_families_shows_what_all_of_them_have() -> None:
     shown = columns(mixed(), GOALS)
-    assert shown == ["trial", "family", "encoder.gain", "read_out_ms", "accuracy", "n_weights"]
+    assert shown == ["trial", "task", "family", "read_out_ms", "accuracy", "n_weights", "encoder.gain"]
     assert "model.kind" in columns(mixed().drop(columns="family"), GOALS)
-    assert columns(mixed().iloc[1:], GOALS) == ["trial", "accuracy", "n_weights"]
+    assert "encoder.gain" not in columns(mixed().iloc[1:], GOALS)
+
+
+def test_a_view_has_at_most_30_columns_unless_more_are_asked_for() -> None:
+    many = {f"encoder.axis_{n}": [0, n] for n in range(1, 40)}
+    measured = dict.fromkeys(
+        ("energy_uj", "energy_uj_low", "energy_uj_high", "latency_ms", "peak_state"), 1.0
+    )
+    points = mixed().assign(**many, **measured)
+    asked = [f"encoder.axis_{n}" for n in range(5, 35)]
+    assert len(columns(points, GOALS)) == MOST_COLUMNS
+    assert not {"peak_state", "accuracy_test"} & {*columns(points, GOALS)}
+    assert {*asked, "trial", "accuracy"} <= {*columns(points, GOALS, asked)}
+
+
+@pytest.mark.parametrize("empty", [False, True])
+def test_the_view_of_a_study_is_the_same_at_a_pipe_and_as_csv(
+    empty: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    where = "accuracy > 2" if empty else "ties >= 0"
+    printed = []
+    for options in ([], ["--format", "csv"], ["--columns", "all"]):
+        assert main(["skyline", str(EXAMPLE), "--where", where, *options]) == 0
+        printed.append(pd.read_csv(io.StringIO(capsys.readouterr().out)).columns.tolist())
+    assert printed[0] == printed[1]
+    assert {"trial", "task", "family", "hardware", "accuracy_corrected_low", "energy_uj_high"} < {*printed[0]}
+    assert len(printed[0]) <= MOST_COLUMNS and ("ties" in printed[0]) != empty
+    assert len(printed[2]) == (len(printed[0]) if empty else 109)
 
 
 def test_equal_points_of_a_trial_are_one_row_with_their_number() -> None:

@@ -214,7 +214,7 @@ def pick(
     choice = choose(results, budget, maximise, replace(question, targets=target))
     if choice.row is None:
         missed = [str(name) for name in choice.nearest.columns if str(name).startswith("missed ")]
-        shown = [*columns(choice.nearest, choice.goals), *missed]
+        shown = columns(choice.nearest, choice.goals, missed)
         known = ("trial", *(name for name, _ in choice.goals), *missed)
         essential = [name for name in known if name in shown]
         rows = records(choice.nearest)
@@ -266,9 +266,10 @@ def skyline(
     """
     from dse.api.front import ADDED, front_of
     from dse.cli.fronts import front_answer
+    from dse.config.expressions import named_columns
 
     rows, remarks = front_of(results, question)
-    beside = list(ADDED)
+    beside = [*question.groups, *sorted(named_columns(question.where)), *ADDED]
     if notes:
         from dse.store import StoreError
         from dse.study.notes import with_notes

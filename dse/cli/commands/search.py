@@ -165,8 +165,9 @@ def run(
         The front; the page is written too.
     """
     loaded = load(space, set, repair)
-    from dse.cli.fronts import front
+    from dse.cli.fronts import front_answer
     from dse.cli.stopping import by_signals
+    from dse.skyline.front import skyline
     from dse.study import explore
     from dse.study.runs import UNTRAINED
     from dse.study.tables import n_held
@@ -188,7 +189,8 @@ def run(
         notes.append(
             f"costs are those on {first}; for another chip use dse skyline --where \"hardware == '...'\""
         )
-    result = front(points, study.objectives)
+    front = skyline(points, study.objectives)
+    result = front_answer(front.rows, study.objectives, front.notes)
     code = 1 if any(note.startswith(UNTRAINED) for note in notes) else result.code
     return dataclasses.replace(result, notes=[*result.notes, *notes], code=code)
 
