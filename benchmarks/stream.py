@@ -20,7 +20,7 @@ import numpy as np
 
 from dse.config import Sections
 from dse.deploy.bundle import Bundle, Input
-from dse.deploy.stream import Stream, Windows
+from dse.deploy.stream import Spiking, Stream, Windows
 from dse.models.snn.respond import respond
 from dse.neurons import cuba_lif, parameters_of
 from dse.records import Array, Block, Dataset, Layer, Network, Spikes
@@ -75,7 +75,7 @@ def calls(stream: Stream, kind: str, spikes: list[Array], n_channels: int) -> It
     while True:
         channels = spikes[k % len(spikes)]
         if kind == "spikes":
-            yield lambda channels=channels: stream.spikes(channels)
+            yield lambda channels=channels: stream.push(Spiking(channels))
         else:
             y, x = np.divmod(channels, side)
             t_us = np.full(len(channels), round(k * STEP_MS * 1000))
@@ -104,7 +104,7 @@ def timed(stream: Stream, kind: str, spikes: list[Array], n_channels: int, n_ste
 def differing(made: Bundle, spikes: list[Array], n_windows: int = 20) -> tuple[int, int]:
     """Return how many windows of a stream are decided otherwise than in one batch, and of how many."""
     stream = Stream(made, Windows("every", every=N_STEPS))
-    decisions = [x for k in range(n_windows * N_STEPS) for x in stream.spikes(spikes[k % DISTINCT])]
+    decisions = [x for k in range(n_windows * N_STEPS) for x in stream.push(Spiking(spikes[k % DISTINCT]))]
     rows = [spikes[k % DISTINCT] for k in range(n_windows * N_STEPS)]
     offsets = np.concatenate([[0], np.cumsum([len(row) for row in rows])])
     stored = Spikes(offsets, np.concatenate(rows), N_STEPS, made.fitted.n_channels, STEP_MS)

@@ -17,7 +17,8 @@ from dse.text import json_line, one_line
 if TYPE_CHECKING:
     from dse.deploy.bundle import Bundle
     from dse.deploy.sources import End
-    from dse.deploy.stream import Decision, Windows
+    from dse.deploy.stream import Windows
+    from dse.deploy.window import Decision
 
 _COLUMNS = (
     *("recording", "window", "begin_ms", "time_ms", "answer"),
@@ -93,8 +94,10 @@ def _decisions(
     from dse.deploy.stream import Stream
 
     if source.data:
-        return sources.replayed(bundle, source.data, windows, source.realtime)
-    recordings = Stream(bundle, windows).input
+        return sources.played(
+            bundle, sources.recordings_of_file(bundle, source.data, windows), source.realtime
+        )
+    taken = Stream(bundle, windows).input
     if source.serial:
         name, chunks = source.serial, sources.chunks_of_serial(source.serial, source.baud)
     elif source.file in (None, "-"):
@@ -102,10 +105,8 @@ def _decisions(
     else:
         name = source.file
         chunks = sources.chunks_of_file(files.enter_context(open(name, "rb")).fileno())
-    items = sources.items_of_lines(chunks, recordings, name)
-    if source.realtime:
-        items = sources.paced(items, recordings.step_ms)
-    return sources.played(bundle, items, windows)
+    recordings = sources.recordings_of_lines(chunks, taken, name, windows)
+    return sources.played(bundle, recordings, source.realtime)
 
 
 def _print(decision: Decision, recording: int, as_json: bool) -> None:

@@ -28,13 +28,14 @@ from dse.deploy import checks
 from dse.deploy.c.text import filled
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
 from dse.deploy.prefix import DEFAULT, checked, prefixed
-from dse.deploy.stream import Decision, Stream, Windows
+from dse.deploy.stream import Item, Stream, Windows
 from dse.deploy.verdict import Share, Verdict, in_words
+from dse.deploy.window import Decision
 from dse.engine.checks import check_network
 from dse.native.extras import require_torch
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
-from dse.records import Arithmetic, Array, Block, Head, Network, Parameters
+from dse.records import Arithmetic, Array, Head, Network, Parameters
 from dse.store import StoreError
 from dse.text import markdown
 
@@ -75,7 +76,7 @@ class Bundle(Classifier):
         targets = "".join(f", {name}: {verdict.kind}" for name, verdict in self.targets.items())
         return f"<Bundle {self.record.get('family')}: {len(self.classes)} classes{measured}{targets}>"
 
-    def stream(self, source: Iterable[Block | Array], windows: Windows | None = None) -> Iterator[Decision]:
+    def stream(self, source: Iterable[Item], windows: Windows | None = None) -> Iterator[Decision]:
         """Yield decisions as samples or events arrive.
 
         Args:
@@ -86,10 +87,7 @@ class Bundle(Classifier):
             BundleError: the bundle cannot run on a stream.
             RecordingError: an item does not fit.
         """
-        running = Stream(self, windows)
-        for item in source:
-            yield from running.push(item)
-        yield from running.end()
+        yield from Stream(self, windows).decisions(source)
 
     def as_module(self, arithmetic: Arithmetic | None = None) -> ClassifierModule:
         """Return the network as a torch module with the same spikes, which can be trained on.

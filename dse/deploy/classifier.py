@@ -12,7 +12,7 @@ from dse.config import Sections
 from dse.config.contracts import Encoder
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.verdict import Verdict
-from dse.records import Head, Ints, Network, Parameters
+from dse.records import Array, Head, Ints, Network, Parameters
 
 
 class BundleError(ValueError):
@@ -47,6 +47,34 @@ class Input:
             return cls("spikes", n_channels, 0, 0, n_steps, step_ms)
         n_in = next(n for n in range(1, n_channels + 1) if encoder.n_channels(n) == n_channels)
         return cls("samples", n_in, 0, 0, n_steps, step_ms)
+
+    def fault_of_sample(self, values: Array) -> str:
+        """Return what a step of samples or spikes must be and is not: '' if it is one."""
+        if values.shape != (self.n_channels,) or values.dtype.kind not in "biuf":
+            got = f"{values.dtype} of shape {values.shape}"
+            got = str(values.size) if values.ndim == 1 and values.dtype.kind in "biuf" else got
+            return f"must have {self.n_channels} numbers, got {got}"
+        if not (is_good := np.abs(values) <= np.finfo(np.float32).max).all():
+            return f"must have finite numbers, got {values[~is_good][0]}"
+        if self.kind == "spikes" and not (is_good := (values == 0) | (values == 1)).all():
+            return f"must have 0 or 1 of every channel, got {values[~is_good][0]:g}"
+        return ""
+
+    def fault_of_time(self, t_us: int, last_us: int) -> str:
+        """Return the same of a time, after another one."""
+        if not 0 <= t_us < 2**62:
+            return f"must have a time from 0 to 2^62 us, got {t_us}"
+        if t_us < last_us:
+            return f"must not be earlier than the one before, at {last_us} us, got {t_us}"
+        return ""
+
+    def fault_of_event(self, t_us: int, x: int, y: int, polarity: int, last_us: int) -> str:
+        """Return the same of an event."""
+        if fault := self.fault_of_time(t_us, last_us):
+            return fault
+        if not (0 <= x < self.width and 0 <= y < self.height):
+            return f"must have x below {self.width} and y below {self.height}, got {x} and {y}"
+        return "" if polarity in (0, 1) else f"must have the polarity 0 or 1, got {polarity}"
 
 
 @dataclass(frozen=True)
@@ -96,6 +124,10 @@ class Classifier:
     def answers(self) -> tuple[str, ...]:
         """Names of the classes that it answers: those of the head that answers, else all."""
         return self.classes if self.answering is None else self.answering.classes
+
+    def named(self, label: int) -> str | None:
+        """Return the name of a class that it answers; None for -1, which is none."""
+        return self.answers[label] if label >= 0 else None
 
     def answered(self, label: Ints) -> Ints:
         """Return classes of the whole network as those that it answers; -1 stays."""

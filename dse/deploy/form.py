@@ -296,6 +296,11 @@ class ReceptorsForm:
         return parameters(self.encoder.sa)
 
     @property
+    def n_kinds(self) -> int:
+        """Kinds of receptors."""
+        return len(self.kinds)
+
+    @property
     def n_totals(self) -> int:
         """Sums that the moving average needs, of all samples up to each of its own; 0: there is none."""
         smoothed = max(1, round(self.encoder.smoothing_ms / self.step_ms))

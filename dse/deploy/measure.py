@@ -6,9 +6,8 @@ import math
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +17,11 @@ from dse.deploy.c import host, replay
 from dse.deploy.c.counting import code_of
 from dse.deploy.form import Unsupported
 from dse.deploy.reference import Reference, of_recordings
-from dse.deploy.sources import by_step, recordings_of
-from dse.deploy.stream import Decision, Passed, Stream, Windows
+from dse.deploy.sources import Recording, by_step, recordings_of
+from dse.deploy.stream import Spiking, Stream, Windows
 from dse.deploy.targets.c99 import C99
 from dse.hardware.counter import measured_power
-from dse.records import Array, Block, Floats, Ints, Network
+from dse.records import Array, Floats, Ints, Network
 
 SPIKE_RATE = 0.02
 """Input spikes per channel and step of random windows."""
@@ -76,31 +75,18 @@ def measure(bundle: Bundle, data_file: str | None = None, rest_s: float = 5.0) -
 
 
 def _of_stream(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
-    recordings = list(_recordings(bundle, reference))
-    _timed(recordings[:1])  # compiles
-    steps, inferences = _timed(recordings)
-    return _priced("stream", steps, inferences, lambda: len(_timed(recordings)[1]), rest_s)
-
-
-_Recording = tuple[Callable[[], Stream], Sequence[Callable[[Stream], list[Decision]]]]
-
-
-def _recordings(bundle: Bundle, reference: Reference | None) -> Iterator[_Recording]:
-    """Yield per recording what makes its stream, and what takes each of its steps."""
-    inputs = None if reference is None else reference.inputs
+    taken, inputs = Stream(bundle).input, None if reference is None else reference.inputs
     if reference is None or inputs is None:
         windows = _random_windows(bundle) if reference is None else _windows_of_spikes(reference)
-        for spikes in windows:
-            yield (
-                lambda: Stream(bundle, Windows("once")),
-                [partial(Stream.spikes, channels=x) for x in spikes],
-            )
-        return
-    for make, recorded in recordings_of(bundle, inputs, reference.first_step):
-        step_ms, items = make().step_ms, list[Block | Array | Passed]()
-        for item in recorded:
-            items += by_step(item, step_ms) if isinstance(item, Block) else [item]
-        yield make, [partial(Stream.push, item=item) for item in items]
+        recordings = [Recording([*map(Spiking, spikes)], Windows("once")) for spikes in windows]
+    else:
+        recordings = [
+            x._replace(items=list(by_step(x.items, taken.step_ms)))
+            for x in recordings_of(inputs, reference.first_step)
+        ]
+    _timed(bundle, recordings[:1])  # compiles
+    steps, inferences = _timed(bundle, recordings)
+    return _priced("stream", steps, inferences, lambda: len(_timed(bundle, recordings)[1]), rest_s)
 
 
 def _windows_of_spikes(reference: Reference) -> list[list[Ints]]:
@@ -125,15 +111,15 @@ def _random_windows(bundle: Bundle) -> list[list[Ints]]:
     ]
 
 
-def _timed(recordings: Sequence[_Recording]) -> tuple[Floats, Floats]:
+def _timed(bundle: Bundle, recordings: Sequence[Recording]) -> tuple[Floats, Floats]:
     """Return the microseconds of every step until the answer, and of every inference."""
     of_steps: list[list[float]] = []
-    for make, steps in recordings:
-        stream, taken = make(), []
-        for step in steps:
+    for items, windows, t0_us in recordings:
+        stream, taken = Stream(bundle, windows, t0_us), []
+        for item in items:
             was_open = stream.n_open
             began = time.perf_counter()
-            decisions = step(stream)
+            decisions = stream.push(item)
             us = (time.perf_counter() - began) * 1e6
             if was_open or decisions or stream.n_open:
                 taken.append(us)

@@ -10,18 +10,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from dse.deploy.classifier import BundleError, Classifier, Input
-from dse.deploy.window import Window, opener_of
+from dse.deploy.window import Decision, Window, opener_of
 from dse.native.compiled import compiled
 from dse.preprocessing.bins import Bin, Bins
 from dse.recordings import RecordingError
-from dse.recordings.events import event_faults
 from dse.recordings.pooling import pooling
 from dse.records import Array, Block, Floats, Ints
 
@@ -52,31 +51,38 @@ class Windows:
             raise ValueError(f"first must be >= 0, got {self.first}")
 
 
-class Decision(NamedTuple):
-    """The answer to one window.
-
-    window: its number, from 0. begin_ms: its first step, by the time of the stream.
-    answer: the class; None: a combination of the heads' answers that no training recording had.
-    time_ms: from the beginning of the window to the answer.
-    confidence: share of the output spikes that are of the class; 0 without spikes, None of a classifier
-        without output spikes. margin: the same, minus the share of the class that is second.
-        Of a joint net that answers with all heads together: the lowest over its heads.
-    decided: whether theta was reached; true where the answer comes at a fixed time.
-    """
-
-    window: int
-    begin_ms: float
-    answer: str | None
-    time_ms: float
-    confidence: float | None
-    margin: float | None
-    decided: bool
-
-
 class Passed(NamedTuple):
     """No further event comes before a time."""
 
     t_us: int
+
+
+class Spiking(NamedTuple):
+    """The channels that spike in an input step, past encoder and preprocessing: int32, rising, each once."""
+
+    channels: Ints
+
+
+Item = Block | Array | Passed | Spiking
+"""What a stream takes: of signals, a number for each channel; of rasters, 0 or 1 for each channel; of events,
+a block whose time never falls and goes on from the last one, or a time that has passed."""
+
+
+class _Step(NamedTuple):
+    """What happens in an input step of all recordings that a stream is cut into.
+
+    values: what an encoder is fed; None: the channels spike as they are.
+    t_us: times of these spikes, where they have any.
+    moved: what contact is told by; None: how far the values are from the first ones.
+    """
+
+    values: Floats | None
+    channels: Ints
+    t_us: Ints | None
+    moved: float | None
+
+
+_NONE = np.zeros(0, np.int32)
 
 
 class Stream:
@@ -141,50 +147,40 @@ class Stream:
         """Windows that have no answer yet."""
         return sum(len(track.windows) for track in self._tracks)
 
-    def push(self, item: Block | Array | Passed) -> list[Decision]:
-        """Return the decisions that fall with the next sample, or with some events.
+    def decisions(self, items: Iterable[Item]) -> Iterator[Decision]:
+        """Yield the decisions on items, to their end, as they fall (`push`)."""
+        for item in items:
+            yield from self.push(item)
+        yield from self.end()
 
-        Args:
-            item: of signals, a number for each channel; of rasters, 0 or 1 for each channel; of events, a
-                block whose time never falls and goes on from the last one, or a time that has passed.
+    def push(self, item: Item) -> list[Decision]:
+        """Return the decisions that fall with the next sample or step, or with some events.
 
         Raises:
             RecordingError: it does not fit.
         """
-        if isinstance(item, Passed):
-            return self.time(item.t_us)
-        if isinstance(item, Block) != (self._bins is not None):
-            got = "events" if isinstance(item, Block) else "a sample"
+        if isinstance(item, Spiking):
+            return self._advance(_Step(None, item.channels, None, len(item.channels)))
+        if isinstance(item, Block | Passed) != (self._bins is not None):
+            got = (
+                "events" if isinstance(item, Block) else "a time" if isinstance(item, Passed) else "a sample"
+            )
             raise RecordingError(f"the bundle takes {self._input.kind}, got {got}")
+        if isinstance(item, Passed):
+            if fault := self._input.fault_of_time(item.t_us, self._last_us):
+                raise RecordingError(f"a time {fault}")
+            self._last_us = item.t_us
+            return self._binned(self._bins.advance(item.t_us))  # type: ignore[union-attr]
         if isinstance(item, Block):
             self._check_events(item)
-            assert self._bins is not None
-            return self._binned(self._bins.push(item))
-        row = self._checked(item)
+            return self._binned(self._bins.push(item))  # type: ignore[union-attr]
+        sample = np.asarray(item)
+        if fault := self._input.fault_of_sample(sample):
+            raise RecordingError(f"a sample {fault}")
+        row = sample.astype(np.float32)
         if self._input.kind == "spikes":
-            return self.spikes(np.flatnonzero(row).astype(np.int32))
-        return self._advance(lambda track: track.sample(row))
-
-    def spikes(self, channels: Ints) -> list[Decision]:
-        """Return the decisions that fall in the next input step, past encoder and preprocessing.
-
-        Args:
-            channels: int32 channels that spike, rising, each once.
-        """
-        return self._advance(lambda track: track.step(channels, None, len(channels)))
-
-    def time(self, t_us: int) -> list[Decision]:
-        """Return the decisions that fall because no further event comes before a time.
-
-        Raises:
-            RecordingError: the bundle takes no events, or the time falls.
-        """
-        if self._bins is None:
-            raise RecordingError(f"the bundle takes {self._input.kind}, got a time")
-        if t_us < self._last_us:
-            raise RecordingError(f"times must not decrease, got {t_us} after {self._last_us}")
-        self._last_us = t_us
-        return self._binned(self._bins.advance(t_us))
+            return self.push(Spiking(np.flatnonzero(row).astype(np.int32)))
+        return self._advance(_Step(row, _NONE, None, None))
 
     def end(self) -> list[Decision]:
         """Return the decisions that fall with the last bin of events, which may be partly empty."""
@@ -192,50 +188,35 @@ class Stream:
 
     def _binned(self, bins: Iterator[Bin]) -> list[Decision]:
         decisions: list[Decision] = []
-        for each in bins:
-            decisions += self._advance(lambda track, each=each: track.bin(each))  # type: ignore[misc]
+        for channels, t_us, n_events in bins:
+            values = None
+            if self._bundle.sections.encoder is not None:
+                values = np.bincount(channels, minlength=self._n_in).astype(np.float32)
+            decisions += self._advance(_Step(values, channels, t_us, n_events))
         return decisions
 
-    def _advance(self, step: Callable[[_Track], list[Decision]]) -> list[Decision]:
+    def _advance(self, step: _Step) -> list[Decision]:
         """Take a step; begin and end the recordings that a stream is cut into."""
         if self._cut and self._step % self._every == 0:
             self._tracks.append(_Track(self))
-        decisions = [decision for track in self._tracks for decision in step(track)]
+        decisions = [decision for track in self._tracks for decision in track.take(step)]
         self._step += 1
         if self._tracks and self._step - self._tracks[0].begin == self._cut:
             del self._tracks[0]
         return decisions
 
-    def _checked(self, item: Array) -> Floats:
-        """Return a sample as float32.
-
-        Raises:
-            RecordingError: it has another number of channels, or what is no number of a sensor.
-        """
-        n = self._input.n_channels
-        values = np.asarray(item)
-        if values.shape != (n,) or values.dtype.kind not in "biuf":
-            raise RecordingError(f"a sample must be {n} numbers, got {values.dtype} of shape {values.shape}")
-        with np.errstate(over="ignore"):  # what is too large for float32 is reported as infinite
-            row = values.astype(np.float32)
-        if not np.isfinite(row).all():
-            raise RecordingError(f"a sample must be finite, got {row[~np.isfinite(row)][0]}")
-        if self._input.kind == "spikes" and not ((row == 0) | (row == 1)).all():
-            raise RecordingError(f"spikes must be 0 or 1, got {row[(row != 0) & (row != 1)][0]:g}")
-        return row
-
     def _check_events(self, block: Block) -> None:
         if not len(block.t_us):
             return
         width, height, last_us = self._input.width, self._input.height, self._last_us
-        if not _sound(block.t_us, block.x, block.y, block.polarity, last_us, width, height):
-            if 0 <= block.t_us[0] < last_us:
-                raise RecordingError(f"times must not decrease, got {block.t_us[0]} after {last_us}")
+        at = _first_fault(block.t_us, block.x, block.y, block.polarity, last_us, width, height)
+        if at >= 0:
+            last_us = int(block.t_us[at - 1]) if at else last_us
             t_us, x, y, polarity = (
-                field.astype(np.int64) for field in (block.t_us, block.x, block.y, block.polarity)
+                int(column[at]) for column in (block.t_us, block.x, block.y, block.polarity)
             )
-            borders = np.array([0, len(t_us)])
-            raise RecordingError(event_faults(t_us, x, y, polarity, borders, width, height)[0])
+            fault = self._input.fault_of_event(t_us, x, y, polarity, last_us)
+            raise RecordingError(f"event {at} {fault}")
         self._last_us = int(block.t_us[-1])
 
 
@@ -254,59 +235,41 @@ class _Track:
 
     def __init__(self, stream: Stream) -> None:
         self.begin = stream._step
-        self.windows: list[tuple[int, float, Window]] = []
+        self.windows: list[Window] = []
         self._stream, self._rule, self._step, self._touched = stream, stream._windows, 0, False
         self._left = 1 if stream._cut or self._rule.rule == "once" else math.inf
-        sections, n_in = stream._bundle.sections, stream._n_in
+        sections = stream._bundle.sections
         self._encoder, self._encodes_from = None, 0
         if sections.encoder is not None:
-            self._encoder = sections.encoder.running(n_in, stream.step_ms)
-        if sections.encoder is not None and stream._bins is not None:
-            # Spikes of recordings are stored, and encoded, from where training windows may begin.
-            self._encodes_from = max(self._rule.first - sections.window.jitter_steps, 0)
+            self._encoder = sections.encoder.running(stream._n_in, stream.step_ms)
+            if stream._bins is not None:
+                # Spikes of recordings are stored, and encoded, from where training windows may begin.
+                self._encodes_from = max(self._rule.first - sections.window.jitter_steps, 0)
         self._onset_threshold = sections.window.onset_threshold
-        self._counts = np.zeros(n_in, np.float32)
-        self._first_sample: Floats | None = None
+        self._first_values: Floats | None = None
 
-    def sample(self, row: Floats) -> list[Decision]:
-        """Take a sample, (channel,) float32."""
-        assert self._encoder is not None  # samples have one
-        moved = 0.0
-        if self._rule.rule == "onset":
-            self._first_sample = row if self._first_sample is None else self._first_sample
-            moved = np.abs(row - self._first_sample).max()
-        return self.step(self._encoder.step(row), None, moved)
-
-    def bin(self, bin: Bin) -> list[Decision]:
-        """Take the events of a step."""
-        channels, t_us = bin.channels, bin.t_us
-        if self._encoder is not None:
-            self._counts[:] = 0
-            np.add.at(self._counts, channels, 1)
-            late = self._step >= self._encodes_from
-            channels, t_us = self._encoder.step(self._counts) if late else channels[:0], None
-        return self.step(channels, t_us, bin.n_events)
-
-    def step(self, channels: Ints, t_us: Ints | None, moved: float) -> list[Decision]:
-        """Take the spikes of a step, and what contact is told by: it touches from the onset threshold on."""
-        touches, stream = bool(moved >= self._onset_threshold), self._stream
+    def take(self, step: _Step) -> list[Decision]:
+        """Return the decisions that fall in the next step."""
+        values, channels, t_us, moved = step
+        if values is not None:
+            assert self._encoder is not None
+            if self._step < self._encodes_from:
+                channels, t_us = _NONE, None
+            else:
+                channels, t_us = self._encoder.step(values), None
+            if moved is None:
+                self._first_values = values if self._first_values is None else self._first_values
+                moved = np.abs(values - self._first_values).max() if self._rule.rule == "onset" else 0.0
+        touches = bool(moved is not None and moved >= self._onset_threshold)
         if self._left and self._begins(touches):
-            begin_ms = (self.begin + self._step) * stream.step_ms
-            self.windows.append((next(stream._numbers), begin_ms, stream._open()))
+            begin_ms = (self.begin + self._step) * self._stream.step_ms
+            self.windows.append(self._stream._open(next(self._stream._numbers), begin_ms))
             self._left -= 1
         self._touched = touches
         self._step += 1
-        decisions, still = [], []
-        for number, begin_ms, window in self.windows:
-            verdict = window.step(channels, t_us)
-            if verdict is None:
-                still.append((number, begin_ms, window))
-                continue
-            answer = stream._bundle.answers[verdict.label] if verdict.label >= 0 else None
-            time_ms, confidence, margin = verdict.time_ms, verdict.confidence, verdict.margin
-            decisions.append(Decision(number, begin_ms, answer, time_ms, confidence, margin, verdict.decided))
-        self.windows = still
-        return decisions
+        taken = [(window, window(channels, t_us)) for window in self.windows]
+        self.windows = [window for window, decision in taken if decision is None]
+        return [decision for _, decision in taken if decision is not None]
 
     def _begins(self, touches: bool) -> bool:
         """Return whether a window begins with the present step."""
@@ -321,10 +284,12 @@ class _Track:
 
 
 @compiled()
-def _sound(t_us, x, y, polarity, last_us, width, height):  # type: ignore[no-untyped-def]
-    """Return whether times never fall, and every address and polarity is one."""
+def _first_fault(t_us, x, y, polarity, last_us, width, height):  # type: ignore[no-untyped-def]
+    """Return the first event whose time falls, or whose address or polarity is none; -1: there is none."""
     for e in range(len(t_us)):
-        if t_us[e] < last_us or not (0 <= x[e] < width and 0 <= y[e] < height) or polarity[e] > 1:
-            return False
+        if not (
+            last_us <= t_us[e] < 2**62 and 0 <= x[e] < width and 0 <= y[e] < height and 0 <= polarity[e] <= 1
+        ):
+            return e
         last_us = t_us[e]
-    return True
+    return -1

@@ -1,16 +1,16 @@
-"""One window of a stream: the spikes of its steps in, the answer out in the step in which it falls."""
+"""One window of a stream: the spikes of its steps in, the decision out in the step in which it falls."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from dse.deploy.classifier import BundleError, Classifier, Input
 from dse.deploy.decide import decided
-from dse.deploy.form import Rule, rule_of
+from dse.deploy.form import rule_of
 from dse.engine.stepping import RunningStack
 from dse.measure.heads import head_slices
 from dse.models.snn.respond import layers_of
@@ -19,36 +19,38 @@ from dse.records import Answers, Dataset, Ints, Network, Response, Spikes
 _NONE = np.zeros(0, np.int64)
 
 
-class Answer(NamedTuple):
-    """An answer to a window.
+class Decision(NamedTuple):
+    """The answer to one window.
 
-    label: class, as of `dse.deploy.reference.decided`. time_ms: since the window's first step.
-    decided: whether theta was reached.
-    confidence, margin: as in `dse.deploy.stream.Decision`.
+    window: its number, from 0. begin_ms: its first step, by the time of the stream.
+    answer: the class; None: a combination of the heads' answers that no training recording had.
+    time_ms: from the beginning of the window to the answer.
+    confidence: share of the output spikes that are of the class; 0 without spikes, None of a classifier
+        without output spikes. margin: the same, minus the share of the class that is second.
+        Of a joint net that answers with all heads together: the lowest over its heads.
+    decided: whether theta was reached; true where the answer comes at a fixed time.
     """
 
-    label: int
+    window: int
+    begin_ms: float
+    answer: str | None
     time_ms: float
-    decided: bool
     confidence: float | None
     margin: float | None
+    decided: bool
 
 
-class Window(Protocol):
-    """A window without an answer so far."""
+Window = Callable[[Ints, Ints | None], Decision | None]
+"""Takes the spikes of the next input step; returns the decision if it falls in it.
 
-    def step(self, channels: Ints, t_us: Ints | None) -> Answer | None:
-        """Take the spikes of the next input step; return the answer if it falls in it.
-
-        Args:
-            channels: int32 channels that spike, rising; with times, in their order.
-            t_us: int32 times of the spikes since the start of the step; None: a spike has that of the step.
-        """
-        ...
+The spikes are int32 channels, rising; or, with int32 times since the start of the step, in their order.
+"""
 
 
-def opener_of(bundle: Classifier, taken: Input) -> Callable[[], Window]:
-    """Return what opens windows: a network that runs step by step, or a classifier that needs whole windows.
+def opener_of(bundle: Classifier, taken: Input) -> Callable[[int, float], Window]:
+    """Return what opens a window by its number and its beginning in ms.
+
+    A network runs step by step; any other classifier is shown what it reads of a window once it is there.
 
     Args:
         bundle: as read.
@@ -57,16 +59,39 @@ def opener_of(bundle: Classifier, taken: Input) -> Callable[[], Window]:
     Raises:
         BundleError: it refuses such windows.
     """
-    network = bundle.fitted
-    if not isinstance(network, Network):
-        return Whole(bundle, taken).open
-    layers, per_sample = layers_of(network), network.steps_per_sample  # all windows share the weights
-    step_ms = taken.step_ms / per_sample
-    rule = rule_of(bundle, taken.n_steps * per_sample, network.sizes[-1], step_ms)
+    return (_of_network if isinstance(bundle.fitted, Network) else _of_whole_windows)(bundle, taken)
 
-    def opened() -> Running:
-        stack = RunningStack(layers, network.n_channels, network.delays, per_sample)
-        return Running(rule, stack, network.sizes[-1], per_sample, step_ms)
+
+def _of_network(bundle: Classifier, taken: Input) -> Callable[[int, float], Window]:
+    network = bundle.fitted
+    assert isinstance(network, Network)
+    layers, per_sample, n_outputs = layers_of(network), network.steps_per_sample, network.sizes[-1]
+    step_ms = taken.step_ms / per_sample  # of a network step
+    rule = rule_of(bundle, taken.n_steps * per_sample, n_outputs, step_ms)
+
+    def opened(number: int, begin_ms: float) -> Window:
+        stack = RunningStack(layers, network.n_channels, network.delays, per_sample)  # they share the weights
+        counts, step = [0] * n_outputs, 0
+
+        def taking(channels: Ints, _: Ints | None) -> Decision | None:
+            nonlocal step
+            for _part in range(per_sample):
+                spiking = set(stack.output.tolist())
+                for neuron in spiking:
+                    counts[neuron] += 1
+                is_last = step == rule.last
+                if is_last or (spiking and rule.least_total is not None):
+                    parts = [counts[first : first + n] for first, n in rule.parts]
+                    is_met = rule.is_met(parts[0])
+                    if is_met or is_last:
+                        answer, time_ms = bundle.named(rule.label(parts)), (step + 1) * step_ms
+                        share, margin = (min(x) for x in zip(*map(shares, parts), strict=True))
+                        return Decision(number, begin_ms, answer, time_ms, share, margin, is_met)
+                step += 1
+                stack.step(channels)
+            return None
+
+        return taking
 
     return opened
 
@@ -80,117 +105,66 @@ def shares(counts: Sequence[int]) -> tuple[float, float]:
     return first / total, (first - second) / total
 
 
-class Running:
-    """A window of a network: its states, and its output spikes.
+def _of_whole_windows(bundle: Classifier, taken: Input) -> Callable[[int, float], Window]:
+    settings = bundle.sections.preprocessing
+    has_times = settings is not None and settings.every_event and bundle.sections.encoder is None
 
-    Args:
-        rule: of the decision.
-        stack: the network at rest.
-        n_outputs: output neurons.
-        per_sample: network steps per input step.
-        step_ms: duration of a network step.
-    """
-
-    def __init__(
-        self, rule: Rule, stack: RunningStack, n_outputs: int, per_sample: int, step_ms: float
-    ) -> None:
-        self._rule, self._stack, self._per_sample, self._step_ms = rule, stack, per_sample, step_ms
-        self._counts = [0] * n_outputs
-        self._step = 0
-
-    def step(self, channels: Ints, _: Ints | None) -> Answer | None:
-        """Take the spikes of the next input step; return the answer if it falls in it (`Window`)."""
-        for _part in range(self._per_sample):
-            output = set(self._stack.output.tolist())
-            for neuron in output:
-                self._counts[neuron] += 1
-            if (answer := self._answer(bool(output))) is not None:
-                return answer
-            self._step += 1
-            self._stack.step(channels)
-        return None
-
-    def _answer(self, has_changed: bool) -> Answer | None:
-        """Return the answer if it falls in this network step; has_changed: whether an output has spiked."""
-        rule, is_last = self._rule, self._step == self._rule.last
-        if not is_last and (rule.least_total is None or not has_changed):
-            return None
-        parts = [self._counts[first : first + n] for first, n in rule.parts]
-        decides = rule.is_met(parts[0])
-        if not (decides or is_last):
-            return None
-        confidence, margin = (min(x) for x in zip(*map(shares, parts), strict=True))
-        time_ms = (self._step + 1) * self._step_ms
-        return Answer(rule.label(parts), time_ms, decides, confidence, margin)
-
-
-class Whole:
-    """A classifier that is shown a window when it is over, or when as much of it is there as it reads."""
-
-    def __init__(self, bundle: Classifier, taken: Input) -> None:
-        self._bundle, self._taken = bundle, taken
-        settings = bundle.sections.preprocessing
-        self._has_times = settings is not None and settings.every_event and bundle.sections.encoder is None
-        self.n_needed = taken.n_steps
-        try:
-            data, response = self._responded([], [])
-        except ValueError as error:
-            raise BundleError(str(error)) from None
-        if isinstance(response, Answers):
-            time_ms = decided(bundle, data, response)[1][0]
-            self.n_needed = min(self.n_needed, math.ceil(time_ms / taken.step_ms - 1e-9))
-
-    def open(self) -> Collected:
-        """Return a window at its first step."""
-        return Collected(self)
-
-    def answer(self, channels: list[Ints], t_us: list[Ints | None]) -> Answer:
-        """Return the answer to the spikes of a window's first steps; the others are taken for empty."""
-        data, response = self._responded(channels, t_us)
-        label, time_ms, reached = decided(self._bundle, data, response)
-        confidence, margin = None, None
-        if isinstance(response, Response):
-            n, heads = round(float(time_ms[0]) / response.step_ms), self._bundle.heads
-            parts = dict(zip((head.name for head in heads), head_slices(data), strict=False))
-            counts = response.output[0, :n, parts.get(self._bundle.head, slice(None))].sum(axis=0)
-            confidence, margin = shares(counts.tolist())
-        return Answer(int(label[0]), float(time_ms[0]), bool(reached[0]), confidence, margin)
-
-    def _responded(self, channels: list[Ints], t_us: list[Ints | None]) -> tuple[Dataset, Response | Answers]:
-        """Return a window as the only sample of a data set, and what the family answers to it.
-
-        Families do not read positions in an answer.
-        """
-        bundle, n_steps, step_ms = self._bundle, self._taken.n_steps, self._taken.step_ms
-        n_channels, counts = bundle.fitted.n_channels, np.zeros(n_steps, np.int64)
-        counts[: len(channels)] = [len(x) for x in channels]
-        times = None
-        if self._has_times:
-            since = [round(i * step_ms * 1000) + x for i, x in enumerate(t_us) if x is not None]
-            times = np.concatenate([*since, np.zeros(0, np.int32)]).astype(np.int32)
-        channel = np.concatenate([*channels, np.zeros(0, np.int32)]).astype(np.int32)
-        offsets, zero = np.concatenate([[0], np.cumsum(counts)]), np.zeros(1, np.int32)
-        data = Dataset(
-            spikes=Spikes(offsets, channel, n_steps, n_channels, step_ms, times), target=np.full(1, -1),
-            classes=bundle.classes, start=zero, start_low=zero, start_high=zero, n_steps=n_steps, train=_NONE,
-            validation=_NONE, test=np.zeros(1, np.int64), positions=np.zeros((n_channels, 3), np.int32),
-            heads=bundle.heads,
-        )  # fmt: skip
+    def responded(steps: Sequence[tuple[Ints, Ints | None]]) -> tuple[Dataset, Response | Answers]:
+        data = _window_of(bundle, taken, steps, has_times)
         return data, bundle.sections.model.respond(bundle.fitted, data, data.test)
 
+    n_needed = taken.n_steps
+    try:
+        data, response = responded([])
+    except ValueError as error:
+        raise BundleError(str(error)) from None
+    if isinstance(response, Answers):
+        answers_ms = decided(bundle, data, response)[1][0]
+        n_needed = min(n_needed, math.ceil(answers_ms / taken.step_ms - 1e-9))
 
-class Collected:
-    """The steps of a window so far."""
+    def opened(number: int, begin_ms: float) -> Window:
+        steps: list[tuple[Ints, Ints | None]] = []
 
-    def __init__(self, classifier: Whole) -> None:
-        self._classifier = classifier
-        self._channels: list[Ints] = []
-        self._t_us: list[Ints | None] = []
+        def taking(channels: Ints, t_us: Ints | None) -> Decision | None:
+            steps.append((channels, t_us))
+            if len(steps) < n_needed:
+                return None
+            data, response = responded(steps)
+            [label], [time_ms], [reached] = decided(bundle, data, response)
+            sure: tuple[float | None, float | None] = (None, None)
+            if isinstance(response, Response):
+                n = round(float(time_ms) / response.step_ms)
+                parts = dict(zip((head.name for head in bundle.heads), head_slices(data), strict=False))
+                output = response.output[0, :n, parts.get(bundle.head, slice(None))]
+                sure = shares(output.sum(axis=0).tolist())
+            return Decision(number, begin_ms, bundle.named(label), float(time_ms), *sure, bool(reached))
 
-    def step(self, channels: Ints, t_us: Ints | None) -> Answer | None:
-        """Take the spikes of the next input step; return the answer if it falls in it (`Window`)."""
-        self._channels.append(channels)
-        self._t_us.append(t_us)
-        if len(self._channels) < self._classifier.n_needed:
-            return None
-        return self._classifier.answer(self._channels, self._t_us)
+        return taking
+
+    return opened
+
+
+def _window_of(
+    bundle: Classifier, taken: Input, steps: Sequence[tuple[Ints, Ints | None]], has_times: bool
+) -> Dataset:
+    """Return the spikes of a window's first steps as the only sample of a data set; the others are empty.
+
+    Families do not read positions in an answer.
+    """
+    n_channels, n_steps, step_us = bundle.fitted.n_channels, taken.n_steps, taken.step_ms * 1000
+    none, zero = np.zeros(0, np.int32), np.zeros(1, np.int32)
+    counts = np.zeros(n_steps, np.int64)
+    counts[: len(steps)] = [len(channels) for channels, _ in steps]
+    times = None
+    if has_times:
+        since = [round(i * step_us) + t_us for i, (_, t_us) in enumerate(steps) if t_us is not None]
+        times = np.concatenate([*since, none]).astype(np.int32)
+    channel = np.concatenate([*(channels for channels, _ in steps), none]).astype(np.int32)
+    spikes = Spikes(
+        np.concatenate([[0], np.cumsum(counts)]), channel, n_steps, n_channels, taken.step_ms, times
+    )
+    return Dataset(
+        spikes=spikes, target=np.full(1, -1), classes=bundle.classes, start=zero, start_low=zero,
+        start_high=zero, n_steps=n_steps, train=_NONE, validation=_NONE, test=np.zeros(1, np.int64),
+        positions=np.zeros((n_channels, 3), np.int32), heads=bundle.heads,
+    )  # fmt: skip

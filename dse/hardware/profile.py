@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal, get_args
@@ -24,7 +24,7 @@ from dse.config.parts import Told, Written
 from dse.config.values import Report, echo, read_fields, read_object
 from dse.config.yaml_lines import Document, Raw, in_file_order, parse
 from dse.config.yaml_lines import Path as Keys
-from dse.hardware.plan import NotApplicable, Plan
+from dse.hardware.plan import Misfit, NotApplicable, Plan
 from dse.records import Floats, Operations, Workload
 from dse.registry import param
 
@@ -84,12 +84,23 @@ class Figure:
 
 def figure(unit: str, doc: str, *, whole: bool = False, claim: bool = False, optional: bool = False) -> Any:
     """Declare a number of a kind of hardware (arguments of `Figure`); optional ones come last."""
-    metadata = {"figure": Figure(unit, doc, whole, claim, optional)}
-    return (
-        dataclasses.field(default=None, metadata=metadata)
-        if optional
-        else dataclasses.field(metadata=metadata)
-    )
+    default = None if optional else dataclasses.MISSING
+    return dataclasses.field(default=default, metadata={"figure": Figure(unit, doc, whole, claim, optional)})
+
+
+def count(doc: str, *, optional: bool = False) -> Any:
+    """Declare a whole number of a kind of hardware, >= 1 and without a range."""
+    return figure("1", doc, whole=True, optional=optional)
+
+
+def optional(doc: str) -> Any:
+    """Declare a number without a unit that a profile may lack."""
+    return figure("1", doc, optional=True)
+
+
+def claim(doc: str) -> Any:
+    """Declare what a profile says yes (1) or no (0) to."""
+    return figure("1", doc, claim=True)
 
 
 @dataclass(frozen=True)
@@ -205,6 +216,20 @@ class Profile(ABC):
         """
         neurons = ", of neurons that it has figures for" if load.is_spiking else ""
         raise NotApplicable(f"{self.name} runs only networks of spiking layers{neurons}")
+
+    def exceeded(self, needs: Iterable[tuple[str, int, str]], beside: str = "") -> list[Misfit]:
+        """Return the misfits of whole numbers of the profile that a classifier needs more of.
+
+        Args:
+            needs: name of each number, how many are needed, and of what, in words.
+            beside: ends the change that would fit.
+        """
+        numbers = [(rule, n, int(getattr(self, rule).value), what) for rule, n, what in needs]
+        return [
+            Misfit(rule, f"{needed} {what}, {most} at most", f"{most} {what}{beside}")
+            for rule, needed, most, what in numbers
+            if needed > most
+        ]
 
     def pipeline_steps(self, load: Workload) -> int:
         """Return the steps that the last step's answer still takes through the layers; 0 on most chips."""

@@ -21,7 +21,7 @@ from dse.cli import main
 from dse.deploy import bundle, sources
 from dse.deploy.bundle import Input
 from dse.deploy.evaluate import evaluate
-from dse.deploy.stream import Stream, Windows
+from dse.deploy.stream import Passed, Stream, Windows
 from dse.records import Block
 from tests.deploy.bundles import bundle as bundle_of
 from tests.deploy.bundles import network
@@ -100,8 +100,8 @@ def test_recordings_without_an_answer_are_counted(folder: Path, capsys: pytest.C
         ("spikes", "1 0 0\n", "line 1 must have 4 numbers, got 3"),
         ("spikes", "a b c d\n0 0 0 0\n0 x 0 0\n", "line 3 must have numbers, got 'x'"),
         ("spikes", "0 0 0 0\n\n0 0 2 0\n", "line 3 must have 0 or 1 of every channel, got 2"),
-        ("spikes", "0 0 nan 0\n", "line 1 must have finite numbers"),
-        ("spikes", "0 0 0 0\n\xff\n", "line 2 must have 4 numbers, got 1"),
+        ("spikes", "0 0 nan 0\n", "line 1 must have finite numbers, got nan"),
+        ("spikes", "0 0 0 0\n\xff\n", "line 2 must have numbers, got '"),
         ("events", "1 2 0\n", "line 1 must have the 4 numbers t_us x y polarity, got 3"),
         ("events", "9 2 0 1\n8 2 0 1\n", "line 2 must not be earlier than the one before, at 9 us, got 8"),
         ("events", "9 2 0 1\n7\n", "line 2 must not be earlier than the one before, at 9 us, got 7"),
@@ -142,14 +142,15 @@ def test_events_and_times_decide(folder: Path) -> None:
     made = bundle.read(folder / "events")
     assert made.input is not None
     lines = b"t,x,y,p\n100,1,0,1\n1100;2;0;0\n1200 2 0 1\n21100\n"
-    items = list(sources.items_of_lines([lines[:20], lines[20:]], made.input, "x"))
-    assert [type(x) for x in items] == [Block, Block, sources.Passed]
+    [recording] = [
+        x._replace(items=list(x.items))
+        for x in sources.recordings_of_lines([lines[:20], lines[20:]], made.input, "x", Windows("once"))
+    ]
+    assert [type(x) for x in recording.items] == [Block, Block, Passed]
     stream = Stream(made, Windows("once"))
-    assert [x for item in items[:2] for x in stream.push(item)] == []  # type: ignore[arg-type]
-    [decision] = stream.time(20_100)
-    *_, last = sources.played(made, items, Windows("once"))
-    assert last == sources.End(0)
-    assert next(sources.played(made, items, Windows("once"))) == decision
+    assert [x for item in recording.items[:2] for x in stream.push(item)] == []
+    [decision] = stream.push(Passed(20_100))
+    assert list(sources.played(made, [recording])) == [decision, sources.End(0)]
 
 
 def test_the_pace_is_that_of_the_recording(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,8 +164,8 @@ def test_the_pace_is_that_of_the_recording(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("dse.deploy.sources.time.sleep", sleep)
     t_us = np.array([5000, 5900, 6100, 9000])
     zero = np.zeros(4, np.int32)
-    items = [Block(t_us, zero, zero, zero.astype(np.uint8)), sources.Passed(10_000), sources.End()]
-    assert len(list(sources.paced(items, 1.0))) == 5
+    items = [Block(t_us, zero, zero, zero.astype(np.uint8)), Passed(10_000)]
+    assert len(list(sources.paced(items, 1.0))) == 4
     assert waits == [0.0009, 0.0002, 0.0029, 0.001]
     waits.clear()
     assert len(list(sources.paced(np.zeros((3, 2)), 5.0))) == 3
@@ -183,9 +184,10 @@ def test_a_serial_port_is_read_as_lines(folder: Path) -> None:
         writer.start()
         yield from chunks
 
-    items = sources.items_of_lines(started(), made.input, "port")
-    decisions = sources.played(made, items, Windows("once", first=15))
-    assert next(decisions) == next(sources.replayed(made, str(folder / "rows.npz")))
+    recordings = sources.recordings_of_lines(started(), made.input, "port", Windows("once", first=15))
+    decisions = sources.played(made, recordings)
+    whole = sources.recordings_of_file(made, str(folder / "rows.npz"))
+    assert next(decisions) == next(sources.played(made, whole))
     writer.join()
     decisions.close()
     os.close(ours)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -207,16 +206,6 @@ def test_points_that_are_not_there_are_refused(real: Study, point: dict[str, Any
     with pytest.raises(store.StoreError, match="there is no trial 4"):
         export(real, {**point, "trial": 4}, tmp_path / "b")
     assert not (tmp_path / "b").exists()
-
-
-def test_the_full_read_out_can_be_exported(real: Study, tmp_path: Path) -> None:
-    row = real.trials.iloc[0].to_dict()
-    export(real, row, tmp_path / "b")
-    document = json.loads((tmp_path / "b" / "bundle.json").read_text())
-    assert document["decision"]["phi"] is None
-    found = evaluate(tmp_path / "b", real.folder.parents[1] / "tiny.npz")
-    assert set(found.time_ms) == {80.0}
-    assert found.undecided == 0
 
 
 def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -116,9 +117,17 @@ def refused(folder: Path) -> str:
 DOCUMENTS = {
     "files={}": (document(files={}), "key 'files' must list weights.npz"),
     "files a list": (document(files=["weights.npz"]), "key 'files' must be a mapping, got a list"),
+    "no document": (lambda folder: (folder / "bundle.json").unlink(), r"bundle\.json: cannot be read"),
+    "a list": (lambda folder: (folder / "bundle.json").write_text("[]"), "is not a bundle of dse"),
     "schema a number": (document(schema=4), "is not a bundle of dse"),
+    "schema without one": (document(schema="dse/bundle/"), "is not a bundle of dse"),
+    "schema older": (
+        document(schema="dse/bundle/3"),
+        "an older version of dse wrote it; export the design again",
+    ),
     "schema newer": (document(schema="dse/bundle/5"), "reads dse/bundle/4: a newer version of dse wrote it"),
     "schema much newer": (document(schema="dse/bundle/" + "9" * 5000), "a newer version of dse wrote it"),
+    "classes missing": (document(classes=None), r"bundle\.json: key 'classes' is missing"),
     "no classes": (document(classes=[]), "key 'classes' must name at least one class"),
     "classes of numbers": (document(classes=[1, 2, 3]), "key 'classes' must be a list of texts"),
     "a class too many": (document(classes=["a", "b", "c", "d"]), "last layer must have 4 neurons"),
@@ -127,6 +136,10 @@ DOCUMENTS = {
     "phi NaN": (document(decision__phi=float("nan")), "key 'decision.phi' must be a number >= 0"),
     "theta large": (document(decision__theta=2), r"key 'decision.theta' must be a number in \[0, 1\]"),
     "theta missing": (document(decision__theta=None), "key 'decision.theta' is missing"),
+    "decision a list": (
+        document(decision=[1]),
+        r"bundle\.json: key 'decision' must be a mapping, got a list",
+    ),
     "head unknown": (document(decision__head="speed"), "the head that answers must be one of none"),
     "head a list": (document(decision__head=[]), "key 'decision.head' must be a text, got a list"),
     "heads a mapping": (document(heads={}), "key 'heads' must be a list, got a mapping"),
@@ -141,6 +154,7 @@ DOCUMENTS = {
     "record a list": (document(record=[]), "key 'record' must be a mapping"),
     "evidence a text": (document(evidence="x"), "key 'evidence' must be a mapping"),
     "sections a list": (document(sections=[]), "key 'sections' must be a mapping"),
+    "sections without a task": (document(sections__task=None), r"bundle\.json: section 'task' is required"),
     "model a number": (document(sections__model=3), "model"),
     "model unknown": (document(sections__model__kind="oracle"), "unknown model.kind 'oracle'"),
     "window backwards": (document(sections__window={"n_steps": -5}), "window.n_steps"),
@@ -207,20 +221,12 @@ NETWORKS = {
 }
 
 
-@pytest.mark.parametrize(("damage", "message"), DOCUMENTS.values(), ids=list(DOCUMENTS))
-def test_documents_that_disagree(folder: Path, damage: Damage, message: str) -> None:
+@pytest.mark.parametrize(
+    ("damage", "message"), [*DOCUMENTS.values(), *NETWORKS.values()], ids=[*DOCUMENTS, *NETWORKS]
+)
+def test_what_disagrees(folder: Path, damage: Damage, message: str) -> None:
     damage(folder)
-    with pytest.raises(BundleError, match=message):
-        read(folder)
-    refused(folder)
-
-
-@pytest.mark.parametrize(("damage", "message"), NETWORKS.values(), ids=list(NETWORKS))
-def test_networks_that_disagree(folder: Path, damage: Damage, message: str) -> None:
-    damage(folder)
-    with pytest.raises(BundleError, match=message):
-        read(folder)
-    refused(folder)
+    assert re.search(message, refused(folder))
 
 
 def test_paths_that_leave_the_folder(folder: Path) -> None:

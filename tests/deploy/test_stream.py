@@ -14,7 +14,8 @@ from dse.config import Sections
 from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.decide import decided
 from dse.deploy.reference import answered, prepared
-from dse.deploy.stream import Decision, Stream, Windows
+from dse.deploy.stream import Passed, Spiking, Stream, Windows
+from dse.deploy.window import Decision
 from dse.models.counts.knn import KNN
 from dse.models.training import Training
 from dse.recordings import RecordingError
@@ -232,7 +233,7 @@ def test_another_family_answers_when_its_input_is_complete() -> None:
         for t in range(data.n_steps):
             row = sample * n + data.start[sample] + t
             channels = data.spikes.channel[rows[row] : rows[row + 1]].astype(np.int32)
-            seen += [(t, x) for x in stream.spikes(channels)]
+            seen += [(t, x) for x in stream.push(Spiking(channels))]
         [(step, decision)] = seen
         assert (decision.answer, decision.time_ms) == (made.classes[label[i]], time_ms[i])
         assert (step, decision.confidence) == (7, None)
@@ -320,15 +321,17 @@ def test_items_that_do_not_fit_are_one_line() -> None:
     stream = Stream(made)
     none = np.zeros(0, np.int64)
     for item, message in (
-        (np.zeros(15), r"a sample must be 16 numbers, got float64 of shape \(15,\)"),
-        (np.full(16, np.nan), "must be finite, got nan"),
-        (np.full(16, 1e300), "must be finite, got inf"),
-        (np.array(["a"] * 16), "must be 16 numbers, got <U1"),
+        (np.zeros(15), "a sample must have 16 numbers, got 15"),
+        (np.zeros((2, 8)), r"must have 16 numbers, got float64 of shape \(2, 8\)"),
+        (np.full(16, np.nan), "must have finite numbers, got nan"),
+        (np.full(16, 1e300), r"must have finite numbers, got 1e\+300"),
+        (np.array(["a"] * 16), "must have 16 numbers, got <U1"),
         (Block(none, none, none, none), "the bundle takes samples, got events"),
+        (Passed(3), "the bundle takes samples, got a time"),
     ):
         with pytest.raises(RecordingError, match=message):
             stream.push(item)
-    with pytest.raises(RecordingError, match=r"spikes must be 0 or 1, got 2"):
+    with pytest.raises(RecordingError, match="a sample must have 0 or 1 of every channel, got 2"):
         Stream(ramp(4)).push(np.array([0, 2]))
     events = Stream(of_design({**NEUTOUCH, "window": {"n_steps": 6}}, Input("events", 0, 80, 1, 6, 20.0), 80))
 
@@ -337,13 +340,13 @@ def test_items_that_do_not_fit_are_one_line() -> None:
 
     events.push(block((5, 1, 0, 1)))
     for item, message in (
-        (block((4, 1, 0, 1)), "times must not decrease, got 4 after 5"),
-        (block((9, 1, 0, 1), (8, 1, 0, 1)), "times must not decrease within a recording, got 8 at event 1"),
-        (block((9, 80, 0, 1)), r"address must be in \[0, 79\], got 80"),
-        (block((9, 8, 1, 1)), r"row y must be in \[0, 0\], got 1"),
-        (block((9, 8, 0, 2)), "polarity must be 0 or 1, got 2"),
+        (block((4, 1, 0, 1)), "event 0 must not be earlier than the one before, at 5 us, got 4"),
+        (block((9, 1, 0, 1), (8, 1, 0, 1)), "event 1 must not be earlier than .* at 9 us, got 8"),
+        (block((9, 80, 0, 1)), "must have x below 80 and y below 1, got 80 and 0"),
+        (block((9, 8, 1, 1)), "must have x below 80 and y below 1, got 8 and 1"),
+        (block((9, 8, 0, 2)), "must have the polarity 0 or 1, got 2"),
+        (Passed(3), "a time must not be earlier than the one before, at 5 us, got 3"),
+        (np.zeros(80), "the bundle takes events, got a sample"),
     ):
         with pytest.raises(RecordingError, match=message):
             events.push(item)
-    with pytest.raises(RecordingError, match="times must not decrease, got 3 after 5"):
-        events.time(3)

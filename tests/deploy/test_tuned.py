@@ -194,15 +194,6 @@ def test_files_that_are_no_state_and_recordings_without_labels_are_one_line(
     assert main(["import", str(tmp_path / "bundle"), weights, "--data", touch, "--out", "x"]) == 2
 
 
-def test_a_module_of_another_seed_is_no_other_network(study: Study, tmp_path: Path) -> None:
-    made = export(study, row(study, "end"), tmp_path / "bundle")
-    other = dataclasses.replace(
-        made, fitted=bundles.network(np.random.default_rng(0), (4, 12, 3), delays=(0, 2))
-    )
-    with pytest.raises(bundle.BundleError, match="it is a module of another network"):
-        tuned.with_weights(made, Path(saved(other.as_module(), tmp_path / "other.pt")))
-
-
 def test_imported_weights_are_a_trial_of_their_study(
     study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -133,15 +133,6 @@ def test_lists_are_stored_where_they_take_less(sizes, shares, bits):
     assert not as_lists(dense, bits)
 
 
-def test_nothing_costs_nothing():
-    for each in (
-        network((24, 50, 7), [0, 0, 0], [0, 0]),
-        network((24, 50, 7), [0, 0, 0], [0, 0], synapses=(0.0, 0.0, 0.0), stored=(0, 0)),
-    ):
-        found = cost(PROFILE, each)
-        assert found.energy_uj.value == found.energy_uj.high == found.energy_throttled_uj.high == 0
-
-
 def test_design_points_together_lie_in_the_memory_of_the_largest():
     found = cost(PROFILE, operations([1, 2], [0, 0], [0, 0], [10, 9000], [0, 0]))
     assert found.breakdown["weight_memory"] * 1e6 == pytest.approx([5, 10])

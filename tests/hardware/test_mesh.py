@@ -244,15 +244,6 @@ def test_one_neuron(profile):
     assert found.energy_uj.high == pytest.approx(high * 1e-6 + profile.static_mw.high * time_us * 1e-3)
 
 
-def test_pruned_weights_cost_nothing_where_zeros_are_skipped():
-    pruned = dataclasses.replace(SMALL, synapses=(1.5, 0.5, 0.0), stored=(4, 1))
-    assert picojoules(cost(SILICON, pruned))["synaptic_event"] == pytest.approx(35.5 * (7 * 1.5 + 5 * 0.5))
-    assert picojoules(cost(DAVIES, pruned))["synaptic_event"] == pytest.approx(23.6 * 13)
-    kept, before = cost(SCENARIO, pruned), cost(SCENARIO, SMALL)
-    assert kept.energy_uj.high == before.energy_uj.high
-    assert kept.n_cores.high == before.n_cores.high
-
-
 def test_what_pruning_left_is_stored_with_its_zeros_where_lists_do_not_fit():
     whole = network((4000, 2000, 500), [100, 100, 0])
     kept = dataclasses.replace(

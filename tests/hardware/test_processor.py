@@ -280,16 +280,6 @@ def test_delays_take_flash():
     assert "at most 1048576 weights" in str(cost(M4, network((1000, 1049), [0, 0], delay_bits=4)).misfits[0])
 
 
-@EACH
-def test_without_spikes_there_are_updates_and_no_events(profile):
-    silent = cost(profile, network((24, 50, 7), [0, 0, 0]))
-    assert silent.breakdown["synaptic_event"] == 0
-    assert silent.energy_uj.value == pytest.approx(
-        silent.breakdown["neuron_update"] + silent.breakdown["step"]
-    )
-    assert silent.breakdown["neuron_update"] > 0
-
-
 def test_a_step_longer_than_its_period_is_slow_and_fits():
     # 1e6 x 50 events in 10 steps of 1 us: it never sleeps.
     found = cost(M4, network((24, 50, 7), [1e6, 0, 0], n_steps=10, step_ms=1e-3))

@@ -125,13 +125,6 @@ def test_no_steps_are_exact_zeros():
         assert found.step_time_us.value == found.hardware_latency_ms == found.pipeline_ms == 0
 
 
-def test_no_spikes_cost_what_neurons_cost():
-    found = read_inference(NET.replace("0.02, 0.1", "0, 0") + "updates: [0, 0]\n", "w").cost_on(PROFILE)
-    idle = {cause: float(x) for cause, x in found.breakdown.items()}
-    assert idle.pop("neuron_access") == pytest.approx(51.2e-6 * 57 * 100)
-    assert set(idle.values()) == {0.0}
-
-
 def test_updates_that_are_not_given_are_expected_from_the_rates():
     net = of_network(NET)
     assert net.updates == pytest.approx(expected_updates((24, 50, 7), (0.02, 0.1, 0), 100))
@@ -162,21 +155,6 @@ def test_counted_operations():
 
 
 RUNS = json.loads((Path(__file__).parents[1] / "golden" / "sanafe.json").read_text())
-
-
-@pytest.mark.parametrize("run", RUNS, ids=lambda run: "-".join(map(str, run["sizes"])))
-def test_a_reference_run_from_its_file(run, tmp_path):
-    """The same as from its counts directly: nothing is lost on the way through a file."""
-    n_steps, n_neurons = run["n_steps"], sum(run["sizes"][1:])
-    content = {
-        "layers": run["sizes"],
-        "n_steps": n_steps,
-        "spikes": [x / n_steps for x in run["spikes"]],
-        "updates": [run["updates"] * n / n_neurons / n_steps for n in run["sizes"][1:]],
-    }
-    (tmp_path / "run.json").write_text(json.dumps(content))
-    found = load_inference(tmp_path / "run.json")
-    assert found.cost_on(PROFILE).dynamic_uj * 1e-6 == pytest.approx(run["energy_j"]["total"], rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -120,10 +121,25 @@ def names(section: str) -> list[str]:
     return components
 
 
-@pytest.mark.parametrize("name", names("models"))
-def test_family(name: str) -> None:
-    data = joint(n_steps=20) if name in OF_HEADS else None
-    check_family(registry.known("models")[name](**FAMILIES.get(name, {})), data)
+def checked_family(family: Any) -> None:
+    check_family(family, joint(n_steps=20) if registry.name_of("models", family) in OF_HEADS else None)
+
+
+CHECKS: dict[str, tuple[Callable[[Any], object], dict[str, dict[str, Any]]]] = {
+    "models": (checked_family, FAMILIES),
+    "targets": (check_target, {}),
+    "encoders": (check_encoder, ENCODERS),
+    "neurons": (check_neuron, {}),
+    "losses": (check_loss, LOSSES),
+    "search.samplers": (check_sampler, SAMPLERS),
+    "objectives": (check_objective, {}),
+}
+
+
+@pytest.mark.parametrize(("section", "name"), [(x, name) for x in CHECKS for name in names(x)])
+def test_component(section: str, name: str) -> None:
+    check, keys = CHECKS[section]
+    check(registry.known(section)[name](**keys.get(name, {})))
 
 
 @pytest.mark.parametrize("name", names("recordings"))
@@ -141,39 +157,9 @@ def test_source(name: str, tmp_path: Path) -> None:
     check_source(registry.known("recordings")[name](**SOURCES[name]), tmp_path)
 
 
-@pytest.mark.parametrize("name", sorted(registry.known("targets")))
-def test_target(name: str) -> None:
-    check_target(registry.known("targets")[name]())
-
-
-@pytest.mark.parametrize("name", names("encoders"))
-def test_encoder(name: str) -> None:
-    check_encoder(registry.known("encoders")[name](**ENCODERS.get(name, {})))
-
-
 @pytest.mark.parametrize("matching", ["nearest", "tolerance", "own_label", "none"])
 def test_threshold_that_knows_the_whole_window(matching: str) -> None:
     check_encoder(Threshold(matching=matching), causal=False)
-
-
-@pytest.mark.parametrize("name", names("neurons"))
-def test_neuron(name: str) -> None:
-    check_neuron(registry.known("neurons")[name]())
-
-
-@pytest.mark.parametrize("name", names("losses"))
-def test_loss(name: str) -> None:
-    check_loss(registry.known("losses")[name](**LOSSES.get(name, {})))
-
-
-@pytest.mark.parametrize("name", names("search.samplers"))
-def test_sampler(name: str) -> None:
-    check_sampler(registry.known("search.samplers")[name](**SAMPLERS.get(name, {})))
-
-
-@pytest.mark.parametrize("name", names("objectives"))
-def test_objective(name: str) -> None:
-    check_objective(registry.known("objectives")[name]())
 
 
 @pytest.mark.parametrize("name", names("figures"))

@@ -52,7 +52,28 @@ class Member:
     def text(self) -> str:
         """Its declaration."""
         purpose = f" /* {self.purpose} */" if self.purpose else ""
-        return f"    {self.kind} {self.name}{''.join(f'[{n}]' for n in self.lengths)};{purpose}\n"
+        return f"    {self.kind} {self.name}{''.join(f'[{n}]' for n in self.lengths)};{purpose}"
+
+    @property
+    def clear(self) -> str:
+        """Name of the function that sets n numbers of its type to 0."""
+        return f"dse_clear_{self.kind.removesuffix('_t')}"
+
+    @property
+    def n(self) -> int:
+        """Numbers that it sets at a time."""
+        return self.lengths[-1]
+
+    @property
+    def slots(self) -> int:
+        """How many times; 0 for once."""
+        return self.lengths[0] if len(self.lengths) > 1 and self.lengths[0] > 1 else 0
+
+    @property
+    def place(self) -> str:
+        """Where."""
+        slot = "" if len(self.lengths) == 1 else "[i]" if self.slots else "[0]"
+        return f"net.{self.name}{slot}"
 
 
 _DECLARED = re.compile(r"(0 )?(\w+) (\w+)((?:\[\d+\])*); ?(.*)\n")
@@ -70,9 +91,9 @@ def members_of(table: str | Path, *objects: object, **values: Any) -> list[Membe
     return out
 
 
-def declared(members: Sequence[Member]) -> str:
-    """Return the declarations of all variables, the widest types first, so that nothing lies between them."""
-    return "".join(member.text for member in sorted(members, key=lambda m: -m.width))
+def laid_out(members: Sequence[Member]) -> list[Member]:
+    """Return variables in the order of their declarations: the widest first, so that nothing lies between."""
+    return sorted(members, key=lambda m: -m.width)
 
 
 def struct_bytes(members: Sequence[Member], of_reals: bool = False) -> int:
@@ -83,7 +104,7 @@ def struct_bytes(members: Sequence[Member], of_reals: bool = False) -> int:
         of_reals: whether samples are real numbers, so that the levels of an encoder are double.
     """
     used = 0
-    for m in sorted(members, key=lambda m: -m.width):
+    for m in laid_out(members):
         width = 8 if of_reals and m.kind == "level_t" else m.width
         used = (-(-used // width) + math.prod(m.lengths)) * width
     widest = 8 if of_reals and any(m.kind == "level_t" for m in members) else max(m.width for m in members)

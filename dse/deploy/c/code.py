@@ -8,18 +8,10 @@ from collections.abc import Collection
 from functools import cached_property
 from typing import Any, ClassVar
 
-from dse.deploy.c.arrays import Member, Table, declared, struct_bytes
-from dse.deploy.c.front_end import (
-    begin,
-    binned,
-    floats,
-    front_end,
-    front_end_members,
-    level_type,
-    needs_double,
-)
+from dse.deploy.c.arrays import Member, Table, laid_out, members_of, struct_bytes
+from dse.deploy.c.front_end import front_end, is_endless
 from dse.deploy.c.text import NAMES, TITLE, filled
-from dse.deploy.form import Frame, ReceptorsForm
+from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
 
 _ALL_CHANNELS = 2**16
 
@@ -61,13 +53,14 @@ class Code(Frame):
 
     def members(self) -> list[Member]:
         """Return all variables."""
-        return [*self.own_members(), *front_end_members(self)]
+        of_encoder = [] if self.encoder is None else [self.encoder]
+        return [*self.own_members(), *members_of("front_end_members.txt", self, *of_encoder)]
 
     def parts(self) -> Counter[str]:
         """Return how often each part of the code occurs."""
         n = self.own_parts()
         if self.front_end != "spikes":
-            n["receptors" if isinstance(self.encoder, ReceptorsForm) else self.front_end] = 1
+            n["receptors" if self.is_receptors else self.front_end] = 1
         return n
 
     @property
@@ -76,9 +69,49 @@ class Code(Frame):
         return {table.kind for table in self.tables}
 
     @property
+    def is_rounded(self) -> bool:
+        """Whether it computes in floating point."""
+        return self.encoder is not None or bool({"float", "double"} & set(self.kinds))
+
+    @property
     def needs_double(self) -> bool:
         """Whether it computes in double, whatever samples are."""
-        return needs_double(self, self.kinds)
+        real = self.encoder is not None and not self.encoder.takes_whole
+        return self.is_receptors or real or "double" in self.kinds
+
+    @property
+    def is_receptors(self) -> bool:
+        return isinstance(self.encoder, ReceptorsForm)
+
+    @property
+    def is_delta(self) -> bool:
+        """Whether it encodes samples by send-on-delta, which keeps levels."""
+        return isinstance(self.encoder, SendOnDeltaForm)
+
+    @property
+    def level(self) -> str:
+        """Type of a level; level_t: of whole samples."""
+        return "level_t" if self.encoder is not None and self.encoder.takes_whole else "double"
+
+    @property
+    def level_unit(self) -> int:
+        """What a whole level counts 1 of a sample as."""
+        return 1 << self.encoder.shift if isinstance(self.encoder, SendOnDeltaForm) else 1
+
+    @property
+    def is_endless(self) -> bool:
+        """Whether no event is too late."""
+        return self.pooling is not None and is_endless(self.pooling)
+
+    @property
+    def bin_us(self) -> int:
+        """Width of a bin of events; 0: there is none."""
+        return 0 if self.pooling is None else self.pooling.bin_us
+
+    @property
+    def n_events(self) -> int:
+        """Pools whose events are counted in a bin."""
+        return self.n_channels if self.pooling is not None and self.pooling.counts_needed else 0
 
     @property
     def ram_bytes(self) -> int:
@@ -105,12 +138,9 @@ class Code(Frame):
             self.template,
             self,
             title=TITLE,
-            floats=floats(self, self.kinds),
-            tables="\n".join(table.text for table in self.tables) + level_type(self),
-            members=declared(self.members()),
+            tables="\n".join(table.text for table in self.tables),
+            declared=laid_out(self.members()),
             front_end=front_end(self),
-            init=begin(self),
             names=NAMES,
-            **binned(self),
             **self.values(),
         )

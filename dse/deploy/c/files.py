@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,7 @@ import numpy as np
 
 from dse.deploy.c.arrays import struct_bytes
 from dse.deploy.c.code import Code
-from dse.deploy.c.front_end import binned
 from dse.deploy.c.text import NAMES, TITLE, filled, real, strings
-from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
 from dse.deploy.prefix import DEFAULT, prefixed
 from dse.preprocessing import Pooling
 from dse.text import c_comment, markdown
@@ -29,7 +26,7 @@ def write(code: Code, folder: Path, title: str, version: str, prefix: str = DEFA
         prefix: of the names (`dse.deploy.prefix`).
     """
     heading, title, source = markdown(title), c_comment(title), code.source()
-    names, values = strings(code.classes), _values(code, source, version, prefix)
+    names, values = strings(code.classes), _values(code, version, prefix)
     for name, template in (
         ("src/dse.h", "dse.h"),
         ("src/dse.c", ""),
@@ -47,14 +44,18 @@ def write(code: Code, folder: Path, title: str, version: str, prefix: str = DEFA
         path.write_text(text.replace(TITLE, heading if name == "README.md" else title, 1), encoding="utf-8")
 
 
-def _values(code: Code, source: str, version: str, prefix: str) -> dict[str, Any]:
+def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
     """Return what stands in the templates of all files beside the attributes of the code."""
-    encoder, front_end = code.encoder, code.front_end
+    encoder, front_end, at_contact = code.encoder, code.front_end, code.window == "contact_onset"
     is_whole = encoder is not None and encoder.takes_whole
+    cut, apart = code.cut_steps or 0, code.every_steps or 1
+    first = (cut - code.n_steps) // 2 if cut and code.window == "middle" else 0
+    # Windows begin as in `dse.deploy.stream.Stream` as in training. Of recordings that overlap in a stream, a
+    # board takes those that begin while none runs.
+    begins = "at each contact" if at_contact else f"at step {first}" if cut else "after each answer"
     onset = float(code.onset_threshold)
     # Of samples it says how far a sensor moves, in float32; of others how many events there are.
     onset_text = real(float(np.float32(onset)) if front_end == "samples" else onset)
-    crop = [] if code.pooling is None else _crop(code.pooling)
     return {
         "title": TITLE,
         "project": "dse_touch",
@@ -66,44 +67,22 @@ def _values(code: Code, source: str, version: str, prefix: str) -> dict[str, Any
         "step_ms": real(code.step_ms),
         **{f"is_{name}": front_end == name for name in _ROWS},
         "reset_comment": _KEPT[front_end],
-        "is_delta": is_whole and isinstance(encoder, SendOnDeltaForm),
-        "is_receptors": isinstance(encoder, ReceptorsForm),
+        "is_delta": is_whole and code.is_delta,
         "is_real": encoder is not None and not is_whole,
         "simulated": code.t0_us is not None,
         "begins": _WINDOWS[code.window],
         "of_reals_bytes": struct_bytes(code.members(), of_reals=True),
-        "rounded": "FP_CONTRACT" in source,
         "rows": _ROWS[front_end],
         "longest_line": _LONGEST_LINE[front_end],
-        "reading": filled(f"main_{front_end}.c"),
         "onset": onset_text,
         "window_at": code.window.upper(),
-        **binned(code),
-        "crop": crop,
-        **_sketched(code, onset_text, crop),
-    }
-
-
-def _sketched(plan: Frame, onset: str, crop: Sequence[Mapping[str, object]]) -> dict[str, Any]:
-    """Return what stands in touch.ino: windows begin as in `dse.deploy.stream.Stream` as in training.
-
-    Of recordings that overlap in a stream, a board takes those that begin while none runs.
-    """
-    at_contact, cut, apart = plan.window == "contact_onset", plan.cut_steps or 0, plan.every_steps or 1
-    first = (cut - plan.n_steps) // 2 if cut and plan.window == "middle" else 0
-    begins = "at each contact" if at_contact else f"at step {first}" if cut else "after each answer"
-    return {
+        "crop": [] if code.pooling is None else _crop(code.pooling),
         "windows": f"Windows begin {begins}" + (f" of recordings of {cut} steps." if cut else "."),
-        "constants": filled(
-            "constants.ino",
-            onset_of_contact=onset if at_contact else "0.0",
-            first=first,
-            cut=cut,
-            every=-(-cut // apart) * apart,
-            crop=crop,
-        ),
-        "window": filled("window.ino"),
-        "contact": filled("contact.ino") if at_contact else "",
+        "onset_of_contact": onset_text if at_contact else "0.0",
+        "first": first,
+        "cut": cut,
+        "every": -(-cut // apart) * apart,
+        "at_contact": at_contact,
         "touches": "touches()" if at_contact else "true",
     }
 

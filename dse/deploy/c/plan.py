@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -101,13 +100,17 @@ class Plan(Spiking, Code):
         updates = "".join(layer.update() for layer in self.layers)
         rows = [row for layer in self.layers for row in layer.rows]
         adders = dict.fromkeys(row.adder_text for row in rows if not row.is_short)
+        cleared = [x for x in self.members() if x.is_cleared]
+        arrays = [x for x in cleared if x.lengths]
         return {
             "leaks": filled("leaks.c", leak="LEAK(" in updates, decayed="decayed(" in updates),
             "rows": "".join([*adders, *(row.text for row in rows)]),
             "layers": "".join(map(self._layer, reversed(self.layers))),
+            "clearing": {x.kind: x for x in arrays}.values(),
+            "arrays": arrays,
+            "numbers": [x for x in cleared if not x.lengths],
             **self._decision(),
             **self._step(),
-            **_rest(self.members()),
         }
 
     def _layer(self, layer: LayerPlan) -> str:
@@ -182,27 +185,3 @@ def planned(form: Spiking) -> Plan:
 def _of_outputs(first: int, n: int) -> dict[str, Any]:
     """Return the values by which the most active of some outputs is found, the lowest on ties."""
     return {"first": first, "second": first + 1, "end": first + n, "less": f" - {first}u" if first else ""}
-
-
-def _rest(variables: Sequence[Member]) -> dict[str, Any]:
-    """Return the values by which dse.c sets the network to rest: arrays, then single numbers."""
-    arrays = [x for x in variables if x.is_cleared and x.lengths]
-    calls = []
-    for x in arrays:
-        slots = x.lengths[0] if len(x.lengths) > 1 else 1
-        slot = "" if len(x.lengths) == 1 else "[i]" if slots > 1 else "[0]"
-        place = f"net.{x.name}{slot}"
-        calls.append(
-            {"name": _clear_name(x), "place": place, "n": x.lengths[-1], "slots": slots if slots > 1 else 0}
-        )
-    return {
-        "clearing": [
-            {"name": name, "kind": kind} for kind, name in {x.kind: _clear_name(x) for x in arrays}.items()
-        ],
-        "arrays": calls,
-        "numbers": [x for x in variables if x.is_cleared and not x.lengths],
-    }
-
-
-def _clear_name(array: Member) -> str:
-    return f"dse_clear_{array.kind.removesuffix('_t')}"

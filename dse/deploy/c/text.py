@@ -50,6 +50,7 @@ def filled(template: str | Path, *objects: object, **values: Any) -> str:
 
     @if NAME ... @else ... @end     where a value is true, or else; `@if not NAME` where it is not
     @each NAME ... @end             once for each mapping or object of a sequence, whose values come first
+    @include TEMPLATE               another one, of the same values
 
     Args:
         template: its name or path.
@@ -76,6 +77,8 @@ def _filled(lines: Iterable[str], values: _Values) -> Iterator[str]:
             block, _ = _block(ahead)
             for each in values[name[0]]:
                 yield from _filled(block, values.inside(each))
+        elif word == "@include":
+            yield from _filled(_lines(_TEMPLATES / _Line(name[0]).substitute(values)), values)
         else:
             yield _Line(line).substitute(values)
 

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.hardware.plan import Misfit, Placement, Plan
-from dse.hardware.profile import Figures, Number, Profile, figure
+from dse.hardware.profile import Figures, Number, Profile, count, figure
 from dse.records import Floats, Workload, sum_of_products
 from dse.registry import register
 
@@ -57,14 +57,14 @@ class Clocked(Profile):
     clock_mhz: Number = figure("MHz", "clock frequency at which the cycle counts hold", whole=True)
     maximum_clock_mhz: Number = figure("MHz", "highest clock frequency", whole=True)
     clock_margin: Number = figure("1", "factor on the cycles of a step in which every neuron spikes")
-    inputs: Number = figure("1", "input channels", whole=True)
-    hidden_neurons: Number = figure("1", "neurons between inputs and outputs", whole=True)
-    outputs: Number = figure("1", "output neurons", whole=True)
-    neurons_with_input: Number = figure("1", "hidden neurons that can receive inputs", whole=True)
-    neurons_with_output: Number = figure("1", "hidden neurons that can connect to outputs", whole=True)
-    fan_out: Number = figure("1", "hidden neurons that one hidden neuron can connect to", whole=True)
-    hidden_weights: Number = figure("1", "weights between hidden neurons", whole=True)
-    weight_bits: Number = figure("1", "bits per weight", whole=True)
+    inputs: Number = count("input channels")
+    hidden_neurons: Number = count("neurons between inputs and outputs")
+    outputs: Number = count("output neurons")
+    neurons_with_input: Number = count("hidden neurons that can receive inputs")
+    neurons_with_output: Number = count("hidden neurons that can connect to outputs")
+    fan_out: Number = count("hidden neurons that one hidden neuron can connect to")
+    hidden_weights: Number = count("weights between hidden neurons")
+    weight_bits: Number = count("bits per weight")
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
@@ -102,13 +102,11 @@ class Clocked(Profile):
 
     def _broken_limits(self, load: Workload) -> list[Misfit]:
         """Return the limits that the network breaks, whatever the clock."""
-        hidden = load.sizes[1:-1]
+        hidden, misfits = load.sizes[1:-1], []
         if not hidden:
             text = "it has no hidden layer, and inputs cannot connect to outputs"
-            misfits = [Misfit("layers", text, "a hidden layer")]
-        else:
-            misfits = []
-        counts = (
+            misfits.append(Misfit("layers", text, "a hidden layer"))
+        needs = (
             ("inputs", load.sizes[0], "inputs"),
             ("hidden_neurons", sum(hidden), "hidden neurons"),
             ("outputs", load.sizes[-1], "outputs"),
@@ -118,10 +116,7 @@ class Clocked(Profile):
             ("hidden_weights", math.ceil(_hidden_weights(load)), "weights between hidden neurons"),
             ("weight_bits", load.weight_bits, "bits per weight"),
         )
-        for rule, needed, what in counts:
-            most = int(getattr(self, rule).value)
-            if needed > most:
-                misfits.append(Misfit(rule, f"{needed} {what}, {most} at most", f"{most} {what}"))
+        misfits += self.exceeded(needs)
         if load.recurrent[-1]:
             text = "its outputs are recurrent, and only hidden neurons can be"
             misfits.append(Misfit("recurrent_outputs", text, "an output layer without recurrence"))

@@ -34,7 +34,7 @@ import numpy as np
 
 from dse.hardware.placement import Architecture, Rules, architecture, hops, place
 from dse.hardware.plan import Congestion, Plan
-from dse.hardware.profile import Figures, Number, Profile, figure
+from dse.hardware.profile import Figures, Number, Profile, claim, count, figure
 from dse.records import Floats, Ints, Workload, sum_of_products
 from dse.registry import register
 
@@ -84,38 +84,28 @@ class Mesh(Profile):
     )
     congestion_cores: Number = figure("1", "and if they are sent to at least this many cores")
     static_mw: Number = figure("mW", "static power of the whole chip")
-    steps_per_layer: Number = figure("1", "steps that a spike takes to reach the next layer", whole=True)
-    cores: Number = figure("1", "cores of the chip", whole=True)
-    cores_per_tile: Number = figure("1", "cores that share a router", whole=True)
-    mesh_height: Number = figure("1", "tiles along y", whole=True)
-    neurons_per_core: Number = figure("1", "neurons that a core holds", whole=True)
-    synapse_memory_bits: Number = figure("1", "bits for synapses in a core", whole=True)
-    input_axons_per_core: Number = figure("1", "sources of spikes that a core listens to", whole=True)
-    output_axons_per_core: Number = figure(
-        "1", "output axons of a core: pairs of neuron and destination core", whole=True
-    )
-    synapse_block: Number = figure(
-        "1", "targets of an axon in a core that are stored in one block", whole=True
-    )
+    steps_per_layer: Number = count("steps that a spike takes to reach the next layer")
+    cores: Number = count("cores of the chip")
+    cores_per_tile: Number = count("cores that share a router")
+    mesh_height: Number = count("tiles along y")
+    neurons_per_core: Number = count("neurons that a core holds")
+    synapse_memory_bits: Number = count("bits for synapses in a core")
+    input_axons_per_core: Number = count("sources of spikes that a core listens to")
+    output_axons_per_core: Number = count("output axons of a core: pairs of neuron and destination core")
+    synapse_block: Number = count("targets of an axon in a core that are stored in one block")
     synapse_header_bits: Number = figure("1", "bits of a block in addition to its synapses; without a range")
-    synapse_word_bits: Number = figure("1", "bits to a multiple of which a block is rounded up", whole=True)
-    synapse_index_bits: Number = figure(
-        "1", "bits of the index of a target if weights of 0 are not stored", whole=True
-    )
-    weight_bits_any: Number = figure(
-        "1", "weights can be stored with any number of bits up to this", whole=True
-    )
-    weight_bits_most: Number = figure("1", "and with this number of bits, the largest", whole=True)
-    delay_bits_most: Number = figure("1", "bits of a synapse's own delay", whole=True)
+    synapse_word_bits: Number = count("bits to a multiple of which a block is rounded up")
+    synapse_index_bits: Number = count("bits of the index of a target if weights of 0 are not stored")
+    weight_bits_any: Number = count("weights can be stored with any number of bits up to this")
+    weight_bits_most: Number = count("and with this number of bits, the largest")
+    delay_bits_most: Number = count("bits of a synapse's own delay")
     practice_weights_per_core: Number = figure(
         "1", "8-bit weights per core that a compiler reaches in practice; 0: as many as fit"
     )
-    skips_zero_weights: Number = figure(
-        "1", "1 if weights of 0 are neither stored nor cause synaptic events, else 0", claim=True
+    skips_zero_weights: Number = claim(
+        "1 if weights of 0 are neither stored nor cause synaptic events, else 0"
     )
-    state_bits: Number | None = figure(
-        "1", "bits of a neuron's states, their sign included", whole=True, optional=True
-    )
+    state_bits: Number | None = count("bits of a neuron's states, their sign included", optional=True)
 
     @functools.cached_property
     def rules(self) -> Rules:

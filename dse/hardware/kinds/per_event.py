@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dse.hardware.plan import Misfit, Placement, Plan, per_count
-from dse.hardware.profile import Figures, Number, Profile, figure
+from dse.hardware.profile import Figures, Number, Profile, claim, count, figure
 from dse.records import Workload
 from dse.registry import register
 
@@ -47,24 +47,20 @@ class PerEvent(Profile):
     synaptic_event_pj: Number = figure("pJ", "per synapse that a spike reaches")
     neuron_update_pj: Number = figure("pJ", "per neuron and step")
     spike_pj: Number = figure("pJ", "per spike of a neuron")
-    all_in: Number = figure(
-        "1", "1 if synaptic_event_pj includes all energy of a busy chip, else 0", claim=True
-    )
+    all_in: Number = claim("1 if synaptic_event_pj includes all energy of a busy chip, else 0")
     static_mw: Number = figure("mW", "static power of the whole chip in addition, at any time")
     tick_us: Number = figure("us", "per step, independent of activity")
     synaptic_event_ns: Number = figure("ns", "per synapse that a spike reaches")
-    skips_zero_weights: Number = figure(
-        "1", "1 if weights of 0 are neither stored nor cause synaptic events, else 0", claim=True
+    skips_zero_weights: Number = claim(
+        "1 if weights of 0 are neither stored nor cause synaptic events, else 0"
     )
-    crossbar: Number = figure(
-        "1", "1 if each bit of a weight takes an axon of a crossbar, else 0", claim=True
-    )
-    inputs: Number = figure("1", "input channels", whole=True)
-    cores: Number = figure("1", "cores of the chip", whole=True)
-    neurons_per_core: Number = figure("1", "neurons that a core holds", whole=True)
-    axons_per_core: Number = figure("1", "sources of spikes that a core listens to", whole=True)
-    synapses_per_core: Number = figure("1", "weights that a core holds", whole=True)
-    weight_bits: Number = figure("1", "bits per weight; on a crossbar, types of axon", whole=True)
+    crossbar: Number = claim("1 if each bit of a weight takes an axon of a crossbar, else 0")
+    inputs: Number = count("input channels")
+    cores: Number = count("cores of the chip")
+    neurons_per_core: Number = count("neurons that a core holds")
+    axons_per_core: Number = count("sources of spikes that a core listens to")
+    synapses_per_core: Number = count("weights that a core holds")
+    weight_bits: Number = count("bits per weight; on a crossbar, types of axon")
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
@@ -145,26 +141,19 @@ class PerEvent(Profile):
             least_ms = self.tick_us.value * 1e-3
             text = f"steps of {load.step_ms:g} ms, a step takes {least_ms:g} ms"
             misfits.append(Misfit("tick_us", text, f"steps of {least_ms:g} ms"))
-        if load.sizes[0] > self.inputs.value:
-            most = int(self.inputs.value)
-            misfits.append(Misfit("inputs", f"{load.sizes[0]} inputs, {most} at most", f"{most} inputs"))
+        misfits += self.exceeded([("inputs", load.sizes[0], "inputs")])
         if self.cores.value == 1:
             return (*misfits, *self._misfits_of_one_core(load))
         return (*misfits, *self._misfits_of_layers(load, mapping))
 
     def _misfits_of_one_core(self, load: Workload) -> list[Misfit]:
         sources = sum(n for n, targets in zip(load.sizes, load.fan_out, strict=True) if targets)
-        counts = (
+        needs = (
             ("neurons_per_core", sum(load.sizes[1:]), "neurons"),
             ("axons_per_core", sources, "inputs and neurons that send to neurons"),
             ("synapses_per_core", sum(self._stored(load)), "weights"),
         )
-        misfits = []
-        for rule, needed, what in counts:
-            most = int(getattr(self, rule).value)
-            if needed > most:
-                misfits.append(Misfit(rule, f"{needed} {what}, {most} at most", f"{most} {what} in all"))
-        return misfits
+        return self.exceeded(needs, " in all")
 
     def _misfits_of_layers(self, load: Workload, mapping: _Mapping) -> list[Misfit]:
         misfits = []

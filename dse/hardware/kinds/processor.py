@@ -67,7 +67,7 @@ from dse.hardware.kinds.memory_hierarchy import (
     n_states,
 )
 from dse.hardware.plan import Misfit, Placement, Plan, per_count
-from dse.hardware.profile import Figures, Number, Profile, figure
+from dse.hardware.profile import Figures, Number, Profile, figure, optional
 from dse.records import Floats, Operations, Workload
 from dse.registry import register
 
@@ -123,37 +123,25 @@ class Processor(Profile):
     clock_mhz: Number = figure("MHz", "clock", whole=True)
     flash_kib: Number = figure("KiB", "flash, for weights", whole=True)
     sram_kib: Number = figure("KiB", "working memory, for states", whole=True)
-    tally_start_cycles: Number | None = figure(
-        "1", "cycles per inference of a classifier of counts", optional=True
-    )
-    tally_step_cycles: Number | None = figure("1", "cycles per step of counting", optional=True)
-    tally_spike_cycles: Number | None = figure("1", "cycles per input spike", optional=True)
-    tally_add_cycles: Number | None = figure("1", "cycles per input spike that is counted", optional=True)
-    tally_word_cycles: Number | None = figure(
-        "1", "cycles per step with a spike and 32 channels, to clear it", optional=True
-    )
-    tally_count_cycles: Number | None = figure("1", "cycles per count, to clear and read it", optional=True)
-    neighbour_cycles: Number | None = figure("1", "cycles per number of a neighbour", optional=True)
-    sample_cycles: Number | None = figure("1", "cycles per neighbour", optional=True)
-    feature_cycles: Number | None = figure("1", "cycles per normal feature of a class", optional=True)
-    difference_cycles: Number | None = figure(
-        "1", "cycles per the same, more if the count is not 0", optional=True
-    )
-    deviation_cycles: Number | None = figure(
-        "1", "cycles per the same, more if it is not the mean", optional=True
-    )
-    scale_cycles: Number | None = figure("1", "cycles per count that is scaled, to float", optional=True)
-    single_cycles: Number | None = figure("1", "cycles per weight of a unit in float", optional=True)
-    single_row_cycles: Number | None = figure(
-        "1", "cycles per input of such units other than 0", optional=True
-    )
-    single_unit_cycles: Number | None = figure("1", "cycles per such unit", optional=True)
-    double_cycles: Number | None = figure("1", "cycles per weight of a unit in double", optional=True)
-    double_input_cycles: Number | None = figure("1", "cycles per count that becomes a double", optional=True)
-    double_row_cycles: Number | None = figure(
-        "1", "cycles per input of such units other than 0", optional=True
-    )
-    double_unit_cycles: Number | None = figure("1", "cycles per such unit", optional=True)
+    tally_start_cycles: Number | None = optional("cycles per inference of a classifier of counts")
+    tally_step_cycles: Number | None = optional("cycles per step of counting")
+    tally_spike_cycles: Number | None = optional("cycles per input spike")
+    tally_add_cycles: Number | None = optional("cycles per input spike that is counted")
+    tally_word_cycles: Number | None = optional("cycles per step with a spike and 32 channels, to clear it")
+    tally_count_cycles: Number | None = optional("cycles per count, to clear and read it")
+    neighbour_cycles: Number | None = optional("cycles per number of a neighbour")
+    sample_cycles: Number | None = optional("cycles per neighbour")
+    feature_cycles: Number | None = optional("cycles per normal feature of a class")
+    difference_cycles: Number | None = optional("cycles per the same, more if the count is not 0")
+    deviation_cycles: Number | None = optional("cycles per the same, more if it is not the mean")
+    scale_cycles: Number | None = optional("cycles per count that is scaled, to float")
+    single_cycles: Number | None = optional("cycles per weight of a unit in float")
+    single_row_cycles: Number | None = optional("cycles per input of such units other than 0")
+    single_unit_cycles: Number | None = optional("cycles per such unit")
+    double_cycles: Number | None = optional("cycles per weight of a unit in double")
+    double_input_cycles: Number | None = optional("cycles per count that becomes a double")
+    double_row_cycles: Number | None = optional("cycles per input of such units other than 0")
+    double_unit_cycles: Number | None = optional("cycles per such unit")
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`); cores given by hand are ignored."""

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dse.deploy.c.arrays import Matrix, Member, Table, declared, members_of, stored, struct_bytes
+from dse.deploy.c.arrays import Matrix, Member, Table, laid_out, members_of, stored, struct_bytes
 from dse.deploy.c.text import filled
 from dse.records import Array
 
@@ -70,6 +70,8 @@ def test_a_template_walks_objects(tmp_path: Path) -> None:
     layers = [SimpleNamespace(k=k, recurrent=k == 2, state=SimpleNamespace(first=7)) for k in (1, 2)]
     assert filled(tmp_path / "x", SimpleNamespace(layers=layers, n=5), n=9) == "1u of 9\n2.7;\n"
     assert filled(tmp_path / "x", layers=[{"k": 0, "recurrent": 0}], n=0) == "0u of 0\nnone\n"
+    (tmp_path / "y").write_text(f"first\n@include {tmp_path}/${{which}}\n")
+    assert filled(tmp_path / "y", which="x", layers=[], n=0) == "first\nnone\n"
     with pytest.raises(KeyError, match="layers"):
         filled(tmp_path / "x", n=1)
 
@@ -83,7 +85,7 @@ def test_variables_are_declared_once(tmp_path: Path) -> None:
         Member("double", "last", (3,), "of all"),
     ]
     assert struct_bytes(members) == 72  # 24 + 40 + 1, as doubles lie
-    assert declared(members).splitlines() == [
+    assert [x.text for x in laid_out(members)] == [
         "    double last[3]; /* of all */",
         "    int32_t u[5][2];",
         "    uint8_t pushed; /* any: yes; no */",

@@ -133,7 +133,7 @@ def test_a_stream_leaves_out_what_it_refuses(encoder: Any) -> None:
         if k % 7 == 0:
             wrong = row.copy()
             wrong[k % 4] = (np.nan, np.inf)[k % 2]
-            with pytest.raises(RecordingError, match="a sample must be finite"):
+            with pytest.raises(RecordingError, match="a sample must have finite numbers"):
                 dirty.push(wrong)
         assert dirty.push(row) == clean.push(row)
 

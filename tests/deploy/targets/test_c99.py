@@ -25,8 +25,8 @@ from dse.deploy.targets import TargetError, c99, compare, emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.verify import target_named
 from dse.encoders.receptors import Receptors
-from dse.neurons import lif, parameters_of
-from dse.records import Array, Layer, Network, Parameters
+from dse.neurons import parameters_of
+from dse.records import Array, Layer, Network
 from tests.deploy.c import nets
 from tests.spaces import FINGERTIP, sections
 
@@ -100,21 +100,6 @@ def test_a_delayed_weight_that_cancels_a_current_leaves_nothing(tmp_path: Path) 
     C99().write(made, tmp_path)
     assert C99().verify(made, tmp_path, reference).kind == "faithful"
 
-
-def test_a_difference_is_seen(tmp_path: Path) -> None:
-    made, fired = nets.case(1)
-    C99().write(made, tmp_path)
-    reference = nets.reference(made, fired)
-    source = tmp_path / "src" / "dse.c"
-    text = source.read_text()
-    [line] = [x for x in text.splitlines() if x.strip().startswith("if (y > ")][:1] or [""]
-    assert line
-    source.write_text(text.replace(line, line.replace("> ", "> 9")))
-    verdict = C99().verify(made, tmp_path, reference)
-    assert verdict.kind == "approximate" and verdict.spikes_differ > 0
-
-
-# Recordings, from the first sample or event to the answer.
 
 SAMPLES: dict[str, Any] = {
     "data": {"kind": "time_series", "file": "x.npz", "step_ms": 5, "columns": {"letter": "letter"}},
@@ -334,35 +319,6 @@ def test_the_compiler_reports_the_memory_that_was_stated(tmp_path: Path) -> None
 
 
 # Refusals.
-
-
-def _float(network: Network) -> Network:
-    return replace(network, arithmetic="float32")
-
-
-def _other_neuron(network: Network) -> Network:
-    layer = network.layers[-1]
-    population = lif.Lif().at(5.0)
-    return replace(
-        network, layers=(*network.layers[:-1], Layer(layer.weight, None, parameters_of(population), "lif"))
-    )
-
-
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        (_float, "integer arithmetic, got float32"),
-        (_other_neuron, "CUBA-LIF neurons, resonators and xylo_lif, got neuron lif"),
-        (lambda _: Parameters({"n_weights": np.array(3)}, 5), "family snn is not written in C"),
-    ],
-)
-def test_what_c_cannot_hold_is_refused_with_the_reason(change: Any, reason: str, tmp_path: Path) -> None:
-    made = nets.bundle(network(5), 10)
-    made = replace(made, fitted=change(made.fitted))
-    assert reason in C99().refusal(made)
-    with pytest.raises(TargetError, match=reason):
-        C99().write(made, tmp_path)
-    assert not list(tmp_path.iterdir())
 
 
 def test_no_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

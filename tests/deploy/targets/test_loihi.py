@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse.deploy import loihi_run, run
+from dse.deploy import loihi_run
 from dse.deploy.bundle import Bundle
 from dse.deploy.run import interpreter
-from dse.deploy.targets import TargetError, Verdict, loihi
+from dse.deploy.targets import Verdict, loihi
 from dse.deploy.targets.loihi import Loihi
-from dse.records import Parameters
 from tests.deploy import bundles
 from tests.golden import FILE
 
@@ -99,23 +98,6 @@ def test_brian2_loihi_runs_every_recording_with_delays_of_synapses_too(tmp_path:
     assert verdict.run_by == ("run.py", "brian2-loihi 0.5.2")
 
 
-def test_the_file_alone_is_run(tmp_path: Path) -> None:
-    """A weight that is changed in the file changes the verdict; the script needs no dse."""
-    import h5py
-
-    rng = np.random.default_rng(3)
-    made = bundles.bundle(bundles.network(rng, decays=DECAYS))
-    first = verified(made, tmp_path, rng)
-    assert first.kind == "faithful" and first.figures == {"brian2_loihi_recordings": 0}
-    with h5py.File(tmp_path / "target" / "net.hdf5", "r+") as file:
-        file["layer/0/weight"][0] = 0
-    reference = bundles.reference(made, bundles.spikes(np.random.default_rng(3), 4), tmp_path)
-    assert Loihi().verify(made, tmp_path / "target", reference).kind == "approximate"
-    (tmp_path / "target" / "net.hdf5").write_bytes(b"no HDF5")
-    with pytest.raises(TargetError, match=r"loihi_run\.py cannot run"):
-        Loihi().verify(made, tmp_path / "target", reference)
-
-
 def test_the_layout_is_that_of_netx(tmp_path: Path) -> None:
     import h5py
 
@@ -123,11 +105,8 @@ def test_the_layout_is_that_of_netx(tmp_path: Path) -> None:
     same = network.layers[1].parameters | {"decay_current": np.full(3, 77)}
     layers = (network.layers[0], replace(network.layers[1], parameters=same))
     made = bundles.bundle(replace(network, layers=layers))
-    for folder in ("one", "two"):
-        (tmp_path / folder).mkdir()
-        Loihi().write(made, tmp_path / folder)
-    assert (tmp_path / "one" / "net.hdf5").read_bytes() == (tmp_path / "two" / "net.hdf5").read_bytes()
-    with h5py.File(tmp_path / "one" / "net.hdf5") as file:
+    Loihi().write(made, tmp_path)
+    with h5py.File(tmp_path / "net.hdf5") as file:
         assert [bytes(file[f"layer/{k}/type"][0]) for k in (0, 1)] == [b"dense_rec", b"dense"]
         group = file["layer/0"]
         assert group["weight"].dtype == np.float32 and group["weight"].shape == (7, 4)
@@ -142,46 +121,6 @@ def test_the_layout_is_that_of_netx(tmp_path: Path) -> None:
         assert neuron["vThMant"][()] == network.layers[1].parameters["threshold"]
         assert file["layer/0/neuron/iDecay"].shape == (7,)
         assert json.loads(file.attrs["decision"])["phi"] == 2.0
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "reason"),
-    [
-        ("decay_current", 0, "layer 2 has a current decay of 0, and the least of Loihi is 1/4096"),
-        ("decay_voltage", 4096, "layer 2 has a voltage decay of 1, and the most of Loihi is 4095/4096"),
-        ("threshold", 2**17, "layer 2 has the threshold 131072, and the most is 131071"),
-    ],
-)
-def test_what_registers_cannot_hold_is_refused(name: str, value: int, reason: str) -> None:
-    network = bundles.network(np.random.default_rng(0), decays=DECAYS)
-    parameters = network.layers[1].parameters | {name: np.array(value)}
-    layers = (network.layers[0], replace(network.layers[1], parameters=parameters))
-    assert Loihi().refusal(bundles.bundle(replace(network, layers=layers))) == reason
-
-
-def test_other_neurons_sizes_and_families_are_refused_with_the_reason() -> None:
-    rng = np.random.default_rng(0)
-    resonators = bundles.bundle(bundles.network(rng, resonates=True))
-    assert Loihi().refusal(resonators) == (
-        "loihi1_silicon cannot run resonators: its neurons cannot be programmed"
-    )
-    made = bundles.bundle(bundles.network(rng, decays=DECAYS))
-    assert "family snn is none" in Loihi().refusal(replace(made, fitted=Parameters({}, 4)))
-    real = replace(made, fitted=replace(made.fitted, arithmetic="ideal"))
-    assert Loihi().refusal(real) == "Loihi holds integers, and the network has ideal arithmetic"
-    large = bundles.network(rng, (5000, 2000, 3), decays=DECAYS)
-    assert "does not fit loihi1_silicon" in Loihi().refusal(bundles.bundle(large))
-
-
-def test_without_h5py_nothing_is_written_or_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(3)
-    made = bundles.bundle(bundles.network(rng, decays=DECAYS))
-    reference = bundles.reference(made, bundles.spikes(rng, 4), tmp_path)
-    for module in (loihi, run):
-        monkeypatch.setattr(module, "find_spec", lambda name: None)
-    with pytest.raises(TargetError, match=r"h5py is not installed: pip install 'dse\[h5\]'"):
-        Loihi().write(made, tmp_path)
-    assert Loihi().verify(made, tmp_path, reference) == Verdict("not verified", "h5py is not installed")
 
 
 def test_the_script_runs_without_dse(tmp_path: Path) -> None:

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from dse.deploy.run import interpreter
-from dse.deploy.targets import TargetError, nir
+from dse.deploy.targets import nir
 from dse.deploy.targets.nir import FRAMEWORKS, Nir
-from dse.records import Network, Parameters
 from tests.deploy import bundles
 
 
@@ -132,57 +131,8 @@ print(json.dumps([nir.__version__, shapes, sorted(graph.edges), told, golden], d
     assert versions == ["1.0.4", "1.0.8"]
 
 
-def test_the_same_bundle_gives_the_same_bytes(tmp_path: Path) -> None:
-    made = bundles.bundle(bundles.network(np.random.default_rng(4)))
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        Nir().write(made, tmp_path / name)
-    for file in ("graph.nir", "golden.h5"):
-        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-
-
 def test_time_constants_by_hand() -> None:
     assert nir.time_constant(np.array([4096, 2048, 1])).tolist() == [1e-4, 2e-4, 0.4096]
     keep = 1 - nir.DT / nir.time_constant(np.arange(1, 4097))
     assert np.allclose(keep, (4096 - np.arange(1, 4097)) / 4096, rtol=0, atol=2**-52)
     assert np.float32(1 - nir.DT / nir.time_constant(np.array([0])))[0] == 1
-
-
-def test_what_nir_cannot_hold_is_refused() -> None:
-    rng = np.random.default_rng(5)
-    made = bundles.bundle(bundles.network(rng))
-    assert Nir().refusal(made) == "" and isinstance(made.fitted, Network)
-    turning = bundles.bundle(bundles.network(rng, resonates=True))
-    assert Nir().refusal(turning) == "NIR has no node whose two states rotate, as those of resonators do"
-    layers = [
-        replace(layer, delay=np.full(layer.weight.shape, 2 * (k == 1), np.int8))
-        for k, layer in enumerate(made.fitted.layers)
-    ]
-    delayed = bundles.bundle(replace(made.fitted, layers=tuple(layers)))
-    reason = "no reader of NIR delays spikes in a network, and layer 2 receives some later"
-    assert Nir().refusal(delayed) == reason
-    first = bundles.bundle(replace(made.fitted, layers=(layers[0], *made.fitted.layers[1:])))
-    assert Nir().refusal(first) == ""
-    knn = replace(turning, fitted=Parameters({}, 4))
-    assert Nir().refusal(knn) == "NIR holds networks of neurons, and family snn is none"
-
-
-def test_without_a_framework_nothing_is_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(6)
-    monkeypatch.setattr(nir, "interpreter", lambda *names: None)
-    found = verdict(tmp_path, bundles.bundle(bundles.network(rng)), rng)
-    assert (found.kind, found.reason) == (
-        "not verified",
-        "norse is not installed and snntorch is not installed",
-    )
-
-
-def test_a_graph_that_a_framework_cannot_read_is_one_line(tmp_path: Path) -> None:
-    if interpreter("norse", "nir") is None:
-        pytest.skip("norse is not installed: `make peers` installs it")
-    rng = np.random.default_rng(7)
-    made = bundles.bundle(bundles.network(rng))
-    reference = bundles.reference(made, bundles.spikes(rng, 4), tmp_path)
-    (tmp_path / "graph.nir").write_bytes(b"damaged")
-    with pytest.raises(TargetError, match=r"nir_peer\.py cannot run norse .*graph\.nir: "):
-        Nir().verify(made, tmp_path, reference)

@@ -20,7 +20,7 @@ from dse.deploy.targets import Verdict, xylo
 from dse.deploy.targets.xylo import Xylo
 from dse.neurons import LayerSpec, parameters_of
 from dse.neurons.xylo_lif import XyloLif
-from dse.records import Layer, Network, Parameters
+from dse.records import Layer, Network
 from tests.deploy import bundles
 
 needs_xylosim = pytest.mark.skipif(
@@ -127,36 +127,3 @@ def test_the_script_runs_without_dse(tmp_path: Path) -> None:
         assert fired["fired_0"].tolist() == [[1, 2, 0]] * 3 + [[1, 3, 0]]
         # 300 -> 150; 150 + 100 -> 125: an output spikes once in a step.
         assert fired["fired_1"].tolist() == [[1, 3, 0], [1, 4, 0]]
-
-
-@pytest.mark.parametrize(
-    ("changes", "reason"),
-    [
-        ({"sizes": (17, 9, 3)}, "17 inputs, 16 at most"),
-        ({"sizes": (4, 9, 20)}, "20 outputs, 16 at most"),
-        ({"sizes": (4, 129, 3)}, "129 neurons in the first layer, 128 at most"),
-        ({"sizes": (4, 100, 300, 100, 3)}, "500 hidden neurons, 496 at most"),
-    ],
-)
-def test_what_does_not_fit_is_refused(changes: dict[str, Any], reason: str) -> None:
-    made = bundles.bundle(network(np.random.default_rng(0), **changes))
-    assert reason in Xylo().refusal(made) and "does not fit xylo_imu" in Xylo().refusal(made)
-
-
-def test_other_neurons_and_families_are_refused_with_the_reason() -> None:
-    rng = np.random.default_rng(0)
-    made = bundles.bundle(bundles.network(rng))
-    assert Xylo().refusal(made) == (
-        "layer 1 has neurons 'cuba_lif', but Xylo's decay by bit shifts and reset by subtraction: train with "
-        "model.neuron: xylo_lif"
-    )
-    real = bundles.bundle(replace(network(rng), arithmetic="float32"))
-    assert "float32 arithmetic" in Xylo().refusal(real)
-    assert "family snn is none" in Xylo().refusal(replace(made, fitted=Parameters({}, 4)))
-
-
-def test_without_the_simulator_nothing_is_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(xylo, "find_spec", lambda name: None)
-    rng = np.random.default_rng(7)
-    verdict, _ = verified(bundles.bundle(network(rng)), tmp_path, rng)
-    assert (verdict.kind, verdict.reason) == ("not verified", "xylosim is not installed")

@@ -18,10 +18,15 @@
 #endif
 #define STEPS ${n_steps}u /* steps of a window */
 
-$floats$tables
+@include floats.c
+$tables
+@include level.c
 /* All memory that there is. */
 static struct {
-$members} net;
+@each declared
+$text
+@end
+} net;
 
 void dse_push_spike(uint16_t channel)
 {
@@ -93,7 +98,13 @@ void dse_reset(void)
 
 void dse_init(void)
 {
-$init    dse_reset();
+@if encoder
+    net.begun = 0;
+@end
+@if pooling
+    net.started = 0;
+@end
+    dse_reset();
 }
 
 int16_t dse_decision(void)

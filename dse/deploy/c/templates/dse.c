@@ -24,10 +24,15 @@
 
 #define STEPS ${network_steps}u /* network steps of a window */
 
-$floats$tables
+@include floats.c
+$tables
+@include level.c
 /* All memory that there is. */
 static struct {
-$members} net;
+@each declared
+$text
+@end
+} net;
 
 $leaks${rows}void dse_push_spike(uint16_t channel)
 {
@@ -176,7 +181,7 @@ ${in}net.step++;
 
 $front_end
 @each clearing
-APART void $name($kind *x, uint32_t n)
+APART void $clear($kind *x, uint32_t n)
 {
     for (; n > 0; n--) {
         *x++ = 0;
@@ -193,10 +198,10 @@ static APART void rest(void)
 @each arrays
 @if slots
     for (i = 0; i < ${slots}u; i++) {
-        $name($place, ${n}u);
+        $clear($place, ${n}u);
     }
 @else
-    $name($place, ${n}u);
+    $clear($place, ${n}u);
 @end
 @end
 @each numbers
@@ -216,7 +221,13 @@ void dse_reset(void)
 
 void dse_init(void)
 {
-$init    rest();
+@if encoder
+    net.begun = 0;
+@end
+@if pooling
+    net.started = 0;
+@end
+    rest();
 }
 
 int16_t dse_decision(void)

@@ -35,7 +35,8 @@ static void refuse(const char *what)
     exit(2);
 }
 
-$reading
+@include main_${front_end}.c
+
 int main(void)
 {
     unsigned long n_recordings = 0;

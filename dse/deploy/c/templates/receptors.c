@@ -1,3 +1,4 @@
+@include numbers.c
 static const double lowest[$n_sensors] = {
 $low};
 static const double span[$n_sensors] = {

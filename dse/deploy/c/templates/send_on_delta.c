@@ -1,3 +1,4 @@
+@include numbers.c
 @if is_level
 #ifdef DSE_REAL_SAMPLES
 /* The largest whole number up to x >= 0. */

@@ -3,7 +3,8 @@
 #include <dse.h>
 
 // $windows
-$constants
+@include constants.ino
+
 static unsigned long due_us;
 static int64_t t0_us;
 static unsigned long n_events;  // of this step, in the crop
@@ -14,7 +15,8 @@ static bool next_event(int64_t *t_us, uint16_t *x, uint16_t *y, uint8_t *polarit
   return false;
 }
 
-$window
+@include window.ino
+
 static void end_bin() {
   due_us += (unsigned long)(DSE_STEP_MS * 1000);
   end_step(n_events >= ONSET);

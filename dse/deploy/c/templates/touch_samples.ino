@@ -3,11 +3,16 @@
 #include <dse.h>
 
 // $windows
-$constants
+@include constants.ino
+
 static dse_sample_t samples[DSE_SENSORS];
 static unsigned long due_us;
 
-$window$contact
+@include window.ino
+@if at_contact
+@include contact.ino
+@end
+
 void setup() {
   Serial.begin(115200);
   dse_init();

@@ -3,7 +3,8 @@
 #include <dse.h>
 
 // $windows
-$constants
+@include constants.ino
+
 static unsigned long due_us;
 
 // Yours: whether a channel spikes in this step.
@@ -12,7 +13,8 @@ static bool spikes(uint16_t channel) {
   return false;
 }
 
-$window
+@include window.ino
+
 void setup() {
   Serial.begin(115200);
   dse_init();
