@@ -204,7 +204,7 @@ def test_a_write_that_fails_leaves_nothing(root: Path, monkeypatch: pytest.Monke
 
     if moment == "at the rename":
         monkeypatch.setattr("dse.store.files.os.replace", full)
-    with pytest.raises((OSError, KeyboardInterrupt), match="^$|No space left"):
+    with pytest.raises((OSError, KeyboardInterrupt), match=r"^$|No space left"):
         cache.made(root, "a", fill)
     assert keys(root) == set() and not parts(root)
 
