@@ -54,7 +54,8 @@ from tests import tiny_study
 from tests.in_process import InProcess
 from tests.recordings import rectangles
 from tests.recordings.formats import test_contract
-from tests.recordings.formats.test_contract import MARKS, a_reader_that_hangs_fails
+from tests.recordings.formats.reading import RECORDED, a_reader_that_hangs_fails
+from tests.recordings.formats.test_contract import MARKS
 
 MORE_BYTES = 1 << 30
 ROUND = 60  # inputs of one seed
@@ -236,7 +237,7 @@ def book_of(folder: Path) -> Kind:
 
 def format_of(name: str, folder: Path) -> Kind:
     native = Path(os.environ.get("DSE_DATA", "")) / "native_event_files"
-    samples = [native / file for file, kind in test_contract.SAMPLES.items() if kind == name]
+    samples = [native / file for file, (kind, *_) in RECORDED.items() if kind == name]
     contents = [path.read_bytes()[: 1 << 15] for path in samples if path.is_file()]
     if name in ("npz", "h5"):
         t = np.arange(90) * 7

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +57,22 @@ def refused(form: Format, path: Path, sentence: str) -> None:
             read(form, path, repair)
         assert str(error.value).startswith(f"{path.name}: ") and sentence in str(error.value)
         assert "\n" not in str(error.value)
+
+
+@contextmanager
+def a_reader_that_hangs_fails(most_s: int = 20) -> Iterator[None]:
+    """Raise a TimeoutError in what takes longer: of fuzzing, which runs on nobody's watch."""
+
+    def give_up(*_: object) -> None:
+        raise TimeoutError(f"still reading after {most_s} s")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(most_s)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def tuples(found: Block) -> list[tuple[int, int, int, int]]:

@@ -87,7 +87,7 @@ def test_random_bytes(folder, name, mark, content, repair):
 
 
 @pytest.mark.parametrize("file", RECORDED)
-@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_real_files_cut_and_damaged(shared_data, folder, file, data):
     content = (shared_data / "native_event_files" / file).read_bytes()[: 1 << 15]
