@@ -54,7 +54,7 @@ from tests import tiny_study
 from tests.in_process import InProcess
 from tests.recordings import rectangles
 from tests.recordings.formats import test_contract
-from tests.recordings.formats.reading import RECORDED, a_reader_that_hangs_fails
+from tests.recordings.formats.reading import MARKS, RECORDED, a_reader_that_hangs_fails
 
 MORE_BYTES = 1 << 30
 ROUND = 60  # inputs of one seed
@@ -254,9 +254,7 @@ def format_of(name: str, folder: Path) -> Kind:
     suffix = known("recordings.formats")[name]().suffixes[0]  # type: ignore[attr-defined]
 
     def fuzz(data: st.DataObject, place: Path) -> None:
-        marked = st.builds(
-            lambda *x: b"".join(x), st.sampled_from(test_contract.MARKS), st.binary(max_size=300)
-        )
+        marked = st.builds(lambda *x: b"".join(x), st.sampled_from(MARKS), st.binary(max_size=300))
         content = data.draw(st.sampled_from(contents)) if contents and data.draw(st.integers(0, 4)) else b""
         path = place / f"fuzzed{suffix}"
         path.write_bytes(spoilt(data, content) if content else data.draw(marked))

@@ -116,3 +116,19 @@ RECORDED: dict[str, tuple[Any, ...]] = {
     "expelliarmus_evt3_sample_decoded.npz": ("npz", None, 219596, None, (), (), None),
 }
 """Real files, and what is in them."""
+MARKS = (
+    b"",
+    b"% evt 2.0\n",
+    b"% evt 3.0\n",
+    b"% Version 2\n\x0c\x08",
+    b"#!AER-DAT2.0\r\n",
+    b"#!AER-DAT3.1\r\nFormat: RAW\r\n#!END-HEADER\r\n",
+    b"#!AER-DAT4.0\r\n",
+    b"Event Stream\x02\x00\x00\x01\x40\x01\xf0\x00",
+    b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM",
+    b"\x89HDF\r\n\x1a\n",
+    b"PK\x03\x04",
+    b"0 12 1600000000.5\n",
+    b"t,x,y,p\n1,2,",
+)
+"""How files of the formats begin, so that random bytes get past the first look."""

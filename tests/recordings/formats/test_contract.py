@@ -10,28 +10,12 @@ from dse.recordings import RecordingError
 from dse.recordings.formats import BLOCK_EVENTS, Repairs, checked, detect, named
 from dse.registry import known
 from tests.recordings.formats.encoders import dat, evt2_words, evt3_words, nmnist, raw
-from tests.recordings.formats.reading import RECORDED
+from tests.recordings.formats.reading import MARKS, RECORDED
 
 FORMATS = list(known("recordings.formats"))
 assert {"dat", "evt2", "evt3", "nmnist"} <= set(FORMATS)
 FRAME = (320, 240)
 ONE = [(70, 3, 4, 1)]
-MARKS = (
-    b"",
-    b"% evt 2.0\n",
-    b"% evt 3.0\n",
-    b"% Version 2\n\x0c\x08",
-    b"#!AER-DAT2.0\r\n",
-    b"#!AER-DAT3.1\r\nFormat: RAW\r\n#!END-HEADER\r\n",
-    b"#!AER-DAT4.0\r\n",
-    b"Event Stream\x02\x00\x00\x01\x40\x01\xf0\x00",
-    b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM",
-    b"\x89HDF\r\n\x1a\n",
-    b"PK\x03\x04",
-    b"0 12 1600000000.5\n",
-    b"t,x,y,p\n1,2,",
-)
-"""How files of the formats begin, so that random bytes get past the first look."""
 
 
 def read(path, name, repair):
