@@ -137,8 +137,10 @@ class Encoder(Protocol):
     without label columns. An encoder raises a `ValueError` of one sentence for what it cannot do.
     """
 
-    learns: ClassVar[bool] = False
-    """Whether `fitted` learns from training recordings."""
+    @property
+    def learns(self) -> bool:
+        """Whether `fitted` learns from training recordings."""
+        return False
 
     @property
     def transductive(self) -> bool:

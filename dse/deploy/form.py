@@ -257,6 +257,7 @@ class SendOnDeltaForm:
     whole: the thresholds in 2^-shift, where whole samples are encoded in integers exactly; None: they need
         floating point.
     rule: how the level moves: step, value or level. merged: ON and OFF share a channel.
+    first: (sensor,) level that a recording begins at; empty: its first sample.
     """
 
     n_sensors: int
@@ -265,6 +266,7 @@ class SendOnDeltaForm:
     shift: int
     rule: str
     merged: bool
+    first: tuple[float, ...] = ()
 
     @property
     def n_thresholds(self) -> int:
@@ -464,8 +466,14 @@ def send_on_delta_form(encoder: SendOnDelta, n_sensors: int) -> SendOnDeltaForm:
         shift = next(shifts, -1)
         if shift >= 0:
             whole = tuple(int(x * 2**shift) for x in encoder.thresholds)
+    begins = () if encoder.first_level(n_sensors) is None else encoder.means
+    if whole is not None and not all(
+        (x * 2**shift).is_integer() and abs(x * 2**shift) < 2**30 for x in begins
+    ):
+        whole = None
     if whole is not None and max(whole) >= 2**30:
         whole = None
+    merged = encoder.polarity == "merged"
     return SendOnDeltaForm(
-        n_sensors, encoder.thresholds, whole, max(shift, 0), encoder.reference, encoder.polarity == "merged"
+        n_sensors, encoder.thresholds, whole, max(shift, 0), encoder.reference, merged, begins
     )

@@ -1,6 +1,7 @@
 """Send-on-delta: a channel sends an event when it has moved by a threshold since the last one.
 
-Of each channel and threshold theta, r is the last level sent, at first the recording's first sample:
+Of each channel and threshold theta, r is the last level sent, at first the recording's first sample, or, with
+start 'mean', the channel's mean over the training recordings, rounded to the least threshold:
 
     d = x[t] - r;  where |d| >= theta: ON (d > 0) or OFF (d < 0) at t, and r moves
 
@@ -8,14 +9,16 @@ Of each channel and threshold theta, r is the last level sent, at first the reco
     reference 'step':   r = r + sign(d) theta                      delta modulation, lags behind fast changes
     reference 'level':  r = r + sign(d) theta floor(|d| / theta)   levels crossed, several at once one spike
 
-At most one spike per channel, threshold and sample. A constant added to a channel changes nothing. ON and OFF
+At most one spike per channel, threshold and sample. From the first sample on, a constant added to a channel
+changes nothing; from the mean, the first spikes of a recording send the level that it rests at. ON and OFF
 are spike channels of their own (polarity 'separate'), or one that says only that there was a change
 ('merged': half the inputs, for chips with few).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -27,6 +30,7 @@ from dse.registry import param, register
 
 REFERENCES = ("step", "value", "level")
 POLARITIES = ("separate", "merged")
+STARTS = ("sample", "mean")
 
 
 @register("encoders", "send_on_delta")
@@ -50,6 +54,43 @@ class SendOnDelta(OneByOne):
         "separate", doc="ON and OFF spikes use separate channels, or share one (merged)", choices=POLARITIES
     )
 
+    start: str = param(
+        "sample",
+        choices=STARTS,
+        doc="level that a recording begins at: its first sample, or the mean of the training recordings, so "
+        "that the level it rests at is sent too (a shortcut where sessions or placement set that level)",
+    )
+    means: tuple[float, ...] = param((), axis=False, doc="fitted: of each channel, for start mean")
+
+    @property
+    def learns(self) -> bool:
+        """Whether it learns the means of the channels."""
+        return self.start == "mean"
+
+    def fitted(
+        self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
+    ) -> Self:
+        """Return the encoder with the means of the windows of the training recordings."""
+        if not self.learns:
+            return self
+        begins = signals.offsets[train] + first[train]
+        total = sum(signals.values[begin : begin + n_steps].sum(axis=0, dtype=np.float64) for begin in begins)
+        least = min(self.thresholds)
+        means = np.round(total / (len(train) * n_steps) / least) * least
+        return replace(self, means=tuple(means.tolist()))
+
+    def first_level(self, n_in: int) -> Floats | None:
+        """Return the level that a recording begins at, (channel,) float64; None: its first sample.
+
+        Raises:
+            ValueError: the means have not been learnt, or are those of another number of channels.
+        """
+        if not self.learns:
+            return None
+        if len(self.means) != n_in:
+            raise ValueError(f"encoder.start mean must know {n_in} means, got {len(self.means)}")
+        return np.asarray(self.means, dtype=np.float64)
+
     def _copies(self) -> int:
         return len(self.thresholds) * (1 if self.polarity == "merged" else 2)
 
@@ -58,7 +99,9 @@ class SendOnDelta(OneByOne):
         rule, merged = REFERENCES.index(self.reference), self.polarity == "merged"
         values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
         counts = np.zeros(length, dtype=np.int64)
-        return counts, _encode(values, thresholds, rule, merged, first, first + length, counts)
+        level = self.first_level(values.shape[1])
+        level = values[0].astype(np.float64) if level is None else level
+        return counts, _encode(values, level, thresholds, rule, merged, first, first + length, counts)
 
     def running(self, n_in: int, step_ms: float) -> RunningEncoder:
         """Return the encoder at the start of a recording.
@@ -79,11 +122,12 @@ class _Running:
         self._level = np.zeros((len(self._thresholds), n_in))
         self._sign = np.zeros(n_in, np.int8)
         self._channels = np.empty(len(self._thresholds) * n_in, np.int32)
+        self._first = encoder.first_level(n_in)
         self._begun = False
 
     def step(self, values: Floats) -> Ints:
         if not self._begun:
-            self._level[:] = values
+            self._level[:] = values if self._first is None else self._first
             self._begun = True
         n = _send(
             values, self._thresholds, self._rule, self._merged, self._level, self._sign, True,
@@ -140,14 +184,14 @@ def _send(values, thresholds, rule, merged, r, sign, is_kept, channels, filled):
 
 
 @compiled()
-def _encode(values, thresholds, rule, merged, first, end, counts):  # type: ignore[no-untyped-def]
+def _encode(values, level, thresholds, rule, merged, first, end, counts):  # type: ignore[no-untyped-def]
     """Return the spike channels of steps first .. end - 1 in order; write how many per step to counts."""
     n, n_thresholds = values.shape[1], len(thresholds)
     channels = np.empty((end - first) * n_thresholds * n, dtype=np.int32)
     r = np.empty((n_thresholds, n))
     for k in range(n_thresholds):
         for c in range(n):
-            r[k, c] = values[0, c]
+            r[k, c] = level[c]
     sign = np.zeros(n, dtype=np.int8)
     filled = 0
     for t in range(end):

@@ -26,13 +26,13 @@ def encoded(encoder, signals: Signals) -> np.ndarray:
     return dense(encoder.encode_all(signals, np.zeros(signals.n_recordings, int), np.diff(signals.offsets)))
 
 
-def send_on_delta(values, thresholds, reference, polarity="separate"):
-    """Return the spikes of one recording, (step, spike channel) bool."""
+def send_on_delta(values, thresholds, reference, polarity="separate", first=None):
+    """Return the spikes of one recording, (step, spike channel) bool; `first` is the level at its start."""
     n_steps, n = values.shape
     spikes = np.zeros((n_steps, len(thresholds), 2, n), dtype=bool)
     x = values.astype(np.float64)
     for k, theta in enumerate(thresholds):
-        r = x[0].copy()
+        r = (x[0] if first is None else np.asarray(first, float)).copy()
         for t in range(n_steps):
             d = x[t] - r
             fires = np.abs(d) >= theta

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from dse.encoders.send_on_delta import POLARITIES, REFERENCES, SendOnDelta
+from dse.encoders.send_on_delta import POLARITIES, REFERENCES, STARTS, SendOnDelta
 from dse.recordings.time_series import TimeSeries
 from dse.records import Signals
 from tests.encoders.plain import encoded, recorded, send_on_delta
@@ -54,11 +54,34 @@ def test_channels_are_threshold_then_polarity_then_channel():
     thresholds=st.lists(st.sampled_from([0.25, 0.3, 1.0, 2.5, 7.0]), min_size=1, max_size=3),
     reference=st.sampled_from(REFERENCES),
     polarity=st.sampled_from(POLARITIES),
+    start=st.sampled_from(STARTS),
 )  # fmt: skip
-def test_the_fast_path_is_the_definition(values, thresholds, reference, polarity):
-    encoder = SendOnDelta(tuple(thresholds), reference, polarity)
-    wanted = send_on_delta(values, tuple(thresholds), reference, polarity)
+def test_the_fast_path_is_the_definition(values, thresholds, reference, polarity, start):
+    encoder = SendOnDelta(tuple(thresholds), reference, polarity, start)
+    encoder = fitted(encoder, recorded(values + 7), len(values))
+    first = encoder.means if start == "mean" else None
+    wanted = send_on_delta(values, tuple(thresholds), reference, polarity, first)
     assert np.array_equal(encoded(encoder, recorded(values))[0], wanted)
+
+
+def fitted(encoder, signals, n_steps):
+    n = signals.n_recordings
+    return encoder.fitted(signals, np.zeros(n, int), n_steps, np.zeros(n, int), 1, np.arange(n))
+
+
+def test_from_the_mean_of_the_training_windows_the_resting_level_is_sent():
+    # Means of the windows of two steps: 3.25 and -1, at the least threshold of 0.5: 3.0 (half to even) and -1.
+    encoder = fitted(
+        SendOnDelta((0.5, 4.0), start="mean"), recorded([[4, -1], [3, -1], [90, 90]], [[3, 0], [3, -2]]), 2
+    )
+    assert encoder.means == (3.0, -1.0)
+    values = np.array([[5, -1], [5, -1], [5, -1]])
+    on = encoded(encoder, recorded(values))[0]
+    assert [np.flatnonzero(row).tolist() for row in on] == [[2], [2], [2]]
+    assert not encoded(SendOnDelta((0.5, 4.0)), recorded(values)).any()
+    for wrong in (SendOnDelta((0.5,), start="mean"), encoder):
+        with pytest.raises(ValueError, match=r"encoder.start mean must know 3 means, got [02]"):
+            wrong.running(3, 10.0)
 
 
 def test_merged_polarities_by_hand():

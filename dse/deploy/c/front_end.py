@@ -26,6 +26,9 @@ def _send_on_delta(encoder: SendOnDeltaForm) -> str:
         **{f"is_{rule}": encoder.rule == rule for rule in ("value", "step", "level")},
         exact=", ".join(map(real, encoder.thresholds)),
         whole=", ".join(map(str, encoder.whole or ())),
+        exact_first=wrapped(map(real, encoder.first)),
+        whole_first=wrapped(str(int(x * 2**encoder.shift)) for x in encoder.first) if encoder.whole else "",
+        first_level="first[c]" if encoder.first else "x",
         channel="k * DSE_SENSORS + c" if encoder.merged else "(2u * k + (d > 0 ? 1u : 0u)) * DSE_SENSORS + c",
     )
 

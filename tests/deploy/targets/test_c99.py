@@ -161,6 +161,9 @@ def shipped(made: Bundle, folder: Path) -> Path:
          {"n_steps": 25, "at": "start"}, False),
         ({"thresholds": [2.7, 6], "reference": "value"}, {"n_steps": 12, "at": "contact_onset"}, False),
         ({"thresholds": [0.7, 1.9], "reference": "level"}, {"n_steps": 20, "at": "middle"}, True),
+        ({"thresholds": [1.5, 4], "start": "mean"}, {"n_steps": 25, "at": "start"}, False),
+        ({"thresholds": [0.7, 1.9], "start": "mean", "reference": "value"},
+         {"n_steps": 25, "at": "start"}, True),
         ({"thresholds": [0.3, 1.1]}, {"n_steps": 12, "at": "contact_onset", "onset_threshold": 2.5}, True),
         ({"kind": "receptors"}, {"n_steps": 20, "at": "middle"}, False),
         ({"kind": "receptors", "sa": False, "gain": 3.0, "spikes_per_step": 3, "smoothing_ms": 20,
@@ -184,6 +187,8 @@ def test_samples_are_encoded_and_answered_as_by_evaluate(
         ranges = {"low": tuple(low.tolist()), "high": tuple(high.tolist())}
         design = replace(design, encoder=replace(design.encoder, **ranges))
     assert design.encoder is not None
+    if design.encoder.learns and not isinstance(design.encoder, Receptors):
+        design = replace(design, encoder=replace(design.encoder, means=(1.5, -3.0, 0.0, 12.0)))
     made = nets.bundle(network(design.encoder.n_channels(4)), window["n_steps"], phi=3.0, theta=0.4)
     made = replace(made, sections=design, input=Input("samples", 4, 0, 0, window["n_steps"], 5.0))
     folder = shipped(made, tmp_path)

@@ -11,12 +11,20 @@ static double whole(double x)
 @end
 #ifdef DSE_REAL_SAMPLES
 #define THRESHOLDS $exact
+@if first
+static const level_t first[$n_sensors] = {
+$exact_first};
+@end
 @if is_level
 #define WHOLE_STEPS (theta * whole(size / theta))
 @end
 @if whole
 #else
 #define THRESHOLDS $whole
+@if first
+static const level_t first[$n_sensors] = {
+$whole_first};
+@end
 @if is_level
 #define WHOLE_STEPS (size / theta * theta)
 @end
@@ -39,7 +47,7 @@ uint8_t dse_push(const dse_sample_t *sample)
             const level_t x = (level_t)sample[c] * LEVEL_UNIT;
             level_t d, size;
             if (!net.begun) {
-                net.level[k][c] = x;
+                net.level[k][c] = $first_level;
             }
             d = x - net.level[k][c];
             size = d < 0 ? -d : d;
