@@ -30,7 +30,7 @@ from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.reference import Reference, answered, decided
 from dse.deploy.targets.c99 import C99
-from dse.deploy.targets.cortex_m import CortexM
+from dse.deploy.targets.emulated import Emulated
 from dse.deploy.targets.thumb import CORES
 from dse.hardware.kinds.processor import counts_of, network_work
 from dse.measure.run import load_of
@@ -84,7 +84,7 @@ def main() -> None:
 
 
 def counted(
-    target: CortexM, made: Bundle, reference: Reference, bits: int
+    target: Emulated, made: Bundle, reference: Reference, bits: int
 ) -> tuple[dict[str, float], float, float]:
     """Return the work of an inference of a classifier by kind, its instructions and cycles."""
     with tempfile.TemporaryDirectory() as folder:

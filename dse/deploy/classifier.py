@@ -20,6 +20,7 @@ class BundleError(ValueError):
 
 
 InputKind = Literal["samples", "spikes", "events"]
+_LARGEST = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Input:
             got = f"{values.dtype} of shape {values.shape}"
             got = str(values.size) if values.ndim == 1 and values.dtype.kind in "biuf" else got
             return f"must have {self.n_channels} numbers, got {got}"
-        if not (is_good := np.abs(values) <= np.finfo(np.float32).max).all():
+        if not (is_good := np.abs(values) <= _LARGEST).all():
             return f"must have finite numbers, got {values[~is_good][0]}"
         if self.kind == "spikes" and not (is_good := (values == 0) | (values == 1)).all():
             return f"must have 0 or 1 of every channel, got {values[~is_good][0]:g}"

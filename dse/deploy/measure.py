@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -159,13 +158,14 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
             counts = [np.array([len(x) for x in window]) for window in windows]
             commands = [replay.of_window(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
         with tempfile.TemporaryDirectory() as temporary:
-            program = _program(bundle, Path(temporary), recorded.options)
-            text = np.concatenate(commands).astype(np.int32).tobytes()
-            first = _played(program, text, 1)
+            C99().write(bundle, Path(temporary) / "c")
+            options = "-O2", "-DDSE_TIMES", *recorded.options
+            program = host.replaying(Path(temporary) / "c", Path(temporary), *options)
+            first = _played(program, commands, 1)
             seconds = max(1e-4, sum(float(x.sum()) for x, _ in first) * 1e-9)
             n_steps = max(1, sum(len(x) for x, _ in first))
             repetitions = max(1, min(math.ceil(_LEAST_S / seconds), _MOST_STEPS // n_steps))
-            runs = _played(program, text, repetitions)
+            runs = _played(program, commands, repetitions)
             network = bundle.fitted
             per_sample = network.steps_per_sample if isinstance(network, Network) else 1
             until = [x[: -(-steps // per_sample)] * 1e-3 for x, steps in runs]
@@ -173,28 +173,14 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
                 "c99",
                 np.concatenate(until),
                 np.array([x.sum() for x in until]),
-                lambda: len(_played(program, text, repetitions)),
+                lambda: len(_played(program, commands, repetitions)),
                 rest_s,
             )
     except (Unsupported, host.NoCompiler, host.RunFailed) as error:
         return Times("c99", none, none, None, str(error))
 
 
-def _program(bundle: Bundle, folder: Path, options: Sequence[str]) -> Path:
-    C99().write(bundle, folder / "c")
-    sources, all_options = host.driven(folder / "c", folder, "-DDSE_TIMES", *options)
-    host.compiled(sources, folder / "measure", "-O2", *all_options)
-    return folder / "measure"
-
-
-def _played(program: Path, commands: bytes, repetitions: int) -> list[tuple[Array, int]]:
-    """Return the nanoseconds of the steps of every window, and its network steps until the answer.
-
-    Raises:
-        RunFailed: the program fails.
-    """
-    done = subprocess.run([program, str(repetitions)], input=commands, capture_output=True, check=False)
-    if done.returncode:
-        raise host.RunFailed(f"the program failed with exit code {done.returncode}")
-    windows = replay.windows(np.frombuffer(done.stdout, np.int32), 1)
+def _played(program: Path, commands: Sequence[Ints], repetitions: int) -> list[tuple[Array, int]]:
+    """Return the nanoseconds of the steps of every window, and its network steps until the answer."""
+    windows = replay.windows(host.told(program, commands, str(repetitions)), 1)
     return [(times.ravel().astype(np.float64), int(answer[1])) for times, answer, _ in windows]

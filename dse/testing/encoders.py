@@ -9,7 +9,7 @@ import numpy as np
 from dse.config.contracts import Encoder
 from dse.records import Array, Signals, Spikes
 from dse.testing import small
-from dse.testing.expect import Unchanged, expect, expect_component, same
+from dse.testing.expect import expect, expect_component, pure, same
 
 
 def check_encoder(encoder: Encoder, signals: Signals | None = None, *, causal: bool = True) -> None:
@@ -34,8 +34,7 @@ def check_encoder(encoder: Encoder, signals: Signals | None = None, *, causal: b
     if encoder.learns:
         encoder = _fitted(name, encoder, signals)
     places = small.places(signals.n_channels)
-    with Unchanged(f"the signals that {name} encodes", (signals.values, signals.offsets)):
-        spikes = encoder.encode_all(signals, first, length)
+    spikes = pure(f"{name}.encode_all", encoder.encode_all, signals, first, length)
     n_channels = encoder.n_channels(signals.n_channels)
     expect(
         spikes.n_channels == n_channels,
@@ -50,10 +49,6 @@ def check_encoder(encoder: Encoder, signals: Signals | None = None, *, causal: b
     expect(
         len(np.unique(positions, axis=0)) == n_channels, f"{name}.positions must tell all its channels apart"
     )
-    expect(
-        same(spikes, encoder.encode_all(signals, first, length)),
-        f"{name} must encode the same signals the same twice",
-    )
     if encoder.transductive:
         return
     if causal:
@@ -67,10 +62,9 @@ def _fitted(name: str, encoder: Encoder, signals: Signals) -> Encoder:
     target = np.arange(n) % 2
     train = np.arange(n) if encoder.transductive else np.arange(n - 2)
     shown = target if encoder.transductive else np.where(np.isin(np.arange(n), train), target, -1)
-    fits = [encoder.fitted(signals, np.zeros(n, int), 16, shown, 2, train) for _ in range(2)]
-    expect(fits[0] == fits[1], f"{name}.fitted must learn the same from the same signals twice")
-    expect(type(fits[0]) is type(encoder), f"{name}.fitted must return an encoder of its own class")
-    return fits[0]
+    fitted = pure(f"{name}.fitted", encoder.fitted, signals, np.zeros(n, int), 16, shown, 2, train)
+    expect(type(fitted) is type(encoder), f"{name}.fitted must return an encoder of its own class")
+    return fitted
 
 
 def _check_spikes(name: str, spikes: Spikes, n: int, length: Array) -> None:

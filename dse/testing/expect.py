@@ -5,12 +5,14 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dse.registry import rule_of
+
+T = TypeVar("T")
 
 
 def expect(condition: object, text: str) -> None:
@@ -48,19 +50,22 @@ def same(first: Any, second: Any) -> bool:
     return bool(first == second or (first != first and second != second))
 
 
-class Unchanged:
-    """Checks at the end of a block that a value is as it was.
+def unchanged(what: str, function: Callable[..., T], *arguments: Any) -> T:
+    """Return what a function returns, after checking that it leaves its arguments as they are.
 
-    what: the value in words. value: any of what `same` compares.
+    Args:
+        what: the function, in words.
+        function: any.
+        arguments: of it.
     """
+    before = copy.deepcopy(arguments)
+    found = function(*arguments)
+    expect(same(arguments, before), f"what {what} is given must not be changed")
+    return found
 
-    def __init__(self, what: str, value: Any) -> None:
-        self._what, self._value, self._before = what, value, copy.deepcopy(value)
 
-    def __enter__(self) -> None:
-        """Begin."""
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """Compare, unless the block failed."""
-        if kind is None:
-            expect(same(self._value, self._before), f"{self._what} must not be changed")
+def pure(what: str, function: Callable[..., T], *arguments: Any) -> T:
+    """Return the same after checking that a second call returns it too."""
+    found = unchanged(what, function, *arguments)
+    expect(same(found, function(*arguments)), f"{what} must return the same twice")
+    return found

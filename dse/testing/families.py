@@ -26,7 +26,7 @@ from dse.config.settings import Training
 from dse.measure.heads import head_sizes
 from dse.records import Answers, Dataset, Ints, Network, Outcome, Response
 from dse.testing import small
-from dse.testing.expect import Unchanged, expect, expect_component, same
+from dse.testing.expect import expect, expect_component, same, unchanged
 
 TRAINING = Training(epochs=2, batch_size=8)
 
@@ -53,8 +53,7 @@ def check_family(family: Family, dataset: Dataset | None = None, training: Train
         f"{name} has `fit_cohort` and must have the other methods of `CohortFamily` too",
     )
     data = small.dataset() if dataset is None else dataset
-    with Unchanged(f"the data set that {name} is trained on", data):
-        outcome = family.fit(data, training, small.generators(1))
+    outcome = unchanged(f"{name}.fit", family.fit, data, training, small.generators(1))
     again = family.fit(data, training, small.generators(1))
     expect(same(_results(outcome), _results(again)), f"{name} must train to the same result by the same seed")
     expect(outcome.test is not None, f"{name} must answer on the test set where there is one")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dse.figures import Figure, Results
-from dse.testing.expect import Unchanged, expect, expect_component, same
+from dse.testing.expect import expect, expect_component, same, unchanged
 from dse.testing.small import SmallStudy
 
 
@@ -37,8 +37,7 @@ def check_figure(figure: Figure[Any], results: Results | None = None) -> None:
     strange = _strange(record)
     expect(strange is None, f"{name}.gather must return plain numbers, arrays and texts, got {strange}")
     expect(same(record, figure.gather(study)), f"{name}.gather must return the same numbers twice")
-    with Unchanged(f"the record that {name}.draw draws", record):
-        drawn = figure.draw(record)
+    drawn = unchanged(f"{name}.draw", figure.draw, record)
     expect(
         isinstance(drawn, go.Figure), f"{name}.draw must return a plotly figure, got {type(drawn).__name__}"
     )

@@ -354,7 +354,7 @@ CASES = (
     (check_objective, Unitless(), "the name of slowness must contain its unit, '_ms'"),
     (check_figure, Handed(), "Handed.draw must return a plotly figure, got Confusion"),
     (check_figure, Greedy(), "Greedy.gather must return plain numbers, arrays and texts, got a object"),
-    (check_neuron, Counting(), "the drive of a step of Counting must not be"),
+    (check_neuron, Counting(), "what a step of Counting is given must not be changed"),
     (check_loss, HalvedLoss(), "HalvedLoss.gradient must be the slope of its value"),
     (check_loss, EarlyLoss(), r"EarlyLoss.lengths\(2\) must rise from at least 1 to 2, got \(1,\)"),
     (check_loss, MeanLoss(), "MeanLoss must be a sum over samples"),

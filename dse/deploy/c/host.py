@@ -161,16 +161,30 @@ def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> re
         RunFailed: the code does not compile, or the program fails.
     """
     with tempfile.TemporaryDirectory() as temporary:
-        program = Path(temporary) / "replay"
-        sources, all_options = driven(folder, Path(temporary), "-DDSE_TRACE", *options)
-        compiled(sources, program, "-O1", *all_options)
-        done = subprocess.run(
-            [str(program)],
-            input=np.concatenate(commands).astype(np.int32).tobytes(),
-            capture_output=True,
-            check=False,
-        )
+        program = replaying(folder, Path(temporary), "-O1", "-DDSE_TRACE", *options)
+        return replay.parsed(told(program, commands))
+
+
+def replaying(folder: Path, place: Path, *options: str) -> Path:
+    """Return the program, in a place, that drives the C in a folder.
+
+    Raises:
+        NoCompiler, RunFailed: as `played`.
+    """
+    sources, all_options = driven(folder, place, *options)
+    compiled(sources, place / "replay", *all_options)
+    return place / "replay"
+
+
+def told(program: Path, commands: Sequence[Ints | Floats], *arguments: str) -> Ints:
+    """Return what a program of `replaying` writes of recordings, int32.
+
+    Raises:
+        RunFailed: the program fails.
+    """
+    numbers = np.concatenate(commands).astype(np.int32).tobytes()
+    done = subprocess.run([program, *arguments], input=numbers, capture_output=True, check=False)
     if done.returncode:
         lines = done.stderr.decode(errors="replace").splitlines() or [f"exit code {done.returncode}"]
         raise RunFailed(f"the program failed: {lines[0]}")
-    return replay.parsed(np.frombuffer(done.stdout, np.int32))
+    return np.frombuffer(done.stdout, np.int32)

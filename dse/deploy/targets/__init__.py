@@ -4,7 +4,7 @@ Contract: `Target`. To add one, here or in a module of your own, write a file wi
 `@register("targets", "my_target")` names: what it refuses, what it writes, and how that is run. A `BackEnd`
 walks the form of a classifier (dse.deploy.form), and has refusal, writing and verdict from there. One that
 runs the C extends `dse.deploy.targets.c99.InC`, and says how it is compiled and executed; in the emulator,
-`dse.deploy.targets.emulated.Emulated`, with a core and its instruction set.
+`dse.deploy.targets.emulated`, it registers cores and their instruction set.
 `dse.testing.check_target` says what it lacks.
 """
 

@@ -1,24 +1,37 @@
-"""C that is cross-compiled for a core and executed in an emulator (`emulator`)."""
+"""The C of `c99` for processors: cross-compiled for a core, and executed in an emulator (`emulator`).
+
+To add processors, write a file with their instruction set and their cores, as `thumb` is, and register them.
+"""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
-from dse.deploy.c import host, replay
+from dse.config.resolved import Sections
+from dse.dataset.shape import Shape
+from dse.deploy.bundle import Bundle
+from dse.deploy.c import code_size, host, replay
 from dse.deploy.c.arrays import Matrix
 from dse.deploy.c.code import Code
+from dse.deploy.c.counting import code_of
+from dse.deploy.c.least import FLASH, RAM, least_memory
 from dse.deploy.c.plan import Plan
 from dse.deploy.c.replay import Executed, Recorded
+from dse.deploy.form import Unsupported
+from dse.deploy.prefix import prefixed
 from dse.deploy.reference import Reference
 from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import InC
-from dse.deploy.targets.emulator import Core, Machine, Program, compiled
+from dse.deploy.targets.emulator import MOST_FLASH_BYTES, Core, Machine, Program, compiled
+from dse.hardware.profile import load
 from dse.records import Array, Ints
+from dse.registry import Column
 
 _MEMORY = Path(__file__).parent / "memory"
 _APART = 16
@@ -26,10 +39,48 @@ _APART = 16
 
 
 class Emulated(InC):
-    """A target that is C, executed in an emulator of a core."""
+    """The target of a core.
+
+    core: which; it is all that differs.
+    profile: hardware profile that predicts its cycles; '' for none.
+    """
 
     core: ClassVar[Core]
+    profile: ClassVar[str]
     extra: ClassVar[str] = "targets"
+    known_before: ClassVar[tuple[Column, ...]] = (RAM,)
+    use: ClassVar[str] = "compile `src/dse.c` there with your firmware; README.md beside it has the flags"
+
+    def form(self, bundle: Bundle) -> Code:
+        """Return the classifier as C holds it, if it fits into the flash."""
+        plan = code_of(bundle)
+        chip, flash = "the emulator", MOST_FLASH_BYTES
+        if self.profile:
+            flash_kib = load(self.profile).at("value")["flash_kib"]
+            chip, flash = f"the chip of profile {self.profile}", int(flash_kib) * 1024
+        if (n := int(self._flash(plan).get("flash_bytes", 0))) > flash:
+            raise Unsupported(f"it takes {n} bytes of flash, and {chip} has {flash}")
+        return plan
+
+    def _flash(self, plan: Code) -> dict[str, float]:
+        parts = self.core.parts
+        return {"flash_bytes": code_size.flash_bytes(plan, parts)} if parts else {}
+
+    def footprint(self, bundle: Bundle) -> dict[str, float]:
+        """Return its memory before it is written: in flash constants exactly, code from measured parts."""
+        plan = code_of(bundle)
+        return code_size.footprint(plan) | self._flash(plan)
+
+    def least_footprint(self, sections: Sections, shape: Shape) -> dict[str, tuple[float, float]]:
+        """Return its memory before a design is trained (`dse.deploy.c.least`)."""
+        return least_memory(sections, shape, self.core.parts or None)
+
+    def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
+        """Write the files of `c99`, and how they are compiled for the core."""
+        super().emit(form, bundle, folder)
+        readme = folder / "README.md"
+        text = readme.read_text(encoding="utf-8") + prefixed(_readme(self.core), bundle.prefix)
+        readme.write_text(text, encoding="utf-8")
 
     def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Compile the files for the core, and run all recordings in an emulator (`InC`).
@@ -86,6 +137,31 @@ class Emulated(InC):
             steps = np.rint(reference.time_ms / reference.step_ms).astype(np.int64)
         machine = Machine(self.program(folder, *options), self.core)
         return machine, _played(machine, replay.of_spikes(reference, steps))
+
+
+def target_of(core: Core, module: str) -> type[Emulated]:
+    """Return the target of a core, a class of a module."""
+    members = {
+        "__doc__": f"The C of c99, executed in an emulator{core.note}.",
+        "__module__": module,
+        "core": core,
+        "label": core.label,
+        "profile": core.profile,
+        "known_before": (RAM, FLASH) if core.parts else (RAM,),
+    }
+    name = core.label.replace("-", "").replace("+", "Plus")
+    return dataclass(frozen=True)(type(name, (Emulated,), members))
+
+
+def _readme(core: Core) -> str:
+    return f"""
+## {core.label}
+
+`src/dse.c` needs neither a library nor an operating system: add it and `src/dse.h` to the firmware.
+`dse verify` executes it in an emulator, compiled by
+
+    python -m ziglang cc {" ".join(core.options)} -c src/dse.c
+"""
 
 
 def _played(machine: Machine, commands: Iterable[Array]) -> replay.Played:

@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +90,8 @@ class Core:
     pace: cycles of this core per cycle of the rule.
     profile: hardware profile that predicts its cycles; '' for none.
     note: about it, for `dse describe`.
+    parts: bytes of the parts of the code (dse.deploy.c.code_size); empty: not measured, so that flash is not
+        known before it is compiled.
     """
 
     name: str
@@ -104,6 +106,7 @@ class Core:
     pace: float = 1.0
     profile: str = ""
     note: str = ""
+    parts: Mapping[str, float] = field(default_factory=dict, hash=False, repr=False)
 
     @property
     def options(self) -> tuple[str, ...]:

@@ -6,7 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from dse.deploy.c.code_size import CORTEX_M, CORTEX_M0_PLUS
+from dse.deploy.targets.emulated import target_of
 from dse.deploy.targets.emulator import Core, InstructionSet
+from dse.registry import register
 
 
 def block(code: bytes) -> tuple[int, int, int, int, int]:
@@ -78,7 +81,7 @@ def _core(name: str, label: str, emulated: str, unit: str = "", **fields: Any) -
     """Return a core; unit: of the compiler, what computes with floats of 32 bits; doubles are software."""
     abi, with_unit = ("eabihf", f"+{unit}") if unit else ("eabi", "")
     target = f"thumb-freestanding-{abi}", f"-mcpu={name}{with_unit}"
-    return Core(name, label, THUMB, emulated, target, **fields)
+    return Core(name, label, THUMB, emulated, target, **{"parts": CORTEX_M, **fields})
 
 
 CORES = {
@@ -92,6 +95,7 @@ CORES = {
             store=1,
             pipelined=False,
             branch=1,
+            parts=CORTEX_M0_PLUS,
             note="; the core has no instruction for divisions or long products",
         ),
         # Arm, Cortex-M3 technical reference manual, Table 18.1; the Cortex-M4 has the same pipeline.
@@ -103,3 +107,5 @@ CORES = {
         _core("cortex_m33", "Cortex-M33", "CORTEX_M33", "fp_armv8d16sp", pace=3.40 / 4.02, profile="mcu_m33"),
     )
 }
+TARGETS = {name: register("targets", name)(target_of(core, __name__)) for name, core in CORES.items()}
+globals().update({cls.__name__: cls for cls in TARGETS.values()})  # where pickle looks for classes
