@@ -466,7 +466,7 @@ def send_on_delta_form(encoder: SendOnDelta, n_sensors: int) -> SendOnDeltaForm:
         shift = next(shifts, -1)
         if shift >= 0:
             whole = tuple(int(x * 2**shift) for x in encoder.thresholds)
-    begins = () if encoder.first_level(n_sensors) is None else encoder.means
+    begins = (encoder.means or (0.0,) * n_sensors) if encoder.learns else ()  # 0: before they are learnt
     if whole is not None and not all(
         (x * 2**shift).is_integer() and abs(x * 2**shift) < 2**30 for x in begins
     ):

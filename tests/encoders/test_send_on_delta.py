@@ -70,7 +70,7 @@ def fitted(encoder, signals, n_steps):
 
 
 def test_from_the_mean_of_the_training_windows_the_resting_level_is_sent():
-    # Means of the windows of two steps: 3.25 and -1, at the least threshold of 0.5: 3.0 (half to even) and -1.
+    # Means of windows of two steps: 3.25 and -1; in steps of 0.5, half to even: 3 and -1.
     encoder = fitted(
         SendOnDelta((0.5, 4.0), start="mean"), recorded([[4, -1], [3, -1], [90, 90]], [[3, 0], [3, -2]]), 2
     )

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from dse.deploy.c.code import Code
-from dse.deploy.form import Frame, ReceptorsForm
+from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
 
 _PARTS = {
     "base": (1245.0, 1276.9),
@@ -75,6 +75,8 @@ def other_constants(plan: Frame) -> int:
     names = sum(len(name.encode()) + 1 for name in plan.classes)
     if isinstance(plan.encoder, ReceptorsForm):
         return names + 8 * (2 * plan.encoder.n_sensors + plan.encoder.kinds.size)
+    if isinstance(plan.encoder, SendOnDeltaForm):
+        return names + (4 if plan.encoder.takes_whole else 8) * len(plan.encoder.first)
     if plan.pooling is None:
         return names
     _, _, columns, rows = plan.pooling.crop
