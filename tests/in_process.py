@@ -7,14 +7,12 @@ import pickle
 import signal
 import threading
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn
 
+from dse.study.executors import Lost, Post
 from dse.study.executors.loky import memory_bytes
-from dse.study.executors.work import Failure, perform
-
-Post = Callable[[bytes], object]
+from dse.study.executors.work import Failure, Message, perform
 
 
 @dataclass
@@ -26,19 +24,13 @@ class InProcess:
     def memory_bytes(self, device: str) -> int:
         return 3 * memory_bytes(device) // (4 * self.n)
 
-    def submit(self, task: bytes, post: Post, ended: Callable[[], None]) -> object:
+    def submit(self, task: bytes, post: Post, lost: Lost) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # as in a worker, which has no filters of pytest
-            messages = self._performed(task, post)
-        ended()
-        return messages
+            self._perform(task, post, lost)
 
-    def _performed(self, task: bytes, post: Post) -> list[bytes] | Failure:
-        return perform(task, post)
-
-    def result(self, handle: object) -> list[bytes] | Failure:
-        assert isinstance(handle, list | Failure)
-        return handle
+    def _perform(self, task: bytes, post: Post, lost: Lost) -> None:
+        perform(task, post)
 
     def close(self) -> None:
         pass
@@ -47,7 +39,7 @@ class InProcess:
 class Forked(InProcess):
     """The same in a fork of this process, which may be killed, and which ends when this process does."""
 
-    def _performed(self, task: bytes, post: Post) -> list[bytes] | Failure:
+    def _perform(self, task: bytes, post: Post, lost: Lost) -> None:
         ours, theirs = os.pipe()
         of_parent, held = os.pipe()  # at its end, the parent has ended
         if not (child := os.fork()):
@@ -55,12 +47,10 @@ class Forked(InProcess):
             _work(task, theirs, of_parent)
         os.close(theirs)
         os.close(of_parent)
-        messages: list[bytes] = []
         try:
             with os.fdopen(ours, "rb") as pipe:
                 while pipe.peek(1):
-                    messages.append(pickle.load(pipe))
-                    post(messages[-1])
+                    post(pickle.load(pipe))
             _, status = os.waitpid(child, 0)
         except BaseException:
             os.kill(child, signal.SIGKILL)
@@ -68,7 +58,8 @@ class Forked(InProcess):
             raise
         finally:
             os.close(held)
-        return Failure.died(f"signal {os.WTERMSIG(status)}") if os.WIFSIGNALED(status) else messages
+        if os.WIFSIGNALED(status):
+            lost(Failure.died(f"signal {os.WTERMSIG(status)}"))
 
 
 def _work(task: bytes, results: int, of_parent: int) -> NoReturn:
@@ -80,7 +71,7 @@ def _work(task: bytes, results: int, of_parent: int) -> NoReturn:
         threading.Thread(target=lambda: os._exit(len(os.read(of_parent, 1))), daemon=True).start()
         with os.fdopen(results, "wb") as pipe:
 
-            def send(message: bytes) -> None:
+            def send(message: Message) -> None:
                 pickle.dump(message, pipe)
                 pipe.flush()
 

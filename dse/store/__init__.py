@@ -18,152 +18,69 @@ an error when it is read. A file is written under a temporary name, flushed to t
 a run is therefore either complete or absent, and its presence is what makes the run finished.
 """
 
-from dse.store.arrays import (
-    DAMAGED_ARCHIVE,
-    RECORD,
-    fitted_of,
-    load_arrays,
-    record_arrays,
-    record_of,
-    response_arrays,
-    response_of,
-    save_arrays,
-    work_arrays,
-    work_of,
-)
-from dse.store.book import (
-    BOOK,
-    COPY,
-    Book,
-    digests,
-    document,
-    keep,
-)
-from dse.store.errors import (
-    ENVIRONMENT,
-    REMEDY,
-    SPACE,
-    WARNINGS,
-    Damaged,
-    InUse,
-    StoreError,
-    damaged,
-    unreadable,
-)
-from dse.store.files import (
-    COORDINATORS,
-    TEMPORARY,
-    atomic,
-    back_up,
-    checksum,
-    exclusive,
-    explained,
-    is_held,
-    is_temporary,
-    known_as,
-    living,
-    noted,
-    published,
-    read_bytes,
-    read_json,
-    read_text,
-    remove,
-    set_aside,
-    sweep,
-    verify,
-    write_json,
-    write_text,
-)
-from dse.store.plain import (
-    heads_document,
-    heads_of,
-    plain,
-    plain_cell,
-)
-from dse.store.runs import (
-    RUNS,
-    SCHEMA,
-    load_run,
-    named,
-    note_files,
-    read_record,
-    record_in,
-    run_file,
-    runs_in,
-    runs_of,
-    save_run,
-)
-from dse.store.tables import (
-    made_from,
-    parquet,
-    write_table,
-)
-
-__all__ = [
-    "BOOK",
-    "COORDINATORS",
-    "COPY",
-    "DAMAGED_ARCHIVE",
-    "ENVIRONMENT",
-    "RECORD",
-    "REMEDY",
-    "RUNS",
-    "SCHEMA",
-    "SPACE",
-    "TEMPORARY",
-    "WARNINGS",
-    "Book",
-    "Damaged",
-    "InUse",
-    "StoreError",
-    "atomic",
-    "back_up",
-    "checksum",
-    "damaged",
-    "digests",
-    "document",
-    "exclusive",
-    "explained",
-    "fitted_of",
-    "heads_document",
-    "heads_of",
-    "is_held",
-    "is_temporary",
-    "keep",
-    "known_as",
-    "living",
-    "load_arrays",
-    "load_run",
-    "made_from",
-    "named",
-    "note_files",
-    "noted",
-    "parquet",
-    "plain",
-    "plain_cell",
-    "published",
-    "read_bytes",
-    "read_json",
-    "read_record",
-    "read_text",
-    "record_arrays",
-    "record_in",
-    "record_of",
-    "remove",
-    "response_arrays",
-    "response_of",
-    "run_file",
-    "runs_in",
-    "runs_of",
-    "save_arrays",
-    "save_run",
-    "set_aside",
-    "sweep",
-    "unreadable",
-    "verify",
-    "work_arrays",
-    "work_of",
-    "write_json",
-    "write_table",
-    "write_text",
-]
+from dse.store.arrays import DAMAGED_ARCHIVE as DAMAGED_ARCHIVE
+from dse.store.arrays import RECORD as RECORD
+from dse.store.arrays import fitted_of as fitted_of
+from dse.store.arrays import load_arrays as load_arrays
+from dse.store.arrays import record_arrays as record_arrays
+from dse.store.arrays import record_of as record_of
+from dse.store.arrays import response_arrays as response_arrays
+from dse.store.arrays import response_of as response_of
+from dse.store.arrays import save_arrays as save_arrays
+from dse.store.arrays import work_arrays as work_arrays
+from dse.store.arrays import work_of as work_of
+from dse.store.book import BOOK as BOOK
+from dse.store.book import COPY as COPY
+from dse.store.book import Book as Book
+from dse.store.book import digests as digests
+from dse.store.book import document as document
+from dse.store.book import keep as keep
+from dse.store.errors import ENVIRONMENT as ENVIRONMENT
+from dse.store.errors import REMEDY as REMEDY
+from dse.store.errors import SPACE as SPACE
+from dse.store.errors import WARNINGS as WARNINGS
+from dse.store.errors import Damaged as Damaged
+from dse.store.errors import InUse as InUse
+from dse.store.errors import StoreError as StoreError
+from dse.store.errors import damaged as damaged
+from dse.store.errors import unreadable as unreadable
+from dse.store.files import COORDINATORS as COORDINATORS
+from dse.store.files import TEMPORARY as TEMPORARY
+from dse.store.files import atomic as atomic
+from dse.store.files import back_up as back_up
+from dse.store.files import checksum as checksum
+from dse.store.files import exclusive as exclusive
+from dse.store.files import explained as explained
+from dse.store.files import is_held as is_held
+from dse.store.files import is_temporary as is_temporary
+from dse.store.files import known_as as known_as
+from dse.store.files import living as living
+from dse.store.files import noted as noted
+from dse.store.files import published as published
+from dse.store.files import read_bytes as read_bytes
+from dse.store.files import read_json as read_json
+from dse.store.files import read_text as read_text
+from dse.store.files import remove as remove
+from dse.store.files import set_aside as set_aside
+from dse.store.files import sweep as sweep
+from dse.store.files import verify as verify
+from dse.store.files import write_json as write_json
+from dse.store.files import write_text as write_text
+from dse.store.plain import heads_document as heads_document
+from dse.store.plain import heads_of as heads_of
+from dse.store.plain import plain as plain
+from dse.store.plain import plain_cell as plain_cell
+from dse.store.runs import RUNS as RUNS
+from dse.store.runs import SCHEMA as SCHEMA
+from dse.store.runs import load_run as load_run
+from dse.store.runs import named as named
+from dse.store.runs import note_files as note_files
+from dse.store.runs import read_record as read_record
+from dse.store.runs import record_in as record_in
+from dse.store.runs import run_file as run_file
+from dse.store.runs import runs_in as runs_in
+from dse.store.runs import runs_of as runs_of
+from dse.store.runs import save_run as save_run
+from dse.store.tables import made_from as made_from
+from dse.store.tables import parquet as parquet
+from dse.store.tables import write_table as write_table

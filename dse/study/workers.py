@@ -7,20 +7,19 @@ nothing else: the job's result is a `Failure` that says how it died.
 
 from __future__ import annotations
 
-import functools
 import itertools
 import pickle
 import queue
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
+from dse.store import StoreError
 from dse.study.executors import Executor
 from dse.study.executors.loky import Loky
-from dse.study.executors.work import Failure, Message, pack, part_of
+from dse.study.executors.work import Failure, Message, pack
 
 Job = TypeVar("Job")
-Result = TypeVar("Result")
 Part = TypeVar("Part")
 
 _STARTS = 3
@@ -28,7 +27,7 @@ _STARTS = 3
 
 
 class Workers:
-    """The workers of an executor, ended with the `with` block; one `map` or `stream` at a time.
+    """The workers of an executor, ended with the `with` block; one `stream` at a time.
 
     Args:
         n: number of worker processes on this machine.
@@ -59,17 +58,6 @@ class Workers:
     def __exit__(self, *_: object) -> None:
         self._executor.close()
 
-    def map(
-        self, function: Callable[[Job], Result], jobs: Iterable[Job]
-    ) -> Iterator[tuple[Job, Result | Failure]]:
-        """Yield every job with its result as it finishes, in no particular order.
-
-        Args:
-            function: importable by name; it is called in a worker.
-            jobs: taken one by one as workers become free; pickled, so keep them small.
-        """
-        return self.stream(functools.partial(_once, function), jobs)
-
     def stream(
         self, function: Callable[[Job], Iterable[Part]], jobs: Iterable[Job]
     ) -> Iterator[tuple[Job, Part | Failure]]:
@@ -81,15 +69,20 @@ class Workers:
         Args:
             function: importable by name; it is called in a worker.
             jobs: taken one by one as workers become free; pickled, so keep them small.
+
+        Raises:
+            StoreError: the executor is lost.
         """
         waiting = iter(jobs)
-        inbox: queue.SimpleQueue[bytes | int] = queue.SimpleQueue()  # messages; numbers of ended tasks
+        inbox: queue.SimpleQueue[Message | tuple[int, Failure | StoreError]] = queue.SimpleQueue()
         running: dict[int, _Task[Job]] = {}
 
         def start(job: Job, n_starts: int) -> None:
             number = next(self._numbers)
-            handle = self._executor.submit(pack(number, function, job), inbox.put, lambda: inbox.put(number))
-            running[number] = _Task(job, handle, n_starts)
+            running[number] = _Task(job, n_starts)
+            self._executor.submit(
+                pack(number, function, job), inbox.put, lambda why: inbox.put((number, why))
+            )
 
         try:
             while True:
@@ -98,51 +91,31 @@ class Workers:
                 if not running:
                     return
                 arrived = inbox.get()
-                if isinstance(arrived, bytes):
-                    message: Message = pickle.loads(arrived)
-                    if (sender := running.get(message.task)) is not None:  # else it has ended
-                        yield from ((sender.job, part) for part in sender.parts(message))
-                    continue
-                if (task := running.pop(arrived, None)) is None:
-                    continue
-                messages = self._executor.result(task.handle)
-                if isinstance(messages, Failure):
-                    if task.n_received or task.n_starts == _STARTS:
-                        yield task.job, messages
+                if isinstance(arrived, Message):
+                    if (sender := running.get(arrived.task)) is None:  # it has ended
+                        continue
+                    sender.has_begun = True
+                    if arrived.is_last:
+                        del running[arrived.task]
+                    if arrived.part:
+                        yield sender.job, pickle.loads(arrived.part)
+                elif (task := running.pop(arrived[0], None)) is not None:
+                    why = arrived[1]
+                    if isinstance(why, StoreError):
+                        raise why
+                    if task.has_begun or task.n_starts == _STARTS:
+                        yield task.job, why
                     else:  # no job is blamed for a worker that died before it began
                         start(task.job, task.n_starts + 1)
-                    continue
-                for each in map(pickle.loads, messages):
-                    yield from ((task.job, part) for part in task.parts(each))
         finally:
             if running:  # the caller has stopped: nobody reads the results of running jobs
                 self._executor.close()
 
 
-def _once(function: Callable[[Job], Result], job: Job) -> Iterator[Result]:
-    yield function(job)
-
-
 @dataclass
 class _Task(Generic[Job]):
-    """A job that runs.
-
-    n_starts: workers that have begun or died with it.
-    received: attempt -> number of its messages that have arrived.
-    """
+    """A job that runs; n_starts: workers that have begun or died with it."""
 
     job: Job
-    handle: object
     n_starts: int
-    received: dict[str, int] = field(default_factory=dict)
-
-    @property
-    def n_received(self) -> int:
-        return sum(self.received.values())
-
-    def parts(self, message: Message) -> Iterator[Any]:
-        """Yield the part in a message, unless it came before or the message is the first of its attempt."""
-        if message.number == self.received.get(message.attempt, 0):
-            self.received[message.attempt] = message.number + 1
-            if message.number:
-                yield part_of(message)
+    has_begun: bool = False

@@ -26,11 +26,10 @@ import pytest
 from dse.cli import main
 from dse.study import results
 from dse.study import workers as study_workers
-from dse.study.executors import Executor
-from dse.study.executors.work import Failure
+from dse.study.executors import Executor, Lost, Post
 from dse.study.results import Study
 from tests import tiny_study
-from tests.in_process import Forked, InProcess, Post
+from tests.in_process import Forked, InProcess
 from tests.study import test_crash
 from tests.study.test_crash import assert_same, finished_runs
 from tests.waiting import PATIENCE_S, until
@@ -263,7 +262,7 @@ class Swallowing(InProcess):
 
     number: signal.Signals = signal.SIGTERM
 
-    def _performed(self, task: bytes, post: Post) -> list[bytes] | Failure:
+    def _perform(self, task: bytes, post: Post, lost: Lost) -> None:
         Dying(self.number)
         until(lambda: False, "the signal to come again")
         raise AssertionError

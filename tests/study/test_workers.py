@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,22 @@ from joblib.externals.loky.process_executor import _ExecutorManagerThread
 
 from dse import registry
 from dse.study.executors import loky
-from dse.study.executors.work import THREADS, Failure, pack
+from dse.study.executors.work import THREADS, Failure, Message, pack
 from dse.study.workers import Workers
 from tests.waiting import PATIENCE_S, until
 
 WORKERS = True
+
+
+def mapped(
+    workers: Workers, function: Callable[[Any], Any], jobs: Iterable[Any]
+) -> Iterator[tuple[Any, Any]]:
+    """Yield jobs with what a function returns for them."""
+    return workers.stream(functools.partial(once, function), jobs)
+
+
+def once(function: Callable[[Any], Any], job: Any) -> Iterator[Any]:
+    yield function(job)
 
 
 def square(x: int) -> int:
@@ -55,14 +67,14 @@ def sleep(seconds: float) -> int:
 
 def test_every_job_comes_back_once_with_its_result() -> None:
     with Workers(2) as workers:
-        assert sorted(workers.map(square, range(7))) == [(x, x * x) for x in range(7)]
-        assert list(workers.map(square, [])) == []
+        assert sorted(mapped(workers, square, range(7))) == [(x, x * x) for x in range(7)]
+        assert list(mapped(workers, square, [])) == []
 
 
 def test_a_dead_worker_costs_its_own_job_only() -> None:
     jobs = ["a", str(int(signal.SIGKILL)), "b", str(int(signal.SIGSEGV)), "c", "exit", "d"]
     with Workers(2) as workers:
-        results = dict(workers.map(misbehave, jobs))
+        results = dict(mapped(workers, misbehave, jobs))
     assert {job: results[job] for job in "abcd"} == {job: job.upper() for job in "abcd"}
     assert results["9"] == Failure.died("signal 9")
     assert results["11"] == Failure.died("signal 11")
@@ -71,7 +83,7 @@ def test_a_dead_worker_costs_its_own_job_only() -> None:
 
 def test_an_exception_is_a_failure_with_its_reason_and_its_traceback() -> None:
     with Workers(1) as workers:
-        results = dict(workers.map(misbehave, ["raise", "memory", "lambda", "fine"]))
+        results = dict(mapped(workers, misbehave, ["raise", "memory", "lambda", "fine"]))
     raised = results["raise"]
     assert isinstance(raised, Failure)
     assert (raised.error, raised.reason) == ("ValueError", "ValueError: phi must be at least 0")
@@ -132,13 +144,13 @@ def test_a_worker_may_take_what_is_stated_or_its_share(
 
 def test_workers_have_one_thread_each() -> None:
     with Workers(1) as workers:
-        [(_, found)] = workers.map(environment, [list(THREADS)])
+        [(_, found)] = mapped(workers, environment, [list(THREADS)])
     assert found == ["1"] * len(THREADS)
 
 
 def test_what_a_job_prints_never_reaches_stdout(capfd: pytest.CaptureFixture[str]) -> None:
     with Workers(1) as workers:
-        list(workers.map(misbehave, ["print"]))
+        list(mapped(workers, misbehave, ["print"]))
     captured = capfd.readouterr()
     assert captured.out == ""
     assert "chatter" in captured.err
@@ -146,24 +158,24 @@ def test_what_a_job_prints_never_reaches_stdout(capfd: pytest.CaptureFixture[str
 
 def test_the_same_workers_serve_the_next_call() -> None:
     with Workers(1) as workers:
-        [(_, first)] = workers.map(sleep, [0.0])
-        [(_, second)] = workers.map(sleep, [0.0])
+        [(_, first)] = mapped(workers, sleep, [0.0])
+        [(_, second)] = mapped(workers, sleep, [0.0])
     assert first == second
 
 
 def test_a_worker_that_dies_while_idle_costs_nothing() -> None:
     with Workers(1) as workers:
-        [(_, pid)] = workers.map(sleep, [0.0])
+        [(_, pid)] = mapped(workers, sleep, [0.0])
         assert isinstance(pid, int)
         os.kill(pid, signal.SIGKILL)
-        assert list(workers.map(square, [3])) == [(3, 9)], "whether its end is known by now or not"
+        assert list(mapped(workers, square, [3])) == [(3, 9)], "whether its end is known by now or not"
         until(lambda: _gone(pid), "the worker to die")
 
 
 def test_leaving_the_block_ends_a_running_job_at_once() -> None:
     began = time.monotonic()
     with Workers(2) as workers:
-        _, pid = next(workers.map(sleep, [0.0, 2 * PATIENCE_S]))
+        _, pid = next(mapped(workers, sleep, [0.0, 2 * PATIENCE_S]))
     assert time.monotonic() - began < PATIENCE_S
     assert isinstance(pid, int)
     assert _gone(pid)
@@ -182,7 +194,7 @@ def test_ctrl_c_while_a_task_is_submitted_leaves_no_worker(
 
     monkeypatch.setattr(loky._Slot, "submit", interrupted)
     with pytest.raises(KeyboardInterrupt), Workers(1) as workers:
-        list(workers.map(announce, [str(place)]))
+        list(mapped(workers, announce, [str(place)]))
     assert _gone(int(place.read_text()))
 
 
@@ -198,13 +210,12 @@ def test_a_stop_before_a_worker_takes_its_task_ends_without_error(monkeypatch: p
     errors: list[threading.ExceptHookArgs] = []
     monkeypatch.setattr(_ExecutorManagerThread, "wait_result_broken_or_wakeup", waited)
     monkeypatch.setattr(threading, "excepthook", errors.append)
-    executor = loky.Loky(1)
+    executor, arrived = loky.Loky(1), list[Message]()
     task = pack(0, environment, [])
-    handle = executor.submit(task, list, list)
-    until(handle.done, "the first task")
-    executor.result(handle)
+    executor.submit(task, arrived.append, lambda _: None)
+    until(lambda: bool(arrived) and arrived[-1].is_last, "the first task")
     is_late.set()
-    executor.submit(task, list, list)
+    executor.submit(task, arrived.append, lambda _: None)
     executor.close()
     assert errors == []
 
@@ -213,8 +224,8 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     script = (
         "import os, pathlib, sys\n"
         "from dse.study.workers import Workers\n"
-        "from tests.study.test_workers import announce\n"
-        "with Workers(1) as workers: list(workers.map(announce, [sys.argv[1]]))\n"
+        "from tests.study.test_workers import announce, mapped\n"
+        "with Workers(1) as workers: list(mapped(workers, announce, [sys.argv[1]]))\n"
     )
     path = tmp_path / "pid"
     parent = subprocess.Popen([sys.executable, "-c", script, str(path)], cwd=Path(__file__).parents[2])
@@ -268,10 +279,12 @@ def test_a_worker_loads_the_plugins_that_its_job_needs(
     registry.load_plugin(str(path))
     component = registry.known("encoders")["of_a_worker"]
     with Workers(1) as workers:
-        assert list(workers.map(kind_of, [component(order=7)])) == [(component(order=7), ("OfAWorker", 7))]
+        assert list(mapped(workers, kind_of, [component(order=7)])) == [
+            (component(order=7), ("OfAWorker", 7))
+        ]
         path.write_text(path.read_text() + "# changed\n")
-        [(_, result)] = workers.map(kind_of, [component(order=8)])
+        [(_, result)] = mapped(workers, kind_of, [component(order=8)])
         assert result == ("OfAWorker", 8), "a worker that has loaded it does not look again"
     with Workers(1) as workers:
-        [(_, failure)] = workers.map(kind_of, [component(order=9)])
+        [(_, failure)] = mapped(workers, kind_of, [component(order=9)])
         assert isinstance(failure, Failure) and "has changed since it was loaded" in failure.message

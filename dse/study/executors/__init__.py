@@ -9,10 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from dse.study.executors.work import Failure
+from dse.store import StoreError
+from dse.study.executors.work import Failure, Message
 
-Post = Callable[[bytes], None]
+Post = Callable[[Message], None]
 """Takes a message of `dse.study.executors.work.perform`, on any thread."""
+
+Lost = Callable[[Failure | StoreError], None]
+"""Takes why a task will not send its last message, on any thread; a StoreError: nor will any other."""
 
 
 class Executor(Protocol):
@@ -25,18 +29,14 @@ class Executor(Protocol):
     def memory_bytes(self, device: str) -> int:
         """Return the memory of a device that a task may use."""
 
-    def submit(self, task: bytes, post: Post, ended: Callable[[], None]) -> object:
-        """Start a task of `dse.study.executors.work.pack` and return its handle.
+    def submit(self, task: bytes, post: Post, lost: Lost) -> None:
+        """Start a task of `dse.study.executors.work.pack`.
 
         Args:
             task: the packed function and job.
             post: takes each message of the task as it arrives.
-            ended: called on any thread when the task has ended; every message that a process sent before it
-                died is posted by then.
+            lost: called where the task has lost its process, after all that it sent was posted.
         """
-
-    def result(self, handle: object) -> list[bytes] | Failure:
-        """Return all messages of a task that has ended, or why there is no result."""
 
     def close(self) -> None:
         """End all processes at once, whatever they do."""

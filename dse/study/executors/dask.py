@@ -13,20 +13,22 @@ import importlib.metadata
 import itertools
 import logging
 import os
+import pickle
 import platform
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from dse.native.extras import MissingExtra
 from dse.store import StoreError
+from dse.study.executors import Lost, Post
 from dse.study.executors.loky import memory_bytes, without_ctrl_c
-from dse.study.executors.work import THREADS, Failure, perform, stdout_to_stderr
+from dse.study.executors.work import THREADS, Failure, Message, perform, stdout_to_stderr
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
@@ -73,8 +75,8 @@ class Dask:
         self._n_local = n
         self._cluster: LocalCluster | None = None
         self._topic = f"dse-{secrets.token_hex(8)}"
-        self._post: Callable[[bytes], None] = _ignore
-        self._ends: dict[Future[list[bytes]], Callable[[], None]] = {}  # of the tasks that run
+        self._post: Post = _ignore
+        self._running: dict[Future[None], Lost] = {}
         self._is_lost = False
         self._counted_s, self._counted = -_REFRESH_S, 0
         settings = {
@@ -105,7 +107,7 @@ class Dask:
                             "runs are kept: run the same command again"
                         ) from error
             self._client = self._connected(Client, address, scheduler_file)
-        self._client.subscribe_topic(self._topic, lambda event: self._post(event[1]))
+        self._client.subscribe_topic(self._topic, lambda event: self._post(pickle.loads(event[1])))
         self._executor = self._client.get_executor(pure=False)
         self._is_closed = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
@@ -143,8 +145,8 @@ class Dask:
         while not self._is_closed.wait(_WATCH_S):
             if self._client.status != "running":
                 self._is_lost = True
-                for ended in list(self._ends.values()):
-                    ended()
+                while self._running:
+                    self._running.popitem()[1](self._lost())
                 return
 
     def _workers(self) -> dict[str, Any]:
@@ -203,52 +205,43 @@ class Dask:
             if missing:
                 raise Unusable(f"the Dask worker {worker} does not see {missing[0]}; all must share it")
 
-    def submit(
-        self, task: bytes, post: Callable[[bytes], None], ended: Callable[[], None]
-    ) -> Future[list[bytes]]:
-        """Start a task on a free worker, or on the first that becomes free."""
+    def submit(self, task: bytes, post: Post, lost: Lost) -> None:
+        """Start a task on a free worker, or on the first that becomes free.
+
+        Raises:
+            StoreError: the scheduler is lost.
+        """
         self._post = post
         data = os.environ.get("DSE_DATA", "")
         with self._answering():
             future = self._executor.submit(
                 _run, task, self._topic, _of_this_process(), os.getcwd(), data, self._cluster is not None
             )
-        self._ends[future] = ended
-        future.add_done_callback(lambda _: ended())
-        if self._is_lost:
-            ended()
-        return cast("Future[list[bytes]]", future)
-
-    def result(self, handle: object) -> list[bytes] | Failure:
-        """Return all messages of a task that has ended, or why there is no result.
-
-        Raises:
-            StoreError: the scheduler is lost, or a worker that has joined has another version.
-        """
-        from distributed import KilledWorker
-
-        future = cast("Future[list[bytes]]", handle)
-        self._ends.pop(future, None)
+        self._running[future] = lost
         if self._is_lost:
             raise self._lost()
-        try:
-            return future.result()
-        except CancelledError:
-            raise self._lost() from None
-        except KilledWorker as error:
-            return Failure.died(f"Dask lost {getattr(error.last_worker, 'address', 'it')}")
-        except Unusable as error:
-            raise StoreError(str(error)) from None
-        except Exception as error:
-            return Failure.of(error)
+        future.add_done_callback(self._ended)
+
+    def _ended(self, future: Future[None]) -> None:
+        """Say why a task has failed; another version of a worker that has joined fails all."""
+        from distributed import KilledWorker
+
+        if (lost := self._running.pop(future, None)) is None:
+            return
+        error = CancelledError() if future.cancelled() else future.exception()
+        if isinstance(error, CancelledError):
+            lost(self._lost())
+        elif isinstance(error, KilledWorker):
+            lost(Failure.died(f"Dask lost {getattr(error.last_worker, 'address', 'it')}"))
+        elif error is not None:
+            lost(StoreError(str(error)) if isinstance(error, Unusable) else Failure.of(error))
 
     def close(self) -> None:
         """Cancel what waits, and end a cluster of ours at once; other workers end the task they have."""
         self._post = _ignore
         self._is_closed.set()
-        for future in list(self._ends):
-            future.cancel()
-        self._ends.clear()
+        while self._running:
+            self._running.popitem()[0].cancel()
         with contextlib.suppress(Exception):
             if self._cluster is not None:
                 self._cluster.sync(_kill, self._cluster)
@@ -266,7 +259,7 @@ async def _kill(cluster: LocalCluster) -> None:
             await nanny.process.process.kill()
 
 
-def _ignore(message: bytes) -> None:
+def _ignore(message: Message) -> None:
     pass
 
 
@@ -283,9 +276,7 @@ def _another(worker: str, name: str, version: str, here: str) -> Unusable:
 _alone = threading.Lock()  # the threads of a worker take turns
 
 
-def _run(
-    task: bytes, topic: str, about: dict[str, str], folder: str, data: str, is_ours: bool
-) -> list[bytes]:
+def _run(task: bytes, topic: str, about: dict[str, str], folder: str, data: str, is_ours: bool) -> None:
     """Perform a task in a worker, from the coordinator's folder and with its recordings.
 
     The output of workers of ours is that of the coordinator, whose stdout is an answer.
@@ -300,4 +291,4 @@ def _run(
         stdout_to_stderr()  # here, for a worker that is lost comes again as another process
     with _alone, contextlib.chdir(folder):
         os.environ["DSE_DATA"] = data
-        return perform(task, lambda message: worker.log_event(topic, message))
+        perform(task, lambda message: worker.log_event(topic, pickle.dumps(message)))

@@ -15,15 +15,16 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import cast
 
-from dse.study.executors.work import THREADS, Failure, perform, stdout_to_stderr
+from dse.study.executors import Lost, Post
+from dse.study.executors.work import THREADS, Failure, Message, perform, stdout_to_stderr
 
 _GRACE_S = 0.2
 _EXIT_CODE = re.compile(r"\((-?\d+)\)")
@@ -36,8 +37,8 @@ class Loky:
 
     def __init__(self, n: int) -> None:
         self._n = n
+        self._slots: list[_Slot] = []
         self._idle: list[_Slot] = []
-        self._busy: dict[Future[list[bytes]], _Slot] = {}
 
     @property
     def n(self) -> int:
@@ -48,79 +49,65 @@ class Loky:
         """Return a worker's equal part of three quarters of the memory."""
         return 3 * memory_bytes(device) // (4 * self._n)
 
-    def submit(
-        self, task: bytes, post: Callable[[bytes], None], ended: Callable[[], None]
-    ) -> Future[list[bytes]]:
+    def submit(self, task: bytes, post: Post, lost: Lost) -> None:
         """Start a task in an idle worker or a new one."""
+        for slot in [slot for slot in self._slots if slot.is_lost]:
+            slot.close()
+            self._slots.remove(slot)
         while True:
             if not self._idle:
-                self._idle.append(_Slot())
-            slot = self._idle[-1]  # stays known: Ctrl-C may interrupt `submit` after the task has begun
+                self._slots.append(_Slot(self._idle))
+            slot = self._idle.pop() if self._idle else self._slots[-1]
             try:
-                future = slot.submit(task, post, ended)
+                slot.submit(task, post, lost)
+                return
             except BrokenProcessPool:  # it died while idle
-                self._idle.pop().close()
-                continue
-            self._busy[future] = slot
-            self._idle.pop()
-            return future
-
-    def result(self, handle: object) -> list[bytes] | Failure:
-        """Return all messages of a task that has ended, or why there is no result."""
-        future = cast("Future[list[bytes]]", handle)
-        slot = self._busy.pop(future)
-        error = future.exception()
-        if error is None:
-            self._idle.append(slot)
-            return future.result()
-        slot.close()
-        if not isinstance(error, BrokenProcessPool):
-            return Failure.of(error)
-        code = _EXIT_CODE.search(str(error))
-        if code is None:
-            return Failure.died(str(error).partition("\n")[0])
-        number = int(code[1])
-        return Failure.died(f"signal {-number}" if number < 0 else f"exit code {number}")
+                slot.close()
+                self._slots.remove(slot)
 
     def close(self) -> None:
         """End all workers at once."""
-        for slot in {*self._idle, *self._busy.values()}:
+        for slot in self._slots:
             slot.close()
+        self._slots.clear()
         self._idle.clear()
-        self._busy.clear()
 
 
 class _Slot:
-    """An executor of one worker, which it starts with its first task."""
+    """An executor of one worker, which it starts with its first task; it is among `idle` after each task."""
 
-    def __init__(self) -> None:
+    def __init__(self, idle: list[_Slot]) -> None:
         from joblib.externals.loky import ProcessPoolExecutor
 
+        self.is_lost = False
+        self._free = partial(idle.append, self)
         self._ours, self._theirs = multiprocessing.Pipe()
-        self._post: Callable[[bytes], None] = _ignore
+        self._post: Post = _ignore
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         # faulthandler, which loky would enable, writes a stack among the lines of progress.
         env = {**THREADS, "PYTHONFAULTHANDLER": os.environ.get("PYTHONFAULTHANDLER", "")}
         self._executor = ProcessPoolExecutor(1, initializer=_begin, initargs=(self._theirs,), env=env)
 
-    def submit(
-        self, task: bytes, post: Callable[[bytes], None], ended: Callable[[], None]
-    ) -> Future[list[bytes]]:
+    def submit(self, task: bytes, post: Post, lost: Lost) -> None:
+        """Start a task, after that which sends its last message now."""
         self._post = post
 
-        def end(future: Future[list[bytes]]) -> None:
-            if isinstance(future.exception(), BrokenProcessPool):
+        def end(future: Future[None]) -> None:
+            error = future.exception()
+            if isinstance(error, BrokenProcessPool):
                 # Whoever kills a process tree may reach the worker first: blame no job if we die too.
                 time.sleep(_GRACE_S)
                 self._theirs.close()  # the last copy: the reader takes what is left, and the end
                 self._reader.join()
-            ended()
+                self.is_lost = True
+                lost(Failure.died(_how(error)))
+            elif error is not None:
+                self._free()
+                lost(Failure.of(error))
 
         with without_ctrl_c():
-            future: Future[list[bytes]] = self._executor.submit(_run, task)
-        future.add_done_callback(end)
-        return future
+            self._executor.submit(_run, task).add_done_callback(end)
 
     def close(self) -> None:
         self._post = _ignore
@@ -135,11 +122,23 @@ class _Slot:
     def _read(self) -> None:
         with contextlib.suppress(EOFError, OSError):
             while True:
-                message = self._ours.recv_bytes()
-                self._post(message)  # not `_post` as it was when the wait began
+                message: Message = self._ours.recv()
+                post = self._post  # not as it was when the wait began
+                if message.is_last:
+                    self._free()
+                post(message)
 
 
-def _ignore(message: bytes) -> None:
+def _how(error: BrokenProcessPool) -> str:
+    """Return how a worker died."""
+    code = _EXIT_CODE.search(str(error))
+    if code is None:
+        return str(error).partition("\n")[0]
+    number = int(code[1])
+    return f"signal {-number}" if number < 0 else f"exit code {number}"
+
+
+def _ignore(message: Message) -> None:
     pass
 
 
@@ -177,8 +176,8 @@ def _watch(connection: Connection) -> None:
     os._exit(0)
 
 
-def _run(task: bytes) -> list[bytes]:
-    return perform(task, _to_parent[0].send_bytes)
+def _run(task: bytes) -> None:
+    perform(task, _to_parent[0].send)
 
 
 def clear(process: int) -> None:

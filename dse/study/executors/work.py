@@ -1,19 +1,17 @@
 """What a worker process does: load the plugins, run a job, send its parts as they come.
 
-A job is a function that yields parts. Each part is a message, sent at once; the result of the task is the
-list of all messages, for whoever missed one.
+A job is a function that yields parts. Each part is a message, sent at once, as are its begin and its end.
 """
 
 from __future__ import annotations
 
 import os
 import pickle
-import secrets
 import sys
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from dse import registry
 from dse.store import StoreError
@@ -73,17 +71,14 @@ class Failure:
 
 @dataclass(frozen=True)
 class Message:
-    """A part of a job, or its end.
+    """That a task has begun, a part of its job, or its end.
 
-    task: its number.
-    attempt: of the run of the task that sent it; an executor may run a task again.
-    number: counts the messages of the attempt; 0 tells that it has begun.
+    task: its number. part: pickled; of the end, a `Failure`; b'': none.
     """
 
     task: int
-    attempt: str
-    number: int
     part: bytes = b""
+    is_last: bool = False
 
 
 def pack(number: int, function: Callable[[Job], Iterable[Part]], job: Job) -> bytes:
@@ -103,35 +98,21 @@ def _dumps(value: object, *, by_value: bool) -> bytes:
     return dumped
 
 
-def perform(task: bytes, post: Callable[[bytes], object]) -> list[bytes]:
-    """Run a task; post each message, and return all of them.
-
-    An exception that ends the job is its last part, as a `Failure`.
-    """
+def perform(task: bytes, post: Callable[[Message], object]) -> None:
+    """Run a task, and post each message; an exception that ends the job is the part of the last one."""
     number, plugins, content = pickle.loads(task)
-    attempt = secrets.token_hex(8)
-    messages: list[bytes] = []
-
-    def send(part: bytes = b"") -> None:
-        messages.append(pickle.dumps(Message(number, attempt, len(messages), part)))
-        post(messages[-1])
-
-    send()
+    post(Message(number))
+    failure = b""
     try:
         registry.load_the_same(plugins)
         own, function, job = pickle.loads(content)
         for section, name, cls in own:  # classes of a notebook go along by value
             registry.register(section, name)(cls)
         for part in function(job):
-            send(_dumps(part, by_value=bool(own)))
+            post(Message(number, _dumps(part, by_value=bool(own))))
     except Exception as error:
-        send(pickle.dumps(Failure.of(error)))
-    return messages
-
-
-def part_of(message: Message) -> Any:
-    """Return the part in a message."""
-    return pickle.loads(message.part)
+        failure = pickle.dumps(Failure.of(error))
+    post(Message(number, failure, is_last=True))
 
 
 def stdout_to_stderr() -> None:
