@@ -6,17 +6,20 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from dse.study.time_left import TimeLeft
 from dse.text import one_line
+
+if TYPE_CHECKING:
+    import rich.progress
 
 # Shortest time between two lines of a log about the work in progress.
 _DOING_S = 10.0
 
 
-class Progress(Protocol):
-    """A reporter of progress; the number of expected runs may grow."""
+class Progress:
+    """A reporter of progress, which says nothing; the number of expected runs may grow."""
 
     def expect(self, n_runs: int) -> None:
         """Announce that many more training runs."""
@@ -34,64 +37,40 @@ class Progress(Protocol):
         """Report an important event: a warning, a stage."""
 
 
-@contextmanager
-def shown(enabled: bool, n_workers: int = 1) -> Iterator[Progress]:
-    """Yield the reporter of progress: a bar on a terminal, lines elsewhere, or silence.
-
-    Args:
-        enabled: whether to show progress.
-        n_workers: workers that train at a time.
-    """
-    if not enabled:
-        yield Silent()
-    elif sys.stderr.isatty():
-        with _bar(n_workers) as bar:
-            yield bar
-    else:
-        yield Lines(n_workers)
-
-
-class Silent:
+class Silent(Progress):
     """Says nothing."""
 
-    def expect(self, n_runs: int) -> None:
-        """Say nothing."""
 
-    def plan(self, work: Sequence[float]) -> None:
-        """Say nothing."""
+class _Estimating(Progress):
+    """Knows the time left."""
 
-    def advance(self, text: str, work: float = 0.0) -> None:
-        """Say nothing."""
-
-    def doing(self, text: str) -> None:
-        """Say nothing."""
-
-    def note(self, text: str) -> None:
-        """Say nothing."""
-
-
-class Lines:
-    """One line per run, for logs."""
-
-    def __init__(self, n_workers: int = 1) -> None:
-        self._last_doing_s = time.monotonic()
-        self._left = TimeLeft(n_workers, self._last_doing_s)
+    def __init__(self, n_workers: int) -> None:
+        self._left = TimeLeft(n_workers, time.monotonic())
 
     def expect(self, n_runs: int) -> None:
-        """Raise the number of runs expected."""
         self._left.expect(n_runs)
 
     def plan(self, work: Sequence[float]) -> None:
-        """Add the work of runs that are about to be trained."""
         self._left.plan(work)
 
-    def advance(self, text: str, work: float = 0.0) -> None:
-        """Print the run and, once there is an estimate, the time left."""
+    def _ended(self, work: float) -> str:
+        """Count a run, and return the time left in words; '' without an estimate."""
         now_s = time.monotonic()
         self._left.end(now_s, work)
         left_s = self._left.seconds(now_s)
-        estimate = "" if left_s is None else f", about {duration(left_s)} left"
-        self.note(f"{self._left.n_ended}/{self._left.n_expected} {text}{estimate}")
+        return "" if left_s is None else f"about {duration(left_s)} left"
+
+
+class Lines(_Estimating):
+    """One line per run, for logs."""
+
+    def __init__(self, n_workers: int = 1) -> None:
+        super().__init__(n_workers)
+        self._last_doing_s = time.monotonic()
+
+    def advance(self, text: str, work: float = 0.0) -> None:
+        estimate = self._ended(work)
+        self.note(f"{self._left.n_ended}/{self._left.n_expected} {text}{', ' if estimate else ''}{estimate}")
 
     def doing(self, text: str) -> None:
         """Print a line, now and then."""
@@ -101,51 +80,57 @@ class Lines:
             self.note(text)
 
     def note(self, text: str) -> None:
-        """Print a line."""
         # In one piece: `print` writes the line's end apart, and Ctrl-C may fall between the two.
         sys.stderr.write(f"{one_line(text)}\n")
         sys.stderr.flush()
 
 
-@contextmanager
-def _bar(n_workers: int) -> Iterator[Progress]:
-    from rich.console import Console
+class _Bar(_Estimating):
+    """A bar on a terminal."""
+
+    def __init__(self, n_workers: int, rich: rich.progress.Progress) -> None:
+        super().__init__(n_workers)
+        self._rich, self._task = rich, rich.add_task("preparing", total=0, left="")
+
+    def expect(self, n_runs: int) -> None:
+        super().expect(n_runs)
+        self._rich.update(self._task, total=self._left.n_expected)
+
+    def advance(self, text: str, work: float = 0.0) -> None:
+        estimate = self._ended(work)
+        self._rich.update(self._task, advance=1, description=_escaped(text), left=estimate)
+
+    def doing(self, text: str) -> None:
+        self._rich.update(self._task, description=_escaped(text))
+
+    def note(self, text: str) -> None:
+        self._rich.console.print(one_line(text), markup=False, highlight=False)
+
+
+def _escaped(text: str) -> str:
     from rich.markup import escape
+
+    return escape(one_line(text))
+
+
+@contextmanager
+def shown(enabled: bool, n_workers: int = 1) -> Iterator[Progress]:
+    """Yield the reporter of progress: a bar on a terminal, lines elsewhere, or silence.
+
+    Args:
+        enabled: whether to show progress.
+        n_workers: workers that train at a time.
+    """
+    if not enabled or not sys.stderr.isatty():
+        yield Lines(n_workers) if enabled else Silent()
+        return
+    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Rich
 
-    columns = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[left]}"),
-        TextColumn("{task.description}"),
-    )
-    left = TimeLeft(n_workers, time.monotonic())
-    with Rich(*columns, console=Console(stderr=True)) as rich:
-        task = rich.add_task("preparing", total=0, left="")
-
-        class Bar:
-            def expect(self, n_runs: int) -> None:
-                left.expect(n_runs)
-                rich.update(task, total=left.n_expected)
-
-            def plan(self, work: Sequence[float]) -> None:
-                left.plan(work)
-
-            def advance(self, text: str, work: float = 0.0) -> None:
-                now_s = time.monotonic()
-                left.end(now_s, work)
-                left_s = left.seconds(now_s)
-                estimate = "" if left_s is None else f"about {duration(left_s)} left"
-                rich.update(task, advance=1, description=escape(one_line(text)), left=estimate)
-
-            def doing(self, text: str) -> None:
-                rich.update(task, description=escape(one_line(text)))
-
-            def note(self, text: str) -> None:
-                rich.console.print(one_line(text), markup=False, highlight=False)
-
-        yield Bar()
+    texts = (TextColumn("{task.fields[left]}"), TextColumn("{task.description}"))
+    with Rich(BarColumn(), MofNCompleteColumn(), *texts, console=Console(stderr=True)) as rich:
+        yield _Bar(n_workers, rich)
 
 
 def duration(seconds: float) -> str:

@@ -310,20 +310,6 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert message in captured.err
 
 
-def test_pick_within_budgets(table: Path, capsys: Captured) -> None:
-    assert main(["pick", str(table), "--budget", "n_weights<=100", "--budget", "task == 'a'", "--json"]) == 0
-    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
-
-
-def test_pick_says_when_it_went_across_tasks(table: Path, capsys: Captured) -> None:
-    assert main(["pick", str(table), "--budget", "n_weights<=200", "--json"]) == 0
-    lacking, note = document(capsys.readouterr().out)["notes"]
-    assert lacking.startswith("no accuracy_corrected: ")
-    assert note == "this is the best over the tasks a, b; restrict it to one with --budget \"task == 'a'\""
-    assert main(["pick", str(table), "--budget", "task == 'b'", "--json"]) == 0
-    assert document(capsys.readouterr().out)["notes"] == [lacking]
-
-
 def test_pick_says_when_it_went_across_hardware(tmp_path: Path, capsys: Captured) -> None:
     (tmp_path / "x.csv").write_text("accuracy,energy_uj,hardware\n0.9,40,chip\n0.9,0.1,counted\n")
     assert main(["pick", str(tmp_path / "x.csv"), "--budget", "energy_uj <= 50", "--json"]) == 0
@@ -377,12 +363,6 @@ def test_pick_exports_what_evaluate_runs(
         assert found["notes"][-1] == note
 
 
-def test_dashboard_writes_where_it_is_told(results: Path, tmp_path: Path, capsys: Captured) -> None:
-    assert main(["dashboard", str(results), "--html", str(tmp_path / "new" / "page.html")]) == 0
-    assert capsys.readouterr().out == f"{tmp_path / 'new' / 'page.html'}\n"
-    assert (tmp_path / "new" / "page.html").stat().st_size > 10_000
-
-
 def test_describe_covers_every_section(capsys: Captured) -> None:
     assert main(["describe"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
@@ -400,21 +380,8 @@ def test_describe_covers_every_section(capsys: Captured) -> None:
             if "name" in row:
                 assert row["doc"], (section, row["name"])
                 assert main(["describe", section, row["name"], "--json"]) == 0
-                document(capsys.readouterr().out)
-
-
-def test_every_key_says_what_it_means(capsys: Captured) -> None:
-    for arguments in (
-        ["model", "snn"],
-        ["encoder", "send_on_delta"],
-        ["window"],
-        ["training"],
-        ["search"],
-        ["decision"],
-    ):
-        assert main(["describe", *arguments, "--json"]) == 0
-        for row in document(capsys.readouterr().out)["rows"]:
-            assert row["doc"] and row["must_be"], row
+                keys = document(capsys.readouterr().out)["rows"]
+                assert all(key["doc"] and key.get("must_be", True) for key in keys), row["name"]
 
 
 def test_describe_prints_the_schema(capsys: Captured) -> None:

@@ -164,14 +164,6 @@ def test_a_study_that_never_ran(fake_model: None, tmp_path: Path) -> None:
     assert answer["state"]["title"] == "No design yet"
 
 
-def test_without_the_token_nobody_is_answered(fake_model: None, tmp_path: Path) -> None:
-    folder = str(study_folder(tmp_path))
-    for host in ("127.0.0.1", "0.0.0.0"):
-        with shown(folder, "--port", "0", "--host", host) as (_, url):
-            assert ask(url.partition("?")[0], "/data.json") == (403, None)
-            assert ask(url, "/data.json")[0] == 200
-
-
 def test_a_taken_port_is_one_line(
     fake_model: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

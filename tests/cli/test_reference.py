@@ -89,12 +89,6 @@ def test_a_texture_says_that_all_of_it_is_assumed() -> None:
     assert rows["weave_angle_deg"]["unit"] == "deg"
 
 
-def test_hardware_lists_every_profile() -> None:
-    rows = reference.names("hardware")
-    assert [row["name"] for row in rows] == sorted(path.stem for path in PROFILES.glob("*.yaml"))
-    assert all(row["doc"] for row in rows)
-
-
 @pytest.mark.parametrize("name", profile.names())
 def test_every_number_of_a_profile_is_described_as_it_is_written(name: str) -> None:
     written = yaml.safe_load((PROFILES / f"{name}.yaml").read_text(encoding="utf-8"))
@@ -142,37 +136,6 @@ def test_a_terminal_shows_every_number(capsys: Captured) -> None:
     assert len(keys) > 24  # more than other tables show
     starts = [line.split()[0] for line in shown.splitlines() if line[:1].strip()]  # others go on a row
     assert [start for start in starts if start in keys] == keys
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "fault"),
-    [
-        ("value: 4.6", "value: -4.6", ":6: mac_pj must be 0 <= low <= value <= high, got [0.23, -4.6, 4.6]"),
-        ("low: 0.23", "low: 23", ":6: mac_pj must be 0 <= low <= value <= high, got [23, 4.6, 4.6]"),
-        ("unit: pJ", "unit: pt", ":6: mac_pj.unit must be 'pJ', got 'pt'"),
-        ("unit: pJ, ", "", ":6: mac_pj.unit is required"),
-        ("addition_pj", "additions_pj", ":7: unknown key 'additions_pj'; known: "),
-        ("kind: operations", "kind: operation", ":4: unknown kind of hardware 'operation'; known: "),
-        (
-            "name: mine",
-            "name: loihi1_silicon",
-            ": name must differ from the names of shipped profiles, got 'loihi1",
-        ),
-        ("doc: ", "doc: [", ": not valid YAML"),
-    ],
-)
-def test_what_is_wrong_with_a_file_is_told(
-    tmp_path: Path, capsys: Captured, old: str, new: str, fault: str
-) -> None:
-    path = own_profile(tmp_path / "my_chip.yaml")
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text("".join(line for line in text.splitlines(keepends=True) if line[0] not in "#\n"))
-    path.write_text("# mine\n\n" + path.read_text().replace(old, new))
-    assert main(["describe", "hardware", str(path)]) == 2
-    shown = capsys.readouterr()
-    assert shown.out == ""
-    assert any(line.startswith(f"{path}") and fault in line for line in shown.err.splitlines()), shown.err
 
 
 def test_no_such_profile(tmp_path: Path, capsys: Captured) -> None:

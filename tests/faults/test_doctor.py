@@ -419,10 +419,6 @@ def same_tables(study: Study, whole: Study) -> None:
         assert_frame_equal(one.drop(columns="train_s"), other.drop(columns="train_s"), check_exact=True)
 
 
-def test_the_list_has_about_a_hundred_faults() -> None:
-    assert len(WHOLE) + len(PAUSED) > 90
-
-
 NOT_MENDED = ("a record of a newer schema",)
 """What another version of dse reads."""
 TOGETHER = (

@@ -220,20 +220,6 @@ def test_a_folder_stays_locked_when_its_lock_file_is_removed(tmp_path: Path) -> 
             pass
 
 
-@pytest.mark.parametrize("kind", ["pipe", "folder", "nothing", "empty"])
-def test_a_book_that_is_none_is_written_anew(whole: Path, tmp_path: Path, kind: str) -> None:
-    folder = Path(shutil.copytree(whole / "results" / "tiny", tmp_path / "tiny"))
-    path, expected = folder / store.BOOK, results.open(folder).trials
-    path.unlink()
-    make = {"pipe": os.mkfifo, "folder": Path.mkdir, "nothing": lambda _: None, "empty": Path.touch}
-    make[kind](path)
-    assert store.BOOK in [damage.file for damage in examine(folder)]
-    left, [note] = repair(folder)
-    assert left == examine(folder) == [] and "study.sqlite.copy" in note
-    assert len(read_entries(folder)) == 6
-    assert_frame_equal(results.open(folder).trials, expected, check_exact=True)
-
-
 def test_a_copy_of_a_study_is_a_study(whole: Path, tmp_path: Path) -> None:
     source = results.open(whole / "results" / "tiny")
     copy = results.open(Path(shutil.copytree(source.folder, tmp_path / "another name")))

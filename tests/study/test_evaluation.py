@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,8 @@ import dse
 from dse import store
 from dse.config import ConfigError, load_space
 from dse.study import explore, jobs
-from dse.study.executors.work import Failure
 from dse.study.results import Study
 from dse.study.runs import Runs
-from dse.study.workers import Workers
 from tests.installed import needs_papers
 
 LABEL = np.tile(np.repeat([0, 1, 2], 3), 2)
@@ -82,20 +79,6 @@ def written(folder: Path, spikes: np.ndarray, name: str = "tiny", **changes: Any
 
 def run(folder: Path, spikes: np.ndarray, name: str = "tiny", **changes: Any) -> Study:
     return explore.run(load_space(written(folder, spikes, name, **changes)), folder / "r", progress=False)
-
-
-@pytest.fixture(autouse=True)
-def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Do the jobs here, which is faster than to start workers."""
-
-    def stream(_: Workers, function: Any, jobs: Any) -> Iterator[tuple[Any, Any]]:
-        for job in jobs:
-            try:
-                yield from ((job, part) for part in function(job))
-            except Exception as error:
-                yield job, Failure.of(error)
-
-    monkeypatch.setattr(Workers, "stream", stream)
 
 
 def row(study: Study) -> dict[str, Any]:

@@ -144,21 +144,6 @@ def test_a_damaged_book_is_restored_from_its_copy(
     assert fault(folder) == fault(folder, f"{BOOK}.copy") == ""
 
 
-def test_the_book_of_another_study_is_not_believed(
-    folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    recorded(folder)
-    other = tmp_path_factory.mktemp("other")
-    with Book(other, writes=True) as book:
-        Ledger(book).ask(0, [DESIGNS[1], DESIGNS[0]])
-        book.put("file", [{"name": f"runs/0000{n}-0.npz", "sha256": "0", "before": ""} for n in range(2)])
-    for name in (BOOK, f"{BOOK}.copy"):
-        (folder / name).write_bytes((other / BOOK).read_bytes())
-    assert fault(folder) == "is the book of another study"
-    with opened(folder, 2):
-        assert [entry.design for entry in read_entries(folder)] == DESIGNS
-
-
 def test_designs_of_several_kinds_have_their_own_axes(tmp_path: Path) -> None:
     families.register()
     try:

@@ -7,7 +7,7 @@ import threading
 import pandas as pd
 import pytest
 
-from dse.store import BOOK, Book, Damaged, StoreError, write_table
+from dse.store import Book, StoreError, write_table
 from dse.study import notes
 
 
@@ -70,11 +70,3 @@ def test_notes_that_are_written_at_once_are_all_kept(folder):
     for thread in threads:
         thread.join()
     assert len(notes.of(folder)) == 5
-
-
-def test_a_changed_byte_shows(folder):
-    notes.write(folder, 0, 1, "early", False)
-    path = folder / BOOK
-    path.write_bytes(path.read_bytes().replace(b"early", b"later"))
-    with pytest.raises(Damaged, match="a row of table note is not what was written"):
-        notes.of(folder)

@@ -115,14 +115,6 @@ def test_a_page_has_the_shares_of_the_skyline(results: Path, tmp_path: Path, cap
     assert 0 < max(held(page)["columns"]["front_probability"]["values"]) <= 1
 
 
-def test_draws_say_how_sure_each_point_of_the_front_is(results: Path, capsys: Captured) -> None:
-    rows = answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
-    shares = [row["front_share"] for row in rows]
-    assert all(0 <= share <= 1 for share in shares) and max(shares) == 1.0
-    assert all(np.isclose(share * 50, round(share * 50)) for share in shares)
-    assert rows == answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
-
-
 def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
     [plain] = answered(capsys, "pick", str(results))["rows"]
     budget = f"energy_uj <= {plain['energy_uj'] * 1.001}"

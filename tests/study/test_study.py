@@ -345,16 +345,6 @@ def test_warnings_stay_with_the_study(tmp_path: Path, capsys: pytest.CaptureFixt
     assert capsys.readouterr().err.count("warning: resting level") == 1
 
 
-@pytest.mark.parametrize("kept", [0.0, 0.35, 0.6, 0.97])
-def test_a_torn_book_loses_nothing(finished: Study, copied: Path, kept: float) -> None:
-    book = copied / "results" / "tiny" / store.BOOK
-    content = book.read_bytes()
-    book.write_bytes(content[: int(kept * len(content))])
-    before = finished_runs(copied)
-    assert_same(explore.run(make_space(copied), copied / "results", progress=False), finished)
-    assert finished_runs(copied) == before
-
-
 def test_failures_are_recorded_and_the_rest_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from dse import registry
 from dse.cli import main
-from dse.cli.drawing import size_px
+from dse.cli.commands.drawing import size_px
 from dse.figures import image
 from dse.testing import check_figure, check_objective
 from tests.spaces import write_space

@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from dse import registry
 from dse.cli.answer import Answer
+from dse.cli.commands.drawing import figure  # noqa: F401 (a command)
+from dse.cli.commands.reporting import report  # noqa: F401 (a command)
 from dse.cli.signature import Texts, Without
 from dse.config import ConfigError, Fault
 from dse.registry import Rule
 from dse.study.question import MOST_DRAWS, Question
 
 _NOTHING_FEASIBLE = 3
-
-
-def reports() -> dict[str, str]:
-    """Return the options of section `reports`, with help; those of plugins that are not installed too."""
-    missing = {
-        name: f"needs plugin {plugin}"
-        for plugin, sections in registry.ELSEWHERE.items()
-        for name in sections.get("reports", ())
-    }
-    installed: Mapping[str, Any] = registry.known("reports")
-    return missing | {name: component.about for name, component in installed.items()}
 
 
 def compare(
@@ -125,28 +114,6 @@ def dashboard(
     return Answer([], text="stopped")
 
 
-def figure(
-    results: str, name: str, *, out: Path, size: str | None = None, set: Texts = (), plugin: Texts = ()
-) -> Answer:
-    """Draw a figure of a study into a file (PDF, SVG, PNG, HTML or JSON); `dse describe figures` lists them.
-
-    Args:
-        name: a figure, e.g. front.
-        out (FILE): file to write: .pdf, .svg or .png for print (needs `pip install 'dse[figures]'` and
-            Chromium), .html (a page that works offline and saves SVG) or .json (plotly's own format).
-        size (WIDTHxHEIGHT): size of a .pdf, .svg or .png: 85x60mm fits a column of most journals, 700x450 is
-            in pixels of 1/96 inch (default: the figure's own, else 700x450); text has 8 pt.
-        set (KEY=VALUE): replace the value of a key, e.g. x=model.hidden; `dse describe figures NAME` lists
-            the keys; repeatable.
-        plugin (NAME): load components from this module or .py file first; repeatable.
-    """
-    from dse.cli import drawing
-    from dse.cli.spaces import overrides_of
-
-    drawing.draw(results, name, out, drawing.size_px(size), overrides_of(set), plugin)
-    return Answer([{"figure": name, "file": str(out)}])
-
-
 def note(
     results: str, design: str | None = None, text: str | None = None, *, pin: bool | None = None
 ) -> Answer:
@@ -228,31 +195,6 @@ def pick(
     sections = {"targets": Answer(of_targets)} if of_targets else {}
     notes = [*choice.notes, f"bundle: {export}"]
     return Answer([dict(choice)], notes, list(choice.shown), sections=sections)
-
-
-def report(
-    results: Texts,
-    *,
-    system: str | None = None,
-    out: Path | None = None,
-    hardware: Texts = (),
-    **published: Annotated[str | None, reports],
-) -> Answer:
-    """Compare spiking with other families, chips with each other, and studies with published systems.
-
-    Args:
-        results: folders of studies, or a folder that contains some.
-        system (LETTERS): print only the rows of these published systems, by their letters in the report, e.g.
-            A or DE.
-        out (FOLDER): with --paper, also write a folder: the comparison, figures (needs
-            `pip install 'dse[figures]'` and Chromium) and the tables of the studies.
-        hardware (NAME): compare this hardware profile (name or YAML file) with others; repeatable (default:
-            the profiles of each study).
-        published: components of section `reports`, an option each.
-    """
-    from dse.cli import reporting
-
-    return reporting.report(results, system, out, hardware, published)
 
 
 def skyline(

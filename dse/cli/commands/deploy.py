@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from dse.cli.answer import Answer
-from dse.cli.signature import Count, Positive, Texts
+from dse.cli.commands.streaming import stream  # noqa: F401 (a command)
+from dse.cli.signature import Texts
 from dse.registry import Rule
 
 if TYPE_CHECKING:
@@ -145,41 +146,6 @@ def measure(bundle: str, *, data: str | None = None, rest: Annotated[float, Rule
         if x.reason
     ]
     return Answer([each.columns for each in times], notes)
-
-
-def stream(
-    bundle: str,
-    file: str | None = None,
-    *,
-    serial: str | None = None,
-    baud: Positive = 115_200,
-    data: str | None = None,
-    realtime: bool = False,
-    window: Literal["once", "restart", "onset"] | None = None,
-    every: Count = None,
-    first: int = 0,
-    json: bool = False,
-) -> Answer:
-    """Decide as samples or events arrive: from a pipe, a file, a serial port or recordings.
-
-    Args:
-        file: text, a line per sample (a number of every channel), step (0 or 1 of every channel) or event
-            (t_us x y polarity); an empty line ends a recording; -: standard input (default).
-        serial (PORT): read the lines from this serial port, e.g. /dev/ttyACM0.
-        baud: of the serial port (default: 115200).
-        data (RECORDINGS): play recordings in the format of the training data.
-        realtime: play a file or recordings at their own pace, not at once.
-        window: where windows begin: once, at --first; restart: the next with the step after an answer; onset:
-            at each onset of contact, by window.onset_threshold of the bundle (default: as in training: onset,
-            or restart; of --data: where `dse evaluate` has the window).
-        every: sliding windows: one begins every so many steps of the input.
-        first: step of the first window (default: 0).
-        json: print a JSON object per line (default: CSV).
-    """
-    from dse.cli import streaming
-
-    source = streaming.Source(file, serial, baud, data, realtime)
-    return streaming.stream(bundle, source, streaming.windows(window, every, first), json)
 
 
 def verify(bundle: str, *, data: str, target: Texts = ()) -> Answer:

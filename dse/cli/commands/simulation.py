@@ -6,19 +6,20 @@ import contextlib
 import dataclasses
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer
+from dse.cli.signature import Count, Texts
 from dse.config import ConfigError, Fault
-from dse.study import progress
 
 if TYPE_CHECKING:
     from dse.records import Block
     from dse.scene.scene import Scene
     from dse.scene.simulate import Flags
+    from dse.study.progress import Progress
 
 _WARM_UP_MS = 100.0
 
@@ -33,76 +34,85 @@ class _Summary:
     flags: Flags
 
 
-@dataclass(frozen=True)
-class Asked:
-    """What `dse simulate` is asked for; overrides: replaced keys of the scene."""
+def simulate(
+    scene: str,
+    *,
+    out: Path | None = None,
+    trials: str | None = None,
+    set: Texts = (),
+    jobs: Count = None,
+    figure: Path | None = None,
+    trial: str | None = None,
+    quiet: bool = False,
+) -> Answer:
+    """Simulate the trials of a scene; write their events to a file, and one trial as a page.
 
-    scene: str
-    overrides: Mapping[str, str]
-    out: Path | None
-    trials: str | None
-    jobs: int | None
-    figure: Path | None
-    trial: str | None
-    quiet: bool
+    Args:
+        scene: a YAML file, or the name of a shipped scene.
+        out (FILE.npz): write the events of the trials to this file.
+        trials (FIRST:END): trials to simulate, from FIRST to END - 1 (default: all).
+        set (KEY=VALUE): replace the value of a key, e.g. trials=2 or 'textures=[denim, wool]'; repeatable.
+        jobs: trials simulated in parallel (default: one per core).
+        figure (PAGE.html): write a page that shows one trial to this file.
+        trial (K): the trial that --figure shows (default: the first).
+        quiet: print no progress on stderr.
 
-
-def simulate(asked: Asked) -> Answer:
-    """Simulate, write the files, and return one row per texture.
-
-    Raises:
-        ConfigError: with every fault of the scene, and of the paths to write to.
+    Returns:
+        One row per texture.
     """
+    from dse.cli.spaces import overrides_of
     from dse.scene.checks import warnings
     from dse.scene.load import load_scene
+    from dse.study import progress
 
-    scene = load_scene(asked.scene, asked.overrides)
-    trials, shown = _choices(asked, scene.n_trials)
-    notes = warnings(scene)
+    loaded = load_scene(scene, overrides_of(set))
+    span, shown = _choices(loaded.n_trials, out, figure, trials, trial)
+    notes = warnings(loaded)
     try:
-        with progress.shown(not asked.quiet) as meter:
+        with progress.shown(not quiet) as meter:
             # Compiles the kernels first: the speeds below are those of simulation alone.
-            _simulated(dataclasses.replace(scene, duration_ms=min(_WARM_UP_MS, scene.duration_ms)), shown)
-            if asked.out is None:
-                summaries = [_simulated(scene, shown)[1]]
+            _simulated(dataclasses.replace(loaded, duration_ms=min(_WARM_UP_MS, loaded.duration_ms)), shown)
+            if out is None:
+                summaries = [_simulated(loaded, shown)[1]]
             else:
-                summaries = _write(scene, trials, asked.out, asked.jobs or _cores(), meter)
-                notes += _empty(trials, summaries)
+                summaries = _write(loaded, span, out, jobs or _cores(), meter)
+                notes += _empty(span, summaries)
                 notes.append(
-                    f"to train on this file, write into a search space: {_data_section(scene, asked.out)}"
+                    f"to train on this file, write into a search space: {_data_section(loaded, out)}"
                 )
-            if asked.figure is not None:
-                notes.append(f"page of trial {shown}: {_draw(scene, shown, asked.figure)}")
+            if figure is not None:
+                notes.append(f"page of trial {shown}: {_draw(loaded, shown, figure)}")
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; no incomplete file was written") from None
-    return Answer(_rows(scene, summaries), notes)
+    return Answer(_rows(loaded, summaries), notes)
 
 
-def _choices(asked: Asked, n_trials: int) -> tuple[range, int]:
+def _choices(
+    n_trials: int, out: Path | None, figure: Path | None, trials: str | None, trial: str | None
+) -> tuple[range, int]:
     """Return the trials to simulate and the one to show.
 
     Raises:
         ConfigError: with what is wrong with --out, --figure, --trials and --trial.
     """
     faults = []
-    if asked.out is None and asked.figure is None:
+    if out is None and figure is None:
         faults.append(Fault("dse simulate", 0, "needs --out FILE.npz, --figure PAGE.html, or both"))
-    for name, path, suffix in (("--out", asked.out, ".npz"), ("--figure", asked.figure, ".html")):
+    for name, path, suffix in (("--out", out, ".npz"), ("--figure", figure, ".html")):
         if path is not None:
             faults += [Fault(f"{name} {path}", 0, fault) for fault in _place_faults(path, suffix)]
-    trials = _span(asked.trials, n_trials)
-    if trials is None:
+    span = _span(trials, n_trials)
+    if span is None:
         text = f"must be FIRST:END with 0 <= FIRST < END <= {n_trials}, the trials of the scene"
-        faults.append(Fault(f"--trials {asked.trials}", 0, text))
-    first = trials[0] if trials else 0
-    shown = asked.trial if asked.trial is not None else str(first)
-    if asked.trial is not None and asked.figure is None:
+        faults.append(Fault(f"--trials {trials}", 0, text))
+    shown = trial if trial is not None else str(span[0] if span else 0)
+    if trial is not None and figure is None:
         faults.append(Fault(f"--trial {shown}", 0, "needs --figure, whose trial it selects"))
     elif not (shown.isascii() and shown.isdigit() and int(shown) < n_trials):
         faults.append(Fault(f"--trial {shown}", 0, f"must be one of the trials 0 to {n_trials - 1}"))
-    if faults or trials is None:
+    if faults or span is None:
         raise ConfigError(faults)
-    return trials, int(shown)
+    return span, int(shown)
 
 
 def _place_faults(path: Path, suffix: str) -> Iterator[str]:
@@ -127,7 +137,7 @@ def _span(text: str | None, n: int) -> range | None:
     return range(low, high) if low < high <= n else None
 
 
-def _write(scene: Scene, trials: range, path: Path, jobs: int, meter: progress.Progress) -> list[_Summary]:
+def _write(scene: Scene, trials: range, path: Path, jobs: int, meter: Progress) -> list[_Summary]:
     """Simulate the trials into a file, in order."""
     from dse.dataset.parts import in_order
     from dse.recordings.events import event_archive

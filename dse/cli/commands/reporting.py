@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 from dse import registry
 from dse.cli.answer import Answer, audit_answer, with_interval
+from dse.cli.signature import Texts
 
 if TYPE_CHECKING:
     from dse.study.results import Study
@@ -22,34 +23,44 @@ _ESSENTIAL = ("system", "figure", "published", "corrected", "ours")
 _TELLING = ("task",)
 
 
+def reports() -> dict[str, str]:
+    """Return the options of section `reports`, with help; those of plugins that are not installed too."""
+    missing = {
+        name: f"needs plugin {plugin}"
+        for plugin, sections in registry.ELSEWHERE.items()
+        for name in sections.get("reports", ())
+    }
+    installed: Mapping[str, Any] = registry.known("reports")
+    return missing | {name: component.about for name, component in installed.items()}
+
+
 def report(
-    results: Sequence[str],
-    system: str | None,
-    out: Path | None,
-    hardware: Sequence[str],
-    published_by: Mapping[str, str | None],
+    results: Texts,
+    *,
+    system: str | None = None,
+    out: Path | None = None,
+    hardware: Texts = (),
+    **published: Annotated[str | None, reports],
 ) -> Answer:
-    """Return the rows of every named study, and of every study in a named folder.
+    """Compare spiking with other families, chips with each other, and studies with published systems.
 
     Args:
-        results: folders of studies, or of folders of studies.
-        system: letters of the systems whose rows are kept; None: all.
-        out: folder to write to, with a report of section `reports`.
-        hardware: profiles to compare; empty: those of each study.
-        published_by: report of section `reports` -> what it is asked for; None: nothing.
-
-    Raises:
-        ExpressionError: options that exclude each other, an unknown system, or a single profile.
-        ReportError: no study fits, or there is no such report.
-        StoreError: a folder holds no study.
+        results: folders of studies, or a folder that contains some.
+        system (LETTERS): print only the rows of these published systems, by their letters in the report, e.g.
+            A or DE.
+        out (FOLDER): with --paper, also write a folder: the comparison, figures (needs
+            `pip install 'dse[figures]'` and Chromium) and the tables of the studies.
+        hardware (NAME): compare this hardware profile (name or YAML file) with others; repeatable (default:
+            the profiles of each study).
+        published: components of section `reports`, an option each.
     """
     from dse.measure.on_chips import DRAWN
     from dse.report import gather
     from dse.skyline.constraints import ExpressionError
 
-    either = " or ".join(f"--{name}" for name in published_by)
+    either = " or ".join(f"--{name}" for name in published)
     studies = {study.folder.resolve(): study for text in results for study in _studies(Path(text))}
-    if asked := [(name, text) for name, text in published_by.items() if text is not None]:
+    if asked := [(name, text) for name, text in published.items() if text is not None]:
         if len(asked) > 1 or system is not None or hardware:
             text = f"{either} must be without --system and --hardware, got more than one of them"
             raise ExpressionError(text)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dse import registry
+from dse.cli.answer import Answer
+from dse.cli.signature import Texts
 from dse.config import ConfigError, Fault
 from dse.config.yaml_lines import Document, override
 
@@ -21,50 +23,44 @@ _SIZE = re.compile(r"([0-9]+)x([0-9]+)(mm)?")
 _SIZES_PX = (50, 10_000)
 
 
-def draw(
-    results: str,
-    name: str,
-    out: Path,
-    size: tuple[int, int] | None,
-    settings: Mapping[str, str],
-    plugins: Sequence[str],
-) -> None:
-    """Draw a figure into a file.
+def figure(
+    results: str, name: str, *, out: Path, size: str | None = None, set: Texts = (), plugin: Texts = ()
+) -> Answer:
+    """Draw a figure of a study into a file (PDF, SVG, PNG, HTML or JSON); `dse describe figures` lists them.
 
     Args:
-        results: folder of the study.
-        name: of the figure.
-        out: the file; its ending says in which form.
-        size: width and height in pixels, of a file for print.
-        settings: keys of the figure, as written.
-        plugins: modules to load first.
-
-    Raises:
-        ConfigError: the figure, one of its keys or the file's ending is unknown, it has nothing to show, or
-            what draws images is not installed.
-        StoreError: the study is missing or damaged.
+        name: a figure, e.g. front.
+        out (FILE): file to write: .pdf, .svg or .png for print (needs `pip install 'dse[figures]'` and
+            Chromium), .html (a page that works offline and saves SVG) or .json (plotly's own format).
+        size (WIDTHxHEIGHT): size of a .pdf, .svg or .png: 85x60mm fits a column of most journals, 700x450 is
+            in pixels of 1/96 inch (default: the figure's own, else 700x450); text has 8 pt.
+        set (KEY=VALUE): replace the value of a key, e.g. x=model.hidden; `dse describe figures NAME` lists
+            the keys; repeatable.
+        plugin (NAME): load components from this module or .py file first; repeatable.
     """
+    from dse.cli.spaces import overrides_of
     from dse.study.results import open as open_study
 
     if out.suffix not in SUFFIXES:
         raise _fault(f"--out must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}, got '{out}'")
-    study = open_study(results)
+    px, study = size_px(size), open_study(results)
     try:
-        for plugin_name in plugins:
+        for plugin_name in plugin:
             registry.load_plugin(plugin_name)
     except registry.PluginError as error:
         raise _fault(str(error)) from None
-    figure = _figure(name, settings)
+    drawing = _figure(name, overrides_of(set))
     try:
-        drawn: plotly.graph_objects.Figure = figure.draw(figure.gather(study))
+        drawn: plotly.graph_objects.Figure = drawing.draw(drawing.gather(study))
     except ValueError as error:
         raise _fault(f"figure {name}: {error}") from None
     except Exception as error:
-        plugin = registry.plugin_of(type(figure))
-        if plugin is None:
+        source = registry.plugin_of(type(drawing))
+        if source is None:
             raise
-        raise _fault(f"figure {name}: {registry.failure(error, plugin)}") from error
-    _write(drawn, out, size, name)
+        raise _fault(f"figure {name}: {registry.failure(error, source)}") from error
+    _write(drawn, out, px, name)
+    return Answer([{"figure": name, "file": str(out)}])
 
 
 def size_px(text: str | None) -> tuple[int, int] | None:

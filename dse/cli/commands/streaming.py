@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import json
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from json import dumps
 from typing import TYPE_CHECKING, Literal
 
 from dse.cli.answer import Answer
+from dse.cli.signature import Count, Positive
 from dse.text import json_line, one_line
 
 if TYPE_CHECKING:
@@ -26,33 +26,47 @@ _COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class Source:
-    """Where samples or events come from: lines of a file or a serial port, or recordings.
+def stream(
+    bundle: str,
+    file: str | None = None,
+    *,
+    serial: str | None = None,
+    baud: Positive = 115_200,
+    data: str | None = None,
+    realtime: bool = False,
+    window: Literal["once", "restart", "onset"] | None = None,
+    every: Count = None,
+    first: int = 0,
+    json: bool = False,
+) -> Answer:
+    """Decide as samples or events arrive: from a pipe, a file, a serial port or recordings.
 
-    file: '-' or None: standard input. realtime: at their own pace.
+    Args:
+        file: text, a line per sample (a number of every channel), step (0 or 1 of every channel) or event
+            (t_us x y polarity); an empty line ends a recording; -: standard input (default).
+        serial (PORT): read the lines from this serial port, e.g. /dev/ttyACM0.
+        baud: of the serial port (default: 115200).
+        data (RECORDINGS): play recordings in the format of the training data.
+        realtime: play a file or recordings at their own pace, not at once.
+        window: where windows begin: once, at --first; restart: the next with the step after an answer; onset:
+            at each onset of contact, by window.onset_threshold of the bundle (default: as in training: onset,
+            or restart; of --data: where `dse evaluate` has the window).
+        every: sliding windows: one begins every so many steps of the input.
+        first: step of the first window (default: 0).
+        json: print a JSON object per line (default: CSV).
     """
-
-    file: str | None
-    serial: str | None
-    baud: int
-    data: str | None
-    realtime: bool
-
-
-def stream(folder: str, source: Source, windows: Windows | None, as_json: bool) -> Answer:
-    """Print the decisions of a bundle as they fall; return what is left to say at the end of the input."""
     from dse.deploy.bundle import read
     from dse.deploy.sources import End
     from dse.recordings import RecordingError
 
-    sources = [name for name in ("file", "serial", "data") if getattr(source, name)]
+    sources = [name for name, of in {"file": file, "serial": serial, "data": data}.items() if of]
     if len(sources) > 1:
         raise RecordingError(f"a stream must have one source, got {' and '.join(sources)}")
+    windows = _windows(window, every, first)
     recording, n_without, is_answered = 0, 0, False
     with ExitStack() as files, contextlib.suppress(KeyboardInterrupt):  # Ctrl-C ends a stream
-        items = _decisions(read(folder), source, windows, files)
-        if not as_json:
+        items = _decisions(read(bundle), file, (serial, baud), data, realtime, windows, files)
+        if not json:
             print(",".join(_COLUMNS), flush=True)
         for item in items:
             if isinstance(item, End):
@@ -60,12 +74,12 @@ def stream(folder: str, source: Source, windows: Windows | None, as_json: bool) 
                 recording, is_answered = recording + 1, False
             else:
                 is_answered = True
-                _print(item, recording, as_json)
+                _print(item, recording, json)
     notes = [f"{n_without} of {recording} recordings ended before an answer"] if n_without else []
     return Answer([], notes, is_printed=True)
 
 
-def windows(
+def _windows(
     where: Literal["once", "restart", "onset"] | None, every: int | None, first: int
 ) -> Windows | None:
     """Return where windows begin; None: as in training.
@@ -88,31 +102,36 @@ def windows(
 
 
 def _decisions(
-    bundle: Bundle, source: Source, windows: Windows | None, files: ExitStack
+    bundle: Bundle,
+    file: str | None,
+    serial: tuple[str | None, int],
+    data: str | None,
+    realtime: bool,
+    windows: Windows | None,
+    files: ExitStack,
 ) -> Iterator[Decision | End]:
     from dse.deploy import sources
     from dse.deploy.stream import Stream
 
-    if source.data:
-        return sources.played(
-            bundle, sources.recordings_of_file(bundle, source.data, windows), source.realtime
-        )
+    if data:
+        return sources.played(bundle, sources.recordings_of_file(bundle, data, windows), realtime)
     taken = Stream(bundle, windows).input
-    if source.serial:
-        name, chunks = source.serial, sources.chunks_of_serial(source.serial, source.baud)
-    elif source.file in (None, "-"):
+    port, baud = serial
+    if port:
+        name, chunks = port, sources.chunks_of_serial(port, baud)
+    elif file is None or file == "-":
         name, chunks = "standard input", sources.chunks_of_file(sys.stdin.fileno())
     else:
-        name = source.file
+        name = file
         chunks = sources.chunks_of_file(files.enter_context(open(name, "rb")).fileno())
     recordings = sources.recordings_of_lines(chunks, taken, name, windows)
-    return sources.played(bundle, recordings, source.realtime)
+    return sources.played(bundle, recordings, realtime)
 
 
 def _print(decision: Decision, recording: int, as_json: bool) -> None:
     row = {"recording": recording, **decision._asdict()}
     if as_json:
-        print(json_line(json.dumps(row, ensure_ascii=False)))
+        print(json_line(dumps(row, ensure_ascii=False)))
     else:
         if sys.stdout.isatty():
             row["answer"] = one_line(decision.answer or "")

@@ -3,30 +3,40 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from dse.cli.answer import Answer, cell
+from dse.cli.signature import Amount, Texts
 from dse.config import ConfigError, Fault
+from dse.registry import Rule
+from dse.study.question import MOST_DRAWS
 
 if TYPE_CHECKING:
     from dse.hardware.inference import Inference
     from dse.hardware.profile import Profile
     from dse.hardware.table import CostRow
 
+_DEFAULT = "loihi1_silicon"
 
-def costs(
+
+def cost(
     workload: str,
-    hardware: Sequence[str],
-    contacts_per_hour: float | None,
-    battery_mwh: float | None,
-    draws: int | None,
+    *,
+    hardware: Texts = (),
+    contacts_per_hour: Amount = None,
+    battery_mwh: Amount = None,
+    draws: Annotated[int | None, Rule(low=1, high=MOST_DRAWS)] = None,
 ) -> Answer:
-    """Return a row per hardware.
+    """Compute energy, time and cores of an inference on hardware from a workload file, without training.
 
-    Raises:
-        ConfigError: everything that is wrong with the workload, the profiles and the options.
+    Args:
+        workload: a YAML or JSON file: layers, n_steps, spikes, ...
+        hardware (NAME): a profile's name or file; repeatable (default: loihi1_silicon).
+        contacts_per_hour: inferences per hour; adds mean power.
+        battery_mwh: battery capacity in mWh; adds battery life.
+        draws: sample the profile's uncertain numbers N times.
     """
     from dse.hardware.profile import load_all
     from dse.hardware.table import Duty, cost_row
@@ -42,7 +52,7 @@ def costs(
     except ConfigError as error:
         faults += error.faults
     try:
-        profiles = load_all(hardware, Path())
+        profiles = load_all(hardware or (_DEFAULT,), Path())
     except ConfigError as error:
         faults += error.faults
     if faults or inference is None:
