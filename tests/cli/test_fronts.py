@@ -70,7 +70,7 @@ def test_the_view_of_a_study_is_the_same_at_a_pipe_and_as_csv(
     assert printed[0] == printed[1]
     assert {"trial", "task", "family", "hardware", "accuracy_corrected_low", "energy_uj_high"} < {*printed[0]}
     assert len(printed[0]) <= MOST_COLUMNS and ("ties" in printed[0]) != empty
-    assert len(printed[2]) == (len(printed[0]) if empty else 109)
+    assert len(printed[2]) == len(printed[0]) if empty else len(printed[2]) > 3 * MOST_COLUMNS
 
 
 def test_equal_points_of_a_trial_are_one_row_with_their_number() -> None:

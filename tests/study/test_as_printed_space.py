@@ -44,10 +44,6 @@ def small(folder: Path) -> Path:
     return path
 
 
-def test_it_is_read() -> None:
-    assert main(["check", str(SPACE)]) == 0
-
-
 def test_it_trains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(small(tmp_path)), "--results", "results"]) == 0

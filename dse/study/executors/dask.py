@@ -145,8 +145,8 @@ class Dask:
         while not self._is_closed.wait(_WATCH_S):
             if self._client.status != "running":
                 self._is_lost = True
-                while self._running:
-                    self._running.popitem()[1](self._lost())
+                for future in list(self._running):
+                    self._end(future, self._lost())
                 return
 
     def _workers(self) -> dict[str, Any]:
@@ -226,22 +226,29 @@ class Dask:
         """Say why a task has failed; another version of a worker that has joined fails all."""
         from distributed import KilledWorker
 
-        if (lost := self._running.pop(future, None)) is None:
-            return
         error = CancelledError() if future.cancelled() else future.exception()
         if isinstance(error, CancelledError):
-            lost(self._lost())
+            self._end(future, self._lost())
         elif isinstance(error, KilledWorker):
-            lost(Failure.died(f"Dask lost {getattr(error.last_worker, 'address', 'it')}"))
-        elif error is not None:
-            lost(StoreError(str(error)) if isinstance(error, Unusable) else Failure.of(error))
+            self._end(future, Failure.died(f"Dask lost {getattr(error.last_worker, 'address', 'it')}"))
+        elif isinstance(error, Unusable):
+            self._end(future, StoreError(str(error)))
+        else:
+            self._end(future, None if error is None else Failure.of(error))
+
+    def _end(self, future: Future[None], why: Failure | StoreError | None) -> None:
+        """Forget a task, and say why it is lost, unless that is said already."""
+        lost = self._running.pop(future, None)
+        if lost is not None and why is not None:
+            lost(why)
 
     def close(self) -> None:
         """Cancel what waits, and end a cluster of ours at once; other workers end the task they have."""
         self._post = _ignore
         self._is_closed.set()
-        while self._running:
-            self._running.popitem()[0].cancel()
+        for future in list(self._running):
+            self._running.pop(future, None)
+            future.cancel()
         with contextlib.suppress(Exception):
             if self._cluster is not None:
                 self._cluster.sync(_kill, self._cluster)
