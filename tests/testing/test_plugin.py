@@ -91,6 +91,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (distribution / "entry_points.txt").write_text("[dse.components]\nmine = components_of_a_test\n")
     objectives = ("accuracy:max, n_weights:min", "recall_worst:max, additions_per_right, n_weights:min")
     space = write_space(folder, objectives, ("choice: [4, 8, 12]", "choice: [4, 8]"))
+    for section in registry.SECTIONS:
+        registry.known(section)  # imported before the copy below, which is thrown away
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         patch.setenv("PYTHONPATH", os.pathsep.join([str(folder), str(Path(__file__).parents[2])]))
