@@ -63,7 +63,7 @@ def test_every_page_is_in_the_menu_and_every_link_leads_somewhere() -> None:
         r"[\w/]+\.md", str(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])
     )
     assert sorted(menu) == sorted(path.name for path in DOCS.glob("*.md"))
-    for path in PAGES:
+    for path in [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "README.md"]:
         links = re.findall(r"\]\((?!https?://|#)([^)#]+)", path.read_text(encoding="utf-8"))
         assert [link for link in links if not (path.parent / link).exists()] == [], path
 
