@@ -224,8 +224,8 @@ def shortcuts(
         else:
             what = "resting level (mean of each channel)"
             advice = (
-                "window.remove_mean: true or an encoder of changes, such as send_on_delta, drops it, unless "
-                "the level is what is to be felt (dse audit: whether readers need it)"
+                "window.remove_mean: true or an encoder of changes (send_on_delta, start: sample) drops it, "
+                "unless the level is what is to be felt (dse audit: whether readers need it)"
                 if follow_levels()
                 else "the encoder drops it already"
             )
