@@ -69,8 +69,9 @@ def test_the_best_of_many_points_loses_what_others_keep(example: Path) -> None:
     assert (luck >= 0).all() and points[COLUMNS].notna().all(axis=None)
     assert (points["accuracy_corrected_low"] < points["accuracy_corrected"]).all()
     assert (points["accuracy_corrected_high"] <= 1).all()
-    texture = points["task"] == "texture"
-    assert luck[points["accuracy"][texture].idxmax()] > 0.02 > 5 * luck[texture].median()
+    profile = points["task"] == "profile"
+    assert luck[points["accuracy"][profile].idxmax()] > 0.005 > 5 * luck[profile].median()
+    assert luck.max() > 0.03, "among many that are about as good"
     on_chips = points.groupby(["trial", "point"])["accuracy_corrected"].nunique()
     assert (on_chips == 1).all(), "a chip changes costs, not accuracies"
 
@@ -131,7 +132,7 @@ def test_an_open_interval_is_its_low_end_and_both_energies_are_shown(example: Pa
     budget = ("--budget", "hardware == 'mcu_m4' and task == 'texture'")
     on_mcu = document(capsys, "pick", str(example), *budget)["rows"][0]
     text = printed(capsys, "pick", str(example), *budget)
-    assert f"{on_mcu['energy_uj']:.4g}" in text and f"{on_mcu['energy_throttled_uj']:.4g}" in text
+    assert f"{on_mcu['energy_uj']:.0f}" in text and f"{on_mcu['energy_throttled_uj']:.0f}" in text
     front = printed(capsys, "skyline", str(example), "--where", "hardware == 'spinnaker2'")
     assert " accuracy_corrected   accuracy " in front
     waiting = document(capsys, "skyline", str(example), "--where", "hardware == 'loihi1_silicon'")

@@ -320,7 +320,7 @@ def test_code_is_run_in_one_place() -> None:
         "exec_module",
         "spec_from_file_location",
     }
-    shipped = {"dse", "dse.registry", "dse.cli.commands"}
+    shipped = {"dse", "dse.config", "dse.registry", "dse.cli.commands"}
     shipped |= {"dse.deploy.targets.emulator"}  # these import modules of dse, or of a fixed name
     found = {
         name

@@ -76,9 +76,6 @@ def train(
         raise ValueError("training needs at least one training sample, got none")
     if not dataset.validation.size and any(design.training.keep == "best" for design in designs):
         raise ValueError("training.keep must be last where no sample validates, got best")
-    if (longest := max(max(design.model.input_delays) for design in designs)) >= dataset.n_steps:
-        text = f"input_delays must be below the steps of the window, {dataset.n_steps}: later spikes are lost"
-        raise ValueError(f"{text}, got {longest}")
     if len({design.model.shares(design.training) for design in designs}) != 1:
         raise ValueError(
             "the designs of a cohort must agree in input_delays, steps_per_sample, batch_size, "

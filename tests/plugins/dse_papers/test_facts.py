@@ -37,7 +37,7 @@ def study_of(folder: Path, space: str, design: Mapping[str, Any], samples: tuple
     counts = dict(zip(("train", "validation", "test"), samples, strict=True))
     study = write(folder / space, [{**made, **length}], plain, classes=classes, samples=counts)
     (study.folder / "search_space.yaml").write_text(loaded.to_yaml(), encoding="utf-8")
-    return study
+    return Study(study.folder)
 
 
 def _lists(value: Any) -> Any:
