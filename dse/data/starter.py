@@ -19,7 +19,7 @@ from dse.config.locate import shipped_folder
 from dse.config.yaml_lines import dump
 from dse.data.look import Look
 from dse.recordings import RecordingError, Recordings, Source
-from dse.recordings.doubts import nearest_neighbours
+from dse.recordings.doubts import MOST, drawn, nearest_neighbours
 from dse.records import Array, Rasters, Signals
 
 _LABELS = re.compile(
@@ -135,13 +135,15 @@ def starter(
         ),
         ("Which recordings train, validate and test: dse describe split.", {"split": split}),
     ]
-    sections += _front_end(recordings, columns[label], assumed)
+    known = _for_training(split, columns)
+    held_out = sum(x for x in split.get("stratified", {}).values() if isinstance(x, float))
+    sections += _front_end(recordings, columns[label], known, assumed)
     sections.append(
         (
             "The network; what is a choice is explored: dse describe model snn.",
             {
                 "model": {"kind": "snn", "hidden": {"choice": [20, 50]}, **_NETWORK},
-                "training": _training(_n_train(split, columns, len(columns[label]))),
+                "training": _training(max(1, round(len(known) * (1 - held_out)))),
             },
         )
     )
@@ -229,19 +231,15 @@ def _schema_line(folder: Path) -> list[str]:
     return [f"# yaml-language-server: $schema={place}"] if together else []
 
 
-def _n_train(split: Mapping[str, Any], columns: Mapping[str, Array], n: int) -> int:
-    """Return about how many of n recordings a split of `_split` trains on."""
-    if "train" in split:
-        ((name, value),) = split["train"].items()
-        return int(np.count_nonzero(columns[name] == value))
-    shares = split["stratified"]
-    for part in ("validation", "test"):
-        share = shares.get(part, 0.0)
-        if isinstance(share, Mapping):
-            ((name, value),) = share.items()
-            n -= int(np.count_nonzero(columns[name] == value))
-    left = 1 - sum(x for part in ("validation", "test") if isinstance(x := shares.get(part), float))
-    return max(1, round(n * left))
+def _for_training(split: Mapping[str, Any], columns: Mapping[str, Array]) -> Array:
+    """Return the recordings that a split of `_split` trains on or draws from: none of a published test set."""
+    shares = split.get("stratified", {})
+    of_test = shares.get("test", 0.0)
+    named = split.get("train") or (of_test if isinstance(of_test, Mapping) else {})
+    is_open = np.ones(len(next(iter(columns.values()))), bool)
+    for name, value in named.items():
+        is_open = (columns[name] == value) == ("train" in split)
+    return np.flatnonzero(is_open)
 
 
 def _training(n: int) -> dict[str, Any]:
@@ -333,7 +331,9 @@ def _parts(values: Array) -> dict[str, str]:
 # ---- windows, and what makes spikes
 
 
-def _front_end(recordings: Recordings, labels: Array, assumed: list[str]) -> list[tuple[str, dict[str, Any]]]:
+def _front_end(
+    recordings: Recordings, labels: Array, known: Array, assumed: list[str]
+) -> list[tuple[str, dict[str, Any]]]:
     """Return the sections window, preprocessing and encoder."""
     if isinstance(recordings, Rasters):
         return []
@@ -369,7 +369,7 @@ def _front_end(recordings: Recordings, labels: Array, assumed: list[str]) -> lis
         "thresholds": {"choice": [[first], [second, 4 * second]]},
     }
     comment = "Signals become spikes where they change by a threshold, in their unit: dse describe encoder."
-    if (accuracy := _of_levels(recordings, labels)) is not None:
+    if (accuracy := _of_levels(recordings, labels, known)) is not None:
         encoder["start"] = {"choice": ["sample", "mean"]}
         assumed.append(
             f"the mean of each channel tells the class in {accuracy:.2f} of the recordings: with "
@@ -378,14 +378,21 @@ def _front_end(recordings: Recordings, labels: Array, assumed: list[str]) -> lis
     return [*sections, (comment, {"encoder": encoder})]
 
 
-def _of_levels(signals: Signals, labels: Array) -> float | None:
-    """Return the accuracy of neighbours by the means of the channels; None: less than half way to perfect."""
+def _of_levels(signals: Signals, labels: Array, known: Array) -> float | None:
+    """Return the accuracy of neighbours by the means of the channels; None: less than half way to perfect.
+
+    Args:
+        signals: all recordings.
+        labels: of each.
+        known: (n,) recordings that are looked at: not those of a test set.
+    """
     means = np.add.reduceat(signals.values, signals.offsets[:-1], axis=0, dtype=np.float64)
     means /= signals.lengths[:, None]
     codes = np.unique(labels, return_inverse=True)[1]
-    order = np.argsort(codes, kind="stable")  # every class in both halves
+    some = drawn(known, 2 * MOST)
+    order = some[np.argsort(codes[some], kind="stable")]  # every class in both halves
     train, query = order[::2], order[1::2]
-    largest = np.bincount(codes).max() / len(codes)
+    largest = np.bincount(codes[some]).max() / len(some)
     right = nearest_neighbours(means[train], codes[train], means[query]) == codes[query]
     return float(right.mean()) if right.mean() >= (1 + largest) / 2 else None
 

@@ -7,6 +7,7 @@ from hypothesis.extra import numpy as arrays
 from dse.encoders.send_on_delta import POLARITIES, REFERENCES, STARTS, SendOnDelta
 from dse.recordings.time_series import TimeSeries
 from dse.records import Signals
+from dse.testing import check_encoder
 from tests.encoders.plain import encoded, recorded, send_on_delta
 
 
@@ -79,6 +80,7 @@ def test_from_the_mean_of_the_training_windows_the_resting_level_is_sent():
     on = encoded(encoder, recorded(values))[0]
     assert [np.flatnonzero(row).tolist() for row in on] == [[2], [2], [2]]
     assert not encoded(SendOnDelta((0.5, 4.0)), recorded(values)).any()
+    check_encoder(SendOnDelta((2.0, 4.0), start="mean"))
     for wrong in (SendOnDelta((0.5,), start="mean"), encoder):
         with pytest.raises(ValueError, match=r"encoder.start mean must know 3 means, got [02]"):
             wrong.running(3, 10.0)
