@@ -232,7 +232,7 @@ def _schema_line(folder: Path) -> list[str]:
 
 
 def _for_training(split: Mapping[str, Any], columns: Mapping[str, Array]) -> Array:
-    """Return the recordings that a split of `_split` trains on or draws from: none of a published test set."""
+    """Return the recordings that a split of `_split` trains on or draws from: no published test set."""
     shares = split.get("stratified", {})
     of_test = shares.get("test", 0.0)
     named = split.get("train") or (of_test if isinstance(of_test, Mapping) else {})
