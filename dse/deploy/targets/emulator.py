@@ -46,9 +46,9 @@ MEMORY {{
 SECTIONS {{
     .host : {{ *(.host .host.text .host.rodata .host.data) }} > HOST
     .host.bss (NOLOAD) : {{ *(.host.bss) }} > HOST
-    .text : {{ *(.text .text.*) *(.rodata .rodata.*) }} > FLASH
-    .data : {{ *(.data .data.*) }} > RAM
-    .bss : {{ *(.bss .bss.*) *(COMMON) }} > RAM
+    .text : {{ *(.text .text.*) *(.rodata .rodata.* .srodata .srodata.*) }} > FLASH
+    .data : {{ *(.data .data.* .sdata .sdata.*) }} > RAM
+    .bss : {{ *(.bss .bss.* .sbss .sbss.*) *(COMMON) }} > RAM
     /DISCARD/ : {{ *(.ARM.exidx* .ARM.extab*) }}
 }}
 """
@@ -114,9 +114,16 @@ class Core:
         return "-target", *self.target, *FLAGS
 
 
-def missing() -> str:
-    """Return why no program can be compiled and executed here, one sentence; '' if it can."""
-    for name, what in (("ziglang", "cross-compiler"), ("unicorn", "emulator")):
+_NEEDED = {"ziglang": "cross-compiler", "unicorn": "emulator"}
+
+
+def missing(needed: Mapping[str, str] = _NEEDED) -> str:
+    """Return why no program can be compiled and executed here, one sentence; '' if it can.
+
+    Args:
+        needed: package -> what it is.
+    """
+    for name, what in needed.items():
         if importlib.util.find_spec(name) is None:
             return f"{name}, the {what}, is not installed: pip install 'dse[targets]'"
         try:
@@ -129,7 +136,7 @@ def missing() -> str:
 
 def versions() -> list[str]:
     """Return the names and versions of the compiler and the emulator."""
-    return [f"{name} {importlib.metadata.version(name)}" for name in ("ziglang", "unicorn")]
+    return [f"{name} {importlib.metadata.version(name)}" for name in _NEEDED]
 
 
 def compiler_name() -> str:
@@ -260,7 +267,7 @@ class Machine:
         self._names = importlib.import_module(f"unicorn.{of.architecture.lower()}_const")
         mode = sum(getattr(unicorn, f"UC_MODE_{name}") for name in of.modes)
         self._uc: Any = unicorn.Uc(getattr(unicorn, f"UC_ARCH_{of.architecture}"), mode)
-        self._uc.ctl_set_cpu_model(getattr(self._names, f"UC_CPU_{of.architecture}_{core.emulated}"))
+        self._uc.ctl_set_cpu_model(getattr(self._names, f"UC_CPU_{core.emulated}"))
         for start, length in ((FLASH, MOST_FLASH_BYTES), (RAM, _RAM_BYTES), (HOST, _HOST_BYTES)):
             self._uc.mem_map(start, length)
         for at, _, content in program.sections.values():

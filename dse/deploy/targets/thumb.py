@@ -81,7 +81,7 @@ def _core(name: str, label: str, emulated: str, unit: str = "", **fields: Any) -
     """Return a core; unit: of the compiler, what computes with floats of 32 bits; doubles are software."""
     abi, with_unit = ("eabihf", f"+{unit}") if unit else ("eabi", "")
     target = f"thumb-freestanding-{abi}", f"-mcpu={name}{with_unit}"
-    return Core(name, label, THUMB, emulated, target, **{"parts": CORTEX_M, **fields})
+    return Core(name, label, THUMB, f"ARM_{emulated}", target, **{"parts": CORTEX_M, **fields})
 
 
 CORES = {

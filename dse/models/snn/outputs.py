@@ -12,7 +12,7 @@ lifts them over what they leak: below, their counts would not follow the readout
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -38,6 +38,7 @@ from dse.neurons.response import constant_response, response_norm
 from dse.records import Arithmetic, Array, Dataset, Floats, Ints, Layer, Network, Spikes
 
 _BATCH = 1024  # samples whose hidden spikes are read at once
+_PEAK_BATCH = 64  # samples whose potentials are held at once
 _READOUT_EPOCHS = 30
 _READOUT_BATCH = 32
 _READOUT_STEP = 0.02  # of Adam, in log-odds per count that is white
@@ -91,9 +92,9 @@ def counts_of(hidden: Dataset, samples: Ints) -> Ints:
     return np.concatenate([rows.per_input() for rows in _batches(hidden, samples)])
 
 
-def _batches(hidden: Dataset, samples: Ints) -> Iterator[Rows]:
-    for first in range(0, max(1, samples.size), _BATCH):
-        part = samples[first : first + _BATCH]
+def _batches(hidden: Dataset, samples: Ints, size: int = _BATCH) -> Iterator[Rows]:
+    for first in range(0, max(1, samples.size), size):
+        part = samples[first : first + size]
         yield gather(hidden.spikes, part, np.zeros(part.size, np.int32), hidden.n_steps)
 
 
@@ -186,16 +187,23 @@ def lifted(
     return best[1]
 
 
-def peak_of(weights: Floats, last: Layer, arithmetic: Arithmetic, rows: Rows) -> float:
+def peak_of(weights: Floats, last: Layer, arithmetic: Arithmetic, parts: Iterable[Rows]) -> float:
     """Return the largest potential of spiking outputs, above or below rest, in thresholds.
 
-    Args: as in `lifted`.
+    Args:
+        weights: (input, neuron).
+        last: the output neurons.
+        arithmetic: of the network.
+        parts: spikes of the layer below, as the outputs see them; potentials of one part are held at a time.
     """
     population = population_of(last.neuron, last.parameters)
     delay = None if last.delay is None else last.delay.T
     (one,) = deployed([weights.astype(np.float32)], [None], [population], arithmetic, [delay])
-    voltage = prepare(one, arithmetic).forward(rows, keep_voltage=True).voltage
-    return float((np.abs(voltage).max(axis=(0, 1)) / population.to_threshold).max(initial=0.0))
+    layer, peak = prepare(one, arithmetic), 0.0
+    for rows in parts:
+        reached = np.abs(layer.forward(rows, keep_voltage=True).voltage).max(axis=(0, 1))
+        peak = max(peak, float((reached / population.to_threshold).max(initial=0.0)))
+    return peak
 
 
 def even_drive(population: Population[Any], n_neurons: int, rows: Rows) -> Floats:
@@ -264,7 +272,8 @@ def train_outputs(
     short = short_counts(population_of(last.neuron, last.parameters), sum(heads), seen)
     moments = product(short.T, short) / len(short)
     if model.has_free_outputs:
-        most = min(FINEST, model.most_exponent(peak_of(weights, last, arithmetic, shown)))
+        peak = peak_of(weights, last, arithmetic, _batches(hidden, some, _PEAK_BATCH))
+        most = min(FINEST, model.most_exponent(peak))
         exponent = closest(weights, (counts.astype(np.float64) ** 2).mean(axis=0), most)
         trainee.begun["exponent"] = np.array(exponent)
         weights *= np.float32(2.0**exponent)

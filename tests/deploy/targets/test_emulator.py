@@ -9,6 +9,7 @@ import pytest
 
 from dse.deploy.targets import TargetError, emulator
 from dse.deploy.targets.emulator import Counts, Machine, Program, compiled
+from dse.deploy.targets.riscv import CORE
 from dse.deploy.targets.thumb import CORES
 
 M0, M4, M7 = (CORES[name] for name in ("cortex_m0plus", "cortex_m4", "cortex_m7"))
@@ -134,3 +135,33 @@ def test_an_emulator_that_cannot_be_imported_is_missing(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "unicorn", raising=False)
     assert emulator.missing().endswith("the emulator, is installed but cannot be imported: no library")
+
+
+RISCV = {
+    # 2 n + 1 instructions; n - 1 branches back and the return.
+    "count_down": "1: addi a0, a0, -1\\n bnez a0, 1b\\n ret",
+    "moved": "lw a1, 0(a0)\\n lbu a2, 4(a0)\\n sh a1, 8(a0)\\n sw a2, 12(a0)\\n ret",
+    "stacked": "addi sp, sp, -16\\n sw ra, 12(sp)\\n li a0, 7\\n lw ra, 12(sp)\\n addi sp, sp, 16\\n ret",
+    "computed": "mul a1, a0, a0\\n mulhu a2, a0, a0\\n div a3, a1, a0\\n remu a0, a1, a0\\n ret",
+}
+
+
+@pytest.mark.parametrize(
+    ("function", "argument", "counts", "cycles"),
+    [
+        ("count_down", 5, Counts(11, 0, 0, 0, 5), 21),
+        ("moved", emulator.RAM, Counts(5, 2, 2, 0, 1), 11),
+        ("stacked", 0, Counts(6, 1, 1, 0, 1), 10),
+        ("computed", 9, Counts(5, 0, 0, 0, 1, 77), 84),
+    ],
+)
+def test_riscv(function: str, argument: int, counts: Counts, cycles: int, tmp_path: Path) -> None:
+    if why := emulator.missing():
+        pytest.skip(why)
+    text = "int changed[4] = {1, 2, 3, 4};\n"
+    for name, code in RISCV.items():
+        text += f'__attribute__((naked)) void {name}(void) {{ __asm__("{code}"); }}\n'
+    (tmp_path / "program.c").write_text(text)
+    machine = Machine(compiled([tmp_path / "program.c"], CORE), CORE)
+    machine.call(function, argument)
+    assert machine.counts() == counts and machine.counts().cycles(CORE) == cycles

@@ -1,0 +1,151 @@
+"""WebAssembly: the C of `c99` as one module for a browser, compiled by ziglang and executed by wasmtime."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dse.deploy.bundle import Bundle
+from dse.deploy.c import host, replay
+from dse.deploy.c.code import Code
+from dse.deploy.c.replay import Executed, Recorded
+from dse.deploy.reference import Reference
+from dse.deploy.run import TargetError
+from dse.deploy.targets.c99 import InC
+from dse.deploy.targets.emulator import missing
+from dse.records import Ints
+from dse.registry import register
+
+_CALLED = 16
+"""Windows whose spikes are given to the module itself; a program that tells every spike has all of them."""
+_FLAGS = ("-target", "wasm32-wasi", "-std=c99", "-Os")
+_MODULE = ("-mexec-model=reactor", "-Wl,--export=__heap_base", "-Wl,--strip-all")
+_CALLS = {replay.INIT: "init", replay.RESET: "reset", replay.STEP: "step"}
+_MOST_FUEL = 2**62
+_NEEDED = {"ziglang": "cross-compiler", "wasmtime": "run time"}
+
+
+@register("targets", "wasm")
+@dataclass(frozen=True)
+class Wasm(InC):
+    """The C of c99 as a module without imports, of some ten kilobytes, run in wasmtime."""
+
+    label: ClassVar[str] = "WebAssembly for browsers"
+    extra: ClassVar[str] = "targets"
+    use: ClassVar[str] = (
+        "`const {instance} = await WebAssembly.instantiateStreaming(fetch('dse.wasm'))`: its exports are the "
+        "functions of src/dse.h; a sample may lie in `memory` from `__heap_base` on"
+    )
+
+    def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
+        """Write the files of `c99`, and dse.wasm, which exports the functions of src/dse.h and its memory."""
+        _check()
+        super().emit(form, bundle, folder)
+        source, prefix = host.classifier_in(folder)
+        header = source.with_suffix(".h").read_text(encoding="utf-8").partition("_TRACE")[0]
+        exports = [f"-Wl,--export={x}" for x in re.findall(rf"\b({prefix}\w+)\([^)]*\);", header)]
+        _built([source], _module(folder), *_MODULE, *exports)
+
+    def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
+        """Run all recordings in wasmtime (`InC`); call the module itself with spikes of some.
+
+        Figures: bytes of the module, and its instructions per inference, from `dse_reset` to the end.
+        """
+        _check()
+        with tempfile.TemporaryDirectory() as place:
+            sources, options = host.driven(folder, Path(place), "-DDSE_TRACE", *recorded.options)
+            program = Path(place) / "replay.wasm"
+            _built(sources, program, *options)
+            played = replay.parsed(_told(program, recorded.commands or replay.of_spikes(reference)))
+        _, prefix = host.classifier_in(folder)
+        labels, instructions = _called(_module(folder), prefix, replay.of_spikes(reference)[:_CALLED])
+        if not np.array_equal(labels, played.label[: len(labels)]):
+            raise TargetError(f"{_module(folder).name} does not answer as the program that tells its spikes")
+        figures = {
+            "module_bytes": float(_module(folder).stat().st_size),
+            "instructions_per_inference": instructions / max(1, len(labels)),
+        }
+        versions = tuple(f"{name} {importlib.metadata.version(name)}" for name in _NEEDED)
+        return Executed(played, figures, f"{versions[0]}, {' '.join(_FLAGS)}", versions)
+
+
+def _check() -> None:
+    if why := missing(_NEEDED):
+        raise TargetError(why)
+
+
+def _built(sources: Sequence[Path], module: Path, *options: str) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        *_FLAGS,
+        *options,
+        *map(str, sources),
+        "-o",
+        str(module),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        reason = next((x for x in done.stderr.splitlines() if "error" in x), done.stderr.strip())
+        raise TargetError(f"{sources[-1].name} does not compile for WebAssembly: {reason}")
+
+
+def _module(folder: Path) -> Path:
+    source, _ = host.classifier_in(folder)
+    return folder / f"{source.stem}.wasm"
+
+
+def _told(program: Path, commands: Sequence[Ints]) -> Ints:
+    """Return what a program of replay.c writes of recordings, int32."""
+    import wasmtime
+
+    engine, system = wasmtime.Engine(), wasmtime.WasiConfig()
+    store, linker = wasmtime.Store(engine), wasmtime.Linker(engine)
+    given, told = program.with_suffix(".in"), program.with_suffix(".out")
+    given.write_bytes(np.concatenate(commands).astype(np.int32).tobytes())
+    system.stdin_file, system.stdout_file = str(given), str(told)
+    store.set_wasi(system)
+    linker.define_wasi()
+    exports: Any = linker.instantiate(store, wasmtime.Module.from_file(engine, str(program))).exports(store)
+    try:
+        exports["_start"](store)
+    except wasmtime.ExitTrap as end:
+        if end.code:
+            raise TargetError(f"the program failed: exit code {end.code}") from None
+    except wasmtime.WasmtimeError as error:
+        raise TargetError(f"the program failed: {error}") from None
+    return np.frombuffer(told.read_bytes(), np.int32)
+
+
+def _called(module: Path, prefix: str, commands: Sequence[Ints]) -> tuple[Ints, int]:
+    """Return the answers of a module to windows of spikes, and the instructions that it executed."""
+    import wasmtime
+
+    config = wasmtime.Config()
+    config.consume_fuel = True
+    store = wasmtime.Store(wasmtime.Engine(config))
+    store.set_fuel(_MOST_FUEL)
+    loaded = wasmtime.Module.from_file(store.engine, str(module))
+    exports: Any = wasmtime.Instance(store, loaded, []).exports(store)
+    labels = []
+    for of_window in commands:
+        numbers = iter(of_window.tolist())
+        for command in numbers:
+            if command == replay.SPIKE:
+                exports[f"{prefix}push_spike"](store, next(numbers))
+            elif command == replay.ANSWER:
+                labels.append(exports[f"{prefix}decision"](store))
+            else:
+                exports[f"{prefix}{_CALLS[command]}"](store)
+    return np.array(labels, np.int64), _MOST_FUEL - store.get_fuel()
