@@ -165,10 +165,11 @@ def run(
         The front; the page is written too.
     """
     loaded = load(space, set, repair)
-    from dse.cli.fronts import front_answer
+    from dse.cli.fronts import front_answer, rivals_section
     from dse.cli.stopping import by_signals
     from dse.skyline.front import skyline
     from dse.study import explore
+    from dse.study.rivals import of_study
     from dse.study.runs import UNTRAINED
     from dse.study.tables import n_held
 
@@ -192,7 +193,8 @@ def run(
     front = skyline(points, study.objectives)
     result = front_answer(front.rows, study.objectives, front.notes)
     code = 1 if any(note.startswith(UNTRAINED) for note in notes) else result.code
-    return dataclasses.replace(result, notes=[*result.notes, *notes], code=code)
+    sections = rivals_section(lambda: of_study(study))
+    return dataclasses.replace(result, notes=[*result.notes, *notes], code=code, sections=sections)
 
 
 def _notes_of_run(study: Study, space: SearchSpace) -> list[str]:
