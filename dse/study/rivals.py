@@ -68,8 +68,9 @@ def of_study(
 def sentences(study: Study, question: Question = Question()) -> list[str]:  # noqa: B008 (frozen)
     """Return whether to spike, in words; that it is not known, and why, where that is so."""
     try:
-        found = [text for one in of_study(study, question) for text in worded(one)]
         points = study.points()
+        asked = () if points.empty else of_study(study, question)
+        found = [text for one in asked for text in worded(one)]
     except StoreError as error:  # a study of an earlier version, or a damaged one
         return [f"whether to spike is not known: {error}"]
     families = ", ".join(dict.fromkeys(points["family"].astype(str))) if "family" in points else ""
