@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dse import data as data
     from dse import figures as figures
+    from dse.api.classifier import Classifier as Classifier
     from dse.api.first import init as init
     from dse.api.run import run as run
     from dse.api.study import Study as Study
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _home = {
+    "Classifier": "dse.api.classifier",
     "ConfigError": "dse.config",
     "Study": "dse.api.study",
     "evaluate": "dse.deploy.evaluate",
@@ -41,6 +43,7 @@ _home = {
 }
 
 __all__ = [
+    "Classifier",
     "ConfigError",
     "Study",
     "__version__",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +17,13 @@ from dse.study import corrected, health, held, pricing, resampling
 from dse.study.question import DRAWS, Question
 from dse.study.record import TOLD
 from dse.study.results import open as open_study
+from dse.study.rivals import of_study
 
 if TYPE_CHECKING:
     import pandas
 
     from dse.deploy.bundle import Bundle
+    from dse.skyline.rivals import Rivals
     from dse.study.results import Study
 
 _IDENTITY = ("trial", "family", "phi", "theta", "read_out_ms", "weight_bits", "pruned_after", "hardware")
@@ -50,6 +52,7 @@ class Choice(Mapping[str, Any]):
     goals: what was maximised, then the other objectives.
     targets: that the points were looked at on.
     results: folder of the study, or the table.
+    question, budgets: what was asked.
     """
 
     row: pandas.Series[Any] | None
@@ -58,6 +61,20 @@ class Choice(Mapping[str, Any]):
     goals: list[Goal]
     targets: list[str]
     results: Path
+    question: Question = Question()  # noqa: RUF009 (frozen)
+    budgets: Sequence[str] = ()
+
+    @property
+    def rivals(self) -> list[Rivals]:
+        """Whether to spike, among the points within the budgets for the task and the chip of the pick.
+
+        Nothing of a table, or where all families of a study spike, or none does.
+        """
+        if self.row is None or not self.results.is_dir():
+            return []
+        same = {name: str(self.row[name]) for name in ("task", "hardware") if name in self.row}
+        asked = replace(self.question, where=tuple(f"{name} == {text!r}" for name, text in same.items()))
+        return list(of_study(open_study(self.results), asked, self.budgets))
 
     @property
     def found(self) -> pandas.Series[Any]:
@@ -207,7 +224,7 @@ def choose(
         *_others(points, budgets, "hardware", "hardware profiles"),
         *_others(points, budgets, "target", "targets"),
     ]
-    return Choice(row, picked.nearest, notes, goals, targets, folder)
+    return Choice(row, picked.nearest, notes, goals, targets, folder, question, budgets)
 
 
 def _misfit(study: Study | None, nearest: pandas.DataFrame, hardware: Sequence[str]) -> list[str]:

@@ -53,8 +53,14 @@ def place_of(data: str | Path | Mapping[str, Any], out: str | Path | None, force
     return place
 
 
-def seen(name: str, look: Look, out: Path) -> Seen:
+def seen(name: str, look: Look, out: Path, label: str | None = None) -> Seen:
     """Return recordings as a look at them says that they are read.
+
+    Args:
+        name: of the recordings, for errors.
+        look: at them.
+        out: file of the search space.
+        label: the column to predict; None: guess it.
 
     Raises:
         RecordingError: the sampling period is not known, the recordings are faulty, or there is no label.
@@ -62,18 +68,20 @@ def seen(name: str, look: Look, out: Path) -> Seen:
     if look.lacks_step:
         raise RecordingError(f"{name}: the sampling period is not in the file; state it with --step-ms N")
     recordings = starter.read(look, out.parent)
-    return Seen(name, look, recordings, starter.label_of(look, recordings), out)
+    return Seen(name, look, recordings, label or starter.label_of(look, recordings), out)
 
 
 def write(of: Seen, label: str, group: str | None) -> First:
     """Write the search space, and check it; a faulty one is not left.
 
     Raises:
-        RecordingError: no such column; a class has too few recordings for any split.
+        RecordingError: no such column, or no classes in it; a class has too few recordings for any split.
         ConfigError: the recordings fit no search space.
     """
     for option, column in (("--label", label), ("--group", group)):
         if column is not None and column not in of.look.n_values:
+            if column == label and column in of.recordings.columns and column not in of.look.refused:
+                starter.check_classes(of.recordings.columns[column], column)
             known = ", ".join(of.look.n_values) or "none"
             why = f"column '{column}' {of.look.refused[column]}; " if column in of.look.refused else ""
             raise RecordingError(
@@ -133,6 +141,6 @@ def init(
         name, look = "data", starter.described(data, place.parent)
     else:
         name, look = Path(data).name, looking.look(Path(data), replace(Options(**options), base=place.parent))
-    recordings = seen(name, look, place)
-    write(recordings, label or recordings.likely, group)
+    recordings = seen(name, look, place, label)
+    write(recordings, recordings.likely, group)
     return place

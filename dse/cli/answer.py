@@ -46,6 +46,7 @@ class Answer:
     """The result of a command.
 
     rows: one mapping per row, keyed by column name.
+    lead: sentences that come first.
     notes: sentences about the rows.
     columns: the default view: the columns of a table and of CSV; all columns if empty. JSON and Parquet have
         every column.
@@ -71,6 +72,7 @@ class Answer:
     telling: Sequence[str] = ()
     groups: Sequence[str] = ()
     table: Sequence[Row] | None = None
+    lead: Sequence[str] = ()
     best: Callable[[], Sequence[int]] | None = None
     text: str = ""
     code: int = 0
@@ -122,6 +124,8 @@ def show(answer: Answer, command: str, form: str | None, columns: str | None = N
         print(json_line(document(answer, command)))
         return
     if form == "table":
+        for sentence in answer.lead:
+            print(wrapped(sentence))
         if answer.text:
             print(lines(answer.text))
         elif answer.rows:
@@ -142,7 +146,8 @@ def show(answer: Answer, command: str, form: str | None, columns: str | None = N
         buffer = io.BytesIO()
         _frame(answer).to_parquet(buffer, index=False)
         sys.stdout.buffer.write(buffer.getvalue())
-    for note in answer.notes:
+    words = [line for section in answer.sections.values() for line in section.text.splitlines()]
+    for note in [*answer.lead, *answer.notes, *words]:
         print(one_line(note), file=sys.stderr)
 
 
@@ -181,7 +186,11 @@ def _content(answer: Answer) -> dict[str, object]:
 
     rows = [{str(key): plain_cell(value) for key, value in row.items()} for row in answer.rows]
     sections = {title: _content(section) for title, section in answer.sections.items()}
-    return {"rows": rows, "notes": list(answer.notes), **({"sections": sections} if sections else {})}
+    return {
+        "rows": rows,
+        "notes": [*answer.lead, *answer.notes],
+        **({"sections": sections} if sections else {}),
+    }
 
 
 def _frame(answer: Answer) -> pandas.DataFrame:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from dse.cli.answer import MOST_ROWS, Answer
+from dse.cli.answer import MOST_ROWS, Answer, wrapped
 
 if TYPE_CHECKING:
     import pandas
 
     from dse.skyline.goals import Goal
+    from dse.skyline.rivals import Rivals
+
+RIVALS = "Should it spike?"
+"""Title of the section that says whether to spike."""
 
 MOST_COLUMNS = 30
 """Columns of the default view of a table of points."""
@@ -92,6 +96,19 @@ def _waiting(rows: pandas.DataFrame, shown: Sequence[str]) -> list[str]:
     return [
         f"energy_uj is at full speed; at the sensor's period up to {text} times as much: energy_throttled_uj"
     ]
+
+
+def rivals_section(find: Callable[[], Iterable[Rivals]]) -> dict[str, Answer]:
+    """Return the section that says whether to spike; none where spiking has no rivals."""
+    from dse.store import StoreError
+    from dse.study.rivals import worded
+
+    try:
+        several = list(find())
+    except StoreError as error:  # answers of earlier versions are not stored one by one
+        return {RIVALS: Answer([], text=wrapped(f"not known: {error}"))}
+    text = "\n".join(wrapped(sentence) for one in several for sentence in worded(one))
+    return {RIVALS: Answer([row for one in several for row in one.rows], text=text)} if several else {}
 
 
 def without_equals(rows: pandas.DataFrame, objectives: Sequence[Goal]) -> pandas.DataFrame:

@@ -51,9 +51,25 @@ class Racing:
 
 @dataclass(frozen=True)
 class Stop:
-    """What ends a search before all designs are trained; looked at after each batch."""
+    """What ends a search before all designs are trained."""
 
-    cpu_hours: float = param(doc="CPU hours of all trainings", unit="h", low=0, low_open=True)
+    cpu_hours: float | None = param(
+        None, doc="CPU hours of all trainings; looked at after each batch", unit="h", low=0, low_open=True
+    )
+    minutes: float | None = param(
+        None,
+        doc="time that a command takes, its last tables included: no training begins that cannot end by "
+        "then, by estimates, and one that does not end is stopped and goes on at the next command from where "
+        "it stood at most 20 s before",
+        unit="min",
+        low=0,
+        low_open=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check that something ends the search."""
+        if self.cpu_hours is None and self.minutes is None:
+            raise ValueError("cpu_hours or minutes must be given, got neither")
 
 
 @dataclass(frozen=True)
@@ -90,7 +106,7 @@ class Search:
     )
     stop: Stop | None = param(  # noqa: RUF009
         None,
-        doc="key cpu_hours: the search ends after a batch when all trainings have taken so many",
+        doc="keys cpu_hours, minutes: the search ends when all trainings, or the command, took so long",
     )
     from_: tuple[str, ...] = param(
         (),

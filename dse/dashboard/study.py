@@ -25,7 +25,7 @@ from dse.skyline import front
 from dse.skyline.compare import STUDY, Comparison
 from dse.skyline.goals import Goal
 from dse.store import StoreError
-from dse.study import health, held, notes, pricing, resampling
+from dse.study import health, held, notes, pricing, resampling, rivals
 from dse.study.question import Question
 from dse.study.results import Study
 
@@ -137,6 +137,7 @@ def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest)
         name=study.space["study"],
         objectives=study.objectives,
         notes=[
+            *(rivals.sentences(study, request.question) if len(table) else ()),
             *study.warnings,
             *held.remarks(study.folder),
             *(health.faults(study.trials) if len(table) else ()),

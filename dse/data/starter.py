@@ -116,10 +116,12 @@ def starter(
             subject or the like.
 
     Raises:
-        RecordingError: a class has too few recordings for any split.
+        RecordingError: no classes, a class with too few recordings for any split, or signals that never
+            change.
     """
     assumed: list[str] = []
     columns = {name: np.asarray(values) for name, values in recordings.columns.items()}
+    check_classes(columns[label], label)
     split = _split(columns, label, group, assumed)
     n_classes = len(np.unique(columns[label]))
     assumed.insert(0, f"'{label}' is predicted: {n_classes} classes")
@@ -160,6 +162,22 @@ def starter(
     )
     said = (*look.assumed, *assumed, *recordings.notes())
     return Starter(_yaml(out, said, sections), label, said)
+
+
+def check_classes(values: Array, label: str) -> None:
+    """Check that a label column names classes.
+
+    Raises:
+        RecordingError: it has one value alone, or measured numbers.
+    """
+    values = np.asarray(values)
+    if len(names := np.unique(values)) < 2:
+        raise RecordingError(f"'{label}' must have 2 classes or more, got one: '{names[0]}'")
+    if values.dtype.kind == "f" and len(measured := values[values != np.rint(values)]):
+        raise RecordingError(
+            f"'{label}' must name classes, got measured numbers such as {measured[0]:.6g}; sort them into "
+            "classes first"
+        )
 
 
 def described(data: Mapping[str, Any], base: Path) -> Look:
@@ -288,7 +306,8 @@ def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed:
             )
             return {"stratified": {**shares, **more, "group": groups, "seed": 1}}
         else:
-            text = f"'{groups}' has too few values in a class to be split by"
+            few = min(np.unique(labels), key=lambda x: len(np.unique(known[drawn][labels == x])))
+            text = f"'{groups}' has one value in class '{few}': a split by it would leave it out of a part"
         if group is not None:
             raise RecordingError(text)
         assumed.append(f"{text}; the recordings are drawn one by one")
@@ -339,6 +358,8 @@ def _front_end(
         return []
     if not isinstance(recordings, Signals):
         return _of_events(recordings, assumed)
+    if (recordings.values == recordings.values[:1]).all():
+        raise RecordingError("signals must change, but every channel has one value in all recordings")
     sections: list[tuple[str, dict[str, Any]]] = []
     shortest, longest = int(recordings.lengths.min()), int(recordings.lengths.max())
     n_steps = min(shortest, _MOST_STEPS)

@@ -89,6 +89,25 @@ class Bundle(Classifier):
         """
         yield from Stream(self, windows).decisions(source)
 
+    def predict(self, data: Any, axes: str | None = None) -> Array:
+        """Return the answers to recordings, (n,) names of classes; None where heads answer no known pair.
+
+        Args:
+            data: a file, or arrays as of `dse.data.from_arrays`.
+            axes: of arrays; None: recording, step, channel.
+
+        Raises:
+            BundleError: arrays for a classifier of events, or the classifier refuses the recordings.
+            RecordingError: the recordings do not fit.
+        """
+        from dse.deploy.predict import predicted
+
+        return np.array([self.named(label) for label in predicted(self, data, axes)[0].tolist()])
+
+    def score(self, data: Any, labels: Iterable[Any], axes: str | None = None) -> float:
+        """Return the share of recordings whose label is answered; arguments and errors as of `predict`."""
+        return float(np.mean(self.predict(data, axes) == np.array([str(x) for x in labels])))
+
     def as_module(self, arithmetic: Arithmetic | None = None) -> ClassifierModule:
         """Return the network as a torch module with the same spikes, which can be trained on.
 

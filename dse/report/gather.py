@@ -13,7 +13,8 @@ from dse.report.designs import StudyTask, alike, record, tasks_of
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
 from dse.report.rows import FAMILIES, Row
-from dse.study import health, held, pricing
+from dse.study import health, held, pricing, rivals
+from dse.study.question import Question
 from dse.study.results import Study
 
 _HOW = (
@@ -32,8 +33,9 @@ _READER = (
 
 @dataclass(frozen=True)
 class Report:
-    """Rows, sentences about them, and the audit of each study that has one."""
+    """Whether to spike, rows, sentences about them, and the audit of each study that has one."""
 
+    spikes: list[str]
     rows: list[Row]
     notes: list[str] = field(default_factory=list)
     audits: dict[str, Audit] = field(default_factory=dict)
@@ -86,7 +88,10 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
         if audit.shortcuts:
             notes.append(f"{name}: shortcuts that could pass for skill: {', '.join(audit.shortcuts)}")
     how = _HOW if rows else ()
-    return Report(rows, list(dict.fromkeys([*how, *notes, *of_published])), audits)
+    spikes = [
+        text for study in studies for text in rivals.sentences(study, Question(hardware=tuple(hardware)))
+    ]
+    return Report(spikes, rows, list(dict.fromkeys([*how, *notes, *of_published])), audits)
 
 
 def published() -> dict[str, Published]:

@@ -199,7 +199,7 @@ class Batches:
             ConfigError: nothing was trained since the command began.
         """
         stop, hours = self._space.search.stop, self._runs.train_s() * self._space.execution.threads / 3600
-        if stop is None or hours < stop.cpu_hours:
+        if stop is None or stop.cpu_hours is None or hours < stop.cpu_hours:
             return ""
         why = f"search.stop.cpu_hours {stop.cpu_hours:g} is reached: {hours:.3g} are spent"
         if self._runs.count() == self._n_begun:

@@ -34,13 +34,14 @@ from dse.study.racing import Audit, Race
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
 from dse.study.searches import FrontRepeats, Search, WarmStart
-from dse.study.workers import Workers
+from dse.study.workers import OutOfTime, Workers
 
 if TYPE_CHECKING:
     import pandas
 
 _REFRESH_S = 2.0
 _REFRESH_SHARE = 0.05
+_LAST_S = 15.0  # that tables and page of a study take at last
 _STOPPED = "the search stopped: "
 
 
@@ -70,6 +71,7 @@ def run(
         StoreError: the folder is in use or cannot be written; nothing finished is lost.
         KeyboardInterrupt: after Ctrl-C; finished runs and the tables are written.
     """
+    until_s = _until_s(space, time.monotonic())
     if lack := missing(space.execution.device):
         text = f"execution.device {space.execution.device} {lack}"
         raise ConfigError([Fault(str(space.source), 0, text)])
@@ -94,7 +96,7 @@ def run(
             book = at_the_end.enter_context(store.Book(folder, writes=True, is_session=True))
         coordinator.begin(book)
         ledger = Ledger(book)
-        workers = at_the_end.enter_context(_workers(space, n_workers, folder, coordinator))
+        workers = at_the_end.enter_context(_workers(space, n_workers, folder, coordinator, until_s))
         runs = Runs(space, book, profiles, workers, report, coordinator)
         results_tables = _Tables(space, folder, runs, profiles, ledger, coordinator, on_trial)
         before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
@@ -109,6 +111,7 @@ def run(
                 runs.complete(asked.entries, asked.repeats, results_tables.refresh, asked.until)
                 search.tell(asked)
 
+        stopped = ""
         try:
             with workers:
                 batches = Batches(space, ledger, runs, before, earlier, report)
@@ -123,18 +126,32 @@ def run(
                     train(Audit(race, ledger, results_tables.points, report))
                 train(FrontRepeats(space, ledger, runs, results_tables.points, report))
                 _round_front(space, ledger, runs, results_tables)
+                stopped = batches.stopped
+        except OutOfTime:
+            runs.recall(ledger.entries)
+            stopped = "its time is over (search.stop.minutes); the same command goes on"
         except KeyboardInterrupt:
             runs.recall(ledger.entries)  # a run may have finished that no worker has reported yet
             results_tables.write()
             raise
         results_tables.write()
         runs.remark(runs.untrained(), UNTRAINED)
-        runs.remark([f"{_STOPPED}{batches.stopped}"] if batches.stopped else [], _STOPPED)
+        runs.remark([f"{_STOPPED}{stopped}"] if stopped else [], _STOPPED)
         runs.remark(decisions.remarks(space.decision, runs.trials()), decisions.PREFIX)
     return Study(folder)
 
 
-def _workers(space: SearchSpace, n: int, folder: Path, coordinator: Coordinator) -> Workers:
+def _until_s(space: SearchSpace, began_s: float) -> float | None:
+    """Return when trainings end, so that tables, page and answer are written in the command's time too."""
+    if space.search.stop is None or space.search.stop.minutes is None:
+        return None
+    whole_s = 60 * space.search.stop.minutes
+    return began_s + whole_s - min(0.3 * whole_s, max(_LAST_S, 0.05 * whole_s))
+
+
+def _workers(
+    space: SearchSpace, n: int, folder: Path, coordinator: Coordinator, until_s: float | None
+) -> Workers:
     """Return the workers that a search space names.
 
     Raises:
@@ -144,7 +161,7 @@ def _workers(space: SearchSpace, n: int, folder: Path, coordinator: Coordinator)
     if execution.backend == "loky":
         if coordinator.is_first and (dead := environment.process_before(folder)) is not None:
             loky.clear(dead)
-        return Workers(n)
+        return Workers(n, until_s=until_s)
     from dse.study.executors.dask import Dask, Unusable
 
     source = folder.absolute() / f"{store.TEMPORARY}{secrets.token_hex(4)}"  # swept if we die now
@@ -152,7 +169,7 @@ def _workers(space: SearchSpace, n: int, folder: Path, coordinator: Coordinator)
         source.touch()
     try:
         shared = [source, *_places(space)]
-        return Workers(n, Dask(n, execution.address, execution.scheduler_file, shared))
+        return Workers(n, Dask(n, execution.address, execution.scheduler_file, shared), until_s)
     except Unusable as error:
         raise ConfigError([Fault(str(space.source), 0, f"execution: {error}")]) from None
     finally:

@@ -38,7 +38,7 @@ from dse.study.executors.work import Failure
 from dse.study.ledger import Entry
 from dse.study.progress import Progress
 from dse.study.record import RunRecord, is_stopped, load_record
-from dse.study.workers import Workers
+from dse.study.workers import OutOfTime, Workers
 
 Job = TypeVar("Job")
 Part = TypeVar("Part")
@@ -53,6 +53,7 @@ _OVER_BUDGET = "MemoryBudget"
 _ATTEMPTS = 3
 _NAMED = 3
 _LONGEST_S = 120.0  # estimated CPU seconds that a killed worker may lose
+_PART, _CHECKPOINT_S = 0.2, 20.0  # where time ends: most of it for a cohort, and between checkpoints
 _GLANCE_S = 1.0  # between looks at what other coordinators have trained
 
 
@@ -110,6 +111,10 @@ class Runs:
         self._warned: set[str] = set()
         self._shapes: dict[str, Shape | None] = {}  # by the key of a data set
         self._work: dict[tuple[int, int], float] = {}  # of planned runs: estimated seconds of training
+        self._costs: dict[Key, float] = {}  # the same of the next part of it
+        self._begun: dict[Key, float] = {}  # when its job began
+        self._is_late = False  # whether a job was left out that cannot end in time
+        self._pace: dict[type, float] = {}  # seconds per estimated one that the last job of a family took
         self._untrained: dict[tuple[int, int], str] = {}  # why the machine could not train a run
         self._paused: dict[tuple[int, int, int], RunRecord] = {}  # runs at rungs: trial, repeat, epochs
         self._going_on: set[int] = set()  # trials that train to their ends although racing stopped them
@@ -259,6 +264,7 @@ class Runs:
         Raises:
             StoreError: results cannot be written (the disk is full); nothing finished is lost.
             RecordingError: no data set of any design could be prepared.
+            OutOfTime: the time is over.
         """
         self.recall(entries)
         wanted = {
@@ -297,7 +303,7 @@ class Runs:
                 break
             is_last = attempt == _ATTEMPTS - 1
             again: list[jobs.TrainingJob] = []
-            claimed = self._claimed(waiting, running, tried)
+            claimed = self._claimed(self._in_time(waiting), running, tried)
             for cohort, ended in self._attempted(jobs.train, claimed, is_last):
                 if isinstance(ended, Failure):
                     runs, why = cohort.runs, ended
@@ -305,6 +311,7 @@ class Runs:
                     run = cohort.runs[ended[0]]
                     self._settle(run, ended[1], until)
                     running.discard((run.trial, run.repeat))
+                    self._clock(cohort)
                     after_each()
                     continue
                 else:
@@ -321,7 +328,28 @@ class Runs:
             waiting = again
         if self._coordinator is not None:
             self._coordinator.free()
+        if self._is_late:
+            raise OutOfTime
         return tried
+
+    def _in_time(self, waiting: Iterable[jobs.TrainingJob]) -> Iterator[jobs.TrainingJob]:
+        """Yield the jobs that can end in the time left, as they can begin; the others are left out."""
+        for job in waiting:
+            left_s, pace = self._workers.left_s, self._pace.get(type(job.runs[0].sections.model), 1.0)
+            if left_s is not None and pace * self._cost(job) >= left_s:
+                self._is_late = True
+            else:
+                self._begun |= dict.fromkeys(((run.trial, run.repeat) for run in job.runs), time.monotonic())
+                yield job
+
+    def _clock(self, job: jobs.TrainingJob) -> None:
+        """Take notice of how long a job of a family took."""
+        run = job.runs[0]
+        took_s = time.monotonic() - self._begun[run.trial, run.repeat]
+        self._pace[type(run.sections.model)] = took_s / max(self._cost(job), 1e-9)
+
+    def _cost(self, job: jobs.TrainingJob) -> float:
+        return sum(self._costs[run.trial, run.repeat] for run in job.runs)
 
     def _claimed(
         self, waiting: Iterable[jobs.TrainingJob], running: set[Key], tried: set[Key]
@@ -489,9 +517,15 @@ class Runs:
                 demands.append(demand)
                 key = run.trial, run.repeat
                 self._work[key] = self._work.get(key, 0.0) + demand.cost
+                self._costs[key] = demand.cost
         self._progress.plan([demand.cost for demand in demands])
         device, threads, checkpoint_s = execution.device, execution.threads, execution.checkpoint_s
-        plan = cohorts.plan(demands, self._budget, self._workers.n, _LONGEST_S)
+        longest_s, left_s = _LONGEST_S, self._workers.left_s
+        if left_s is not None:
+            longest_s, checkpoint_s = min(longest_s, _PART * left_s), min(checkpoint_s, _CHECKPOINT_S)
+        plan = cohorts.plan(demands, self._budget, self._workers.n, longest_s)
+        if left_s is not None:  # what is cheap first: rivals of every kind are soon in the tables
+            plan.reverse()
         ranked_by = [name for name, _ in self._space.objectives]
         return [
             jobs.TrainingJob(

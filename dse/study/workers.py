@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import pickle
 import queue
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -26,27 +27,38 @@ _STARTS = 3
 """Workers that may die one after the other before they begin a job."""
 
 
+class OutOfTime(Exception):
+    """The time of a command is over."""
+
+
 class Workers:
     """The workers of an executor, ended with the `with` block; one `stream` at a time.
 
     Args:
         n: number of worker processes on this machine.
         executor: instead of them.
+        until_s: end of the command's time, as of `time.monotonic`; None: there is none.
 
     Raises:
         ValueError: n is below 1.
     """
 
-    def __init__(self, n: int, executor: Executor | None = None) -> None:
+    def __init__(self, n: int, executor: Executor | None = None, until_s: float | None = None) -> None:
         if n < 1:
             raise ValueError(f"jobs must be at least 1, got {n}")
         self._executor = executor or Loky(n)
+        self._until_s = until_s
         self._numbers = itertools.count()
 
     @property
     def n(self) -> int:
         """Number of jobs that run at a time."""
         return self._executor.n
+
+    @property
+    def left_s(self) -> float | None:
+        """The time left, not below 0; None: it has no end."""
+        return None if self._until_s is None else max(self._until_s - time.monotonic(), 0.0)
 
     def memory_budget(self, gib: float | None, device: str) -> int:
         """Return the bytes that a worker may use: as stated, else what the executor has for each."""
@@ -71,6 +83,7 @@ class Workers:
             jobs: taken one by one as workers become free; pickled, so keep them small.
 
         Raises:
+            OutOfTime: the time is over; running jobs are ended.
             StoreError: the executor is lost.
         """
         waiting = iter(jobs)
@@ -90,7 +103,10 @@ class Workers:
                     start(job, 1)
                 if not running:
                     return
-                arrived = inbox.get()
+                try:
+                    arrived = inbox.get(timeout=self.left_s)
+                except queue.Empty:
+                    raise OutOfTime from None
                 if isinstance(arrived, Message):
                     if (sender := running.get(arrived.task)) is None:  # it has ended
                         continue

@@ -179,7 +179,8 @@ CASES: list[tuple[dict[str, str], list[str]]] = [
             ("racing: {rungs: [2], ladder: 3}", "unknown key 'search.racing.ladder'"),
             ("racing: {eta: 2}", "search.racing.rungs is required"),
             ("stop: {cpu_hours: 0}", "search.stop.cpu_hours must be > 0, got 0"),
-            ("stop: {}", "search.stop.cpu_hours is required"),
+            ("stop: {minutes: 0}", "search.stop.minutes must be > 0, got 0"),
+            ("stop: {}", "search.stop.cpu_hours or minutes must be given, got neither"),
             ("stop: {cpu_hours: 1, cpu_hous: 1}", "unknown key 'search.stop.cpu_hous'"),
             (
                 "front_undecided: [0.1, 0.9]",

@@ -18,6 +18,7 @@ from dse.study.ledger import Entry
 from dse.study.results import Study
 from dse.study.runs import Runs
 from dse.study.warm import Takeover, earlier_trials
+from dse.study.workers import Workers
 from tests.tiny_study import make_space, unregister
 
 COLUMNS = ["model.hidden", "model.true_rate", "accuracy", "n_weights", "energy_uj"]
@@ -98,3 +99,19 @@ def test_a_search_stops_and_goes_on(search: Explore, monkeypatch: pytest.MonkeyP
     whole = search("stopped", search={"sampler": "grid", "batch": 2})
     assert not [text for text in whole.warnings if text.startswith("the search stopped")]
     assert rows(whole) == rows(search("alone", search={"sampler": "grid", "batch": 2}))
+
+
+def test_time_ends_a_search_which_goes_on(search: Explore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No job begins that cannot end, and what ended is in the tables."""
+    ended: list[object] = []
+    clock = Runs._clock
+    settings: dict[str, Any] = {"sampler": "grid", "stop": {"minutes": 5}}
+    with monkeypatch.context() as patch:
+        patch.setattr(Runs, "_clock", lambda runs, job: (ended.append(job), clock(runs, job)))
+        patch.setattr(Workers, "left_s", property(lambda _: 0.0 if len(ended) >= 2 else 100.0))
+        stopped = search("timed", search=settings)
+    assert len(ended) == len(stopped.trials) == 2
+    assert any("search.stop.minutes" in text for text in stopped.warnings)
+    whole = search("timed", search=settings)
+    assert not [text for text in whole.warnings if text.startswith("the search stopped")]
+    assert rows(whole) == rows(search("alone", search={"sampler": "grid"}))

@@ -19,7 +19,7 @@ from joblib.externals.loky.process_executor import _ExecutorManagerThread
 from dse import registry
 from dse.study.executors import loky
 from dse.study.executors.work import THREADS, Failure, Message, pack
-from dse.study.workers import Workers
+from dse.study.workers import OutOfTime, Workers
 from tests.waiting import PATIENCE_S, until
 
 WORKERS = True
@@ -223,7 +223,7 @@ def test_a_stop_before_a_worker_takes_its_task_ends_without_error(monkeypatch: p
 def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     script = (
         "import os, pathlib, sys\n"
-        "from dse.study.workers import Workers\n"
+        "from dse.study.workers import OutOfTime, Workers\n"
         "from tests.study.test_workers import announce, mapped\n"
         "with Workers(1) as workers: list(mapped(workers, announce, [sys.argv[1]]))\n"
     )
@@ -288,3 +288,21 @@ def test_a_worker_loads_the_plugins_that_its_job_needs(
     with Workers(1) as workers:
         [(_, failure)] = mapped(workers, kind_of, [component(order=9)])
         assert isinstance(failure, Failure) and "has changed since it was loaded" in failure.message
+
+
+def test_jobs_that_run_when_time_is_over_are_ended() -> None:
+    class Slow:
+        n, closed = 1, 0
+
+        def submit(self, task: bytes, post: object, lost: object) -> None:
+            pass  # it never ends
+
+        def close(self) -> None:
+            self.closed += 1
+
+    executor = Slow()
+    workers = Workers(1, executor, until_s=time.monotonic())  # type: ignore[arg-type]
+    assert workers.left_s == 0 and Workers(1, executor).left_s is None  # type: ignore[arg-type]
+    with pytest.raises(OutOfTime):
+        next(mapped(workers, square, [1]))
+    assert executor.closed == 1

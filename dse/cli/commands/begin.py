@@ -65,7 +65,7 @@ def init(
     look = looking.look(path, options)
     if look.lacks_step and (text := asked("Sampling period in ms")):
         look = dataclasses.replace(look, data=look.data | {"step_ms": number(text, low=0)}, lacks_step=False)
-    seen = first.seen(path.name, look, place)
+    seen = first.seen(path.name, look, place, label)
     written = first.write(seen, label or _label(look, seen.likely), group)
     row = written.row
     parts = ", ".join(f"{row[part]} {part}" for part in ("train", "validation", "test") if part in row)

@@ -171,7 +171,7 @@ def pick(
         The picked row, or if no row meets every budget the nearest rows and by how much they miss.
     """
     from dse.api.choice import choose
-    from dse.cli.fronts import TELLING, columns, records
+    from dse.cli.fronts import TELLING, columns, records, rivals_section
     from dse.store import StoreError
 
     if export and not Path(results).is_dir():
@@ -186,15 +186,16 @@ def pick(
         essential = [name for name in known if name in shown]
         rows = records(choice.nearest)
         return Answer(rows, choice.notes, shown, essential, TELLING, code=_NOTHING_FEASIBLE)
+    spikes = rivals_section(lambda: choice.rivals)
     if not export:
-        return Answer([dict(choice)], choice.notes, list(choice.shown))
+        return Answer([dict(choice)], choice.notes, list(choice.shown), sections=spikes)
     from dse.cli import verdicts
 
     bundle = choice.export(export, recordings=verify)
     of_targets = [verdicts.row(name, verdict) for name, verdict in bundle.targets.items()]
     sections = {"targets": Answer(of_targets)} if of_targets else {}
     notes = [*choice.notes, f"bundle: {export}"]
-    return Answer([dict(choice)], notes, list(choice.shown), sections=sections)
+    return Answer([dict(choice)], notes, list(choice.shown), sections=sections | spikes)
 
 
 def skyline(

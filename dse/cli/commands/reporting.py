@@ -91,6 +91,7 @@ def report(
     return Answer(
         *(columns, notes, shown, essential, _TELLING),
         table=table,
+        lead=gathered.spikes if letters is None else (),
         code=code,
         all_rows=True,
         sections=audits,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer, audit_answer, listing
-from dse.cli.signature import Count, Positive, Texts
+from dse.cli.signature import Amount, Count, Positive, Texts
 from dse.cli.spaces import load, overrides_of
 from dse.config import ConfigError, Fault, SearchSpace
 
@@ -152,6 +152,7 @@ def run(
     repair: bool = False,
     results: str = "results",
     jobs: Count = None,
+    minutes: Amount = None,
     quiet: bool = False,
 ) -> Answer:
     """Train the designs of a search space; the same command resumes a stopped study.
@@ -159,16 +160,19 @@ def run(
     Args:
         results (DIR): folder for studies (default: results).
         jobs: number of worker processes (default: execution.jobs of the search space).
+        minutes: time that the command takes, as search.stop.minutes (default: as long as the search does).
         quiet: print no progress on stderr.
 
     Returns:
-        The front; the page is written too.
+        The front, and whether to spike; the page is written too.
     """
-    loaded = load(space, set, repair)
-    from dse.cli.fronts import front_answer
+    stop = () if minutes is None else (f"search.stop.minutes={minutes}",)
+    loaded = load(space, (*set, *stop), repair)
+    from dse.cli.fronts import front_answer, rivals_section
     from dse.cli.stopping import by_signals
     from dse.skyline.front import skyline
     from dse.study import explore
+    from dse.study.rivals import of_study
     from dse.study.runs import UNTRAINED
     from dse.study.tables import n_held
 
@@ -192,7 +196,8 @@ def run(
     front = skyline(points, study.objectives)
     result = front_answer(front.rows, study.objectives, front.notes)
     code = 1 if any(note.startswith(UNTRAINED) for note in notes) else result.code
-    return dataclasses.replace(result, notes=[*result.notes, *notes], code=code)
+    sections = rivals_section(lambda: of_study(study))
+    return dataclasses.replace(result, notes=[*result.notes, *notes], code=code, sections=sections)
 
 
 def _notes_of_run(study: Study, space: SearchSpace) -> list[str]:

@@ -1,0 +1,99 @@
+"""Whether to spike: stated probabilities against what is true of populations of known designs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dse.skyline.posterior import posterior_samples
+from dse.skyline.rivals import odds_of
+from dse.study import rivals
+from dse.study.question import Question
+from dse.study.results import Study
+from tests.study.test_resampling import Population
+
+EXAMPLE = Study(Path(__file__).resolve().parent.parent.parent / "results" / "example")
+N_DRAWS = 100
+
+
+def stated_and_true(number, monkeypatch):
+    """Yield stated probabilities and what is true, of a few ways to call a part of the designs spiking."""
+    population = Population(number)
+    errors = population.errors(N_DRAWS, monkeypatch)
+    rows, rng = population.rows, np.random.default_rng([8, number])
+    weights, trial = rows["n_weights"].to_numpy(), rows["trial"].to_numpy()
+    costs = rows[["n_weights", "latency_ms"]].to_numpy()
+    accuracy = posterior_samples(rows["accuracy"].to_numpy(), costs, trial, errors, rng)
+    for n_spiking in (8, 20, 32):
+        is_spiking = np.isin(trial, rng.permutation(40)[:n_spiking])
+        # Of what a chip takes, one number is uncertain for each side; the truth is one more sample of both.
+        factors = rng.lognormal(rng.normal(0, 0.3), 0.3, (N_DRAWS + 1, 2))
+        cost = np.where(is_spiking, factors[:, :1], factors[:, 1:]) * np.exp(weights)
+        best = accuracy[:, accuracy.mean(axis=0).argmax()]
+        found = [
+            odds_of(
+                "accuracy",
+                x[:, is_spiking],
+                x[:, ~is_spiking],
+                y[:, is_spiking],
+                y[:, ~is_spiking],
+                best.std(),
+            )
+            for x, y in ((accuracy, cost[1:]), (population.truth[None], cost[:1]))
+        ]
+        for name in ("cheaper", "more_accurate", "best"):
+            yield tuple(getattr(odds, name) for odds in found)
+
+
+@pytest.fixture(scope="module")
+def statements():
+    with pytest.MonkeyPatch.context() as patch:
+        return np.array([pair for number in range(60) for pair in stated_and_true(number, patch)])
+
+
+def test_stated_probabilities_are_true_as_often(statements):
+    stated, true = statements.T
+    for low, high in ((0.0, 0.1), (0.1, 0.35), (0.35, 0.65), (0.65, 0.9), (0.9, 1.01)):
+        here = (stated >= low) & (stated < high)
+        assert here.sum() >= 20
+        error = np.sqrt(0.25 / here.sum())  # of a share, at most; statements of a population are alike
+        assert true[here].mean() == pytest.approx(stated[here].mean(), abs=0.04 + 1.5 * error), (low, high)
+
+
+def test_statements_tell_more_than_the_share_of_all(statements):
+    stated, true = statements.T
+    assert np.mean((stated - true) ** 2) < 0.7 * true.var()
+
+
+def test_on_a_microcontroller_the_shipped_study_says_what_its_table_says():
+    found = {one.task: one for one in rivals.of_study(EXAMPLE, Question(hardware=("mcu_m4",)))}
+    points = EXAMPLE.points()
+    points = points[points["hardware"] == "mcu_m4"]
+    for task, one in found.items():
+        here = points[points["task"] == task]
+        for finalist in one.finalists:
+            of_family = here[here["family"] == finalist.family]
+            assert finalist.accuracy >= of_family["accuracy"].max() - 2 * finalist.se
+            row = of_family[(of_family["trial"] == finalist.trial)]
+            assert np.isclose(row["accuracy"], finalist.accuracy).any()
+    assert found["profile"].answer == "do not spike"  # mlp: 0.90 for 226 uJ; snn: 0.82 for 15 mJ
+    assert found["texture"].answer == "spike for accuracy, not for energy"
+    said = rivals.sentences(EXAMPLE, Question(hardware=("mcu_m4",)))
+    assert said == [text for one in found.values() for text in rivals.worded(one)]
+    assert said[0].startswith("texture on mcu_m4: spike for accuracy, not for energy. ") and len(said) == 4
+
+
+def test_on_a_duty_cycle_power_is_compared_and_budgets_count():
+    asked = Question(hardware=("mcu_m4",), contacts_per_hour=60, where=("task == 'profile'",))
+    (found,) = rivals.of_study(EXAMPLE, asked)
+    assert found.cost == "power_mw"
+    energy = found.finalists[0].cost
+    assert 0 < energy.low < energy.median < energy.high
+    assert list(rivals.of_study(EXAMPLE, asked, ["family == 'mlp'"])) == []  # spiking has no rival
+
+
+def test_a_chip_of_spiking_networks_runs_nothing_else():
+    (found,) = rivals.of_study(EXAMPLE, Question(hardware=("loihi1_silicon",), where=("task == 'profile'",)))
+    assert found.unable == ("mlp", "naive_bayes") and not found.odds
+    (said,) = rivals.worded(found)
+    assert said.endswith("mlp, naive_bayes do not run or fit")
