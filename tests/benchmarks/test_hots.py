@@ -25,15 +25,6 @@ def test_a_frame_per_bin_is_that_of_its_end() -> None:
     np.testing.assert_allclose(found, [[0, e[0], e[1]], [e[0], e[1], 0], [e[2], e[3], 0]])
 
 
-def test_errors_are_zero_for_exact_surfaces_and_count_what_goes_elsewhere() -> None:
-    exact = np.array([[1.0, 0.0], [0.6, 0.8]])
-    prototypes = np.eye(2)
-    assert hots.errors(exact, exact, prototypes) == (0, 0, 0)
-    cut = np.where(exact < 0.9, 0, exact)
-    rms, largest, moved = hots.errors(exact, cut, prototypes)
-    assert (rms, largest, moved) == (pytest.approx(np.sqrt(0.5)), 0.8, 0.5)
-
-
 def test_recordings_are_in_order_and_in_the_frame(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DSE_DATA", str(shared_data))
     for events, width, height in (hots.camera(), hots.fingers()):

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.cases import CASES, Variant
-from benchmarks.ours import rows_of
-from benchmarks.step_contender import OURS, contender
-from benchmarks.train_step import EXACT, ROWS, Row, error, exact_gradients, table_of
-from dse.engine.events import dense
+from benchmarks.step_contender import contender
+from benchmarks.train_step import EXACT, error, exact_gradients
 
 TINY = CASES["tiny"]
 
@@ -43,25 +41,9 @@ def test_gradients_and_answers_are_the_witness_s(name: str, exact: dict[Variant,
     assert len(rates) == 2 and all(0 < rate < 1 for rate in rates)
 
 
-def test_rows_are_the_inverse_of_dense() -> None:
-    np.testing.assert_array_equal(dense(rows_of(TINY.x)), TINY.x)
-
-
 def test_rounded_weights_are_neighbours_on_the_grid_and_unbiased() -> None:
     case = CASES["C"]
     for w, rounded in zip(case.weights, case.weights_of(Variant("integer")), strict=True):
         np.testing.assert_array_equal(rounded * 32, np.round(rounded * 32))
         assert np.abs(rounded - w).max() < 1 / 32
         assert abs((rounded - w).mean()) < 4 * (1 / 64) / np.sqrt(w.size)
-
-
-def test_a_table_has_every_row_and_says_what_is_not_installed() -> None:
-    rows: dict[str, Row | None] = {name: Row([0.1, 0.2], [0.3, 0.1, 0.2], [0.1], 1e-7) for name in ROWS}
-    rows["norse"] = None
-    rows["csr loop"] = Row([0.1, 0.2], [0.8], [0.3])
-    table = table_of("tiny", rows)
-    columns = [list(column.cells) for column in table.columns]
-    assert columns[0] == list(ROWS.values())
-    ours, norse = list(rows).index(next(iter(OURS))), list(rows).index("norse")
-    assert [column[ours] for column in columns[1:5]] == ["200.00", "100.00", "4.0", "1.0"]
-    assert columns[1][norse] == "not installed"

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from benchmarks.worker import NotInstalled, Worker, cpu_seconds, pythons
+from benchmarks.worker import NotInstalled, Worker
 
 
 def echo() -> Worker:
@@ -32,15 +32,3 @@ def test_a_failed_worker_says_its_last_line() -> None:
         for _ in range(2):
             with pytest.raises(RuntimeError, match="ValueError: no such thing"):
                 worker.ask("fail")
-
-
-def test_repetitions_are_counted_without_the_first() -> None:
-    calls: list[int] = []
-    assert len(cpu_seconds(lambda: calls.append(1), 0.0, 5)) == 5
-    assert len(calls) == 6
-
-
-def test_pythons_are_named_by_framework() -> None:
-    assert pythons(["a=/b/c", "d=e=f"]) == {"a": "/b/c", "d": "e=f"}
-    with pytest.raises(ValueError, match="must be FRAMEWORK=PATH, got norse"):
-        pythons(["norse"])

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.config import ConfigError
@@ -130,7 +130,6 @@ _PLAIN = st.recursive(
 )
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
 @given(content=st.dictionaries(st.sampled_from([*vars(Definition()), "x"]), _PLAIN, max_size=4))
 def test_whatever_a_file_holds_is_a_definition_or_its_faults(
     content: dict[str, Any], tmp_path_factory: pytest.TempPathFactory

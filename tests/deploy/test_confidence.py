@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.deploy.confidence import simplest_fraction
@@ -31,7 +31,6 @@ def test_a_hair_more_than_a_fraction_excludes_it() -> None:
     assert theta > 0.35 and simplest_fraction(theta, 500) > Fraction(7, 20)
 
 
-@settings(derandomize=True, deadline=None, max_examples=60)
 @given(theta=st.floats(0, 1), largest=st.integers(1, 90))
 def test_every_count_passes_as_its_quotient(theta: float, largest: int) -> None:
     fraction = simplest_fraction(theta, largest)

@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.encoders.receptors import Receptors, parameters
@@ -46,7 +46,6 @@ def test_currents_by_hand():
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("sa", [True, False])
-@settings(max_examples=30)
 @given(
     seed=st.integers(0, 10_000), step_ms=st.sampled_from([0.5, 1.0, 3.3, 10.0]), copies=st.integers(1, 4),
     gain=st.sampled_from([0.3, 3.0, 1e6]),
@@ -130,7 +129,6 @@ def test_sparse_spikes_have_a_range():
     assert encoded(encoder, values).any()
 
 
-@settings(max_examples=20)
 @given(cut=st.integers(1, 80))
 def test_causal_and_blind_to_level_without_sa(cut):
     values = wave().round()

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.engine.augment import Shifts, Windows, changed, shifts_of
@@ -130,7 +130,6 @@ def test_moved_spikes_stay_sorted() -> None:
     np.testing.assert_array_equal(found[1], [1, 1, 0, 1])
 
 
-@settings(deadline=None, derandomize=True, max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), factor=st.floats(0.5, 2.0), n_steps=st.integers(1, 9))
 def test_stretching_follows_its_equation(seed: int, factor: float, n_steps: int) -> None:
     x = drawn(np.random.default_rng(seed), 1, n_steps + 6, 4)

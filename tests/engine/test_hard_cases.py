@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
@@ -28,7 +28,6 @@ def assert_defined(x: np.ndarray, layer: Weights, arithmetic: Arithmetic) -> np.
     return voltage
 
 
-@settings(deadline=None, derandomize=True, max_examples=80)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n_steps=st.integers(1, 60),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.engine.layout import aligned, packed, padded, unpacked, width_at
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
 @given(rows=st.integers(0, 9), columns=st.integers(1, 200), whole=st.booleans())
 def test_a_matrix_comes_back_from_its_blocks(rows: int, columns: int, whole: bool) -> None:
     kind = np.int8 if whole else np.float32

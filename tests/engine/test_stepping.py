@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
@@ -43,7 +43,6 @@ def population(rng: np.random.Generator, neuron: str, n: int) -> Any:
     )
 
 
-@settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**32 - 1),
     neuron=st.sampled_from(["cuba_lif", "resonator", "lif", "xylo_lif"]),

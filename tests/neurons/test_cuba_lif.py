@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.neurons import cuba_lif, fixed_point
@@ -93,7 +93,6 @@ def test_parameters_out_of_range_are_refused(bad: tuple[float, float, float]) ->
         cuba_lif.rounded(*bad)
 
 
-@settings(deadline=None, derandomize=True)
 @given(st.lists(st.floats(-6, 6, width=32), min_size=1, max_size=20))
 def test_quantised_weights_lie_on_the_8_bit_grid_and_stay_put(values: list[float]) -> None:
     rounded = fixed_point.quantise(np.array(values))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse import preprocessing
@@ -96,7 +96,6 @@ def test_a_raster_is_the_pooled_event_list_bit_for_bit(scene, settings: Preproce
     threshold=st.integers(1, 5), exceeds=st.booleans(), crop=st.sampled_from([None, "pins", (7, 11, 53, 60)]),
     time_ms=st.sampled_from([None, (0.0, 33.3), (20.125, 55.0)]), extra=st.integers(-2, 2),
 )  # fmt: skip
-@settings(max_examples=40)
 def test_a_raster_is_the_pooled_event_list_in_every_mode(
     bin_ms, pool, stride, polarity, threshold, exceeds, crop, time_ms, extra
 ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
@@ -86,7 +86,6 @@ def test_neurons_whose_potential_has_no_limit_have_no_contrasts() -> None:
         contrasts.Drives(rows, cuba_lif.rounded(0.25, 0.0, 1.25), 3, np.inf)
 
 
-@settings(deadline=None, max_examples=30)
 @given(seed=st.integers(0, 2**30), n_inputs=st.integers(1, 6), n=st.integers(1, 60))
 def test_candidates_close_by_differ_little_and_stay_contrasts(seed: int, n_inputs: int, n: int) -> None:
     rng = np.random.default_rng(seed)
@@ -143,7 +142,6 @@ def error(counts: np.ndarray, targets: np.ndarray, of: np.ndarray) -> float:
     return float((y**2).sum() / len(x) + fit)
 
 
-@settings(deadline=None, max_examples=30)
 @given(seed=st.integers(0, 2**30), n=st.integers(2, 12), n_outputs=st.integers(1, 4))
 def test_each_loss_is_that_which_raises_the_error_least(seed: int, n: int, n_outputs: int) -> None:
     """Against every neuron left out in turn, with a price on spikes and without."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
@@ -46,7 +46,6 @@ def test_regions_of_a_camera_are_rings_of_quarters() -> None:
     assert middle.max() == pytest.approx(0.56, abs=0.01) == outer.min()
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     places=st.sets(st.tuples(st.integers(0, 30), st.integers(0, 30)), min_size=3, max_size=120),
     thirds=st.integers(1, 12),
@@ -75,7 +74,6 @@ def batch(n: int, n_steps: int, n_inputs: int, n_pools: int, seed: int) -> tuple
     return rows_of((rng.random((n, n_steps, n_inputs)) < rng.random()).astype(np.uint8)), pool
 
 
-@settings(deadline=None, max_examples=40)
 @given(
     sizes=st.tuples(st.integers(1, 5), st.integers(1, 40), st.integers(6, 300), st.integers(1, 6)),
     hidden=st.integers(1, 70),

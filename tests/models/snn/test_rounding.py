@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
@@ -27,7 +27,6 @@ from tests.models.snn.test_regions import array
 from tests.models.snn.toy import accuracy, rngs, toy
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     sizes=st.tuples(st.integers(1, 200), st.integers(1, 5), st.integers(1, 20)),
     seed=st.integers(0, 2**30),
@@ -69,7 +68,6 @@ def test_the_finest_exponent_holds_the_largest_weight() -> None:
     assert finest(np.zeros(3), 8) == 8
 
 
-@settings(deadline=None, max_examples=25)
 @given(
     exponent=st.integers(0, 8), arithmetic=st.sampled_from(["float32", "ideal"]), seed=st.integers(0, 2**30)
 )

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
@@ -339,7 +339,6 @@ def test_the_closest_grid_holds_what_counts(largest: float, expected: int) -> No
     assert closest(weights, np.r_[0.0, np.ones(49)]) == expected
 
 
-@settings(deadline=None, max_examples=30)
 @given(seed=st.integers(0, 2**30), n=st.integers(2, 40), n_neurons=st.integers(1, 5))
 def test_roundings_of_inputs_that_fire_together_cancel(seed: int, n: int, n_neurons: int) -> None:
     rng = np.random.default_rng(seed)

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.records import Dataset, Spikes
@@ -108,7 +108,6 @@ def test_distances_of_all_spikes_so_far_by_hand():
     bin_ms=st.sampled_from([1.0, 30.0, 70.0, 1e4]),
     bins=st.integers(1, 4),
 )
-@settings(max_examples=40)
 def test_distances_are_those_of_all_pairs(seed, every_ms, bin_ms, bins):
     rng = np.random.default_rng(seed)
     x = rng.random((7, 12, 3)) < 0.4
