@@ -218,7 +218,7 @@ def test_from_python_a_space_follows_from_arrays(
 def installed(folder: Path) -> Path:
     """Install what git tracks into a new environment with the dependencies of this one; return its `dse`.
 
-    DSE_INSTALLED names the `dse` of an environment that is there already (.ci/wheel).
+    Compiled kernels come along. DSE_INSTALLED names the `dse` of an environment that is there (.ci/wheel).
     """
     if there := os.environ.get("DSE_INSTALLED"):
         return Path(there)
@@ -238,6 +238,10 @@ def installed(folder: Path) -> Path:
     Path(site, "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
     pip = [python, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
     subprocess.run([*pip, clone], check=True)
+    for kernel in ROOT.glob("dse/**/__pycache__/*.nb[ic]"):
+        there = Path(site) / kernel.relative_to(ROOT)
+        there.parent.mkdir(exist_ok=True)
+        shutil.copy2(kernel, there)
     return python.with_name("dse")
 
 

@@ -14,19 +14,12 @@ EXAMPLE = Path(__file__).resolve().parent.parent.parent / "results" / "example"
 CHIPS = ("mcu_m4", "xylo_imu", "loihi1_silicon", "spinnaker2")
 BUDGETS = (
     "task=texture&hardware=mcu_m4",
-    "task=profile&hardware=mcu_m4",
     "task=texture&hardware=mcu_m4&b.energy_uj=200&b.n_weights=5000",
-    "task=texture&hardware=loihi1_silicon&b.latency_ms=450",
     "task=profile&hardware=loihi1_silicon&b.spikes_per_inference=3800",
-    "task=profile&hardware=loihi1_silicon&b.spikes_per_inference=2000&b.energy_uj=30",
     "task=texture&hardware=spinnaker2&b.accuracy=0.9&b.energy_uj=100",
     "task=texture&hardware=mcu_m4&family=mlp&b.n_weights=200",
-    "task=texture&hardware=loihi1_silicon&family=mlp",
-    "task=profile&hardware=loihi1_silicon&b.accuracy=0.7&b.latency_ms=500",
     "task=texture&hardware=mcu_m4&b.accuracy=0.99&b.n_weights=100",
-    "task=profile&hardware=xylo_imu",
     "task=texture&hardware=xylo_imu&b.energy_uj=10",
-    "task=profile&hardware=xylo_imu&oversize=1",
     "task=texture&hardware=xylo_imu&oversize=1&b.energy_uj=10",
 )
 
@@ -42,7 +35,7 @@ FOUND = """async (fragments) => {
 }"""
 
 
-def test_fifteen_budgets(
+def test_eight_budgets(
     shown, page_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(EXAMPLE.parent)
@@ -63,4 +56,4 @@ def test_fifteen_budgets(
             assert code == 3
             assert found["nearest"] == named[:3], fragment
         feasible.append(code == 0)
-    assert 5 <= sum(feasible) <= 10
+    assert 3 <= sum(feasible) <= 6

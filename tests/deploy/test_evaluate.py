@@ -220,7 +220,7 @@ def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> Non
     points = found.points()
     assert set(points["trial"]) == {0, 1, 2, 3}
     validation = np.load(tmp_path / "touch.npz")["repetition"] == 1
-    for _, point in points.iterrows():
+    for _, point in points.groupby("trial").nth([0, 1, 4, 7, -1]).iterrows():
         export(found, point.to_dict(), tmp_path / "bundle")
         answers = evaluate(tmp_path / "bundle", tmp_path / "touch.npz")
         right = (answers.label == answers.target)[validation]

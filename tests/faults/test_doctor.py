@@ -283,8 +283,8 @@ NO_FILES = {x.__name__: x for x in (a_folder, a_pipe, a_dangling_link)}
 
 
 def rotated(harms: dict[str, Callable[[Path], object]], names: Iterable[str], n: int) -> dict[str, Plant]:
-    """Return n harms to each file, in turn: every harm is done, and every file is harmed."""
-    turn = itertools.cycle(harms.items())
+    """Return n harms to each file, two without `make faults`: every harm is done, and every file is harmed."""
+    turn, n = itertools.cycle(harms.items()), n if "FAULTS" in os.environ else min(n, 2)
     return {f"{harm} {name}": at(name, do) for name in names for harm, do in itertools.islice(turn, n)}
 
 

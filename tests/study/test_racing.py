@@ -70,11 +70,6 @@ def assert_same(one: Study, other: Study) -> None:
         assert store.read_json(path) == store.read_json(other.folder / "racing" / path.name)
 
 
-def test_workers_of_a_dask_cluster_stop_the_same_designs(raced: Study, tmp_path: Path) -> None:
-    space = space_of(tmp_path, execution={"jobs": 2, "backend": "dask"})
-    assert_same(explore.run(space, tmp_path / "results", progress=False), raced)
-
-
 def test_one_in_three_goes_on_and_the_rest_is_as_without(
     raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

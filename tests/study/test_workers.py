@@ -65,10 +65,15 @@ def sleep(seconds: float) -> int:
     return os.getpid()
 
 
-def test_every_job_comes_back_once_with_its_result() -> None:
+@pytest.fixture(scope="module")
+def pool() -> Iterator[Workers]:
     with Workers(2) as workers:
-        assert sorted(mapped(workers, square, range(7))) == [(x, x * x) for x in range(7)]
-        assert list(mapped(workers, square, [])) == []
+        yield workers
+
+
+def test_every_job_comes_back_once_with_its_result(pool: Workers) -> None:
+    assert sorted(mapped(pool, square, range(7))) == [(x, x * x) for x in range(7)]
+    assert list(mapped(pool, square, [])) == []
 
 
 def test_a_dead_worker_costs_its_own_job_only() -> None:
@@ -81,9 +86,8 @@ def test_a_dead_worker_costs_its_own_job_only() -> None:
     assert results["exit"] == Failure.died("exit code 3")
 
 
-def test_an_exception_is_a_failure_with_its_reason_and_its_traceback() -> None:
-    with Workers(1) as workers:
-        results = dict(mapped(workers, misbehave, ["raise", "memory", "lambda", "fine"]))
+def test_an_exception_is_a_failure_with_its_reason_and_its_traceback(pool: Workers) -> None:
+    results = dict(mapped(pool, misbehave, ["raise", "memory", "lambda", "fine"]))
     raised = results["raise"]
     assert isinstance(raised, Failure)
     assert (raised.error, raised.reason) == ("ValueError", "ValueError: phi must be at least 0")
@@ -120,13 +124,12 @@ def test_parts_before_an_early_end_stand() -> None:
     assert len(found) == 2 + 2 + 4 + 2
 
 
-def test_parts_arrive_while_the_job_goes_on(tmp_path: Path) -> None:
+def test_parts_arrive_while_the_job_goes_on(pool: Workers, tmp_path: Path) -> None:
     path = tmp_path / "go on"
-    with Workers(1) as workers:
-        found = workers.stream(wait_for, [str(path)])
-        assert next(found) == (str(path), "before")
-        path.touch()
-        assert list(found) == [(str(path), "after")]
+    found = pool.stream(wait_for, [str(path)])
+    assert next(found) == (str(path), "before")
+    path.touch()
+    assert list(found) == [(str(path), "after")]
 
 
 def test_a_worker_may_take_what_is_stated_or_its_share(
@@ -142,9 +145,8 @@ def test_a_worker_may_take_what_is_stated_or_its_share(
     assert Workers(2).memory_budget(None, "cpu") == 3 * 2**20
 
 
-def test_workers_have_one_thread_each() -> None:
-    with Workers(1) as workers:
-        [(_, found)] = mapped(workers, environment, [list(THREADS)])
+def test_workers_have_one_thread_each(pool: Workers) -> None:
+    [(_, found)] = mapped(pool, environment, [list(THREADS)])
     assert found == ["1"] * len(THREADS)
 
 
@@ -156,17 +158,10 @@ def test_what_a_job_prints_never_reaches_stdout(capfd: pytest.CaptureFixture[str
     assert "chatter" in captured.err
 
 
-def test_the_same_workers_serve_the_next_call() -> None:
+def test_the_same_worker_serves_the_next_call_and_one_that_dies_while_idle_costs_nothing() -> None:
     with Workers(1) as workers:
-        [(_, first)] = mapped(workers, sleep, [0.0])
-        [(_, second)] = mapped(workers, sleep, [0.0])
-    assert first == second
-
-
-def test_a_worker_that_dies_while_idle_costs_nothing() -> None:
-    with Workers(1) as workers:
-        [(_, pid)] = mapped(workers, sleep, [0.0])
-        assert isinstance(pid, int)
+        [(_, first)], [(_, pid)] = (mapped(workers, sleep, [0.0]) for _ in range(2))
+        assert first == pid and isinstance(pid, int)
         os.kill(pid, signal.SIGKILL)
         assert list(mapped(workers, square, [3])) == [(3, 9)], "whether its end is known by now or not"
         until(lambda: _gone(pid), "the worker to die")

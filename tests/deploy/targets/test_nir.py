@@ -47,7 +47,9 @@ def test_without_rounding_every_spike_is_equal(framework: str, tmp_path: Path) -
     assert [name.split()[0] for name in found.run_by] == [framework]
 
 
-@pytest.mark.parametrize("copies", [(0,), (0, 3)])
+@pytest.mark.parametrize(
+    ("framework", "copies"), [("norse", (0,)), ("snntorch", (0, 3))], indirect=["framework"]
+)
 def test_delays_of_the_first_layer_are_copies_of_the_inputs(
     framework: str, copies: tuple[int, ...], tmp_path: Path
 ) -> None:
@@ -65,7 +67,11 @@ def test_delays_of_the_first_layer_are_copies_of_the_inputs(
     assert not np.array_equal(with_delays.fired[0], without.fired[0])
 
 
-@pytest.mark.parametrize(("seed", "kind"), [(2, "equivalent"), (4, "approximate")])
+@pytest.mark.parametrize(
+    ("framework", "seed", "kind"),
+    [("norse", 2, "equivalent"), ("snntorch", 4, "approximate")],
+    indirect=["framework"],
+)
 def test_rounded_states_are_nearly_equal(framework: str, seed: int, kind: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(seed)
     network = bundles.network(rng, (6, 40, 4), decays=[3, 10, 30, 100], scale=0.1)
