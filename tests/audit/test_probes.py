@@ -1,13 +1,10 @@
-from __future__ import annotations
-
 import dataclasses
 import functools
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from dse.audit import AuditRow, Levels, Material, probe, readers, rows
+from dse.audit import Levels, probe, readers, rows
 from tests.audit import planted
 
 
@@ -19,14 +16,14 @@ def fewer_trees():
         yield
 
 
-def audited(material: Material) -> dict[str, AuditRow]:
+def audited(material):
     """Return the rows by name, of two readers the one that has found more."""
     probed, _ = probe(material)
     return {row.probe: row for row in sorted(probed, key=lambda row: row.shortcut)}
 
 
 @functools.cache
-def audit_of(made: Callable[[int], Material], seed: int = 0) -> dict[str, AuditRow]:
+def audit_of(made, seed=0):
     return audited(made(seed))
 
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from benchmarks.audits import COLUMNS, line
 from dse.audit import probe
 from tests.audit import planted

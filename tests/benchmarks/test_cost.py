@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import contextlib
 import io
 from dataclasses import replace
@@ -23,11 +21,11 @@ FIRED = [[[1, 1], [0, 0]], [[0, 0], [1, 0]], [[0], [1]]]
 UPDATED = [[[0, 0], [1, 1]], [[0], [1]]]
 
 
-def bools(rasters: list[list[list[int]]]) -> list[np.ndarray]:
+def bools(rasters):
     return [np.array(raster, bool) for raster in rasters]
 
 
-def tiny() -> tuple[Workload, list[np.ndarray]]:
+def tiny():
     """2 inputs -> 2 neurons -> 1 output on two cores, 2 steps."""
     sizes = (2, 2, 1)
     spikes = np.array([[2, 0, 0], [0, 1, 1]], float)
@@ -36,7 +34,7 @@ def tiny() -> tuple[Workload, list[np.ndarray]]:
     return steps, [np.ones((2, 2), bool), np.ones((2, 1), bool)]
 
 
-def test_three_spikes_between_two_cores_add_up() -> None:
+def test_three_spikes_between_two_cores_add_up():
     steps, connected = tiny()
     chip = layout(PROFILE, steps, connected)
     assert (chip.n_cores, chip.tile.tolist(), chip.core.tolist()) == (2, [0, 0, 0], [2, 2, 0, 0, 1])
@@ -65,7 +63,7 @@ CASES = st.builds(
 
 
 @given(CASES)
-def test_the_closed_form_of_steps_is_exact_without_a_network(case: Case) -> None:
+def test_the_closed_form_of_steps_is_exact_without_a_network(case):
     means, steps = loads(case)
     found = simulate(PROFILE, layout(PROFILE, means, case.connected), *case.activity, None)
     of_steps, of_means = cost_of_steps(PROFILE, steps), cost(PROFILE, means)
@@ -78,7 +76,7 @@ def test_the_closed_form_of_steps_is_exact_without_a_network(case: Case) -> None
 
 
 @given(CASES, st.integers(1, 5), st.integers(1, 5), st.sampled_from((1, 2, 16)))
-def test_queues_take_time_and_no_energy(case: Case, hidden: int, out: int, buffer: int) -> None:
+def test_queues_take_time_and_no_energy(case, hidden, out, buffer):
     means = replace(loads(case)[0], cores=(min(hidden, case.sizes[1]), min(out, case.sizes[2])))
     chip = layout(PROFILE, means, case.connected)
     plain, *queued = (simulate(PROFILE, chip, *case.activity, n) for n in (None, 10**4, buffer))
@@ -91,7 +89,7 @@ def test_queues_take_time_and_no_energy(case: Case, hidden: int, out: int, buffe
     assert queued[1].step_ns.sum() <= plain.step_ns.sum() + work + hops + 1e-6
 
 
-def test_the_tables_are_printed_without_peer_and_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_tables_are_printed_without_peer_and_recordings(monkeypatch):
     monkeypatch.delenv("DSE_DATA", raising=False)
     out = io.StringIO()
     with contextlib.redirect_stdout(out):

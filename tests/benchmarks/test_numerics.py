@@ -1,25 +1,21 @@
-from __future__ import annotations
-
-from collections.abc import Iterable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from benchmarks import hots, numerics
-from benchmarks.numerics import Match, Row, match
+from benchmarks.numerics import Match, match
 from dse.engine.layers import prepare, weights
 from dse.neurons import cuba_lif, lif
 from dse_papers.models.time_surfaces import Memory, Stream, nearest
 
 
 @pytest.fixture(autouse=True)
-def no_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_recordings(monkeypatch):
     monkeypatch.delenv("DSE_DATA", raising=False)
 
 
-def by_setting(rows: Iterable[Row]) -> dict[str, Row]:
+def by_setting(rows):
     found = list(rows)
     assert all(row.cost_s > 0 for row in found)
     settings = {row.setting: row for row in found}
@@ -27,11 +23,11 @@ def by_setting(rows: Iterable[Row]) -> dict[str, Row]:
     return settings
 
 
-def falling(values: Iterable[float]) -> bool:
+def falling(values):
     return bool((np.diff(list(values)) < 0).all())
 
 
-def test_spikes_match_that_are_nearest_to_each_other() -> None:
+def test_spikes_match_that_are_nearest_to_each_other():
     expected = [np.array([10.0, 20.0, 30.0]), np.array([5.0])]
     assert match(expected, expected) == Match(0, 1, 0)
     shifted = match([expected[0] + 1, expected[1] - 2], expected)
@@ -44,7 +40,7 @@ def test_spikes_match_that_are_nearest_to_each_other() -> None:
     assert np.isnan(match(silent, [np.array([3.0])]).time)
 
 
-def test_exact_decays_are_those_of_lif_neurons() -> None:
+def test_exact_decays_are_those_of_lif_neurons():
     rows = numerics.drawn_rows(2, 60, 5, 0.2, np.random.default_rng(0))
     weight = np.random.default_rng(1).integers(-30, 60, (5, 4)).astype(np.float32) / 32
     decay = 0.0123
@@ -59,7 +55,7 @@ def test_exact_decays_are_those_of_lif_neurons() -> None:
     np.testing.assert_array_equal(numerics.dense(found.fired), spikes)
 
 
-def test_delays_change_no_sum_and_lose_what_comes_too_late() -> None:
+def test_delays_change_no_sum_and_lose_what_comes_too_late():
     rows = by_setting(numerics.delay_rows(1, n_hidden=8, n_samples=2, n_steps=200))
     assert rows["all 0"].errors == rows["undelayed"].errors
     assert all(row.errors["input"] == 0 for row in rows.values())
@@ -67,14 +63,14 @@ def test_delays_change_no_sum_and_lose_what_comes_too_late() -> None:
     assert rows["all beyond windows of 62 steps"].errors["spikes"] == 0
 
 
-def test_factors_of_few_bits_never_grow() -> None:
+def test_factors_of_few_bits_never_grow():
     for bits in (2, 3, 4, 12):
         for period, quality in ((2.2, 1.5), (4.0, 100.0), (40.0, 20.0)):
             c, s = numerics.rounded_factors(period, quality, bits)
             assert c * c + s * s < 4096**2 and c % 2 ** (12 - bits) == s % 2 ** (12 - bits) == 0
 
 
-def test_exact_solutions_are_those_of_a_diagonal() -> None:
+def test_exact_solutions_are_those_of_a_diagonal():
     values = np.array([1.0, 2.0**-20, 2.0**-52])
     h, t = np.diag(values), np.ones((3, 1))
     for penalty in (0.0, 2.0**-60):
@@ -84,11 +80,11 @@ def test_exact_solutions_are_those_of_a_diagonal() -> None:
     np.testing.assert_allclose(numerics.solved_exactly(h, t, 0.0), np.linalg.lstsq(h, t)[0], rtol=1e-9)
 
 
-def test_weights_err_with_the_condition_number_and_less_with_ridge_and_precision() -> None:
+def test_weights_err_with_the_condition_number_and_less_with_ridge_and_precision():
     conditions = (1e2, 1e6, 1e10)
     rows = by_setting(numerics.elm_rows(1, conditions, (0.0, 1e-4), n_rows=40, n_hidden=8))
 
-    def errors(of: str, ridge: str = "0") -> list[float]:
+    def errors(of, ridge="0"):
         return [rows[f"condition {c:.0e}, ridge {ridge}: {of}"].errors["weights"] for c in conditions]
 
     assert falling(reversed(errors("float64")))
@@ -99,7 +95,7 @@ def test_weights_err_with_the_condition_number_and_less_with_ridge_and_precision
     assert errors("float64")[1] < errors("normal equations")[1]
 
 
-def test_coarser_grids_never_find_a_better_accuracy_and_the_finest_has_no_error() -> None:
+def test_coarser_grids_never_find_a_better_accuracy_and_the_finest_has_no_error():
     grids = {str(k): (numerics.grid(40, 5 * k), numerics.grid(1, 0.1 * k)) for k in (1, 2, 4)}
     rows = by_setting(numerics.decision_rows(1, n_nets=2, n=60, n_steps=800, grids=grids))
     finest, *others = rows.values()
@@ -110,7 +106,7 @@ def test_coarser_grids_never_find_a_better_accuracy_and_the_finest_has_no_error(
     np.testing.assert_array_equal(numerics.grid(1, 0.25, 0.5), [0.5, 0.75, 1])
 
 
-def test_decay_by_table_is_the_decay_of_the_surfaces_that_are_compared() -> None:
+def test_decay_by_table_is_the_decay_of_the_surfaces_that_are_compared():
     events = numerics.edges_swept(0, 300)
     ((field, prototypes),) = layers = hots.stack(events, 24, 24, 2, 1)
     exact = Memory(field).surfaces(events, np.arange(300))
@@ -122,7 +118,7 @@ def test_decay_by_table_is_the_decay_of_the_surfaces_that_are_compared() -> None
     np.testing.assert_array_equal(by_table(5000, numerics.WHOLE_TAU), nearest(binned, prototypes))
 
 
-def test_counts_of_events_and_of_steps() -> None:
+def test_counts_of_events_and_of_steps():
     t = np.array([7, 8, 1006, 1507, 2007], np.int64)
     ones = np.ones(5, np.int32)
     events = Stream(t, ones, 0 * ones, np.array([0, 0, 0, 1, 1], np.int32))
@@ -134,7 +130,7 @@ def test_counts_of_events_and_of_steps() -> None:
     np.testing.assert_array_equal(steps, [[0, 2, 0, 0], [0, 0, 0, 1], [0, 0, 0, 1]])
 
 
-def test_the_table_has_a_row_of_heads_per_part_and_one_per_setting() -> None:
+def test_the_table_has_a_row_of_heads_per_part_and_one_per_setting():
     n = len(list(numerics.rates_rows(1, 100)))
     found = numerics.table(["rates"], 1)
     assert found.row_count == n + 1
@@ -143,9 +139,7 @@ def test_the_table_has_a_row_of_heads_per_part_and_one_per_setting() -> None:
     assert tuple(numerics.PARTS) == parts
 
 
-def test_recordings_take_part_where_there_are_some(
-    shared_data: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recordings_take_part_where_there_are_some(shared_data, monkeypatch):
     monkeypatch.setenv("DSE_DATA", str(shared_data))
     for rows, source in (
         (numerics.rates_rows(1, 100, (100,), (20,)), "fingers"),

@@ -1,7 +1,5 @@
 """What is timed computes the same thing: plain loops and this engine against the float64 witness."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +13,7 @@ TINY = CASES["tiny"]
 
 
 @pytest.fixture(scope="module")
-def exact() -> dict[Variant, list[np.ndarray]]:
+def exact():
     return exact_gradients(TINY)
 
 
@@ -30,7 +28,7 @@ WITNESSES = {
 
 
 @pytest.mark.parametrize("name", [name for name in EXACT if not name.startswith("spikingjelly")])
-def test_gradients_and_answers_are_the_witness_s(name: str, exact: dict[Variant, list[np.ndarray]]) -> None:
+def test_gradients_and_answers_are_the_witness_s(name, exact):
     variant = EXACT[name]
     it = contender(name, TINY)
     assert error(it.gradients(), exact[variant]) < 1e-5
@@ -41,7 +39,7 @@ def test_gradients_and_answers_are_the_witness_s(name: str, exact: dict[Variant,
     assert len(rates) == 2 and all(0 < rate < 1 for rate in rates)
 
 
-def test_rounded_weights_are_neighbours_on_the_grid_and_unbiased() -> None:
+def test_rounded_weights_are_neighbours_on_the_grid_and_unbiased():
     case = CASES["C"]
     for w, rounded in zip(case.weights, case.weights_of(Variant("integer")), strict=True):
         np.testing.assert_array_equal(rounded * 32, np.round(rounded * 32))

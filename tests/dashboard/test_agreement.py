@@ -1,12 +1,8 @@
 """The page and the command line on the shipped study: the same picks, and the same nearest designs."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path
-
-import pytest
 
 from dse.cli import main
 
@@ -35,9 +31,7 @@ FOUND = """async (fragments) => {
 }"""
 
 
-def test_eight_budgets(
-    shown, page_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_eight_budgets(shown, page_path, capsys, monkeypatch):
     monkeypatch.chdir(EXAMPLE.parent)
     chips = [word for chip in CHIPS for word in ("--hardware", chip)]
     assert main(["dashboard", "example", *chips, "--html", str(page_path)]) == 0

@@ -1,7 +1,5 @@
 """The page in a real browser: what is drawn, what a click does, and that nothing in a study can run."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

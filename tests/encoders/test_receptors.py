@@ -13,21 +13,21 @@ from tests.encoders import plain
 from tests.encoders.plain import recorded
 
 
-def one(values: np.ndarray, step_ms: float = 10.0) -> Signals:
+def one(values, step_ms=10.0):
     return recorded(values, step_ms=step_ms)
 
 
-def encoded(encoder: Receptors, values: np.ndarray, step_ms: float = 10.0) -> np.ndarray:
+def encoded(encoder, values, step_ms=10.0):
     return plain.encoded(encoder, one(values, step_ms))[0]
 
 
-def learnt(encoder: Receptors, signals: Signals, train: np.ndarray) -> Receptors:
+def learnt(encoder, signals, train):
     n_steps = int(np.diff(signals.offsets).min())
     n = signals.n_recordings
     return encoder.fitted(signals, np.zeros(n, np.int64), n_steps, np.zeros(n, np.int64), 1, train)
 
 
-def wave(n_steps: int = 80, n: int = 3, seed: int = 0) -> np.ndarray:
+def wave(n_steps=80, n=3, seed=0):
     rng = np.random.default_rng(seed)
     return np.cumsum(rng.normal(0, 4, (n_steps, n)), axis=0).astype(np.float32) + 100
 

@@ -1,22 +1,18 @@
 """The printed training, as a search space: it is read, and trains on a scene small enough for a test."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import dse
 from dse import store
 from dse.cli import main
-from dse.records import Network
 
 SPACE = Path(__file__).resolve().parents[2] / "search_spaces" / "texture_profile_as_printed.yaml"
 
 
-def small(folder: Path) -> Path:
+def small(folder):
     """Return the space with few trials of a small scene, coarse pools and few neurons and epochs."""
     text, n = re.subn(r"(?s)  train: .*?(?=# Printed: 78)", "SPLIT", SPACE.read_text())
     assert n == 1
@@ -44,7 +40,7 @@ def small(folder: Path) -> Path:
     return path
 
 
-def test_it_trains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_trains(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(small(tmp_path)), "--results", "results"]) == 0
     study = dse.open("results/texture_profile_as_printed")
@@ -52,7 +48,6 @@ def test_it_trains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert trial["epochs_trained"] == 3 and 1 <= trial["epoch_kept"] <= 3
     (run,) = Path("results").rglob("runs/*.npz")
     network = store.fitted_of(store.load_arrays(run / "weights.npz"))
-    assert isinstance(network, Network)
     hidden, outputs = network.layers
     assert hidden.delay is None and outputs.delay is not None
     assert (outputs.delay == outputs.delay[:1]).all() and 0 < outputs.delay.max() <= 62

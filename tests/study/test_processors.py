@@ -1,13 +1,10 @@
 """Another processor's kernels of linear algebra: the same bits, of what is said to have the same."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -26,7 +23,7 @@ PRODUCT = (
 )
 
 
-def on(kernel: str, *command: str) -> str:
+def on(kernel, *command):
     """Return what a Python process prints with the kernels of a processor."""
     environment = {**os.environ, "OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": "1"}
     return subprocess.run(
@@ -34,9 +31,7 @@ def on(kernel: str, *command: str) -> str:
     ).stdout
 
 
-def test_integer_networks_and_prices_are_the_same_bits_with_the_kernels_of_another_processor(
-    tmp_path: Path,
-) -> None:
+def test_integer_networks_and_prices_are_the_same_bits_with_the_kernels_of_another_processor(tmp_path):
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(PRODUCT, {})
@@ -56,6 +51,6 @@ def test_integer_networks_and_prices_are_the_same_bits_with_the_kernels_of_anoth
     assert_frame_equal(*points, check_exact=True)
 
 
-def arrays(path: Path) -> dict[str, bytes]:
+def arrays(path):
     """Return the weights of a run as bytes."""
     return {name: array.tobytes() for name, array in store.load_arrays(path / "weights.npz").items()}

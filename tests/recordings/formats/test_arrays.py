@@ -1,7 +1,5 @@
 """Event arrays in .npz, HDF5 and .csv files: where they are found, what their values mean, and damage."""
 
-from __future__ import annotations
-
 import sys
 
 import h5py

@@ -1,7 +1,5 @@
 """What holds for every event file format: bad bytes are a sentence or a repair, and files are told apart."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
