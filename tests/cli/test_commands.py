@@ -104,13 +104,6 @@ def test_set_must_be_a_key_and_a_value(tmp_path, capsys, text):
     assert capsys.readouterr().err.startswith("--set ")
 
 
-def test_set_replaces_a_value(tmp_path, capsys):
-    assert (
-        main(["check", str(write_space(tmp_path)), "--set", "model.hidden={choice: [3, 5]}", "--json"]) == 0
-    )
-    assert document(capsys.readouterr().out)["rows"][0]["designs"] == 4
-
-
 def test_run_leaves_a_study_and_its_page(results):
     assert len(open_study(results).trials) == 2
     page = (results / "page.html").read_text(encoding="utf-8")
@@ -388,10 +381,3 @@ def test_help_and_version(capsys):
             main(arguments)
         assert caught.value.code == 0
         assert capsys.readouterr().out
-
-
-def test_no_command_is_bad_input(capsys):
-    with pytest.raises(SystemExit) as caught:
-        main([])
-    assert caught.value.code == 2
-    assert "COMMAND" in capsys.readouterr().err

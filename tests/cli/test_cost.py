@@ -72,18 +72,6 @@ def test_a_network_on_loihi(net, capsys):
     assert row["evidence"] == [word for word in get_args(Evidence) if f"evidence: {word}," in LOIHI]
 
 
-def test_the_terms_add_up(net, capsys):
-    (row,) = rows(capsys, net)
-    causes = ("neuron_access", "neuron_update", "spike", "synaptic_event", "message", "hop")
-    for end, share in (("", 1.0), ("_low", 0.85), ("_high", 1.15)):
-        terms = [row[f"energy_{cause}_uj{end}"] for cause in causes]
-        assert terms[0] == pytest.approx(share * 51.2e-6 * 57 * 100)
-        assert sum(terms) == pytest.approx(row[f"energy_dynamic_uj{end}"])
-        assert row[f"energy_dynamic_uj{end}"] + row[f"energy_static_uj{end}"] == pytest.approx(
-            row[f"energy_uj{end}"]
-        )
-
-
 def test_a_network_in_print(tmp_path, capsys):
     path = tmp_path / "w.yaml"
     path.write_text("layers: [6084, 425, 12]\nn_steps: 1\nmean_rate: [0, 0, 0]\n")
@@ -180,14 +168,6 @@ def test_a_battery_that_nothing_draws_from(net, tmp_path, capsys):
     assert document["notes"] == ["mine: draws no power, so a battery lasts for ever (null in JSON)"]
 
 
-def test_draws_are_the_same_every_time_and_lie_within_the_interval(net, capsys):
-    (row,) = rows(capsys, net, "--draws", 400)
-    assert rows(capsys, net, "--draws", 400) == [row]
-    quantiles = [row[f"energy_uj{end}"] for end in ("_low", "_q05", "_q50", "_q95", "_high")]
-    assert quantiles == sorted(quantiles)
-    assert row["energy_throttled_uj_q50"] == pytest.approx(row["energy_throttled_uj"], rel=0.1)
-
-
 def test_draws_of_counts_of_each_step_are_those_of_the_whole(tmp_path, capsys):
     path = tmp_path / "w.yaml"
     n_steps = 3000  # more draws times steps than are priced together
@@ -199,14 +179,6 @@ def test_draws_of_counts_of_each_step_are_those_of_the_whole(tmp_path, capsys):
     each, mean = found
     for name in ("energy_uj_q05", "energy_uj_q50", "energy_throttled_uj_q95"):
         assert each[name] == pytest.approx(mean[name], rel=1e-12)
-
-
-def test_static_energy_is_never_negative(tmp_path, capsys):
-    path = tmp_path / "w.yaml"
-    path.write_text("layers: [300, 50, 70000, 300]\nn_steps: 1\nmean_rate: [0.065, 0.04, 0.133, 0.167]\n")
-    (row,) = rows(capsys, path, "--hardware", "mcu_m33")
-    for end in ("", "_low", "_high"):
-        assert row[f"energy_static_uj{end}"] == row[f"energy_static_throttled_uj{end}"] == 0
 
 
 def test_text_has_a_table_for_each_hardware(net, capsys):
@@ -272,15 +244,6 @@ def test_numbers_out_of_range(net, capsys, option, value, fault):
     with pytest.raises(SystemExit, match="2"):
         main(["cost", str(net), option, value])
     assert f"argument {option}: {fault}" in capsys.readouterr().err
-
-
-def test_static_energy_is_that_of_the_chip_and_that_of_the_cores_in_use(net, capsys):
-    chip, other = rows(capsys, net, "--hardware", "loihi1_silicon", "--hardware", "odin")
-    for name in ("static", "static_throttled"):
-        for end in ("", "_low", "_high"):
-            whole, share = chip[f"energy_{name}_uj{end}"], chip[f"energy_{name}_share_uj{end}"]
-            assert share == pytest.approx(whole * 2 / 128)  # a core per layer, of 128
-            assert other[f"energy_{name}_share_uj{end}"] is None, "one core is the whole chip"
 
 
 def test_power_between_contacts_that_nobody_knows_is_an_interval(net, capsys):

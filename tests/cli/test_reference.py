@@ -22,15 +22,6 @@ PROFILES = Path(dse.hardware.__file__).parent / "profiles"
 SCENE = [row["section"] for row in reference.sections() if row["section"].split(".")[0] == "scene"]
 
 
-def test_the_sections_of_a_scene_follow_those_of_a_search_space():
-    sections = [row["section"] for row in reference.sections()]
-    assert sections[-len(SCENE) - 2 :] == [*SCENE, "bounds", "columns"]
-    assert SCENE[0] == "scene"
-    assert {name.partition(".")[2] for name in SCENE[1:]} < {
-        field.name for field in dataclasses.fields(SceneFile)
-    }
-
-
 @pytest.mark.parametrize("section", SCENE)
 def test_every_section_and_name_has_its_keys(section):
     known = reference.names(section)
@@ -56,12 +47,6 @@ def test_keys_are_those_of_the_record(section, cls):
     assert [row["key"] for row in reference.keys(section, None)] == [f.name for f in dataclasses.fields(cls)]
 
 
-def test_where_an_axis_stands_for_several():
-    axes = {row["key"]: row["axis"] for row in reference.keys("scene.motions", "constant")}
-    assert axes == {"speed_mm_s": "yes", "travel_mm": "yes", "acceleration_mm_s2": "yes", "name": "no"}
-    assert {row["axis"] for row in reference.keys("scene.method", None)} == {"no"}
-
-
 def test_a_sensor_says_what_is_assumed():
     assert [row["name"] for row in reference.names("scene.sensor")] == list(presets.sensors())
     rows = {row["key"]: row for row in reference.keys("scene.sensor", "davis240_49")}
@@ -80,13 +65,6 @@ def test_a_sensor_says_what_is_assumed():
     assert rows["camera.refractory_us"]["value"] == "500"
 
 
-def test_a_texture_says_that_all_of_it_is_assumed():
-    rows = {row["key"]: row for row in reference.keys("scene.textures", "denim")}
-    assert {row["evidence"] for row in rows.values()} == {"assumed"}
-    assert (rows["modulus_mpa"]["value"], rows["modulus_mpa"]["doc"]) == ("1", "modulus")
-    assert rows["weave_angle_deg"]["unit"] == "deg"
-
-
 @pytest.mark.parametrize("name", profile.names())
 def test_every_number_of_a_profile_is_described_as_it_is_written(name):
     written = yaml.safe_load((PROFILES / f"{name}.yaml").read_text(encoding="utf-8"))
@@ -101,14 +79,6 @@ def test_every_number_of_a_profile_is_described_as_it_is_written(name):
 def described(capsys, *arguments):
     assert main(["describe", "hardware", *map(str, arguments), "--json"]) == 0
     return json.loads(capsys.readouterr().out)
-
-
-def test_a_profile_says_what_it_is_and_of_which_kind(capsys):
-    found = described(capsys, "op_4.6_0.9")
-    assert [row["key"] for row in found["rows"]] == ["mac_pj", "addition_pj"]
-    title, kind = found["notes"]
-    assert str(title).startswith("op_4.6_0.9: 4.6 pJ per multiply-accumulate")
-    assert str(kind).startswith("kind operations: ")
 
 
 def own_profile(path, old="", new=""):

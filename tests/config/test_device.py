@@ -23,15 +23,6 @@ def path(tmp_path):
     return write_space(tmp_path, ("jobs: 1", "device: cuda"))
 
 
-def test_no_device(no_gpu, path):
-    with pytest.raises(ConfigError) as caught:
-        load_space(path, check_data=True)
-    assert str(caught.value) == (
-        f"{path}:20: execution.device cuda needs a CUDA device, but torch finds none; execution.device: cpu "
-        "needs none"
-    )
-
-
 def test_no_package(no_gpu, path, monkeypatch):
     monkeypatch.setattr(settings, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"20: execution\.device cuda needs the package torch, which"):

@@ -7,7 +7,7 @@ import pytest
 from dse.config import ConfigError, load_space
 from dse.config.schema import json_schema
 from dse.config.yaml_lines import parse
-from dse.search.space import design_at, grid
+from dse.search.space import grid
 from tests import families, tiny_study
 from tests.spaces import SPACE, write_space
 
@@ -90,12 +90,6 @@ def test_a_design_with_axes_of_another_kind(tmp_path, change, message):
         space.resolve(design | change)
 
 
-def test_every_design_survives_json(tmp_path):
-    space = loaded(tmp_path)
-    for design in grid(space)[::7]:
-        assert space.resolve(json.loads(json.dumps(design))) == space.resolve(design)
-
-
 def test_it_survives_a_round_trip(tmp_path):
     space = loaded(tmp_path)
     again = tmp_path / "again.yaml"
@@ -113,14 +107,6 @@ def test_a_name_and_a_choice_of_one_are_a_plain_section(tmp_path, model):
     space = load_space(path)
     assert space.to_plain()["model"] == {"kind": "near_of_a_test", "k": 3}
     assert list(space.axes) == ["encoder.thresholds"]
-
-
-def test_a_choice_of_one_keeps_plain_names_of_its_axes(tmp_path):
-    plain = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
-    choice = load_space(write_space(tmp_path, (plain, f"{{choice: [{plain}]}}")))
-    before = load_space(write_space(tmp_path))
-    assert choice.to_yaml() == before.to_yaml()
-    assert grid(choice) == grid(before)
 
 
 def test_all_faults_of_all_entries_at_once(tmp_path):
@@ -173,15 +159,6 @@ def test_one_fault_of_a_choice(tmp_path, model, fault):
     assert found.startswith(f"--set model: {fault}")
 
 
-def test_the_grid_names_the_entry_whose_range_has_no_step(tmp_path):
-    (fault,) = faults_of(tmp_path, ("gain: {range: [0.5, 2.0], step: 0.5}", "gain: {range: [0.5, 2.0]}"))
-    assert fault.startswith("22: model.wide_of_a_test.gain needs a step or a choice for the grid sampler")
-
-
-def test_a_grid_is_proposed_at_once(tmp_path):
-    assert loaded(tmp_path, (", batch: 4", "")).search.batch == families.N_DESIGNS
-
-
 def test_the_gaussian_process_says_which_samplers_can(tmp_path):
     (fault,) = faults_of(tmp_path, ("sampler: grid, batch: 4", "sampler: gp, n_trials: 9"))
     assert fault == (
@@ -215,13 +192,6 @@ def test_keys_of_an_entry_can_be_replaced(tmp_path, overrides, n):
     assert len(grid(space)) == n
 
 
-def test_a_replaced_key_is_resolved(tmp_path):
-    space = loaded(tmp_path, **{"model.snn.hidden": "64", "model.wide_of_a_test.flag": "true"})
-    assert space.parts["model"].entries["snn"].values["hidden"] == (64,)
-    assert space.parts["model"].entries["wide_of_a_test"].values["flag"] is True
-    assert loaded(tmp_path, model="near_of_a_test", **{"model.k": "4"}).parts["model"].values["k"] == 4
-
-
 @pytest.mark.parametrize(
     ("key", "value", "fault"),
     [
@@ -248,13 +218,6 @@ def test_an_encoder_may_stand_for_recordings_of_spikes(tmp_path):
             tiny_study.make_space(tmp_path, preprocessing={"bin_ms": 5})
     finally:
         tiny_study.unregister()
-
-
-def test_signals_need_an_encoder(tmp_path):
-    line = "encoder: {kind: send_on_delta, thresholds: {choice: [[1, 2], [1, 2, 4]]}}\n"
-    path = write_space(tmp_path, (line, ""))
-    with pytest.raises(ConfigError, match="section 'encoder' is required for time_series recordings"):
-        load_space(path)
 
 
 @pytest.mark.parametrize(
@@ -321,14 +284,3 @@ def test_the_schema_knows_choices_of_components(model, good):
     schema = json_schema()
     value = parse(model, "model").data
     assert accepts(schema["properties"]["model"], value, schema) is good
-
-
-def test_no_design_has_a_trace_of_another_kind(tmp_path):
-    space = loaded(tmp_path)
-    for index in range(0, families.N_DESIGNS, 11):
-        design = design_at(space, index)
-        kind = design["model.kind"]
-        own = [name for name in design if name.startswith("model.") and name != "model.kind"]
-        assert all(name.startswith(f"model.{kind}.") for name in own)
-        keys = {name.rpartition(".")[2] for name in own} | set(space.parts["model"].entries[kind].values)
-        assert set(space.resolve(design).to_plain()["model"]) == {"kind", *keys}

@@ -48,14 +48,6 @@ def test_a_grid_is_proposed_at_once_and_others_in_batches(tmp_path):
     assert load_space(write_space(tmp_path, learning)).search.batch == 8
 
 
-def test_it_survives_a_round_trip(tmp_path):
-    space = load_space(write_space(tmp_path, ("true_rate: 0.8", "true_rate: {range: [0.5, 1], step: 0.1}")))
-    again = tmp_path / "again.yaml"
-    again.write_text(space.to_yaml(), encoding="utf-8")
-    assert load_space(again).to_plain() == space.to_plain()
-    assert load_space(again).to_yaml() == space.to_yaml()
-
-
 def test_six_mistakes_of_six_kinds_are_all_listed(tmp_path):
     path = write_space(
         tmp_path,

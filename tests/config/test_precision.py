@@ -16,12 +16,6 @@ def with_section(folder, text):
     return write_space(folder, (LINE, f"precision: {text}\n{LINE}"))
 
 
-def test_absent_it_is_nothing(tmp_path):
-    space = load_space(write_space(tmp_path))
-    assert space.precision is None
-    assert "precision" not in space.to_plain()
-
-
 def test_every_setting_but_the_trained_one(tmp_path):
     path = with_section(tmp_path, "{weight_bits: [8, 2, 4, 2], pruned: [0.5, 0]}")
     found = load_space(path).precision

@@ -51,8 +51,3 @@ def test_resolving_changes_nothing(space):
 def test_a_value_off_its_axis(space, change, message):
     with pytest.raises(ValueError, match=message):
         space.resolve(DESIGN | change)
-
-
-def test_a_design_without_an_axis(space):
-    with pytest.raises(ValueError, match="a design must have the axes"):
-        space.resolve({"model.hidden": 8})

@@ -111,29 +111,6 @@ def test_an_encoder_begins_at_the_first_step_that_a_window_reaches(folder):
     assert not dense(raster, 9).any(), "recordings in no part have no spikes"
 
 
-def test_no_spike_at_all(folder):
-    of_nothing = [KINDS[kind] | {"encoder": {"kind": "silent"}} for kind in KINDS]
-    of_nothing += [OF_RASTERS | {"encoder": {"kind": encoder}} for encoder in ("counting", "levels")]
-    for number, design in enumerate(of_nothing):
-        if number == len(KINDS):
-            np.savez(folder / "x.npz", raster=np.zeros_like(RASTER), label=LABEL, part=PART)
-        data, _ = build(design, folder)
-        assert data.spikes.channel.size == 0 and data.spikes.n_samples == 12
-        assert (data.start_high + 10 <= data.spikes.n_steps).all()
-
-
-def test_one_taxel(folder):
-    np.savez(
-        folder / "x.npz", raster=RASTER[:, :, 0], signal=SIGNAL[:, :, :1], label=LABEL, part=PART
-    )  # fmt: skip
-    flat = OF_RASTERS | {"data": {**OF_RASTERS["data"], "axes": "sample step"}}
-    for design in (flat, OF_SIGNALS):
-        data, _ = build(design | {"encoder": {"kind": "counting"}}, folder)
-        assert data.positions.tolist() == [[0, 0, 0]] and data.spikes.n_channels == 1
-        data, _ = build(design | {"encoder": {"kind": "levels"}}, folder)
-        assert data.positions.tolist() == [[0, 0, 0], [0, 0, 1], [0, 0, 2]]
-
-
 # --- where channels lie
 
 

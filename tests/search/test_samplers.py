@@ -107,24 +107,10 @@ def test_a_resumed_study_asks_the_same(name, open_space):
         assert resumed.ask(BATCH) == whole[known : known + BATCH]
 
 
-@pytest.mark.parametrize("name", ["grid", *OPEN])
-def test_the_history_may_be_told_at_once(name, small_space):
-    whole = played(start(name, small_space), 1)
-    one = start(name, small_space)
-    one.tell(whole, measured(whole))
-    assert not {seeds.design_key(d) for d in one.ask(2)} & {seeds.design_key(d) for d in whole}
-
-
 @pytest.mark.parametrize("name", OPEN)
 def test_a_batch_that_was_asked_in_part_is_asked_again(name, open_space):
     """A process that died while a batch was being written down asks for the same designs."""
     assert start(name, open_space).ask(2) == start(name, open_space).ask(BATCH)[:2]
-
-
-@pytest.mark.parametrize("name", OPEN)
-def test_another_seed_is_another_search(name, tmp_path):
-    first, second = (space_of(tmp_path, ("0.8", "{range: [0.1, 0.9]}"), seed=seed) for seed in (1, 2))
-    assert start(name, first).ask(BATCH) != start(name, second).ask(BATCH)
 
 
 @pytest.mark.parametrize("name", ["grid", *OPEN])
@@ -323,22 +309,6 @@ def test_failed_designs_are_not_asked_again(small_space):
     assert all(design not in first for design in sampler.ask(2))
 
 
-# What this space was asked for before a section could be a choice of components.
-BEFORE = {
-    "random": [68, 203, 26, 167, 146, 236, 74, 234, 86, 3, 154, 60, 63, 83, 30, 204],
-    "tpe": [68, 203, 26, 167, 146, 236, 74, 234, 80, 119, 53, 216, 217, 36, 173, 56],
-    "nsga2": [68, 203, 26, 167, 146, 236, 74, 234, 148, 34, 105, 24, 114, 188, 154, 201],
-    "grid": list(range(16)),
-}
-
-
-@pytest.mark.parametrize("name", sorted(BEFORE))
-def test_spaces_without_conditions_are_searched_as_before(name, tmp_path):
-    rate, epochs = "true_rate: {choice: [0.5, 0.6, 0.7, 0.8, 0.9]}", "epochs: {range: [1, 8]}"
-    space = space_of(tmp_path, ("true_rate: 0.8", rate), ("epochs: 1", epochs))
-    assert [index_of(space, design) for design in played(start(name, space), 4)] == BEFORE[name]
-
-
 @pytest.fixture
 def known():
     families.register()
@@ -378,17 +348,6 @@ def searched(sampler, batches):
         history += designs
         sampler.tell(designs, scored(designs))
     return history
-
-
-@pytest.mark.parametrize("name", OPEN)
-def test_a_design_has_the_axes_of_its_kinds(name, mixed):
-    designs = searched(start(name, mixed), 5)
-    assert len(set(map(seeds.design_key, designs))) == len(designs) == 5 * BATCH
-    for design in designs:
-        assert list(design) == list(mixed.active(design))
-        mixed.resolve(design)
-    assert {design["model.kind"] for design in designs} == set(mixed.choices["model"])
-    assert {design["encoder.kind"] for design in designs} == set(mixed.choices["encoder"])
 
 
 @pytest.mark.parametrize("name", OPEN)

@@ -43,29 +43,6 @@ def test_both_heads_are_learnt_and_answers_come_in_their_order():
     assert len(outcome.history["loss"]) == len(outcome.history["first_loss"]) == 20
 
 
-def test_a_stretch_of_a_sample_keeps_its_spikes():
-    data = joint(margin=5)
-    samples, first, length = np.array([3, 0, 7]), np.array([0, 9, 4]), np.array([12, 30, 0])
-    found = arrays(cut(data.spikes, samples, first, length), np.zeros(3, int), 30)
-    whole = arrays(data.spikes, np.zeros(80, int), data.spikes.n_steps)
-    for row, (i, begin, n) in enumerate(zip(samples, first, length, strict=True)):
-        np.testing.assert_array_equal(found[row, :n], whole[i, begin : begin + n])
-        assert not found[row, n:].any()
-    nothing = cut(data.spikes, samples[:0], first[:0], length[:0])
-    assert nothing.n_samples == 0 and nothing.row_offsets.tolist() == [0]
-
-
-def test_further_channels_stand_after_the_others():
-    data = joint()
-    more = (np.random.default_rng(0).random((80, 40, 3)) < 0.2).astype(np.uint8)
-    found = beside(data.spikes, more)
-    own = arrays(data.spikes, np.zeros(80, int), 40)
-    np.testing.assert_array_equal(arrays(found, np.zeros(80, int), 40), np.concatenate([own, more], axis=2))
-    rows = np.repeat(np.arange(80 * 40), np.diff(found.row_offsets))
-    assert (np.diff(rows * 15 + found.channel) > 0).all()  # sorted, no duplicates
-    assert beside(data.spikes, more[..., :0]).channel.tolist() == data.spikes.channel.tolist()
-
-
 def of(fitted, name):
     return store.record_of(Network, fitted.arrays, name)
 
@@ -179,12 +156,6 @@ def test_samples_are_answered_by_stacks_that_trained_on_others(monkeypatch):
     for x in seen:
         of_data = arrays(x.spikes, np.zeros(x.spikes.n_samples, int), 40)[..., :12]
         assert not test & {tuple(sample.ravel()) for sample in of_data}
-
-
-def test_without_cross_fit_its_accuracy_is_unknown(monkeypatch):
-    seen = watched(monkeypatch)
-    assert np.isnan(fit(Cascade(**SMALL, cross_fit=0), joint()).health["accuracy_cross_fit"])
-    assert len(seen) == 2
 
 
 def test_one_training_sample_and_silence():

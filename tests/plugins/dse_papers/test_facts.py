@@ -6,7 +6,6 @@ import pytest
 import yaml
 
 from dse.config import load_space, shipped_spaces
-from dse.recordings.scene import SceneTrials
 from dse.study.results import Study
 from dse_papers.report.compare import paper_report
 from tests.report.made import write
@@ -59,17 +58,3 @@ def test_shipped_spaces_are_set_up_as_printed(tmp_path, paper, space, design, sa
     assert set(differing) == others, differing
     alike = [row for row in rows if row.kind == "set-up" and row.ours]
     assert len(alike) > 15
-
-
-def test_a_smaller_study_says_so(tmp_path):
-    space = "texture_profile_grid_small"
-    small = load_space(shipped_spaces()[space]).resolve(GRID)
-    assert isinstance(small.data, SceneTrials)
-    rows = paper_report([study_of(tmp_path, space, GRID, (864, 288, 288))], "002").rows
-    differs = {row.quantity: row.differs for row in rows if row.kind == "set-up" and row.setup}
-    assert differs["epochs"] == f"epochs: {small.training.epochs} instead of 100"
-    trials = "trials of each texture and profile"
-    assert differs[trials] == f"{trials}: {small.data.trials} instead of 100"
-    assert "pools" not in differs and "threshold of the neuron" not in differs
-    [step] = [row for row in rows if row.quantity == "step of the hidden sizes"]
-    assert (step.printed, step.ours) == ("25", "uneven")

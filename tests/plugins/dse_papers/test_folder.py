@@ -79,16 +79,6 @@ def test_it_names_no_folder_of_this_machine(study):
     assert kept == written
 
 
-def test_made_anew_it_is_the_same(study):
-    def content():
-        return {str(x): x.read_bytes() for x in Path("paper").rglob("*") if x.is_file()}
-
-    assert made() == 0
-    before = content()
-    assert made() == 0
-    assert content() == before
-
-
 def test_it_replaces_no_other_folder(study, capsys):
     Path("paper").mkdir()
     Path("paper/thesis.tex").write_text("mine")

@@ -9,7 +9,7 @@ import pytest
 from dse import seeds
 from dse.models.training import Training
 from dse.records import Answers, Dataset, Parameters, Spikes
-from dse_papers.models.hots import HOTS, _Inputs, _places, histograms, read_out_steps
+from dse_papers.models.hots import HOTS, histograms, read_out_steps
 from dse_papers.models.time_surfaces import Field, Stream, nearest, surface
 
 # A 4 x 3 grid of taxels without its corner, two planes of numbers of their own.
@@ -94,11 +94,6 @@ def test_every_kind_learns_the_direction_of_a_wave(settings):
     np.testing.assert_array_equal(answers(outcome).label, answers(again).label)
 
 
-def test_another_repeat_learns_other_prototypes():
-    first, other = (parameters(fit(waves(), repeat)).arrays["prototypes_1"] for repeat in (0, 1))
-    assert not np.array_equal(first, other)
-
-
 def test_two_layers_answer_as_the_definition_does():
     data = waves(n=8, n_steps=25, start=3)
     settings = HOTS(layers=2, radius=1, radius_factor=2.6, prototypes=3, prototypes_factor=1.5, tau_ms=7.0)
@@ -169,13 +164,6 @@ def test_input_lengths_are_even_and_the_last_is_the_window():
     assert read_out_steps(5000, 50).tolist() == list(range(100, 5001, 100))
 
 
-def test_fewer_read_outs_are_some_of_the_many():
-    data = waves()
-    many, few = (answers(fit(data, read_outs=n)) for n in (20, 10))
-    assert few.time_ms.tolist() == many.time_ms[1::2].tolist()
-    np.testing.assert_array_equal(few.label, many.label[:, 1::2])
-
-
 def with_times(data, t_us):
     """Return the same spikes at times of their own within their steps of 5 ms."""
     return dataclasses.replace(data, spikes=dataclasses.replace(data.spikes, t_us=t_us.astype(np.int32)))
@@ -221,15 +209,6 @@ def test_microseconds_tell_apart_what_bins_do_not():
         assert health["hots_events_kept"] == passed
 
 
-def test_times_count_from_the_start_of_the_window():
-    data = waves(start=3)
-    timed = with_times(data, 5000 * step_of(data) + 7)
-    inputs = _Inputs(timed, _places(POSITIONS), None)
-    step, events = inputs.events(4)
-    np.testing.assert_array_equal(events.t_us, 5000 * step + 7)
-    assert step[0] >= 0 and step[-1] < 57
-
-
 def test_histograms_count_what_came_within_each_length():
     found = histograms(np.array([0, 1, 1, 4]), np.array([1, 0, 1, 2]), np.array([1, 3, 5]), 3)
     assert found.tolist() == [[0, 1, 0], [1, 2, 0], [1, 2, 1]]
@@ -248,12 +227,6 @@ def test_answers_see_no_more_than_their_input_length():
     half = HOTS().respond(parameters(outcome), dataclasses.replace(data, spikes=spikes), data.validation)
     np.testing.assert_array_equal(half.label[:, :10], answers(outcome).label[:, :10])
     assert (half.input_spikes[:, 10:] == half.input_spikes[:, 9:10]).all()
-
-
-def test_one_class_and_one_sample():
-    data = dataset(np.ones((2, 5, 22), dtype=bool), np.array([0, 0]))
-    outcome = fit(data, layers=3)
-    assert (answers(outcome).label == 0).all()
 
 
 def test_more_prototypes_than_events():
@@ -281,36 +254,6 @@ def test_no_events_at_all(clustering):
     assert (answers(outcome).label == 0).all()  # all signatures are equally near
     assert answers(outcome).macs.tolist() == [3 * 1 + 1] * 9
     assert outcome.health["hots_events_kept"] == 1.0
-
-
-def test_a_silent_sample_among_others():
-    data = waves()
-    network = parameters(fit(data))
-    silent = dataset(np.zeros((1, 60, 22), dtype=bool), np.array([0]))
-    said = HOTS().respond(network, silent, np.array([0]))
-    assert set(said.label.ravel().tolist()) <= {0, 1, 2}
-    assert said.input_spikes.sum() == 0
-    nobody = HOTS().respond(network, silent, np.zeros(0, np.int64))
-    assert nobody.label.shape == (0, 20)
-    assert np.isfinite(nobody.macs).all()
-
-
-@pytest.mark.parametrize("tau_ms", [0.02, 1e9])
-def test_time_constants_as_printed_and_without_end(tau_ms):
-    data = waves(n=12, n_steps=20)
-    assert np.isfinite(parameters(fit(data, tau_ms=tau_ms, layers=2)).arrays["prototypes_2"]).all()
-
-
-def test_a_filter_that_nothing_passes():
-    outcome = fit(waves(n=8, n_steps=20), filter_radius=1, filter_neighbours=10_000)
-    assert outcome.health["hots_events_kept"] == 0.0
-    assert answers(outcome).additions[-1] == 5 * answers(outcome).input_spikes[:, -1].mean()
-
-
-def test_the_radius_is_capped():
-    arrays = parameters(fit(waves(), layers=2, radius=2, radius_max=1, prototypes=4)).arrays
-    assert arrays["prototypes_1"].shape == (4, 3 * 3 * 2)
-    assert arrays["prototypes_2"].shape == (8, 3 * 3 * 4)
 
 
 def test_responding_again_gives_what_training_recorded_and_the_test_part_is_answered():
