@@ -22,6 +22,9 @@ PEERS := $(VENV)/.peers
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
+# Modules are compiled once, wherever the environment forbids it: else each process of the tests does so again.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: example papers quickstart test wheel faults fuzz peers setup lint types kernels-engine kernels-scene format clean
 
 quickstart: $(STUDY)

@@ -38,7 +38,7 @@ collect_ignore_glob = [] if PAPERS else list(_OF_PAPERS)
 SLOW_FIRST = ("study", "dashboard", "cli")
 """Folders of tests/ whose files take longest: begun last, one would be waited for alone."""
 
-settings.register_profile("repeatable", deadline=None, derandomize=True)
+settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=30)
 settings.load_profile("repeatable")
 
 # A shell's background job ignores Ctrl-C, and so would every program that the tests start and stop.

@@ -1,12 +1,8 @@
 """The shipped study, results/example: today's code reads it, as it was made from its search space."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
-
-import pytest
 
 import dse
 from dse.cli import main
@@ -16,23 +12,21 @@ EXAMPLE = ROOT / "results" / "example"
 MOST_BYTES = 5_600_000
 
 
-def test_it_is_small() -> None:
+def test_it_is_small():
     sizes = [
         path.stat().st_size for path in EXAMPLE.rglob("*") if path.is_file() and path.name != "page.html"
     ]
     assert 100_000 < sum(sizes) <= MOST_BYTES
 
 
-def test_commands_read_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_read_it(tmp_path, monkeypatch, capsys):
     """If a format changes: make it anew, as CONTRIBUTING says."""
     shutil.copytree(EXAMPLE, tmp_path / "example")
     monkeypatch.chdir(tmp_path)
 
-    def document(*arguments: str) -> dict[str, list[dict[str, object]]]:
+    def document(*arguments):
         assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
-        return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
+        return json.loads(capsys.readouterr().out)
 
     front = document("skyline", "example", "--draws", "5")["rows"]
     assert {row["task"] for row in front} == {"texture", "profile"}
@@ -43,7 +37,7 @@ def test_commands_read_it(
     assert Path("page.html").stat().st_size > 1_000_000
 
 
-def test_it_is_the_study_of_its_search_space() -> None:
+def test_it_is_the_study_of_its_search_space():
     study = dse.open(EXAMPLE)
     trials = study.trials
     assert set(trials["status"]) == {"finished"}

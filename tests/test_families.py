@@ -1,23 +1,16 @@
 """A study of several kinds, from its search space to tables, front and page."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import dse
-from dse.config import SearchSpace
 from dse.dashboard.gather import gather_page
 from dse.figures.front import FrontFigure
 from dse.skyline import front
 from dse.study import explore
 from dse.study import trials as tables
 from dse.study.record import RunRecord
-from dse.study.results import Study
 from tests import tiny_study
 
 MODEL = {
@@ -30,18 +23,18 @@ OWN = ["model.fake.hidden", "model.fake.mood", "model.together.true_rate"]
 
 
 @pytest.fixture(scope="module")
-def space(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SearchSpace]:
+def space(tmp_path_factory):
     folder = tmp_path_factory.mktemp("families")
     yield tiny_study.make_space(folder, model=MODEL, execution={"jobs": 1})
     tiny_study.unregister()
 
 
 @pytest.fixture(scope="module")
-def done(space: SearchSpace) -> Study:
+def done(space):
     return explore.run(space, space.source.parent / "results", progress=False)
 
 
-def test_every_kind_is_trained_and_failures_are_rows(done: Study) -> None:
+def test_every_kind_is_trained_and_failures_are_rows(done):
     trials = done.trials
     assert trials["model.kind"].tolist() == ["fake"] * 4 + ["together"] * 2
     assert trials["status"].tolist() == ["finished", "failed"] * 2 + ["finished"] * 2
@@ -50,7 +43,7 @@ def test_every_kind_is_trained_and_failures_are_rows(done: Study) -> None:
 
 
 @pytest.mark.parametrize("name", ["trials", "points"])
-def test_an_axis_of_another_kind_is_missing(done: Study, name: str) -> None:
+def test_an_axis_of_another_kind_is_missing(done, name):
     frame = done.trials if name == "trials" else done.points()
     fake = frame["model.kind"] == "fake"
     for column in OWN:
@@ -61,7 +54,7 @@ def test_an_axis_of_another_kind_is_missing(done: Study, name: str) -> None:
     assert set(frame["model.together.true_rate"].dropna()) == {0.2, 0.8}
 
 
-def test_a_front_goes_across_kinds(done: Study) -> None:
+def test_a_front_goes_across_kinds(done):
     found = dse.open(done.folder).skyline([("accuracy", "max"), ("n_weights", "min")])
     assert len(found.rows)
     only = dse.open(done.folder).skyline(where="model.kind == 'together'")
@@ -70,7 +63,7 @@ def test_a_front_goes_across_kinds(done: Study) -> None:
     assert set(few.rows["model.together.true_rate"]) == {0.2}
 
 
-def test_the_best_of_every_kind_is_repeated(tmp_path: Path) -> None:
+def test_the_best_of_every_kind_is_repeated(tmp_path):
     search = {"sampler": "grid", "repeats_on_front": 2}
     space = tiny_study.make_space(tmp_path, model=MODEL, execution={"jobs": 1}, search=search)
     found = explore.run(space, tmp_path / "results", progress=False)
@@ -78,7 +71,7 @@ def test_the_best_of_every_kind_is_repeated(tmp_path: Path) -> None:
     assert fine.groupby("family")["repeats"].max().to_dict() == {"fake": 2, "together": 2}
 
 
-def test_the_page_and_the_figure_take_missing_cells(done: Study) -> None:
+def test_the_page_and_the_figure_take_missing_cells(done):
     frame = pd.concat([done.points(), done.trials[done.trials["status"] == "failed"]], ignore_index=True)
     page = gather_page(frame, name="families", objectives=done.objectives)
     assert [column for column in page["design"] if column in OWN] == OWN
@@ -91,17 +84,17 @@ def test_the_page_and_the_figure_take_missing_cells(done: Study) -> None:
     figure.draw(front)
 
 
-def test_the_same_command_finds_everything_done(space: SearchSpace, done: Study) -> None:
+def test_the_same_command_finds_everything_done(space, done):
     again = explore.run(space, done.folder.parent, progress=False)
     pd.testing.assert_frame_equal(again.trials, done.trials)
 
 
-def test_a_missing_cell_has_the_type_of_its_axis(space: SearchSpace) -> None:
+def test_a_missing_cell_has_the_type_of_its_axis(space):
     assert tables._missing(space.axes["model.fake.mood"]) is None
     assert np.isnan(tables._missing(space.axes["model.together.true_rate"]) or 0.0)
 
 
-def test_a_table_of_one_kind_alone_can_be_written(space: SearchSpace, tmp_path: Path) -> None:
+def test_a_table_of_one_kind_alone_can_be_written(space, tmp_path):
     design = {"model.kind": "together", "model.together.true_rate": 0.8}
     record = RunRecord(trial=0, repeat=0, design=design, seed=0, reason="no memory")
     frame = tables.trials_table(space, {0: [record]})

@@ -16,12 +16,8 @@ import pytest
 from benchmarks.structure import circles, imports, modules, named_by_strings, rooms_of
 
 PACKAGE = Path(__file__).resolve().parent.parent / "dse"
-TREES = modules(PACKAGE)
-
-CONTRACTS = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text())["tool"]["importlinter"][
-    "contracts"
-]
-LAYERS = CONTRACTS[0]["layers"]
+PROJECT = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text())
+LAYERS = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"]
 HEIGHT = {name: -depth for depth, layer in enumerate(LAYERS) for name in layer.split(" | ")}
 PUBLIC = ("__init__", "__main__")
 LOOSE = ("records", "registry", "seeds", "text", "trust")
@@ -31,6 +27,11 @@ HEAVY = (
     *("h5py", "moocore", "numba", "optuna", "pandas"),
     *("plotly", "pyarrow", "sklearn", "torch"),
 )
+
+
+@pytest.fixture(scope="module")
+def trees() -> dict[str, ast.Module]:
+    return modules(PACKAGE)
 
 
 def arrows_within_rooms(trees: dict[str, ast.Module]) -> dict[str, set[str]]:
@@ -50,8 +51,8 @@ def test_few_modules_stand_outside_the_rooms():
     assert sorted(path.stem for path in PACKAGE.glob("*.py")) == sorted((*PUBLIC, *LOOSE))
 
 
-def test_no_circle_within_a_room():
-    arrows = arrows_within_rooms(TREES)
+def test_no_circle_within_a_room(trees):
+    arrows = arrows_within_rooms(trees)
     assert sum(map(len, arrows.values())) > 100, "found no import to check"
     assert circles(arrows) == []
 
@@ -68,12 +69,12 @@ def test_circles_are_seen_for_type_checkers_and_by_strings():
     assert circles(arrows_within_rooms(trees)) == [["dse.a.one", "dse.a.three", "dse.a.two"]]
 
 
-def test_what_strings_name_is_below():
+def test_what_strings_name_is_below(trees):
     wrong = [
         f"{name}:{line}: a string names {other}"
-        for name, tree in TREES.items()
+        for name, tree in trees.items()
         if name not in FINDS_BY_NAME
-        for line, other in named_by_strings(name, tree, set(TREES))
+        for line, other in named_by_strings(name, tree, set(trees))
         if rooms_of(other) != rooms_of(name) and HEIGHT[rooms_of(other)] >= HEIGHT[rooms_of(name)]
     ]
     assert not wrong, "\n".join(wrong)

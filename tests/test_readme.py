@@ -1,7 +1,5 @@
 """The README's promises: its size, its words, its two commands, its links, and its example, which is run."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex
@@ -19,11 +17,11 @@ ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def blocks(language: str) -> list[str]:
+def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
 
 
-def shown_commands() -> list[str]:
+def shown_commands():
     """Every `dse <command>` that a shell block shows, without its arguments."""
     return sorted(set(re.findall(r"^dse (\w+)", "\n".join(blocks("sh")), flags=re.MULTILINE)))
 
@@ -98,7 +96,7 @@ def test_search_spaces_named_exist():
     assert [name for name in named if not (ROOT / name).is_file()] == []
 
 
-def headline_networks() -> list[int]:
+def headline_networks():
     """Weights of every network of the table of what `dse` reaches."""
     rows = re.findall(r"^\| (?:\d+ [^|]+)\|(.+)\|[^|]+\|$", README, flags=re.MULTILINE)
     return [int(x.replace(" ", "")) for row in rows for x in re.findall(r", (\d[\d ]+\d)", row)]
@@ -119,7 +117,7 @@ def test_networks_of_the_table_are_shipped_search_spaces(shared_data, monkeypatc
     assert sorted(networks) == pytest.approx(sorted(found.values()), rel=0.04)
 
 
-def touches() -> dict[str, np.ndarray]:
+def touches():
     """60 touches of three fabrics, which differ in the frequency that they make the sensor vibrate at."""
     rng = np.random.default_rng(0)
     fabric = np.tile(["denim", "silk", "wool"], 20)
@@ -130,7 +128,7 @@ def touches() -> dict[str, np.ndarray]:
     return {"pressure": pressure, "fabric": fabric, "session": np.arange(60) // 3 % 5}
 
 
-def run_shown(commands: str) -> None:
+def run_shown(commands):
     for line in commands.splitlines():
         program, *arguments = shlex.split(line, comments=True)
         assert program == "dse"

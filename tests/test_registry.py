@@ -1,13 +1,9 @@
 """Components by name: shipped ones, those of a plugin, those of an installed distribution."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import pickle
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -28,7 +24,7 @@ class {cls}:
 
 
 @pytest.fixture(autouse=True)
-def registry_as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def registry_as_before(monkeypatch):
     """Forget what a test loads."""
     for section in registry.SECTIONS:
         registry.known(section)
@@ -40,16 +36,16 @@ def registry_as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             del sys.modules[name]
 
 
-def write(folder: Path, text: str, name: str = "mine.py") -> Path:
+def write(folder, text, name="mine.py"):
     (folder / name).write_text(text)
     return folder
 
 
-def encoder(name: str = "mine", cls: str = "Mine", gain: float = 1.0) -> str:
+def encoder(name="mine", cls="Mine", gain=1.0):
     return ENCODER.format(name=name, cls=cls, gain=gain)
 
 
-def fault(name: str, base: Path | None = None) -> str:
+def fault(name, base=None):
     with pytest.raises(PluginError) as error:
         load_plugin(name, base)
     return str(error.value)
@@ -263,7 +259,7 @@ def test_what_a_protocol_declares_is_not_had(tmp_path):
 def distribution(tmp_path, monkeypatch):
     """Return a function that makes a distribution with an entry point to a module of some text."""
 
-    def make(text: str, entry: str = "mine") -> None:
+    def make(text, entry="mine"):
         write(tmp_path, text, "mine_of_a_test.py")
         folder = tmp_path / "mine_of_a_test-1.0.dist-info"
         folder.mkdir()

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SIZES = Path(__file__).with_name("sizes.json")
 
 
-def sizes() -> dict[str, int]:
+def sizes():
     """Return the lines of every room: folders of dse and tests, what is loose there, the page's scripts."""
     lines: Counter[str] = Counter()
     for top in ("dse", "tests"):
@@ -27,7 +27,7 @@ def sizes() -> dict[str, int]:
     return dict(sorted(lines.items()))
 
 
-def test_no_room_grows() -> None:
+def test_no_room_grows():
     found = sizes()
     assert found["dse"] > 0 and found["tests"] > 0 and found["dashboards"] > 0
     ceilings = json.loads(SIZES.read_text()) if SIZES.is_file() else {}

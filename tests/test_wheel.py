@@ -1,7 +1,5 @@
 """The wheel carries what a user needs without the clone, and it is found there."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import zipfile
@@ -13,7 +11,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory) -> Path:
+def wheel(tmp_path_factory):
     """The wheel, built by the installed back end: nothing is fetched."""
     folder = tmp_path_factory.mktemp("wheel")
     subprocess.run(

@@ -27,7 +27,7 @@ SETTINGS = {
 }
 
 
-def small() -> dict[str, Any]:
+def small():
     """A golden file of one case that fires, as the definition computes it."""
     rng = np.random.default_rng(3)
     given: dict[str, Any] = {
@@ -56,12 +56,12 @@ def small() -> dict[str, Any]:
     return {"index_json": json.dumps({"one": SETTINGS})} | {f"one/{key}": x for key, x in arrays.items()}
 
 
-def written(folder: Path, arrays: dict[str, Any]) -> str:
+def written(folder, arrays):
     np.savez(folder / "file.npz", **arrays)
     return str(folder / "file.npz")
 
 
-def test_a_right_file_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_right_file_passes(tmp_path, capsys):
     assert main([written(tmp_path, small())]) == 0
     said = capsys.readouterr().out
     assert said.count("│ ok") == 2 * len(MODES) and "6 checks" in said
@@ -82,9 +82,7 @@ def test_a_right_file_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         ("ideal/grad_w2", 1e-3, "gradients"),
     ],
 )
-def test_a_tampered_array_is_named(
-    key: str, by: float, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_tampered_array_is_named(key, by, kind, tmp_path, capsys):
     arrays = small()
     tampered = np.array(arrays[f"one/{key}"])
     tampered.flat[0] += np.asarray(by).astype(tampered.dtype)
@@ -93,7 +91,7 @@ def test_a_tampered_array_is_named(
     assert f"the first: one, {mode}, definition: {kind} " in capsys.readouterr().out
 
 
-def test_one_mode_alone_is_enough(tmp_path: Path) -> None:
+def test_one_mode_alone_is_enough(tmp_path):
     arrays = {key: x for key, x in small().items() if "ideal" not in key and "slayerfloat" not in key}
     assert [case.mode for case in read(Path(written(tmp_path, arrays)))] == ["quant"]
     assert main([written(tmp_path, arrays)]) == 0
@@ -113,18 +111,14 @@ def test_one_mode_alone_is_enough(tmp_path: Path) -> None:
         ({"one/ideal/out": np.zeros((2, 12, 3))}, r"out must be numbers (2, 3, 12), got float64 (2, 12, 3)"),
     ],
 )
-def test_another_layout_is_refused_in_one_line(
-    change: dict[str, Any], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_layout_is_refused_in_one_line(change, message, tmp_path, capsys):
     arrays = {key: x for key, x in (small() | change).items() if x is not None}
     assert main([written(tmp_path, arrays)]) == 2
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1 and "file.npz" in said
 
 
-def test_a_file_that_cannot_be_read_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_cannot_be_read_is_refused_in_one_line(tmp_path, capsys):
     whole = Path(written(tmp_path, small())).read_bytes()
     for name, content in {"text": b"no zip", "half": whole[: len(whole) // 2], "empty": b""}.items():
         (tmp_path / name).write_bytes(content)
@@ -135,7 +129,7 @@ def test_a_file_that_cannot_be_read_is_refused_in_one_line(
         assert "cannot be read as npz" in said and said.count("\n") == 1
 
 
-def test_the_shared_file_passes() -> None:
+def test_the_shared_file_passes():
     if not FILE.exists():
         pytest.skip("shared/reference/cuba_golden.npz is absent")
     assert main([str(FILE)]) == 0

@@ -1,16 +1,11 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
-import pytest
 
 from benchmarks import hots
 from dse_papers.models.time_surfaces import Field, Memory, prepared
 from tests.plugins.dse_papers.streams import drawn, stream
 
 
-def test_frames_per_event_are_exact_surfaces_in_every_layer() -> None:
+def test_frames_per_event_are_exact_surfaces_in_every_layer():
     events = drawn(0, 50, planes=2)
     layers = hots.stack(events, 6, 5, 1, 3)
     for a, b in zip(hots.by_kernel(events, layers), hots.by_frames(events, layers), strict=True):
@@ -18,23 +13,14 @@ def test_frames_per_event_are_exact_surfaces_in_every_layer() -> None:
     assert hots.slow_difference(events, *layers[0]) == (0, 0)
 
 
-def test_a_frame_per_bin_is_that_of_its_end() -> None:
+def test_a_frame_per_bin_is_that_of_its_end():
     field = Field(3, 1, 1, 1, 1000.0)
     found = np.array(list(hots.framed(stream((100, 0, 0, 0), (900, 1, 0, 0), (1300, 1, 0, 0)), field, 1000)))
     e = np.exp([-0.9, -0.1, -1.9, -0.7])
     np.testing.assert_allclose(found, [[0, e[0], e[1]], [e[0], e[1], 0], [e[2], e[3], 0]])
 
 
-def test_errors_are_zero_for_exact_surfaces_and_count_what_goes_elsewhere() -> None:
-    exact = np.array([[1.0, 0.0], [0.6, 0.8]])
-    prototypes = np.eye(2)
-    assert hots.errors(exact, exact, prototypes) == (0, 0, 0)
-    cut = np.where(exact < 0.9, 0, exact)
-    rms, largest, moved = hots.errors(exact, cut, prototypes)
-    assert (rms, largest, moved) == (pytest.approx(np.sqrt(0.5)), 0.8, 0.5)
-
-
-def test_recordings_are_in_order_and_in_the_frame(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recordings_are_in_order_and_in_the_frame(shared_data, monkeypatch):
     monkeypatch.setenv("DSE_DATA", str(shared_data))
     for events, width, height in (hots.camera(), hots.fingers()):
         assert (np.diff(events.t_us) >= 0).all()

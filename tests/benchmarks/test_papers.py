@@ -1,7 +1,5 @@
 """The table of results/README.md follows from the folders of the papers, and these from today's format."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd
@@ -15,20 +13,20 @@ MOST_BYTES = 8_000_000
 FOLDERS = sorted(RESULTS.glob("0*"))
 
 
-def test_readme_has_the_table_of_the_folders() -> None:
+def test_readme_has_the_table_of_the_folders():
     text = (RESULTS / "README.md").read_text()
     lines = table(RESULTS)
     assert len(lines) > 2 and all(line in text.splitlines() for line in lines)
 
 
-def test_every_paper_has_spaces_and_every_folder_is_of_a_paper() -> None:
+def test_every_paper_has_spaces_and_every_folder_is_of_a_paper():
     assert set(SPACES) == set(publications())
     names = {f"{key}_{paper.name}" for key, paper in publications().items()}
     assert FOLDERS and {folder.name for folder in FOLDERS} <= names
     assert {space for spaces in SPACES.values() for space in spaces} <= set(shipped_spaces())
 
 
-def test_a_folder_holds_what_its_text_names() -> None:
+def test_a_folder_holds_what_its_text_names():
     for folder in FOLDERS:
         text = (folder / "README.md").read_text()
         images = {path.name for path in folder.glob("*.png")}
@@ -39,6 +37,6 @@ def test_a_folder_holds_what_its_text_names() -> None:
             assert set(dse.open(study).points()["trial"]), study
 
 
-def test_the_folders_are_small() -> None:
+def test_the_folders_are_small():
     sizes = [path.stat().st_size for folder in FOLDERS for path in folder.rglob("*") if path.is_file()]
     assert sum(sizes) <= MOST_BYTES

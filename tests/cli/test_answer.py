@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import json
 import math
 import subprocess
@@ -14,7 +12,7 @@ from dse.cli.answer import Answer, cell, document, listing, show
 from dse.config import ConfigError
 
 
-def test_a_document_has_only_what_json_has() -> None:
+def test_a_document_has_only_what_json_has():
     row = {
         "nan": math.nan,
         "inf": np.float64("inf"),
@@ -45,11 +43,11 @@ def test_a_document_has_only_what_json_has() -> None:
     [(0.123456, "0.1235"), (123456.7, "123457"), (1e-7, "1e-07"), (3, "3"), (math.nan, "-"), (None, "-"),
      ("[bold]", "[bold]"), (True, "True"), ((1, 2), "[1, 2]")],
 )  # fmt: skip
-def test_cells(value: object, text: str) -> None:
+def test_cells(value, text):
     assert cell(value) == text
 
 
-def test_a_long_table_is_thinned_and_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_long_table_is_thinned_and_says_so(capsys):
     show(Answer([{"n": n} for n in range(1000)]), "skyline", "table")
     lines = capsys.readouterr().out.split("\n")
     assert lines[1].strip() == "0" and lines[24].strip() == "999"
@@ -71,12 +69,7 @@ WIDE = [
 
 @pytest.mark.parametrize("width", [40, 80, 120])
 @pytest.mark.parametrize("essential", [(), ("trial", "accuracy", "energy_uj")])
-def test_no_header_and_no_number_is_broken(
-    width: int,
-    essential: tuple[str, ...],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_no_header_and_no_number_is_broken(width, essential, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", str(width))
     show(Answer(WIDE, essential=essential), "skyline", "table")
     out = capsys.readouterr().out
@@ -92,9 +85,7 @@ def test_no_header_and_no_number_is_broken(
     assert out.startswith("in all rows: task texture")
 
 
-def test_rows_that_do_not_fit_are_listed_below_each_other(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rows_that_do_not_fit_are_listed_below_each_other(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "24")
     rows = [{"target": "c99", "verdict": "faithful", "recordings": n, "ram_bytes": 12345} for n in (3, 4)]
     show(Answer(rows), "verify", "table")
@@ -124,32 +115,30 @@ ANSWER = Answer([{"a": 1, "b": 2}] * 2, columns=["a"], table=[{"a": 1, "b": 2}])
         ("json", "b", f"{START}[{{\"b\": 2}}, {{\"b\": 2}}]{END}"),
     ],
 )  # fmt: skip
-def test_a_view_is_a_table_and_csv_alike_and_other_columns_are_named(
-    form: str, columns: str | None, printed: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_view_is_a_table_and_csv_alike_and_other_columns_are_named(form, columns, printed, capsys):
     show(ANSWER, "run", form, columns)
     out = capsys.readouterr().out
     assert "".join(f"{line.strip()}\n" for line in out.splitlines()) == printed
 
 
-def test_an_unknown_column_is_a_fault() -> None:
+def test_an_unknown_column_is_a_fault():
     with pytest.raises(ConfigError, match="--columns: unknown column 'c'"):
         show(ANSWER, "skyline", "csv", "a,c")
 
 
-def test_markup_in_values_is_printed_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+def test_markup_in_values_is_printed_as_it_is(capsys):
     show(Answer([{"[red]name": "[/red][link=x]"}]), "skyline", "table")
     assert "[red]name" in (out := capsys.readouterr().out)
     assert "[/red][link=x]" in out
 
 
-def test_notes_do_not_mix_with_csv(capsys: pytest.CaptureFixture[str]) -> None:
+def test_notes_do_not_mix_with_csv(capsys):
     show(Answer([{"a": 1}], ["a note"]), "skyline", "csv")
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("a\n1\n", "a note\n")
 
 
-def test_a_reader_that_goes_away_is_no_error() -> None:
+def test_a_reader_that_goes_away_is_no_error():
     code = "import sys; from dse.cli import main; sys.exit(main(['describe', '--schema']))"
     done = subprocess.run(
         f'"{sys.executable}" -c "{code}" | head -n 1; exit ${{PIPESTATUS[0]}}',
@@ -165,9 +154,7 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     assert done.returncode == 0
 
 
-def test_a_chip_is_left_out_last_and_notes_are_wrapped_around_what_is_copied(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_chip_is_left_out_last_and_notes_are_wrapped_around_what_is_copied(capsys, monkeypatch):
     rows = [{"trial": n, "phi": n, "hardware": f"a long name {n}", "accuracy": 0.5 + n / 9} for n in range(5)]
     notes = ["these words are longer than the terminal is wide", "restrict it with --budget \"task == 'a'\""]
     answer = Answer(rows, notes, essential=["trial", "accuracy"], telling=["hardware"])
@@ -180,7 +167,7 @@ def test_a_chip_is_left_out_last_and_notes_are_wrapped_around_what_is_copied(
         assert max(map(len, lines)) <= width
 
 
-def test_a_listing_indents_less_where_a_word_of_its_texts_would_not_fit() -> None:
+def test_a_listing_indents_less_where_a_word_of_its_texts_would_not_fit():
     lines = listing([("a_name_of_many_letters", "4.6 pJ per multiply-accumulate")], 40).splitlines()
     assert all(len(line) <= 40 for line in lines)
     assert lines[1] == "  multiply-accumulate"

@@ -9,10 +9,8 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
@@ -33,14 +31,14 @@ RUN = "import sys; from tests.tiny_study import run_folder; sys.exit(run_folder(
 
 
 @pytest.fixture
-def fake_model() -> Iterator[None]:
+def fake_model():
     tiny_study.register()
     yield
     tiny_study.unregister()
 
 
 @contextmanager
-def ending(process: subprocess.Popen[Any]) -> Iterator[None]:
+def ending(process):
     """Leave no process behind, whatever fails."""
     with process:
         try:
@@ -50,18 +48,17 @@ def ending(process: subprocess.Popen[Any]) -> Iterator[None]:
 
 
 @contextmanager
-def shown(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def shown(*arguments):
     """Run `dse dashboard`, and yield its process and the address that it printed."""
     command = [sys.executable, "-m", "dse", "dashboard", *arguments]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     with ending(process):
-        assert process.stdout is not None
         first = process.stdout.readline()
         assert first, f"{' '.join(command)}: ended without an address"
         yield process, first.split()[0]
 
 
-def ask(url: str, path: str) -> Any:
+def ask(url, path):
     """Ask for a path with the token of an address."""
     at = urlsplit(url)
     connection = http.client.HTTPConnection("127.0.0.1", at.port, timeout=PATIENCE_S)
@@ -74,7 +71,7 @@ def ask(url: str, path: str) -> Any:
         connection.close()
 
 
-def study_folder(path: Path, **changes: Any) -> Path:
+def study_folder(path, **changes):
     """Return the folder of a study that has not run."""
     space = tiny_study.make_space(path, **changes)
     folder = path / "results" / "tiny"
@@ -83,9 +80,7 @@ def study_folder(path: Path, **changes: Any) -> Path:
     return folder
 
 
-def test_a_page_from_before_the_first_trial_to_the_last(
-    fake_model: None, chromium: Any, tmp_path: Path
-) -> None:
+def test_a_page_from_before_the_first_trial_to_the_last(fake_model, chromium, tmp_path):
     gate = tmp_path / "gate"
     model = {"kind": "fake", "hidden": {"choice": [[4], [8], [16]]}, "gate": str(gate)}
     space = tiny_study.make_space(tmp_path, model=model, execution={"jobs": 1})
@@ -129,9 +124,7 @@ def test_a_page_from_before_the_first_trial_to_the_last(
     assert page == written
 
 
-def test_the_first_points_are_shown_at_once_and_a_killed_run_as_stopped(
-    fake_model: None, chromium: Any, tmp_path: Path
-) -> None:
+def test_the_first_points_are_shown_at_once_and_a_killed_run_as_stopped(fake_model, chromium, tmp_path):
     gate = tmp_path / "gate"
     model = {"kind": "fake", "hidden": {"choice": [[8], [4]]}, "gate": str(gate)}
     space = tiny_study.make_space(tmp_path, model=model, execution={"jobs": 1})
@@ -156,7 +149,7 @@ def test_the_first_points_are_shown_at_once_and_a_killed_run_as_stopped(
         gate.touch()  # for a worker that has outlived its coordinator
 
 
-def test_a_study_that_never_ran(fake_model: None, tmp_path: Path) -> None:
+def test_a_study_that_never_ran(fake_model, tmp_path):
     with shown(str(study_folder(tmp_path)), "--port", "0") as (_, url):
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[0-9a-f]{64}", url)
         status, answer = ask(url, "/data.json")
@@ -164,9 +157,7 @@ def test_a_study_that_never_ran(fake_model: None, tmp_path: Path) -> None:
     assert answer["state"]["title"] == "No design yet"
 
 
-def test_a_taken_port_is_one_line(
-    fake_model: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_taken_port_is_one_line(fake_model, tmp_path, capsys):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -192,13 +183,7 @@ def test_a_taken_port_is_one_line(
         (["--html", "page.html", "--host", "x"], "--host: applies to a served page"),
     ],
 )
-def test_what_cannot_be_served_is_said(
-    fake_model: None,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    message: str,
-) -> None:
+def test_what_cannot_be_served_is_said(fake_model, tmp_path, capsys, arguments, message):
     try:
         code = main(["dashboard", str(study_folder(tmp_path)), *arguments])
     except SystemExit as ended:  # argparse
@@ -208,13 +193,7 @@ def test_what_cannot_be_served_is_said(
 
 
 @pytest.mark.parametrize("more", [["--html", "page.html", "--port", "1"], []])
-def test_a_page_definition_is_read_before_anything_else(
-    fake_model: None,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    more: list[str],
-) -> None:
+def test_a_page_definition_is_read_before_anything_else(fake_model, tmp_path, monkeypatch, capsys, more):
     monkeypatch.chdir(tmp_path)
     Path("mine.yaml").write_text("views: [tabel]\nsort: 3\n", encoding="utf-8")
     assert main(["dashboard", str(study_folder(tmp_path)), "--page", "mine.yaml", *more]) == 2
@@ -229,9 +208,7 @@ def test_a_page_definition_is_read_before_anything_else(
     assert lines[-1] == "mine.yaml:2: sort must be text, got 3"
 
 
-def test_a_page_of_another_definition_and_published_designs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_page_of_another_definition_and_published_designs(tmp_path, capsys):
     made = write(tmp_path / "made", [{"accuracy": 0.8, "n_weights": 100}, {"accuracy": 0.6, "n_weights": 10}])
     own = tmp_path / "own.yaml"
     own.write_text("title: mine\nviews: [table]\ntable: [n_weights, n_cores]\n", encoding="utf-8")
@@ -262,7 +239,7 @@ class Blank:
 
 
 @pytest.fixture
-def plugin(tmp_path: Path) -> Iterator[Path]:
+def plugin(tmp_path):
     """A plugin with the view `blank`, which the tests leave unregistered."""
     before = dict(registry._components.get("views", {}))
     path = tmp_path / "blank.py"
@@ -272,9 +249,7 @@ def plugin(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("has_run", [False, True])
-def test_a_view_of_a_plugin_of_the_study(
-    fake_model: None, tmp_path: Path, plugin: Path, capsys: pytest.CaptureFixture[str], has_run: bool
-) -> None:
+def test_a_view_of_a_plugin_of_the_study(fake_model, tmp_path, plugin, capsys, has_run):
     folder = write(tmp_path / "made", [{"accuracy": 0.8}]).folder if has_run else study_folder(tmp_path)
     space = folder / "search_space.yaml"
     space.write_text(space.read_text(encoding="utf-8") + f"plugins: [{plugin}]\n", encoding="utf-8")
@@ -295,7 +270,7 @@ def test_a_view_of_a_plugin_of_the_study(
     assert "unknown views[0] 'blank'" in error and f"plugin '{plugin}': cannot read " in error
 
 
-def test_a_damaged_study_has_a_page_without_published_designs(tmp_path: Path) -> None:
+def test_a_damaged_study_has_a_page_without_published_designs(tmp_path):
     made = write(tmp_path / "damaged", [{"accuracy": 0.8}])
     store.run_file(made.folder, 0, 0).unlink()
     page = held(write_page(made, tmp_path / "page.html"))

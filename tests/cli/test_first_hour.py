@@ -1,7 +1,5 @@
 """A stranger's first hour: a CSV of one's own, and from there to a classifier that is deployed."""
 
-from __future__ import annotations
-
 import json
 import os
 import resource
@@ -10,7 +8,6 @@ import subprocess
 import sysconfig
 import venv
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,7 +24,7 @@ FREQUENCY_HZ = {"denim": 4.0, "silk": 22.0}
 SESSIONS = 5
 
 
-def recordings() -> pd.DataFrame:
+def recordings():
     """Return touches of two fabrics in five sessions as a tidy table: a row per sample."""
     rng = np.random.default_rng(1)
     time_s = np.arange(STEPS) * STEP_S
@@ -42,20 +39,18 @@ def recordings() -> pd.DataFrame:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hour")
     recordings().to_csv(folder / "touch.csv", index=False)
     return folder
 
 
-def test_from_a_csv_to_a_bundle(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_from_a_csv_to_a_bundle(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
 
-    def rows(*arguments: str) -> list[dict[str, Any]]:
+    def rows(*arguments):
         assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
-        return json.loads(capsys.readouterr().out)["rows"]  # type: ignore[no-any-return]
+        return json.loads(capsys.readouterr().out)["rows"]
 
     (row,) = rows("init", "touch.csv")
     assert row["classes"] == ["denim", "silk"] and (row["train"], row["validation"], row["test"]) == (
@@ -80,7 +75,7 @@ def test_from_a_csv_to_a_bundle(
     assert known not in capsys.readouterr().out
 
 
-def formats(folder: Path) -> dict[str, tuple[str, ...]]:
+def formats(folder):
     """Write the same recordings in every layout; return the arguments of `dse init` for each."""
     tidy = recordings()
     labels = tidy.groupby("trial")[["fabric", "session"]].first()
@@ -108,9 +103,7 @@ def formats(folder: Path) -> dict[str, tuple[str, ...]]:
     }
 
 
-def test_every_layout_gives_a_space_that_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_layout_gives_a_space_that_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name, arguments in formats(tmp_path).items():
         assert main(["init", name, *arguments, "--out", "x.yaml", "--force", "--json"]) == 0, name
@@ -163,14 +156,7 @@ def test_every_layout_gives_a_space_that_runs(
         ),
     ],
 )
-def test_what_cannot_be_guessed_is_one_clear_line(
-    name: str,
-    arguments: list[str],
-    message: str,
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_cannot_be_guessed_is_one_clear_line(name, arguments, message, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     tidy = recordings()
     Path("notes.txt").write_text("notes")
@@ -191,9 +177,7 @@ def test_what_cannot_be_guessed_is_one_clear_line(
     assert sorted(Path().iterdir()) == before and Path("taken.yaml").read_text() == "mine"
 
 
-def test_from_python_a_space_follows_from_arrays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_from_python_a_space_follows_from_arrays(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     tidy = recordings()
     signal = tidy[list(CHANNELS)].to_numpy().reshape(-1, STEPS, len(CHANNELS))
@@ -215,10 +199,10 @@ def test_from_python_a_space_follows_from_arrays(
     assert not Path("x.yaml").exists()
 
 
-def installed(folder: Path) -> Path:
+def installed(folder):
     """Install what git tracks into a new environment with the dependencies of this one; return its `dse`.
 
-    DSE_INSTALLED names the `dse` of an environment that is there already (.ci/wheel).
+    Compiled kernels come along. DSE_INSTALLED names the `dse` of an environment that is there (.ci/wheel).
     """
     if there := os.environ.get("DSE_INSTALLED"):
         return Path(there)
@@ -238,10 +222,14 @@ def installed(folder: Path) -> Path:
     Path(site, "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
     pip = [python, "-m", "pip", "install", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
     subprocess.run([*pip, clone], check=True)
+    for kernel in ROOT.glob("dse/**/__pycache__/*.nb[ic]"):
+        there = Path(site) / kernel.relative_to(ROOT)
+        there.parent.mkdir(exist_ok=True)
+        shutil.copy2(kernel, there)
     return python.with_name("dse")
 
 
-def test_the_first_hour_on_a_bare_clone(tmp_path: Path) -> None:
+def test_the_first_hour_on_a_bare_clone(tmp_path):
     """Install, example page, own CSV, run, pick, export, verify, evaluate; no line is written by the user.
 
     With `pytest -s` it prints the table of docs/tutorial.md.

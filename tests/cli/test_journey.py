@@ -6,9 +6,6 @@ import contextlib
 import json
 import shlex
 import zipfile
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,7 +19,7 @@ Captured = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def results(tmp_path_factory):
     """The folder of a study of four designs on two chips."""
     folder = tmp_path_factory.mktemp("study")
     changes = (
@@ -36,9 +33,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(params=["disk", "server"])
-def opened(
-    request: pytest.FixtureRequest, results: Path, new_tab: Callable[..., Any], page_path: Path
-) -> Iterator[Any]:
+def opened(request, results, new_tab, page_path):
     """A tab with the study's page; it may complain of nothing."""
     faults: list[str] = []
     tab = new_tab()
@@ -57,23 +52,21 @@ def opened(
     assert faults == []
 
 
-def answered(capsys: Captured, *arguments: str) -> list[dict[str, Any]]:
+def answered(capsys, *arguments):
     capsys.readouterr()
     assert main([*arguments, "--json"]) == 0
     return list(json.loads(capsys.readouterr().out)["rows"])
 
 
-def keys(tab: Any) -> list[str]:
+def keys(tab):
     return list(tab.eval_on_selector_all("#front tbody tr", "lines => lines.map((line) => line.dataset.key)"))
 
 
-def key(row: dict[str, Any]) -> str:
+def key(row):
     return f"{row['trial']}.{row['point']}"
 
 
-def test_a_reader_leaves_with_the_design_that_the_commands_name(
-    opened: Any, results: Path, tmp_path: Path, capsys: Captured
-) -> None:
+def test_a_reader_leaves_with_the_design_that_the_commands_name(opened, results, tmp_path, capsys):
     tab = opened
     whole = keys(tab)
     assert sorted(whole) == sorted(

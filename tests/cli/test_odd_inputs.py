@@ -1,13 +1,10 @@
 """Odd inputs at the command line: one line with exit code 2 each, or said before anything is trained."""
 
-from __future__ import annotations
-
 import io
 import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,11 +21,11 @@ Captured = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def refused(capsys: Captured, *arguments: str) -> str:
+def refused(capsys, *arguments):
     """Return the one line that a command refuses its arguments with."""
     capsys.readouterr()
     assert main(list(arguments)) == 2
@@ -37,7 +34,7 @@ def refused(capsys: Captured, *arguments: str) -> str:
     return printed.err
 
 
-def notes(capsys: Captured, *arguments: str) -> str:
+def notes(capsys, *arguments):
     """Return the notes of a command that is right."""
     capsys.readouterr()
     assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
@@ -55,7 +52,7 @@ def notes(capsys: Captured, *arguments: str) -> str:
         ("batch_size: 8", "1000000000000"),
     ],
 )
-def test_a_number_beyond_bounds_is_refused(tmp_path: Path, capsys: Captured, old: str, value: str) -> None:
+def test_a_number_beyond_bounds_is_refused(tmp_path, capsys, old, value):
     key = old.split(":", maxsplit=1)[0]
     space = write_space(tmp_path, (old, f"{key}: {value}"))
     error = refused(capsys, "check", str(space))
@@ -71,7 +68,7 @@ DAMAGES = {
 }
 
 
-def test_damaged_files_of_matlab_are_refused() -> None:
+def test_damaged_files_of_matlab_are_refused():
     file = io.BytesIO()
     savemat(file, {"p": np.arange(48).reshape(4, 6, 2), "label": np.arange(4) % 2})
     for name, (at, new) in DAMAGES.items():
@@ -89,7 +86,7 @@ def test_damaged_files_of_matlab_are_refused() -> None:
         assert line.startswith(f"{name}.mat: the file cannot be read: it is not a MATLAB file")
 
 
-def test_reading_a_matlab_file_runs_no_module_of_the_folder(capsys: Captured) -> None:
+def test_reading_a_matlab_file_runs_no_module_of_the_folder(capsys):
     signal, label = waves(20)
     savemat("touch.mat", {"p": signal, "label": (label == label[0]).astype(float)})
     Path("scipy.py").write_text("open('PWNED', 'w').close()")
@@ -97,13 +94,13 @@ def test_reading_a_matlab_file_runs_no_module_of_the_folder(capsys: Captured) ->
     assert not Path("PWNED").exists()
 
 
-def test_a_table_of_a_million_columns_is_refused_at_once(capsys: Captured) -> None:
+def test_a_table_of_a_million_columns_is_refused_at_once(capsys):
     names = ",".join(f"v{k}" for k in range(1_000_000))
     Path("wide.csv").write_text(f"{names}\n{names.replace('v', '')}\n")
     assert "at most 100000 columns, got 1000000" in refused(capsys, "init", "wide.csv", "--step-ms", "4")
 
 
-def waves(n: int = 40, n_steps: int = 50) -> tuple[np.ndarray, np.ndarray]:
+def waves(n=40, n_steps=50):
     """Return recordings (n, step, 2) of two classes, and their labels."""
     rng = np.random.default_rng(1)
     hz = np.where(np.arange(n) % 2, 4.0, 22.0)[:, None, None]
@@ -113,7 +110,7 @@ def waves(n: int = 40, n_steps: int = 50) -> tuple[np.ndarray, np.ndarray]:
     return signal, np.where(np.arange(n) % 2, "denim", "silk")
 
 
-def tidy(signal: np.ndarray | list[np.ndarray], **labels: Any) -> pd.DataFrame:
+def tidy(signal, **labels):
     """Return a table with a row per sample of 4 ms."""
     parts = [
         pd.DataFrame({"trial": i, "time_s": 0.004 * np.arange(len(x)), "left": x[:, 0], "right": x[:, 1]})
@@ -122,7 +119,7 @@ def tidy(signal: np.ndarray | list[np.ndarray], **labels: Any) -> pd.DataFrame:
     return pd.concat([p.assign(**{k: v[i] for k, v in labels.items()}) for i, p in enumerate(parts)])
 
 
-def test_a_published_test_set_stays_one(capsys: Captured) -> None:
+def test_a_published_test_set_stays_one(capsys):
     signal, label = waves()
     usage = np.where(np.arange(40) < 30, "TRAIN", "TEST")
     np.savez("touch.npz", signal=signal, fabric=label, usage=usage, session=np.arange(40) // 5)
@@ -146,7 +143,7 @@ def test_a_published_test_set_stays_one(capsys: Captured) -> None:
     assert "stratified: {validation: 0.2, test: {COLUMN: test}}" in error
 
 
-def answered(capsys: Captured, *arguments: str) -> list[dict[str, Any]]:
+def answered(capsys, *arguments):
     """Return the rows of a command that is right."""
     capsys.readouterr()
     assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
@@ -154,7 +151,7 @@ def answered(capsys: Captured, *arguments: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("axis", [1, 3])
-def test_packed_bits_are_read(capsys: Captured, axis: int) -> None:
+def test_packed_bits_are_read(capsys, axis):
     rng = np.random.default_rng(2)
     spikes = rng.integers(0, 2, (12, 20, 5, 2)) * (np.arange(12) % 2 + 1)[:, None, None, None].clip(0, 1)
     spikes = np.moveaxis(spikes, 1, axis)
@@ -170,7 +167,7 @@ def test_packed_bits_are_read(capsys: Captured, axis: int) -> None:
 
 
 @pytest.fixture
-def space() -> str:
+def space():
     """A search space, `x.yaml`, for the arrays of `x.npz`."""
     Path("x.yaml").write_text(
         "study: x\nseed: 1\n"
@@ -184,11 +181,11 @@ def space() -> str:
     return "x.yaml"
 
 
-def test_recordings_as_they_should_be_are_left_in_peace(space: str, capsys: Captured) -> None:
+def test_recordings_as_they_should_be_are_left_in_peace(space, capsys):
     assert notes(capsys, "check", space) == ""
 
 
-def doubtful(name: str) -> tuple[dict[str, Any], str]:
+def doubtful(name):
     """Return arrays with a fault, and what is said of it."""
     signal, label = waves(120)
     if name == "axes":
@@ -207,7 +204,7 @@ def doubtful(name: str) -> tuple[dict[str, Any], str]:
 
 
 @pytest.mark.parametrize("name", ["axes", "case", "missing", "glitch", "short"])
-def test_what_is_doubtful_is_said_before_training(space: str, capsys: Captured, name: str) -> None:
+def test_what_is_doubtful_is_said_before_training(space, capsys, name):
     arrays, sentence = doubtful(name)
     np.savez("x.npz", **arrays)
     more = ("--set", "data.offsets=offsets", "--set", "window.n_steps=21") if name == "short" else ()
@@ -216,13 +213,13 @@ def test_what_is_doubtful_is_said_before_training(space: str, capsys: Captured, 
     assert sentence in notes(capsys, "run", space, *more, "--quiet")
 
 
-def test_a_step_in_seconds_is_doubtful(space: str, capsys: Captured) -> None:
+def test_a_step_in_seconds_is_doubtful(space, capsys):
     assert "the longest recording lasts 0.2 ms" in notes(
         capsys, "check", space, "--set", "data.step_ms=0.004"
     )
 
 
-def test_few_validation_recordings_are_doubtful(space: str, capsys: Captured) -> None:
+def test_few_validation_recordings_are_doubtful(space, capsys):
     signal, label = waves(30)
     np.savez("x.npz", signal=signal, fabric=label)
     assert "8 validation recordings has a standard error of up to 0.18" in notes(capsys, "check", space)
@@ -232,7 +229,7 @@ def test_few_validation_recordings_are_doubtful(space: str, capsys: Captured) ->
     assert "standard error" in capsys.readouterr().out
 
 
-def test_an_encoder_that_never_spikes_is_named(space: str, capsys: Captured) -> None:
+def test_an_encoder_that_never_spikes_is_named(space, capsys):
     silent = ("--set", "encoder.thresholds={choice: [[600], [0.2]]}")
     assert "no input spikes" in notes(capsys, "check", space, *silent)
     assert "(at encoder.thresholds 600" in notes(capsys, "check", space, *silent)
@@ -241,11 +238,11 @@ def test_an_encoder_that_never_spikes_is_named(space: str, capsys: Captured) -> 
     assert "1 of 1 designs get no input spikes" in said and "learning_rate" not in said
 
 
-def test_a_mistyped_number_of_neurons_is_doubtful(space: str, capsys: Captured) -> None:
+def test_a_mistyped_number_of_neurons_is_doubtful(space, capsys):
     assert "12000000 weights" in notes(capsys, "check", space, "--set", "model.hidden=2000000")
 
 
-def test_blanks_around_labels_make_no_class(capsys: Captured) -> None:
+def test_blanks_around_labels_make_no_class(capsys):
     signal, label = waves()
     activity = np.where(np.arange(40) % 5, label, np.char.add(label, " "))
     tidy(signal, activity=activity).to_csv("touch.csv", index=False)
@@ -255,7 +252,7 @@ def test_blanks_around_labels_make_no_class(capsys: Captured) -> None:
     assert any("'activity' are read without blanks" in note for note in document["notes"])
 
 
-def test_why_no_column_is_a_label(capsys: Captured) -> None:
+def test_why_no_column_is_a_label(capsys):
     signal, label = waves(20)
     table = tidy(signal, number=np.arange(20)).reset_index(drop=True)
     for name, row, value in (("empty", 260, None), ("changing", 310, "denim")):
@@ -269,7 +266,7 @@ def test_why_no_column_is_a_label(capsys: Captured) -> None:
     assert "column 'empty' is empty in line 262" in refused(capsys, "init", "touch.csv", "--label", "empty")
 
 
-def test_a_table_as_german_excel_writes_it_is_read(capsys: Captured) -> None:
+def test_a_table_as_german_excel_writes_it_is_read(capsys):
     signal, label = waves(20)
     tidy(signal, fabric=label).to_csv("touch.csv", index=False, sep=";", decimal=",")
     (row,) = answered(capsys, "init", "touch.csv")
@@ -282,7 +279,7 @@ def test_a_table_as_german_excel_writes_it_is_read(capsys: Captured) -> None:
     assert row["recordings"] == 20
 
 
-def test_one_text_among_numbers_is_named_with_its_line(capsys: Captured) -> None:
+def test_one_text_among_numbers_is_named_with_its_line(capsys):
     signal, label = waves(20)
     table = tidy(signal, fabric=label).reset_index(drop=True).astype({"left": object})
     table.loc[99, "left"] = "error"
@@ -294,21 +291,19 @@ def test_one_text_among_numbers_is_named_with_its_line(capsys: Captured) -> None
     assert "rest" in row["classes"]
 
 
-def test_small_mistakes_have_a_way_out(capsys: Captured) -> None:
+def test_small_mistakes_have_a_way_out(capsys):
     Path("touch.xlsx").write_bytes(b"PK")
     assert "save the sheet as CSV" in refused(capsys, "init", "touch.xlsx")
     assert "Did you mean 'check'?" in refused(capsys, "chek", "touch.yaml")
     with pytest.raises(TypeError, match=r"dse\.data\.from_arrays"):
-        dse.init(waves()[0])  # type: ignore[arg-type]
+        dse.init(waves()[0])
     signal, label = waves(20)
     tidy(signal, fabric=label).to_csv("mein test.csv", index=False)
     assert main(["init", "mein test.csv"]) == 0
     assert "dse run 'mein test.yaml'" in capsys.readouterr().out
 
 
-def test_the_file_of_init_names_no_folder_of_its_machine(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
-) -> None:
+def test_the_file_of_init_names_no_folder_of_its_machine(tmp_path, monkeypatch, capsys):
     signal, label = waves(20)
     tidy(signal, fabric=label).to_csv("touch.csv", index=False)
     assert main(["init", "touch.csv"]) == 0

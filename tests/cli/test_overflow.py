@@ -1,10 +1,7 @@
 """A study whose states leave 24 bits says so wherever it is read, and does not fit a chip of such states."""
 
-from __future__ import annotations
-
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,14 +27,14 @@ execution: {jobs: 1}
 """
 
 
-def documents(capsys: Captured, *arguments: str, code: int = 0) -> dict:
+def documents(capsys, *arguments, code=0):
     """Return what a command answers as JSON."""
     assert main([*arguments, "--json"]) == code
     return json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """A study of one network that steps of a whole weight drive far below its threshold."""
     place = tmp_path_factory.mktemp("over")
     rng, label = np.random.default_rng(0), np.repeat([0, 1, 2], 8)
@@ -48,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def test_run_report_and_page_name_it_and_by_how_much(folder: Path, capsys: Captured) -> None:
+def test_run_report_and_page_name_it_and_by_how_much(folder, capsys):
     study = results.open(folder / "results" / "over")
     [trial] = study.trials.to_dict("records")
     assert trial["overflows_24_bit"] is True and trial["peak_state"] > STATE_LIMIT
@@ -65,9 +62,7 @@ def test_run_report_and_page_name_it_and_by_how_much(folder: Path, capsys: Captu
         assert sum("overflows_24_bit" in text for text in notes) == 1
 
 
-def test_it_does_not_fit_a_chip_of_24_bits_but_one_whose_program_holds_its_states(
-    folder: Path, capsys: Captured, tmp_path: Path
-) -> None:
+def test_it_does_not_fit_a_chip_of_24_bits_but_one_whose_program_holds_its_states(folder, capsys, tmp_path):
     study = str(folder / "results" / "over")
     on_chips = documents(capsys, "skyline", study, "--where", "trial == 0", "--oversize")["rows"]
     assert {row["fits"] for row in on_chips if row["hardware"] == "mcu_m4"} == {True}
@@ -85,7 +80,7 @@ def test_it_does_not_fit_a_chip_of_24_bits_but_one_whose_program_holds_its_state
     assert verdicts["c99"]["verdict"] == "faithful"  # states of as many bits as they need
 
 
-def test_of_several_runs_the_one_that_overflows_counts() -> None:
+def test_of_several_runs_the_one_that_overflows_counts():
     from dse.study.record import Numbers
     from dse.study.trials import summary
 

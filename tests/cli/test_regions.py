@@ -1,9 +1,5 @@
 """First layers tied by region: what cannot be is refused in one line, before any work."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from dse.cli import main
@@ -29,9 +25,7 @@ LEVELS = "kind: snn, hidden: 4, regions: 3, start: contrasts"
         ("kind: columns, regions: 3", ["unknown key 'model.regions'"]),
     ],
 )
-def test_what_cannot_be_is_refused(
-    model: str, sentences: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_is_refused(model, sentences, tmp_path, capsys):
     assert main(["check", str(write_space(tmp_path, (MODEL, f"model: {{{model}}}")))]) == 2
     said = capsys.readouterr().err
     assert all(sentence in said for sentence in sentences)

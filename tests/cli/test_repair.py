@@ -1,10 +1,6 @@
 """From a folder of event files to a trained classifier, and what `--repair` changes on the way."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,13 +31,13 @@ objectives: [accuracy:max, n_weights:min]
 
 
 @pytest.fixture(scope="module", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def own_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSE_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
 
 
-def write(folder: Path) -> Path:
+def write(folder):
     """Two cloths, each moving other taxels; six recordings of each to learn from and two to answer on."""
     rng = np.random.default_rng(0)
     for part, n in (("train", 6), ("held", 2)):
@@ -59,25 +55,25 @@ def write(folder: Path) -> Path:
 
 
 @pytest.fixture
-def space(tmp_path: Path) -> Path:
+def space(tmp_path):
     return write(tmp_path)
 
 
-def damage(space: Path) -> None:
+def damage(space):
     with (space.parent / "touches" / "train" / "wool" / "3.tact").open("a") as file:
         file.write("0 99 1600000000.26\n0 41\n")
     (space.parent / "touches" / "train" / "silk" / "5.tact").write_bytes(b"")
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained(tmp_path_factory):
     """A search space whose study is finished."""
     space = write(tmp_path_factory.mktemp("trained"))
     assert main(["run", str(space), "--results", str(space.parent / "results"), "--quiet", "--json"]) == 0
     return space
 
 
-def test_a_folder_of_events_is_trained_on(trained: Path, capsys: Captured) -> None:
+def test_a_folder_of_events_is_trained_on(trained, capsys):
     capsys.readouterr()
     assert main(["check", str(trained), "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["rows"]
@@ -91,7 +87,7 @@ def test_a_folder_of_events_is_trained_on(trained: Path, capsys: Captured) -> No
     assert not [note for note in found["notes"] if "--repair" in note]
 
 
-def test_a_damaged_file_stops_the_run_and_repair_goes_on(space: Path, capsys: Captured) -> None:
+def test_a_damaged_file_stops_the_run_and_repair_goes_on(space, capsys):
     damage(space)
     arguments = [str(space), "--results", str(space.parent / "results"), "--json", "--quiet"]
     assert main(["check", str(space)]) == 0  # no header shows it
@@ -111,7 +107,7 @@ def test_a_damaged_file_stops_the_run_and_repair_goes_on(space: Path, capsys: Ca
     assert max(row["accuracy"] for row in found["rows"]) == 1
 
 
-def test_check_names_headers_that_are_wrong(space: Path, capsys: Captured) -> None:
+def test_check_names_headers_that_are_wrong(space, capsys):
     (space.parent / "touches" / "train" / "silk" / "9.mat").write_bytes(b"MATLAB 5.0 MAT-file, and no more")
     everything = ["--set", "data.pattern='**/*'"]
     assert main(["check", str(space), *everything]) == 2
@@ -126,14 +122,14 @@ def test_check_names_headers_that_are_wrong(space: Path, capsys: Captured) -> No
     assert note.startswith("train/silk/9.mat: must be a MATLAB v5 file")
 
 
-def test_repair_of_data_that_have_no_such_key(space: Path, capsys: Captured) -> None:
+def test_repair_of_data_that_have_no_such_key(space, capsys):
     space.write_text(SPACE.replace("event_files", "events"), encoding="utf-8")
     assert main(["check", str(space), "--repair"]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert any(line.startswith("--set data.repair: unknown key 'data.repair'; known: ") for line in lines)
 
 
-def test_new_recordings_are_repaired_too(trained: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_new_recordings_are_repaired_too(trained, tmp_path, capsys):
     new = write(tmp_path).parent / "touches" / "held"
     study, bundle = trained.parent / "results" / "folders", tmp_path / "bundle"
     assert main(["pick", str(study), "--budget", "accuracy>=0.5", "--export", str(bundle), "--json"]) == 0

@@ -1,10 +1,7 @@
 """`dse report` from its arguments to exit code, stdout and stderr."""
 
-from __future__ import annotations
-
 import io
 import json
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -27,7 +24,7 @@ COLUMNS = [
 
 
 @pytest.fixture
-def results(tmp_path: Path) -> Path:
+def results(tmp_path):
     """A folder of two studies."""
     write(tmp_path / "all" / "nets", [{"accuracy": 0.9, "model.hidden": 8}])
     write(tmp_path / "all" / "windows", [{"accuracy": 0.8, "family": "knn", "macs": 4.0, "t_c_ms": 300.0}])
@@ -36,7 +33,7 @@ def results(tmp_path: Path) -> Path:
 
 
 @needs_papers
-def test_json_is_keyed_by_the_columns(results: Path, capsys: Captured) -> None:
+def test_json_is_keyed_by_the_columns(results, capsys):
     assert main(["report", str(results), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["schema"] == "dse/report/1"
@@ -52,7 +49,7 @@ def test_json_is_keyed_by_the_columns(results: Path, capsys: Captured) -> None:
 
 
 @needs_papers
-def test_the_table_fits_a_terminal_and_shows_every_row(results: Path, capsys: Captured) -> None:
+def test_the_table_fits_a_terminal_and_shows_every_row(results, capsys):
     assert main(["report", str(results), "--format", "table"]) == 0
     text = capsys.readouterr().out
     table, _, _ = text.partition("A: real-time texture SNN")
@@ -64,7 +61,7 @@ def test_the_table_fits_a_terminal_and_shows_every_row(results: Path, capsys: Ca
 
 
 @needs_papers
-def test_systems_are_chosen_by_letter(results: Path, capsys: Captured) -> None:
+def test_systems_are_chosen_by_letter(results, capsys):
     assert main(["report", str(results), "--system", "b,D", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert {row["system"] for row in found["rows"]} == {"B", "D"}
@@ -78,7 +75,7 @@ def test_systems_are_chosen_by_letter(results: Path, capsys: Captured) -> None:
 
 
 @needs_papers
-def test_a_paper_by_number_or_name(results: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_a_paper_by_number_or_name(results, tmp_path, capsys):
     write(results / "elm", [{"accuracy": 0.8, "family": "elm", "macs": 4.0}])
     assert main(["report", str(results), "--paper", "elm_receptors", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -100,14 +97,14 @@ def test_a_paper_by_number_or_name(results: Path, tmp_path: Path, capsys: Captur
     assert main(["report", str(results), "--paper", "004", "--system", "A"]) == 2
 
 
-def test_a_study_named_twice_counts_once(results: Path, capsys: Captured) -> None:
+def test_a_study_named_twice_counts_once(results, capsys):
     assert main(["report", str(results), "--format", "csv"]) == 0
     once = capsys.readouterr().out
     assert main(["report", str(results), str(results / "nets"), "--format", "csv"]) == 0
     assert capsys.readouterr().out == once
 
 
-def test_what_is_no_study_is_one_line(results: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_what_is_no_study_is_one_line(results, tmp_path, capsys):
     for path in (results / "notes", tmp_path / "nowhere", results / "nets" / "points.parquet"):
         assert main(["report", str(path)]) == 2
         assert (
@@ -119,7 +116,7 @@ def test_what_is_no_study_is_one_line(results: Path, tmp_path: Path, capsys: Cap
     assert "is not the folder of a study with results: there is no trials.parquet" in capsys.readouterr().err
 
 
-def test_damage_is_one_line(results: Path, capsys: Captured) -> None:
+def test_damage_is_one_line(results, capsys):
     store.run_file(results / "nets", 0, 0).unlink()
     assert main(["report", str(results)]) == 2
     told = capsys.readouterr()
@@ -129,14 +126,14 @@ def test_damage_is_one_line(results: Path, capsys: Captured) -> None:
     assert "points.parquet: cannot be read" in capsys.readouterr().err
 
 
-def test_a_study_that_failed_says_why_and_exits_with_1(tmp_path: Path, capsys: Captured) -> None:
+def test_a_study_that_failed_says_why_and_exits_with_1(tmp_path, capsys):
     write(tmp_path / "bad", [], failed=2)
     assert main(["report", str(tmp_path / "bad"), "--format", "table"]) == 1
     assert "bad: 2 of 2 designs failed; the first: ValueError: hidden must be kind" in capsys.readouterr().out
 
 
 @needs_papers
-def test_a_study_as_it_is_run(tmp_path: Path, capsys: Captured) -> None:
+def test_a_study_as_it_is_run(tmp_path, capsys):
     choice = "{choice: [{kind: snn, hidden: [4]}, {kind: knn, window_ms: 40}]}"
     space = write_space(
         tmp_path,
@@ -156,16 +153,12 @@ def test_a_study_as_it_is_run(tmp_path: Path, capsys: Captured) -> None:
 
 
 @needs_papers
-def test_chips_are_set_against_each_other(
-    tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_chips_are_set_against_each_other(tmp_path, capsys, monkeypatch):
     columns = {"energy_uj": 5.0, "energy_uj_low": 4.0, "energy_uj_high": 7.0, "fits": True}
     on = {"one": columns, "two": columns}
     folder = write(tmp_path / "nets", [{"accuracy": 0.9, "on": on}]).folder
 
-    def drawn(
-        folder: Path, rows: pd.DataFrame, columns: list[str], *, hardware: list[str]
-    ) -> dict[str, np.ndarray]:
+    def drawn(folder, rows, columns, *, hardware):
         return {name: np.full((4, len(rows)), 5.0) for name in columns}
 
     monkeypatch.setattr(pricing, "drawn", drawn)
@@ -186,7 +179,7 @@ def test_chips_are_set_against_each_other(
     assert header[0] == "system" and not {"low", "high", "hardware"} & set(header), "only where told"
 
 
-def test_chips_are_named_twice_or_more_and_exist(results: Path, capsys: Captured) -> None:
+def test_chips_are_named_twice_or_more_and_exist(results, capsys):
     assert main(["report", str(results), "--hardware", "loihi1_silicon"]) == 2
     assert capsys.readouterr().err == "--hardware must name two profiles or more, got only 'loihi1_silicon'\n"
     folder = results / "nets"
@@ -197,9 +190,7 @@ def test_chips_are_named_twice_or_more_and_exist(results: Path, capsys: Captured
 
 
 @needs_papers
-def test_parquet_holds_every_column(
-    results: Path, capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path
-) -> None:
+def test_parquet_holds_every_column(results, capfdbinary, tmp_path):
     assert main(["report", str(results), "--system", "B", "--format", "parquet"]) == 0
     (tmp_path / "rows.parquet").write_bytes(capfdbinary.readouterr().out)
     assert list(pd.read_parquet(tmp_path / "rows.parquet")) == COLUMNS

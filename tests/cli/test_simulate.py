@@ -31,19 +31,19 @@ SCENE = FINGERTIP + "forces_n: [1.0, 1.5]\ntrials: 2\n"
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
+def scene(tmp_path):
     """A scene of 16 short trials of a tip with 7 pins: trials 0 to 7 on denim, 8 to 15 on satin."""
     path = tmp_path / "fingertip.yaml"
     path.write_text(SCENE, encoding="utf-8")
     return path
 
 
-def document(text: str) -> dict[str, Any]:
+def document(text):
     found: dict[str, Any] = json.loads(text)
     return found
 
 
-def test_the_file_holds_what_the_simulator_makes(scene: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_the_file_holds_what_the_simulator_makes(scene, tmp_path, capsys):
     out = tmp_path / "touch.npz"
     assert main(["simulate", str(scene), "--out", str(out), "--trials", "3:11", "--quiet", "--json"]) == 0
     captured = capsys.readouterr()
@@ -65,7 +65,7 @@ def test_the_file_holds_what_the_simulator_makes(scene: Path, tmp_path: Path, ca
     assert found.columns["speed_mm_s"].tolist() == [20.0] + [50.0] * 4 + [20.0] * 3
 
 
-def test_one_row_per_texture(scene: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_one_row_per_texture(scene, tmp_path, capsys):
     out = tmp_path / "touch.npz"
     assert main(["simulate", str(scene), "--out", str(out), "--trials", "6:9", "--quiet", "--json"]) == 0
     found = document(capsys.readouterr().out)
@@ -81,14 +81,14 @@ def test_one_row_per_texture(scene: Path, tmp_path: Path, capsys: Captured) -> N
     assert [(row["texture"], row["trials"]) for row in found["rows"]] == [("denim", 2), ("satin", 1)]
 
 
-def test_flags_are_counted(scene: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_flags_are_counted(scene, tmp_path, capsys):
     out = ["--out", str(tmp_path / "touch.npz"), "--trials", ":4", "--quiet", "--json"]
     assert main(["simulate", str(scene), *out, "--set", "forces_n=[1.0, 40.0]"]) == 0
     (row,) = document(capsys.readouterr().out)["rows"]
     assert row["contact_saturated"] == 2
 
 
-def test_jobs_change_no_byte(scene: Path, tmp_path: Path) -> None:
+def test_jobs_change_no_byte(scene, tmp_path):
     files = []
     for jobs in ("1", "3"):
         files.append(tmp_path / f"jobs{jobs}.npz")
@@ -97,7 +97,7 @@ def test_jobs_change_no_byte(scene: Path, tmp_path: Path) -> None:
     assert files[0].read_bytes() == files[1].read_bytes()
 
 
-def test_progress_is_on_stderr(scene: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_progress_is_on_stderr(scene, tmp_path, capsys):
     out = tmp_path / "touch.npz"
     assert main(["simulate", str(scene), "--out", str(out), "--trials", ":2", "--format", "table"]) == 0
     captured = capsys.readouterr()
@@ -108,7 +108,7 @@ def test_progress_is_on_stderr(scene: Path, tmp_path: Path, capsys: Captured) ->
     assert captured.out.split()[0] == "texture"
 
 
-def test_the_pasted_section_is_a_search_space(scene: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_the_pasted_section_is_a_search_space(scene, tmp_path, capsys):
     out = tmp_path / "touch.npz"
     assert main(["simulate", str(scene), "--out", str(out), "--quiet", "--json"]) == 0
     note = document(capsys.readouterr().out)["notes"][-1]
@@ -125,7 +125,7 @@ def test_the_pasted_section_is_a_search_space(scene: Path, tmp_path: Path, capsy
     assert row["classes"] == ["denim", "satin"]
 
 
-def test_warnings_of_the_scene_are_notes(scene: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_warnings_of_the_scene_are_notes(scene, tmp_path, capsys):
     page = str(tmp_path / "page.html")
     blind = ["--set", "camera.threshold=3", "--set", "camera.noise_hz=0"]
     assert main(["simulate", str(scene), "--figure", page, *blind, "--quiet", "--json"]) == 0
@@ -139,9 +139,7 @@ def test_warnings_of_the_scene_are_notes(scene: Path, tmp_path: Path, capsys: Ca
     )
 
 
-def test_the_page_shows_the_trial_that_is_asked_for(
-    scene: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_shows_the_trial_that_is_asked_for(scene, tmp_path, capsys, monkeypatch):
     shown = []
     monkeypatch.setattr(dashboard, "write_trial_page", lambda view, path: shown.append(view) or path)
     page = ["--figure", str(tmp_path / "page.html"), "--quiet", "--json"]
@@ -182,9 +180,7 @@ def test_the_page_shows_the_trial_that_is_asked_for(
         (["--out", "{folder}/t.npz", "--set", "trials=0"], "trials must be >= 1, got 0"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(
-    scene: Path, tmp_path: Path, capsys: Captured, arguments: list[str], message: str
-) -> None:
+def test_bad_input_is_one_line_and_exit_code_2(scene, tmp_path, capsys, arguments, message):
     (tmp_path / "is.npz").mkdir()
     before = sorted(tmp_path.iterdir())
     given = [argument.format(folder=tmp_path) for argument in arguments]
@@ -196,7 +192,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_every_fault_is_told_at_once(scene: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_every_fault_is_told_at_once(scene, tmp_path, capsys):
     arguments = ["--out", str(tmp_path / "t"), "--figure", str(tmp_path), "--trials", "9:9"]
     assert main(["simulate", str(scene), *arguments]) == 2
     assert [line.split()[0] for line in capsys.readouterr().err.splitlines()] == [
@@ -206,15 +202,13 @@ def test_every_fault_is_told_at_once(scene: Path, tmp_path: Path, capsys: Captur
     ]
 
 
-def test_an_unknown_scene(capsys: Captured) -> None:
+def test_an_unknown_scene(capsys):
     assert main(["simulate", "quickstrat", "--out", "t.npz"]) == 2
     assert "Did you mean 'quickstart'?" in capsys.readouterr().err
 
 
-def test_a_page_that_cannot_be_written(
-    scene: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
+def test_a_page_that_cannot_be_written(scene, tmp_path, capsys, monkeypatch):
+    def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(dashboard, "write_trial_page", full)
@@ -223,20 +217,19 @@ def test_a_page_that_cannot_be_written(
     assert capsys.readouterr().err == f"--figure {page}: cannot be written: No space left on device\n"
 
 
-def start(arguments: list[str]) -> subprocess.Popen[str]:
+def start(arguments):
     code = f"import sys; from dse.cli import main; sys.exit(main({['simulate', *arguments]!r}))"
     pipe = subprocess.PIPE
     return subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=pipe, stderr=pipe, text=True)
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_stopped_half_way_leaves_what_was_there(scene: Path, tmp_path: Path, how: signal.Signals) -> None:
+def test_stopped_half_way_leaves_what_was_there(scene, tmp_path, how):
     folder = tmp_path / "out"
     folder.mkdir()
     out = folder / "touch.npz"
     out.write_bytes(b"an older file")
     with start([str(scene), "--out", str(out), "--set", "trials=5000"]) as process:
-        assert process.stderr is not None
         while not process.stderr.readline().startswith("5/"):
             assert process.poll() is None
         process.send_signal(how)
@@ -251,7 +244,7 @@ def test_stopped_half_way_leaves_what_was_there(scene: Path, tmp_path: Path, how
         assert process.returncode == -how
 
 
-def test_a_full_disk_is_one_sentence(scene: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_a_full_disk_is_one_sentence(scene, tmp_path, capsys):
     resource = pytest.importorskip("resource")
     folder = tmp_path / "out"
     folder.mkdir()

@@ -1,7 +1,5 @@
 """`dse stream`: lines in, decisions out."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -10,9 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,7 +35,7 @@ EVENTS = {
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """Bundles of spikes and of events, recordings, and the same as text."""
     folder = tmp_path_factory.mktemp("stream")
     fitted = network(np.random.default_rng(1), (4, 9, 3), recurrent=True)
@@ -55,11 +51,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def printed(capsys: pytest.CaptureFixture[str]) -> list[dict[str, str]]:
+def printed(capsys):
     return list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
 
 
-def test_recordings_are_decided_as_evaluate_does(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_recordings_are_decided_as_evaluate_does(folder, capsys):
     assert main(["stream", str(folder / "spikes"), "--data", str(folder / "rows.npz")]) == 0
     rows = printed(capsys)
     expected = evaluate(folder / "spikes", folder / "rows.npz")
@@ -69,7 +65,7 @@ def test_recordings_are_decided_as_evaluate_does(folder: Path, capsys: pytest.Ca
     assert [row["begin_ms"] for row in rows] == ["75.0"] * 3  # in the middle
 
 
-def test_lines_are_the_recordings(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lines_are_the_recordings(folder, capsys):
     arguments = [
         "stream",
         str(folder / "spikes"),
@@ -86,7 +82,7 @@ def test_lines_are_the_recordings(folder: Path, capsys: pytest.CaptureFixture[st
     assert [row["answer"] for row in rows] == [answer["answer"] for answer in expected.answers]
 
 
-def test_recordings_without_an_answer_are_counted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_recordings_without_an_answer_are_counted(folder, capsys):
     (folder / "short.csv").write_text("0 0 0 0\n" * 5)
     assert main(["stream", str(folder / "spikes"), str(folder / "short.csv")]) == 0
     captured = capsys.readouterr()
@@ -111,9 +107,7 @@ def test_recordings_without_an_answer_are_counted(folder: Path, capsys: pytest.C
         ("events", f"{2**63} 1 0 1\n", "line 1 must have a time from 0 to"),
     ],
 )
-def test_malformed_lines_are_named(
-    kind: str, text: str, message: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_malformed_lines_are_named(kind, text, message, folder, tmp_path, capsys):
     path = tmp_path / "x.csv"
     path.write_text(text, encoding="latin-1")
     assert main(["stream", str(folder / kind), str(path)]) == 2
@@ -131,14 +125,12 @@ def test_malformed_lines_are_named(
         (["x", "--first", "3"], "--first needs --window or --every"),
     ],
 )
-def test_wrong_arguments_are_one_line(
-    arguments: list[str], message: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_arguments_are_one_line(arguments, message, folder, capsys):
     assert main(["stream", str(folder / "spikes"), *arguments]) == 2
     assert capsys.readouterr().err == f"{message}\n"
 
 
-def test_events_and_times_decide(folder: Path) -> None:
+def test_events_and_times_decide(folder):
     made = bundle.read(folder / "events")
     assert made.input is not None
     lines = b"t,x,y,p\n100,1,0,1\n1100;2;0;0\n1200 2 0 1\n21100\n"
@@ -153,10 +145,10 @@ def test_events_and_times_decide(folder: Path) -> None:
     assert list(sources.played(made, [recording])) == [decision, sources.End(0)]
 
 
-def test_the_pace_is_that_of_the_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_pace_is_that_of_the_recording(monkeypatch):
     now, waits = [10.0], []
 
-    def sleep(seconds: float) -> None:
+    def sleep(seconds):
         waits.append(round(seconds, 6))
         now[0] += seconds
 
@@ -172,7 +164,7 @@ def test_the_pace_is_that_of_the_recording(monkeypatch: pytest.MonkeyPatch) -> N
     assert waits == [0.005, 0.005]
 
 
-def test_a_serial_port_is_read_as_lines(folder: Path) -> None:
+def test_a_serial_port_is_read_as_lines(folder):
     made = bundle.read(folder / "spikes")
     assert made.input is not None
     ours, theirs = os.openpty()
@@ -180,7 +172,7 @@ def test_a_serial_port_is_read_as_lines(folder: Path) -> None:
     text = (folder / "rows.csv").read_bytes().split(b"\n\n")[0] + b"\n"
     writer = threading.Thread(target=os.write, args=(ours, text))
 
-    def started() -> Iterator[bytes]:
+    def started():
         writer.start()
         yield from chunks
 
@@ -194,7 +186,7 @@ def test_a_serial_port_is_read_as_lines(folder: Path) -> None:
     os.close(theirs)
 
 
-def test_a_pipe_is_answered_as_it_speaks(folder: Path) -> None:
+def test_a_pipe_is_answered_as_it_speaks(folder):
     command = [sys.executable, "-m", "dse", "stream", str(folder / "spikes"), "--window", "restart"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as running:
         assert running.stdin and running.stdout

@@ -1,7 +1,5 @@
 """Every table of the command line at two widths of a terminal: no line is wider, no header is broken."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -39,7 +37,7 @@ FEASIBLE = (0, 3)
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def place(tmp_path_factory):
     """Return a folder with a study, a copy of it, and recordings with their search space."""
     folder = tmp_path_factory.mktemp("widths")
     for name in ("study", "other"):
@@ -54,13 +52,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("width", [40, 80])
 @pytest.mark.parametrize("command", TABLES.strip().splitlines())
-def test_no_line_is_wider_than_the_terminal(
-    command: str,
-    width: int,
-    place: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_no_line_is_wider_than_the_terminal(command, width, place, monkeypatch, capsys):
     monkeypatch.chdir(place)
     monkeypatch.setenv("COLUMNS", str(width))
     words = command.split()

@@ -14,13 +14,13 @@ from dse.registry import Rule
 PATH = ("model", "key")
 
 
-def axis_of(raw: Any, hint: Any = float, **rule: Any) -> Axis:
+def axis_of(raw, hint=float, **rule):
     found = read_or_axis(raw, hint, Rule("", **rule), PATH, lambda path, text: pytest.fail(text))
     assert isinstance(found, Axis)
     return found
 
 
-def faults_of(raw: Any, hint: Any = float, **rule: Any) -> list[str]:
+def faults_of(raw, hint=float, **rule):
     found: list[str] = []
     assert read_or_axis(raw, hint, Rule("", **rule), PATH, lambda _, text: found.append(text)) is INVALID
     return found
@@ -46,13 +46,13 @@ def faults_of(raw: Any, hint: Any = float, **rule: Any) -> list[str]:
         ({"range": [1, 3], "step": 1}, Any, (1, 2, 3)),
     ],
 )
-def test_values(raw: dict[str, Any], hint: Any, values: tuple[Any, ...]) -> None:
+def test_values(raw, hint, values):
     found = axis_of(raw, hint).values
     assert found == values
     assert [type(value) for value in found or ()] == [type(value) for value in values]
 
 
-def test_a_range_without_step_has_no_values() -> None:
+def test_a_range_without_step_has_no_values():
     axis = axis_of({"range": [0.1, 10], "log": True})
     assert axis == Axis("model.key", None, 0.1, 10.0, None, True)
     assert axis.contains(0.1) and axis.contains(3) and not axis.contains(11.0) and not axis.contains(True)
@@ -120,26 +120,26 @@ def test_a_range_without_step_has_no_values() -> None:
         ({"choice": [1, 2]}, int, {"axis": False}, "model.key cannot be an axis; it must be an integer"),
     ],
 )
-def test_one_sentence_per_mistake(raw: Any, hint: Any, rule: dict[str, Any], message: str) -> None:
+def test_one_sentence_per_mistake(raw, hint, rule, message):
     assert faults_of(raw, hint, **rule) == [message]
 
 
-def test_a_choice_has_no_step() -> None:
+def test_a_choice_has_no_step():
     found: list[str] = []
     read_or_axis({"choice": [1], "step": 1}, int, Rule(""), PATH, lambda _, text: found.append(text))
     assert found == ["model.key has a choice and cannot also have 'step'"]
 
 
-def test_every_wrong_value_of_a_choice_is_named() -> None:
+def test_every_wrong_value_of_a_choice_is_named():
     assert len(faults_of({"choice": [0, 1, "x", -1]}, int, low=1)) == 3
 
 
-def test_one_and_true_are_different_values() -> None:
+def test_one_and_true_are_different_values():
     assert axis_of({"choice": [1, True]}, Any).values == (1, True)
 
 
 @given(st.integers(-50, 50), st.integers(1, 60), st.sampled_from([0.05, 0.1, 0.25, 0.3]))
-def test_steps_are_free_of_rounding_creep(first: int, count: int, step: float) -> None:
+def test_steps_are_free_of_rounding_creep(first, count, step):
     low = round(first * step, 6)
     values = stepped(low, round(low + count * step, 6), step)
     assert len(values) == count + 1
@@ -155,6 +155,6 @@ def test_steps_are_free_of_rounding_creep(first: int, count: int, step: float) -
         {"range": [0.5, 1.0], "log": True},
     ],
 )
-def test_an_axis_is_written_as_it_was_read(raw: dict[str, Any]) -> None:
+def test_an_axis_is_written_as_it_was_read(raw):
     assert axis_of(raw).to_plain() == raw
     assert axis_of(axis_of(raw).to_plain()) == axis_of(raw)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -54,7 +52,7 @@ class Clash:
 
 
 @pytest.fixture(autouse=True)
-def components() -> Iterator[None]:
+def components():
     neurons = {"leaky_of_a_test": Leaky, "adaptive_of_a_test": Adaptive, "texts_of_a_test": Texts}
     named = {"neurons": neurons, "models": {"net": Net}}
     for section, classes in named.items():
@@ -66,13 +64,13 @@ def components() -> Iterator[None]:
             registry._components[section].pop(name)
 
 
-def read(value: dict[str, Any], cls: type = Net) -> tuple[Any, list[str]]:
+def read(value, cls=Net):
     faults: list[str] = []
     found = read_object(cls, value, ("model",), lambda path, text: faults.append(f"{dotted(path)}: {text}"))
     return found, faults
 
 
-def test_its_keys_stand_beside_its_name() -> None:
+def test_its_keys_stand_beside_its_name():
     assert Net() == read({})[0] == Net((8,), Leaky(20.0))
     found, _ = read({"neuron": "adaptive_of_a_test", "beta": 2, "hidden": 4})
     assert found == Net((4,), Adaptive(30.0, 2.0))
@@ -93,17 +91,17 @@ def test_its_keys_stand_beside_its_name() -> None:
         ),
     ],
 )
-def test_mistakes_in_them(keys: dict[str, Any], fault: str) -> None:
+def test_mistakes_in_them(keys, fault):
     found, faults = read(keys)
     assert found is None and faults[0].startswith(fault)
 
 
-def test_a_key_that_both_have_is_refused() -> None:
+def test_a_key_that_both_have_is_refused():
     _, faults = read({"neuron": "adaptive_of_a_test"}, Clash)
     assert faults == ["model.neuron: model.neuron must not name a component with a key of Clash, 'beta'"]
 
 
-def test_they_may_be_axes(tmp_path: Path) -> None:
+def test_they_may_be_axes(tmp_path):
     old = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
     net = (
         "{kind: net, neuron: adaptive_of_a_test, tau_ms: {choice: [20, 40]}, beta: {range: [0, 2], step: 1}}"
@@ -123,7 +121,7 @@ OLD = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
 BOTH = "neuron: {choice: [leaky_of_a_test, adaptive_of_a_test]}"
 
 
-def test_the_component_may_be_an_axis_and_axes_of_its_own_keys_belong_to_it(tmp_path: Path) -> None:
+def test_the_component_may_be_an_axis_and_axes_of_its_own_keys_belong_to_it(tmp_path):
     net = f"{{kind: net, {BOTH}, beta: {{choice: [1, 2]}}}}"
     space = load_space(write_space(tmp_path, (OLD, net)))
     condition = ("model.neuron", "adaptive_of_a_test")
@@ -173,6 +171,6 @@ def test_the_component_may_be_an_axis_and_axes_of_its_own_keys_belong_to_it(tmp_
         ),
     ],
 )
-def test_mistakes_in_an_axis_of_components(tmp_path: Path, model: str, fault: str) -> None:
+def test_mistakes_in_an_axis_of_components(tmp_path, model, fault):
     with pytest.raises(ConfigError, match=fault):
         load_space(write_space(tmp_path, (OLD, model)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from dse.config import load_space
@@ -13,7 +11,7 @@ from tests.spaces import SPACE, faults_of, write_space
 TEACHERS = "; known: columns, mlp, snn"
 
 
-def with_sections(folder: Path, **sections: str) -> Path:
+def with_sections(folder, **sections):
     """Write the small search space with other sections; those that it lacks are line 21."""
     text = SPACE
     for name, written in sections.items():
@@ -22,11 +20,11 @@ def with_sections(folder: Path, **sections: str) -> Path:
     return write_space(folder, text=text)
 
 
-def snn(keys: str) -> dict[str, str]:
+def snn(keys):
     return {"model": f"{{kind: snn, {keys}}}"}
 
 
-def resonator(keys: str) -> dict[str, str]:
+def resonator(keys):
     return snn(f"neuron: resonator, {keys}") | {"hardware": "[]"}
 
 
@@ -210,7 +208,7 @@ CASES: list[tuple[dict[str, str], list[str]]] = [
 
 
 @pytest.mark.parametrize(("sections", "faults"), CASES)
-def test_every_fault_has_its_line(tmp_path: Path, sections: dict[str, str], faults: list[str]) -> None:
+def test_every_fault_has_its_line(tmp_path, sections, faults):
     found = faults_of(with_sections(tmp_path, **sections))
     assert len(found) == len(faults), found
     for fault, begin in zip(found, faults, strict=True):
@@ -226,7 +224,7 @@ def test_every_fault_has_its_line(tmp_path: Path, sections: dict[str, str], faul
         (snn("max_delay: {choice: [0, 9]}") | {"hardware": "[xylo_imu]"}, 4),
     ],
 )
-def test_what_some_designs_can_is_no_fault(tmp_path: Path, sections: dict[str, str], n_designs: int) -> None:
+def test_what_some_designs_can_is_no_fault(tmp_path, sections, n_designs):
     assert load_space(with_sections(tmp_path, **sections)).n_designs == n_designs
 
 
@@ -237,9 +235,7 @@ def test_what_some_designs_can_is_no_fault(tmp_path: Path, sections: dict[str, s
         ("{choice: [knn, {kind: snn, neuron: resonator}]}", 4),
     ],
 )
-def test_a_chip_that_cannot_run_some_of_the_neurons_prices_the_others(
-    tmp_path: Path, model: str, n_designs: int
-) -> None:
+def test_a_chip_that_cannot_run_some_of_the_neurons_prices_the_others(tmp_path, model, n_designs):
     space = load_space(with_sections(tmp_path, model=model))
     assert space.n_designs == n_designs
     without = "neuron resonator: the neurons of loihi1_silicon cannot be programmed"

@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import pytest
 import yaml
 
@@ -13,13 +10,13 @@ from dse.config.search import automatic
 from tests.spaces import write_space
 
 
-def read(raw: Any, base: Path) -> tuple[tuple[str, ...], list[str]]:
+def read(raw, base):
     faults: list[str] = []
     found = names.hardware(raw, lambda path, text: faults.append(f"{path}: {text}"), base)
     return found, faults
 
 
-def test_hardware_is_named_or_a_file_beside_the_search_space(tmp_path: Path) -> None:
+def test_hardware_is_named_or_a_file_beside_the_search_space(tmp_path):
     (tmp_path / "chips").mkdir()
     (tmp_path / "chips" / "mine.yaml").touch()
     written = ["loihi1_silicon", "chips/mine.yaml"]
@@ -28,7 +25,7 @@ def test_hardware_is_named_or_a_file_beside_the_search_space(tmp_path: Path) -> 
     assert read(None, tmp_path) == ((), [])
 
 
-def test_a_search_space_names_a_file(tmp_path: Path) -> None:
+def test_a_search_space_names_a_file(tmp_path):
     path = write_space(tmp_path, ("[loihi1_silicon]", "[mine.yaml]"))
     with pytest.raises(
         ConfigError, match=r"tiny\.yaml:17: hardware 'mine\.yaml' must be a file, relative to"
@@ -56,14 +53,14 @@ def test_a_search_space_names_a_file(tmp_path: Path) -> None:
         ({"name": "mine.yaml"}, "('hardware',): hardware must be a list of names"),
     ],
 )
-def test_what_is_no_hardware(tmp_path: Path, raw: Any, fault: str) -> None:
+def test_what_is_no_hardware(tmp_path, raw, fault):
     (tmp_path / "mine.yaml").touch()
     (tmp_path / "folder.yaml").mkdir()
     _, (found,) = read(raw, tmp_path)
     assert found.startswith(fault)
 
 
-def test_the_schema_knows_names_and_files() -> None:
+def test_the_schema_knows_names_and_files():
     element, listed = json_schema()["properties"]["hardware"]["anyOf"]
     assert listed == {"type": "array", "items": element}
     names, file = element["anyOf"]
@@ -72,12 +69,12 @@ def test_the_schema_knows_names_and_files() -> None:
     assert [is_hardware_file(name) for name in ("mine.yaml", "../x.yml", "op_4.6_0.9")] == [True, True, False]
 
 
-def with_decision(folder: Path, written: str) -> Path:
+def with_decision(folder, written):
     """Write the small search space with a section `decision`, which is line 16."""
     return write_space(folder, ("{phi: [0, 2], theta: {range: [0.25, 0.75], step: 0.25}}", written))
 
 
-def test_phi_may_reach_as_far_as_the_outputs(tmp_path: Path) -> None:
+def test_phi_may_reach_as_far_as_the_outputs(tmp_path):
     written = "{phi: {up_to: outputs, step: 5}, theta: [0.5], read_out_every_ms: 100}"
     assert load_space(with_decision(tmp_path, written)).decision.to_plain() == yaml.safe_load(written)
     step = load_space(with_decision(tmp_path, "{phi: {up_to: outputs}}")).decision.to_plain()["phi"]
@@ -97,13 +94,11 @@ def test_phi_may_reach_as_far_as_the_outputs(tmp_path: Path) -> None:
         (None, None, "tpe"),  # which then requires n_trials
     ],
 )
-def test_auto_chooses_by_the_number_of_designs(
-    n_designs: int | None, n_trials: int | None, sampler: str
-) -> None:
+def test_auto_chooses_by_the_number_of_designs(n_designs, n_trials, sampler):
     assert automatic(n_designs, n_trials) == sampler
 
 
-def test_a_study_states_the_sampler_that_auto_chose(tmp_path: Path) -> None:
+def test_a_study_states_the_sampler_that_auto_chose(tmp_path):
     path = write_space(tmp_path, ("sampler: grid, batch: 2", "sampler: auto, n_trials: 3"))
     space = load_space(path)
     assert (space.search.sampler_name, space.to_plain()["search"]["sampler"]) == ("sobol", "sobol")

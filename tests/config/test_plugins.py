@@ -1,10 +1,5 @@
 """Components outside `dse`: named by key `plugins` of a search space, loaded before any section is read."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
 from dse import registry
@@ -27,7 +22,7 @@ MODEL = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
 
 
 @pytest.fixture(autouse=True)
-def clean(trusting: None) -> Iterator[None]:
+def clean(trusting):
     before, plugins = registry._outside(), dict(registry._plugins)
     yield
     registry._replace(before)
@@ -35,11 +30,11 @@ def clean(trusting: None) -> Iterator[None]:
     registry._plugins.update(plugins)
 
 
-def with_plugin(folder: Path, plugin: str = "plugins: [mine.py]", model: str = "plugged_of_a_test") -> Path:
+def with_plugin(folder, plugin="plugins: [mine.py]", model="plugged_of_a_test"):
     return write_space(folder, ("seed: 3\n", f"seed: 3\n{plugin}\n"), (MODEL, model))
 
 
-def test_a_file_beside_the_search_space_is_loaded_first(tmp_path: Path) -> None:
+def test_a_file_beside_the_search_space_is_loaded_first(tmp_path):
     (tmp_path / "mine.py").write_text(FAMILY)
     path = with_plugin(tmp_path, model="{kind: plugged_of_a_test, width: {choice: [1, 2]}}")
     space = load_space(path)
@@ -52,7 +47,7 @@ def test_a_file_beside_the_search_space_is_loaded_first(tmp_path: Path) -> None:
     assert preview(space)["plugins"] == ["mine.py: models plugged_of_a_test"]
 
 
-def test_a_written_search_space_loads_them_from_anywhere(tmp_path: Path) -> None:
+def test_a_written_search_space_loads_them_from_anywhere(tmp_path):
     (tmp_path / "mine.py").write_text(FAMILY)
     space = load_space(with_plugin(tmp_path))
     (tmp_path / "results").mkdir()
@@ -80,9 +75,7 @@ def test_a_written_search_space_loads_them_from_anywhere(tmp_path: Path) -> None
     ],
 )
 @pytest.mark.parametrize("model", [MODEL, "plugged_of_a_test"])  # a name that the plugin would bring
-def test_what_is_wrong_with_one_is_the_only_fault_and_of_its_line(
-    tmp_path: Path, plugins: str, content: str | None, fault: str, model: str
-) -> None:
+def test_what_is_wrong_with_one_is_the_only_fault_and_of_its_line(tmp_path, plugins, content, fault, model):
     if content is not None:
         (tmp_path / "mine.py").write_text(content)
     path = with_plugin(tmp_path, f"plugins: {plugins}", model)

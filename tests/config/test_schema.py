@@ -1,27 +1,24 @@
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json
-from typing import Any
 
 from dse import registry
 from dse.config.locate import shipped_folder, shipped_spaces
 from dse.config.parts import COMPONENTS, FAMILIES, WITH_AXES
 from dse.config.schema import json_schema
 from dse.config.sections import SECTIONS, SETTINGS
-from dse.registry import Rule, rule_of
+from dse.registry import rule_of
 from tests.installed import needs_papers
 
 
-def test_it_is_json_and_has_every_section() -> None:
+def test_it_is_json_and_has_every_section():
     schema = json.loads(json.dumps(json_schema()))
     assert set(schema["properties"]) == {"study", "seed", "plugins", *SECTIONS}
     assert schema["additionalProperties"] is False
 
 
 @needs_papers
-def test_the_shipped_schema_is_that_of_the_code() -> None:
+def test_the_shipped_schema_is_that_of_the_code():
     """Where it is not: dse describe --schema > search_spaces/schema.json."""
     assert json.loads((shipped_folder("search_spaces") / "schema.json").read_text()) == json_schema()
     for name, path in shipped_spaces().items():
@@ -29,18 +26,18 @@ def test_the_shipped_schema_is_that_of_the_code() -> None:
         assert first == "# yaml-language-server: $schema=schema.json", name
 
 
-def one_of(section: str) -> list[dict[str, Any]]:
+def one_of(section):
     """Return the schemas of the components of a section."""
     schema = json_schema()
-    return schema["$defs" if section in FAMILIES else "properties"][section]["anyOf"]  # type: ignore[no-any-return]
+    return schema["$defs" if section in FAMILIES else "properties"][section]["anyOf"]
 
 
-def components_of(rule: Rule) -> dict[str, type]:
+def components_of(rule):
     """Return the components that a key may name, whose keys stand beside it."""
     return registry.known(rule.component) if rule.component else {}
 
 
-def test_it_has_every_key_of_every_component() -> None:
+def test_it_has_every_key_of_every_component():
     properties = json_schema()["properties"]
     for section in COMPONENTS:
         options = [option for option in one_of(section) if "properties" in option]
@@ -57,17 +54,17 @@ def test_it_has_every_key_of_every_component() -> None:
         assert set(properties[section]["properties"]) == names
 
 
-def test_axes_are_allowed_where_the_reader_allows_them() -> None:
-    def forms(section: str, key: str) -> list[dict[str, Any]]:
+def test_axes_are_allowed_where_the_reader_allows_them():
+    def forms(section, key):
         found = one_of(section)[0] if section in COMPONENTS else json_schema()["properties"][section]
-        return found["properties"][key].get("anyOf", [])  # type: ignore[no-any-return]
+        return found["properties"][key].get("anyOf", [])
 
     assert "training" in WITH_AXES
     assert any("choice" in form.get("properties", {}) for form in forms("training", "epochs"))
     assert not any("choice" in form.get("properties", {}) for form in forms("execution", "jobs"))
 
 
-def test_bounds_and_choices_are_carried_over() -> None:
+def test_bounds_and_choices_are_carried_over():
     properties = json_schema()["properties"]
     assert properties["execution"]["properties"]["jobs"]["minimum"] == 1
     assert "accuracy:max" in properties["objectives"]["anyOf"][0]["enum"]

@@ -1,9 +1,6 @@
 """Key `training.teacher`: names, own keys, axes, and every fault with its line."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 from dse.config import Sections, load_space
 from dse.models.counts.mlp import MLP
@@ -14,12 +11,12 @@ from tests.spaces import write_space
 TRAINING = "training: {epochs: 1, batch_size: 8}"
 
 
-def written(folder: Path, teacher: str) -> Path:
+def written(folder, teacher):
     """Write the small search space with a teacher, which is in line 15."""
     return write_space(folder, (TRAINING, f"training: {{epochs: 1, teacher: {teacher}}}"))
 
 
-def test_a_name_a_mapping_and_an_axis_of_both(tmp_path: Path) -> None:
+def test_a_name_a_mapping_and_an_axis_of_both(tmp_path):
     choice = "{choice: [null, mlp, {kind: snn, hidden: [30, 20]}]}"
     space = load_space(written(tmp_path, choice))
     axis = space.axes["training.teacher"]

@@ -38,23 +38,23 @@ class Needy:
     file: str = param(doc="the file")
 
 
-def faults_of(cls: type, raw: Any) -> list[str]:
+def faults_of(cls, raw):
     found: list[str] = []
     read_fields(cls, raw, ("toy",), lambda path, text: found.append(f"{dotted(path)}: {text}"))
     return found
 
 
-def values_of(raw: dict[str, Any]) -> dict[str, Any]:
+def values_of(raw):
     values, good = read_fields(Toy, raw, ("toy",), lambda path, text: pytest.fail(text))
     assert good
     return values
 
 
-def test_defaults_are_filled_in() -> None:
+def test_defaults_are_filled_in():
     assert Toy(**values_of({})) == Toy()
 
 
-def test_values_take_the_type_of_their_field() -> None:
+def test_values_take_the_type_of_their_field():
     values = values_of({"rate": 2, "sizes": 7, "pair": [3, 4], "columns": {"a": "b"}, "any": [1, {"b": [2]}]})
     assert type(values["rate"]) is float
     assert values["sizes"] == (7,)
@@ -63,7 +63,7 @@ def test_values_take_the_type_of_their_field() -> None:
     assert values["any"] == (1, {"b": (2,)})
 
 
-def test_unions_take_each_of_their_forms() -> None:
+def test_unions_take_each_of_their_forms():
     inner = Inner("c", 2.0)
     assert values_of({"target": "speed"})["target"] == "speed"
     assert values_of({"target": {"column": "c", "scale": 2}})["target"] == inner
@@ -111,26 +111,26 @@ def test_unions_take_each_of_their_forms() -> None:
         ([1], "toy must be a mapping of keys to values, got [1]"),
     ],
 )
-def test_one_sentence_per_mistake(raw: Any, message: str) -> None:
+def test_one_sentence_per_mistake(raw, message):
     (found,) = faults_of(Toy, raw)
     assert found.split(": ", 1)[1] == message
 
 
-def test_all_mistakes_are_found() -> None:
+def test_all_mistakes_are_found():
     assert len(faults_of(Toy, {"count": 0, "shar": 1, "mode": "x", "sizes": [0, -1], "on": "yes"})) == 6
 
 
-def test_a_required_key_is_asked_for_with_its_meaning() -> None:
+def test_a_required_key_is_asked_for_with_its_meaning():
     assert faults_of(Needy, {}) == ["toy: toy.file is required: the file"]
     assert faults_of(Needy, None) == ["toy: toy.file is required: the file"]
 
 
-def test_long_values_are_shortened() -> None:
+def test_long_values_are_shortened():
     (message,) = faults_of(Toy, {"name": list(range(1000))})
     assert len(message) < 120
 
 
-def test_words() -> None:
+def test_words():
     assert bounds(Rule("", low=0)) == ">= 0"
     assert bounds(Rule("", high=2, high_open=True)) == "< 2"
     assert bounds(Rule("")) == ""

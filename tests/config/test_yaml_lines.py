@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -39,17 +36,17 @@ from dse.config.yaml_lines import dump, override, parse, read_document, scalar
         ("e3", "e3"),
     ],
 )
-def test_scalar_follows_the_core_schema(text: str, value: object) -> None:
+def test_scalar_follows_the_core_schema(text, value):
     found = scalar(text)
     assert found == value
     assert type(found) is type(value)
 
 
-def test_nan_is_a_number() -> None:
+def test_nan_is_a_number():
     assert math.isnan(scalar(".nan"))
 
 
-def test_every_value_knows_its_line() -> None:
+def test_every_value_knows_its_line():
     document = parse("a: 1\nb:\n  c: [x,\n    y]\n  d:\n  - 5\n  - {e: 6}\n", "f.yaml")
     assert document.data == {"a": 1, "b": {"c": ["x", "y"], "d": [5, {"e": 6}]}}
     lines = {path: place[1] for path, place in document.places.items()}
@@ -68,7 +65,7 @@ def test_every_value_knows_its_line() -> None:
     assert document.fault(("b", "d", 1, "absent", "deeper"), "text") == Fault("f.yaml", 7, "text")
 
 
-def test_quoted_scalars_are_text() -> None:
+def test_quoted_scalars_are_text():
     assert parse("a: '1'\nb: \"true\"\nc: |\n  3\n", "f").data == {"a": "1", "b": "true", "c": "3\n"}
 
 
@@ -84,7 +81,7 @@ def test_quoted_scalars_are_text() -> None:
         ("a: 1\n? [b]\n: 2\n", ["f:2: a key must be a scalar, got a list or a mapping"]),
     ],
 )
-def test_faults_leave_the_rest_readable(text: str, faults: list[str]) -> None:
+def test_faults_leave_the_rest_readable(text, faults):
     assert [str(fault) for fault in parse(text, "f").faults] == faults
 
 
@@ -92,44 +89,44 @@ def test_faults_leave_the_rest_readable(text: str, faults: list[str]) -> None:
     ("text", "line"),
     [("a: 1\nb: [1, 2\nc: 3\n", 3), ("a: b: c\n", 1), ("a: 1\n\tb: 2\n", 2), ("a: 1\n\nb: \0\n", 3)],
 )
-def test_a_syntax_error_has_its_line(text: str, line: int) -> None:
+def test_a_syntax_error_has_its_line(text, line):
     (fault,) = parse(text, "f").faults
     assert fault.line == line
     assert fault.message.startswith("not valid YAML: ")
 
 
-def test_an_alias_inside_its_own_anchor_ends() -> None:
+def test_an_alias_inside_its_own_anchor_ends():
     assert "nested more than 50 levels deep" in parse("a: &x [*x]\n", "f").faults[0].message
     [fault] = parse("b: 1\na: &x [*x, *x, *x]\n", "f").faults
     assert (fault.line, "has more than 100000 values here" in fault.message) == (2, True)
 
 
-def test_aliases_of_aliases_are_counted() -> None:
+def test_aliases_of_aliases_are_counted():
     lines = ["a0: &a0 [1, 2, 3, 4, 5, 6, 7, 8]"]
     lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 8)}]" for i in range(1, 12)]
     document = parse("\n".join(lines), "f")
     assert document.data == {} and "has more than 100000 values" in document.faults[0].message
 
 
-def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
+def test_a_file_that_is_too_large_is_not_read(tmp_path):
     (tmp_path / "x.yaml").write_text("a: [" + "1," * 600_000 + "1]")
     with pytest.raises(ConfigError, match=r"x\.yaml:1: must have at most 1048576 bytes, got 1200006"):
         read_document(tmp_path / "x.yaml", {})
 
 
-def test_hostile_nesting_ends() -> None:
+def test_hostile_nesting_ends():
     assert "nested more than 50 levels deep" in parse("[" * 1500, "f").faults[0].message
 
 
-def test_an_alias_repeats_its_anchor() -> None:
+def test_an_alias_repeats_its_anchor():
     assert parse("a: &x [1, 2]\nb: *x\n", "f").data == {"a": [1, 2], "b": [1, 2]}
 
 
-def test_an_empty_file_is_an_empty_mapping() -> None:
+def test_an_empty_file_is_an_empty_mapping():
     assert parse("# nothing\n", "f").data == {}
 
 
-def test_override_replaces_and_adds() -> None:
+def test_override_replaces_and_adds():
     document = parse("a: {b: [1, 2], c: 3}\n", "f")
     changed = override(document, {"a.b": "[5]", "a.d.e": "x", "g": ""})
     assert changed.data == {"a": {"b": [5], "c": 3, "d": {"e": "x"}}, "g": None}
@@ -139,7 +136,7 @@ def test_override_replaces_and_adds() -> None:
     assert str(changed.fault(("a", "c"), "wrong")) == "f:1: wrong"
 
 
-def test_faults_of_an_override_name_it() -> None:
+def test_faults_of_an_override_name_it():
     changed = override(parse("a: 1\n", "f"), {"a": "[1", "": "2", "b..c": "3"})
     assert [fault.path for fault in changed.faults] == ["--set a", "--set ", "--set b..c"]
     assert changed.data == {"a": 1}
@@ -158,7 +155,7 @@ data = st.recursive(
 
 
 @given(st.dictionaries(texts, data, max_size=4))
-def test_what_is_dumped_is_read_back(content: dict[str, object]) -> None:
+def test_what_is_dumped_is_read_back(content):
     document = parse(dump(content), "f")
     assert document.faults == []
     assert document.data == content
@@ -166,7 +163,7 @@ def test_what_is_dumped_is_read_back(content: dict[str, object]) -> None:
 
 
 @given(st.text(max_size=60))
-def test_no_text_breaks_the_parser(text: str) -> None:
+def test_no_text_breaks_the_parser(text):
     document = parse(text, "f")
     assert all(
         1 <= fault.line <= text.count("\n") + text.count("\r") + text.count("\x85") + 3

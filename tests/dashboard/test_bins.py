@@ -1,7 +1,5 @@
 """Where all points lie: every point is counted once, by task and hardware, on the axes of the page."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

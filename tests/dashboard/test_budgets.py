@@ -1,7 +1,5 @@
 """Budgets on the page, in a real browser: the numbers of the skyline, and everything that moves them."""
 
-from __future__ import annotations
-
 import itertools
 import shlex
 

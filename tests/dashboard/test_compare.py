@@ -1,7 +1,5 @@
 """Designs side by side, in a real browser: their numbers, what differs, their figures on the same scales."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.dashboard.designs import details, hash_of, learning_of

@@ -1,7 +1,5 @@
 """What helps to decide, in a real browser: filters, colours, prices, chips, importance, undo, CSV."""
 
-from __future__ import annotations
-
 import csv
 import io
 import shlex

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.config import ConfigError
@@ -24,30 +23,30 @@ COLUMNS: dict[str, Any] = {
 }
 
 
-def written(path: Path, text: str) -> Path:
+def written(path, text):
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def faults_of(path: Path | str) -> list[str]:
+def faults_of(path):
     with pytest.raises(ConfigError) as caught:
         load(path)
     return str(caught.value).splitlines()
 
 
-def test_the_default_page_leaves_every_choice_to_the_study() -> None:
+def test_the_default_page_leaves_every_choice_to_the_study():
     assert load() == load("study") == Definition(views=load().views)
     assert {"study", "paper", "deployment"} <= set(shipped_definitions())
 
 
 @pytest.mark.parametrize("name", sorted(shipped_definitions()))
-def test_what_is_shipped_is_right(name: str) -> None:
+def test_what_is_shipped_is_right(name):
     found = load(name)
     assert set(found.views) == set(view_names()), "no part of the page is lost"
     assert set(found.design) == set(Definition().design)
 
 
-def test_a_file_of_ones_own(tmp_path: Path) -> None:
+def test_a_file_of_ones_own(tmp_path):
     text = """
 title: mine
 views: [table, front]
@@ -67,7 +66,7 @@ sort: energy_uj
     assert load(written(tmp_path / "empty.yaml", "# nothing said\n")) == Definition()
 
 
-def test_every_fault_at_once_with_its_line(tmp_path: Path) -> None:
+def test_every_fault_at_once_with_its_line(tmp_path):
     text = """titel: mine
 views: [front, tabel, front]
 front:
@@ -111,13 +110,13 @@ sort: 3
         ("\udcff", "cannot be read: not UTF-8 text"),
     ],
 )
-def test_what_a_file_must_be(tmp_path: Path, text: str, fault: str) -> None:
+def test_what_a_file_must_be(tmp_path, text, fault):
     (tmp_path / "bad.yaml").write_bytes(text.encode(errors="surrogateescape"))
     [found] = faults_of(tmp_path / "bad.yaml")
     assert fault in found
 
 
-def test_what_cannot_be_found() -> None:
+def test_what_cannot_be_found():
     [found] = faults_of("papre")
     assert found.startswith("papre: no such file and no shipped page of this name; known: deployment, paper")
     assert found.endswith("Did you mean 'paper'?")
@@ -130,11 +129,8 @@ _PLAIN = st.recursive(
 )
 
 
-@settings(deadline=None, derandomize=True, max_examples=150)
 @given(content=st.dictionaries(st.sampled_from([*vars(Definition()), "x"]), _PLAIN, max_size=4))
-def test_whatever_a_file_holds_is_a_definition_or_its_faults(
-    content: dict[str, Any], tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_whatever_a_file_holds_is_a_definition_or_its_faults(content, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "any.yaml"
     path.write_text(yaml.safe_dump(content, allow_unicode=False), encoding="utf-8")
     try:
@@ -145,7 +141,7 @@ def test_whatever_a_file_holds_is_a_definition_or_its_faults(
         assert isinstance(definition_for(found, COLUMNS, ["accuracy"])[0], dict)
 
 
-def test_a_page_holds_what_its_study_has() -> None:
+def test_a_page_holds_what_its_study_has():
     wanted = Definition(
         title="mine",
         front=FrontView(x="family", y="accuracy", z="n_cores", dimensions=3, log=("energy_uj", "n_weights")),
@@ -177,7 +173,7 @@ def test_a_page_holds_what_its_study_has() -> None:
     assert (page["front"]["y"], page["budgets"], notes) == (None, {}, [])
 
 
-def test_a_gathered_page_has_its_definition_and_marks() -> None:
+def test_a_gathered_page_has_its_definition_and_marks():
     marks = [{"name": "A", "task": "texture", "values": {"accuracy": 0.9}, "source": "s", "caption": "c"}]
     front = FrontView(y="energy_uj", x="n_cores")
     wanted = Definition(title="</script>", front=front, budgets={"accuracy": 0.7})

@@ -1,7 +1,5 @@
 """The panel of one design, in a real browser: its figures, and phi and theta that move it in every view."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The details of a design against the table of points and the artefacts that they come from."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

@@ -1,7 +1,5 @@
 """The parallel coordinates in a real browser: a brush is a budget, a line is a design."""
 
-from __future__ import annotations
-
 import struct
 from xml.etree import ElementTree
 

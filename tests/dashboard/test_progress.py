@@ -1,7 +1,5 @@
 """How a study goes, from folders made by hand with known times, and from one that was really run."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

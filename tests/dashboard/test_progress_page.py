@@ -1,7 +1,5 @@
 """How a study goes, in a real browser: the line, its figure, its lists, and its words."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 

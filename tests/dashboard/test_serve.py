@@ -1,7 +1,5 @@
 """The server of a live page: what it answers, what it refuses, and the page in a real browser beside it."""
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import itertools

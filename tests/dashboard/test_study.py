@@ -1,17 +1,11 @@
 """What a served study tells of single designs, and the bundle that a reader takes home, from a real study."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -33,7 +27,7 @@ from tests.serving import ask, served
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("pages")
     moods = {"choice": ["fine", "raise"]}
     space = tiny_study.make_space(
@@ -44,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture
-def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def temporary(tmp_path, monkeypatch):
     """Where temporary folders are made."""
     path = tmp_path / "temporary"
     path.mkdir()
@@ -52,19 +46,19 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def serving(folder: Path) -> AbstractContextManager[Any]:
+def serving(folder):
     return served(page_server(folder, "127.0.0.1", 0))
 
 
-def query(trial: int = 0, point: int = 3, hardware: str = "loihi1_silicon") -> str:
+def query(trial=0, point=3, hardware="loihi1_silicon"):
     return f"/bundle.zip?trial={trial}&point={point}&hardware={hardware}"
 
 
-def state(folder: Path) -> dict[Path, tuple[int, int]]:
+def state(folder):
     return {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in folder.rglob("*")}
 
 
-def test_the_bundle_is_the_one_that_pick_exports(folder: Path, temporary: Path, tmp_path: Path) -> None:
+def test_the_bundle_is_the_one_that_pick_exports(folder, temporary, tmp_path):
     before = state(folder)
     found = results.open(folder)
     points = found.points()
@@ -87,9 +81,7 @@ def test_the_bundle_is_the_one_that_pick_exports(folder: Path, temporary: Path, 
     assert state(folder) == before
 
 
-def test_a_bundle_whose_targets_were_run_is_shown_and_sent(
-    folder: Path, temporary: Path, tmp_path: Path
-) -> None:
+def test_a_bundle_whose_targets_were_run_is_shown_and_sent(folder, temporary, tmp_path):
     study = tmp_path / "study"
     shutil.copytree(folder, study)
     points = results.open(study).points()
@@ -122,9 +114,7 @@ def test_a_bundle_whose_targets_were_run_is_shown_and_sent(
         assert not any("targets/" in name for name in archive.namelist())
 
 
-def test_the_bundle_has_the_targets_of_the_search_space(
-    folder: Path, temporary: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_bundle_has_the_targets_of_the_search_space(folder, temporary, tmp_path, monkeypatch):
     with_targets.load(monkeypatch)
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
@@ -156,7 +146,7 @@ def test_the_bundle_has_the_targets_of_the_search_space(
         "/bundle.zip?trial=0&point=3",
     ],
 )
-def test_no_such_point(folder: Path, temporary: Path, path: str) -> None:
+def test_no_such_point(folder, temporary, path):
     with serving(folder) as server:
         assert ask(server, path)[::2] == (404, b"The study has no such design point.\n")
     assert list(temporary.iterdir()) == []
@@ -166,13 +156,13 @@ SPOILT = "This design cannot be exported: an artefact is damaged, or the disk is
 CHANGED = "The study has changed since this point was evaluated; reload the page."
 
 
-def damage_points(copy: Path) -> None:
+def damage_points(copy):
     points = results.open(copy).points()
     with store.noted(copy / "points.parquet") as path:
         store.write_table(path, points.assign(phi=points["phi"] + 1))
 
 
-def tell_labels(copy: Path) -> None:
+def tell_labels(copy):
     encoder = {"kind": "threshold", "matching": "own_label"}
     rewrite(store.run_file(copy, 0, 0), lambda x: x | {"sections": x["sections"] | {"encoder": encoder}})
 
@@ -186,9 +176,7 @@ def tell_labels(copy: Path) -> None:
         (tell_labels, 422, "This design cannot be deployed: "),
     ],
 )
-def test_what_cannot_be_exported_is_said_without_its_path(
-    folder: Path, temporary: Path, tmp_path: Path, harm: Callable[[Path], Any], status: int, said: str
-) -> None:
+def test_what_cannot_be_exported_is_said_without_its_path(folder, temporary, tmp_path, harm, status, said):
     copy = shutil.copytree(folder, tmp_path / "copy")
     if said == CHANGED:
         harm(copy)
@@ -202,10 +190,8 @@ def test_what_cannot_be_exported_is_said_without_its_path(
 
 
 @pytest.mark.parametrize("where", ["disk", "folder"])
-def test_a_full_disk_or_no_folder_leaves_nothing_behind(
-    folder: Path, temporary: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
-) -> None:
-    def full(*_: Any) -> None:
+def test_a_full_disk_or_no_folder_leaves_nothing_behind(folder, temporary, tmp_path, monkeypatch, where):
+    def full(*_):
         raise OSError(28, "No space left on device", "/secret")
 
     if where == "disk":
@@ -217,7 +203,7 @@ def test_a_full_disk_or_no_folder_leaves_nothing_behind(
     assert list(temporary.iterdir()) == []
 
 
-def test_the_document_of_a_trial(folder: Path) -> None:
+def test_the_document_of_a_trial(folder):
     found = results.open(folder)
     with serving(folder) as server:
         status, _, body = ask(server, "/design.json?trial=0")
@@ -228,19 +214,19 @@ def test_the_document_of_a_trial(folder: Path) -> None:
     assert status == 200
 
 
-def test_before_the_first_trial_there_is_none(folder: Path, tmp_path: Path) -> None:
+def test_before_the_first_trial_there_is_none(folder, tmp_path):
     (tmp_path / "search_space.yaml").write_bytes((folder / "search_space.yaml").read_bytes())
     with serving(tmp_path) as server:
         assert ask(server, "/design.json?trial=0")[0] == 404
         assert ask(server, query())[0] == 404
 
 
-def test_a_page_on_disk_carries_details(folder: Path, tmp_path: Path) -> None:
+def test_a_page_on_disk_carries_details(folder, tmp_path):
     page = held(write_page(results.open(folder), tmp_path / "page.html"))
     assert list(page["details"]) == ["0"]
 
 
-def test_a_deterministic_design_is_as_uncertain_as_its_recordings_are_few(folder: Path) -> None:
+def test_a_deterministic_design_is_as_uncertain_as_its_recordings_are_few(folder):
     study = results.open(folder)
     points = study.points().assign(repeats=3, accuracy=0.75, accuracy_se=0.0)
     n = store.read_record(store.run_file(folder, int(points["trial"].iloc[0]), 0))["samples"]

@@ -1,7 +1,5 @@
 """The page of a trial: what it carries, and what a browser makes of it."""
 
-from __future__ import annotations
-
 import base64
 import json
 from types import SimpleNamespace

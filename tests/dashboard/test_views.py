@@ -1,10 +1,6 @@
 """A view is found by its file: those of the package, and one of a user's own in a real browser."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -47,13 +43,13 @@ Views.spread = { view(root, app) {
 
 
 @pytest.fixture(autouse=True)
-def no_view_stays(trusting: None) -> Iterator[None]:
+def no_view_stays(trusting):
     before = dict(registry._components.get("views", {}))
     yield
     registry._components["views"] = before
 
 
-def definition(folder: Path, script: str = repr(SCRIPT), views: str = "[spread, table]") -> Path:
+def definition(folder, script: str = repr(SCRIPT), views="[spread, table]"):
     """Write a plugin that brings a view, and a page definition that names it."""
     (folder / "spread.py").write_text(PLUGIN.format(script=script), encoding="utf-8")
     path = folder / "mine.yaml"
@@ -61,7 +57,7 @@ def definition(folder: Path, script: str = repr(SCRIPT), views: str = "[spread, 
     return path
 
 
-def test_every_file_is_a_view() -> None:
+def test_every_file_is_a_view():
     assert view_names() == sorted(path.stem for path in (sources() / "views").glob("*.js"))
     assert set(load("study").views or ()) == set(view_names())
     for view in view_sources([]):
@@ -74,7 +70,7 @@ def test_every_file_is_a_view() -> None:
 
 
 @pytest.mark.parametrize("as_file", [False, True])
-def test_a_view_of_ones_own(new_tab, page_path: Path, tmp_path: Path, as_file: bool) -> None:
+def test_a_view_of_ones_own(new_tab, page_path, tmp_path, as_file):
     script = repr(SCRIPT)
     if as_file:
         (tmp_path / "drawn.js").write_text(SCRIPT, encoding="utf-8")
@@ -103,7 +99,7 @@ def test_a_view_of_ones_own(new_tab, page_path: Path, tmp_path: Path, as_file: b
     assert page.faults == []
 
 
-def test_a_plugin_that_cannot_be_loaded_and_an_unknown_view(tmp_path: Path) -> None:
+def test_a_plugin_that_cannot_be_loaded_and_an_unknown_view(tmp_path):
     path = definition(tmp_path, "1 / 0", "[spred]")
     with pytest.raises(ConfigError) as caught:
         load(path)
@@ -119,7 +115,7 @@ def test_a_plugin_that_cannot_be_loaded_and_an_unknown_view(tmp_path: Path) -> N
         ("'x = \"</SCRIPT>\"'", "view 'spread': its script must not contain '</script'"),
     ],
 )
-def test_a_view_that_no_page_can_hold(tmp_path: Path, script: str, message: str) -> None:
+def test_a_view_that_no_page_can_hold(tmp_path, script, message):
     mine = load(definition(tmp_path, script))
     with pytest.raises(ViewError) as caught:
         write_page(points(), tmp_path / "page.html", name="x", objectives=OBJECTIVES, definition=mine)

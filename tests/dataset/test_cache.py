@@ -1,7 +1,5 @@
 """Entries that are whole or not there, whoever writes, reads, removes or dies at the same time."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal
@@ -19,39 +17,39 @@ from dse.dataset import cache
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def entry(root: Path, key: str, size: int = 1000) -> Path:
+def entry(root, key, size=1000):
     """Make an entry with a file of some bytes; return its folder."""
 
-    def fill(folder: Path) -> None:
+    def fill(folder):
         (folder / "data").write_bytes(b"x" * size)
 
     return cache.made(root, key, fill)
 
 
-def keys(root: Path) -> set[str]:
+def keys(root):
     return {path.name for path in root.iterdir() if path.name[0] != "."}
 
 
-def parts(root: Path) -> list[Path]:
+def parts(root):
     return list(root.glob(".writing-*"))
 
 
-def used_at(root: Path, key: str, seconds: int) -> None:
+def used_at(root, key, seconds):
     os.utime(root / key / "entry.json", (seconds, seconds))
 
 
 @pytest.fixture
-def root(tmp_path: Path) -> Path:
+def root(tmp_path):
     cache.tidy(tmp_path / "cache")
     return tmp_path / "cache"
 
 
 @pytest.fixture
-def room_for_two(monkeypatch: pytest.MonkeyPatch) -> None:
+def room_for_two(monkeypatch):
     monkeypatch.setenv("DSE_CACHE_GIB", repr(2500 / 2**30))
 
 
-def started(code: str, root: Path) -> subprocess.Popen[str]:
+def started(code, root):
     """Run code in another process, with the root as its argument; a line on stdout says that it is there."""
     text = (
         "import sys, time; from pathlib import Path; from dse.dataset import cache\n"
@@ -62,31 +60,30 @@ def started(code: str, root: Path) -> subprocess.Popen[str]:
     )
 
 
-def line(process: subprocess.Popen[str]) -> str:
-    assert process.stdout is not None
+def line(process):
     return process.stdout.readline().strip()
 
 
-def killed(process: subprocess.Popen[str]) -> None:
+def killed(process):
     process.send_signal(signal.SIGKILL)
     process.communicate()
 
 
-def test_what_was_made_is_there(root: Path) -> None:
+def test_what_was_made_is_there(root):
     folder = entry(root, "a")
     assert folder == root / "a"
     assert cache.find(root, "a") == folder
     assert (folder / "data").read_bytes() == b"x" * 1000
     assert cache.find(root, "b") is None
 
-    def never(folder: Path) -> None:
+    def never(folder):
         raise AssertionError("what is there is not made again")
 
     assert cache.made(root, "a", never) == folder
 
 
 @pytest.mark.parametrize("damage", ["cut", "longer", "lost", "no sizes", "torn sizes", "odd sizes"])
-def test_a_damaged_entry_is_removed_and_made_again(root: Path, damage: str) -> None:
+def test_a_damaged_entry_is_removed_and_made_again(root, damage):
     folder = entry(root, "a")
     if damage in ("cut", "longer"):
         (folder / "data").write_bytes(b"x" * (999 if damage == "cut" else 1001))
@@ -101,7 +98,7 @@ def test_a_damaged_entry_is_removed_and_made_again(root: Path, damage: str) -> N
     assert (entry(root, "a") / "data").stat().st_size == 1000
 
 
-def test_the_least_recently_used_go_first(root: Path, room_for_two: None) -> None:
+def test_the_least_recently_used_go_first(root, room_for_two):
     for seconds, key in enumerate("abc"):
         entry(root, key)
         used_at(root, key, seconds)
@@ -112,9 +109,7 @@ def test_the_least_recently_used_go_first(root: Path, room_for_two: None) -> Non
     assert keys(root) == {"b", "d"}
 
 
-def test_what_was_used_within_a_day_stays(
-    root: Path, room_for_two: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_was_used_within_a_day_stays(root, room_for_two, monkeypatch):
     for key in "abc":
         entry(root, key)
     now, day_s = int(time.time()), 24 * 3600
@@ -131,7 +126,7 @@ def test_what_was_used_within_a_day_stays(
     assert keys(root) == {"c"}
 
 
-def test_what_is_mapped_outlives_its_entry(root: Path) -> None:
+def test_what_is_mapped_outlives_its_entry(root):
     folder = entry(root, "a")
     mapped = np.memmap(folder / "data", np.uint8, mode="r")
     cache.discard(root, "a")
@@ -140,7 +135,7 @@ def test_what_is_mapped_outlives_its_entry(root: Path) -> None:
     assert bytes(mapped) == b"x" * 1000
 
 
-def test_what_is_no_entry_is_nobodys_to_remove(root: Path, room_for_two: None) -> None:
+def test_what_is_no_entry_is_nobodys_to_remove(root, room_for_two):
     (root / "thesis").mkdir()
     (root / "thesis" / "chapter").write_bytes(b"x" * 5000)
     (root / "notes").write_text("mine")
@@ -163,7 +158,7 @@ print("made", flush=True)
 """
 
 
-def test_two_processes_that_write_the_same_entry(root: Path) -> None:
+def test_two_processes_that_write_the_same_entry(root):
     both = [started(WRITER, root) for _ in range(2)]
     assert [line(process) for process in both] == ["writing", "writing"]
     assert len(parts(root)) == 2
@@ -176,7 +171,7 @@ def test_two_processes_that_write_the_same_entry(root: Path) -> None:
     assert (root / "a" / "data").read_bytes() == b"y" * 1000
 
 
-def test_kill_9_in_the_middle_of_a_write(root: Path) -> None:
+def test_kill_9_in_the_middle_of_a_write(root):
     dead, alive = started(WRITER, root), started(WRITER, root)
     assert [line(dead), line(alive)] == ["writing", "writing"]
     killed(dead)
@@ -190,11 +185,11 @@ def test_kill_9_in_the_middle_of_a_write(root: Path) -> None:
 
 
 @pytest.mark.parametrize("moment", ["in a write", "at the rename", "given up"])
-def test_a_write_that_fails_leaves_nothing(root: Path, monkeypatch: pytest.MonkeyPatch, moment: str) -> None:
-    def full(*_: object) -> None:
+def test_a_write_that_fails_leaves_nothing(root, monkeypatch, moment):
+    def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    def fill(folder: Path) -> None:
+    def fill(folder):
         (folder / "data").write_bytes(b"x")
         assert len(parts(root)) == 1
         if moment == "given up":
@@ -219,7 +214,7 @@ def test_a_write_that_fails_leaves_nothing(root: Path, monkeypatch: pytest.Monke
         ({}, "/x/home/.cache/dse"),
     ],
 )
-def test_where_it_is(environment: dict[str, str], expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_it_is(environment, expected, monkeypatch):
     for name in ("DSE_CACHE", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     for name, value in {"HOME": "/x/home", **environment}.items():
@@ -227,7 +222,7 @@ def test_where_it_is(environment: dict[str, str], expected: str, monkeypatch: py
     assert cache.usual_root() == Path(expected)
 
 
-def test_a_home_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_home_that_cannot_be_written(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("no folder")
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "file" / "cache"))
     root, note = cache.opened_root(tmp_path / "study" / "cache")
@@ -238,7 +233,7 @@ def test_a_home_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "new" / "cache"))
     assert cache.opened_root(tmp_path / "study" / "cache") == (tmp_path / "new" / "cache", "")
 
-    def homeless() -> Path:
+    def homeless():
         raise RuntimeError("Could not determine home directory.")
 
     for name in ("DSE_CACHE", "XDG_CACHE_HOME"):
@@ -247,7 +242,7 @@ def test_a_home_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
     assert cache.opened_root(tmp_path / "study" / "cache")[0] == root
 
 
-def test_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_limit(tmp_path, monkeypatch):
     for disk_gib, expected in ((100, 10), (1000, 20)):
         disk = SimpleNamespace(total=disk_gib * 2**30)
         monkeypatch.setattr("dse.dataset.cache.shutil.disk_usage", lambda path, disk=disk: disk)

@@ -2,19 +2,16 @@
 
 import json
 import tracemalloc
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from dse.config import Sections
 from dse.config.values import plain
 from dse.dataset import cache, load, transductive
 from dse.dataset.encoding import encoded, learnt
 from dse.dataset.files import Stored, read_meta
 from dse.recordings import RecordingError
-from dse.records import Dataset, Signals, Spikes
+from dse.records import Signals, Spikes
 from tests.dataset.encoders import Counting, Levels, encoders  # noqa: F401
 from tests.dataset.plain import as_prepared, build, build_for, dense, entries, prepare
 
@@ -56,7 +53,7 @@ KINDS = {"raster": OF_RASTERS, "signal": OF_SIGNALS, "events": OF_EVENTS}
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     np.savez(tmp_path / "x.npz", raster=RASTER, signal=SIGNAL, label=LABEL, part=PART)
     sample, step, taxel = np.nonzero(RASTER)
     ends = np.searchsorted(sample, np.arange(13))
@@ -67,7 +64,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def same_windows(one: Dataset, other: Dataset) -> bool:
+def same_windows(one, other):
     """Return whether every step that a window can reach has the same spikes."""
     reach = one.start_high + one.n_steps
     return all(
@@ -76,7 +73,7 @@ def same_windows(one: Dataset, other: Dataset) -> bool:
     ) and all(np.array_equal(dense(one, i)[: reach[i]], dense(other, i)[: reach[i]]) for i in one.train)
 
 
-def made(design: dict[str, Any], folder: Path) -> tuple[Dataset, Sections, dict[str, Any]]:
+def made(design, folder):
     """Return a prepared data set, its design as prepared, and its meta data."""
     prepared = prepare(design, folder, folder / "cache")
     return load(prepared), as_prepared(design, prepared), read_meta(prepared)
@@ -91,7 +88,7 @@ def made(design: dict[str, Any], folder: Path) -> tuple[Dataset, Sections, dict[
     ],
 )
 @pytest.mark.parametrize("kind", ["raster", "events"])
-def test_an_encoder_of_every_spike_changes_nothing(folder: Path, kind: str, window: dict[str, Any]):
+def test_an_encoder_of_every_spike_changes_nothing(folder, kind, window):
     design = KINDS[kind] | {"window": window}
     if kind == "events" and not window:
         design |= {"window": {"n_steps": 20}}  # recordings end with their last event
@@ -102,7 +99,7 @@ def test_an_encoder_of_every_spike_changes_nothing(folder: Path, kind: str, wind
     assert np.array_equal(bare.positions, through.positions)
 
 
-def test_an_encoder_begins_at_the_first_step_that_a_window_reaches(folder: Path):
+def test_an_encoder_begins_at_the_first_step_that_a_window_reaches(folder):
     raster, _ = build(OF_RASTERS | {"encoder": {"kind": "counting", "every": 3}}, folder)
     assert (raster.start[0], raster.start_low[0], raster.start_high[0]) == (10, 7, 13)
     bare, _ = build(OF_EVENTS, folder)
@@ -114,36 +111,13 @@ def test_an_encoder_begins_at_the_first_step_that_a_window_reaches(folder: Path)
     assert not dense(raster, 9).any(), "recordings in no part have no spikes"
 
 
-def test_no_spike_at_all(folder: Path):
-    of_nothing = [KINDS[kind] | {"encoder": {"kind": "silent"}} for kind in KINDS]
-    of_nothing += [OF_RASTERS | {"encoder": {"kind": encoder}} for encoder in ("counting", "levels")]
-    for number, design in enumerate(of_nothing):
-        if number == len(KINDS):
-            np.savez(folder / "x.npz", raster=np.zeros_like(RASTER), label=LABEL, part=PART)
-        data, _ = build(design, folder)
-        assert data.spikes.channel.size == 0 and data.spikes.n_samples == 12
-        assert (data.start_high + 10 <= data.spikes.n_steps).all()
-
-
-def test_one_taxel(folder: Path):
-    np.savez(
-        folder / "x.npz", raster=RASTER[:, :, 0], signal=SIGNAL[:, :, :1], label=LABEL, part=PART
-    )  # fmt: skip
-    flat = OF_RASTERS | {"data": {**OF_RASTERS["data"], "axes": "sample step"}}
-    for design in (flat, OF_SIGNALS):
-        data, _ = build(design | {"encoder": {"kind": "counting"}}, folder)
-        assert data.positions.tolist() == [[0, 0, 0]] and data.spikes.n_channels == 1
-        data, _ = build(design | {"encoder": {"kind": "levels"}}, folder)
-        assert data.positions.tolist() == [[0, 0, 0], [0, 0, 1], [0, 0, 2]]
-
-
 # --- where channels lie
 
 
 PLACES = [[0, 0], [3, 0], [0, 2], [3, 2]]
 
 
-def test_positions_of_sampled_channels_and_their_copies(folder: Path):
+def test_positions_of_sampled_channels_and_their_copies(folder):
     encoder = {"kind": "send_on_delta", "thresholds": [1, 2]}
     data, _ = build(OF_SIGNALS | {"encoder": encoder}, folder)
     assert data.positions.dtype == np.int32 and data.positions.shape == (16, 3)
@@ -153,7 +127,7 @@ def test_positions_of_sampled_channels_and_their_copies(folder: Path):
     assert data.positions.tolist() == [[*place, plane] for plane in range(4) for place in PLACES]
 
 
-def test_positions_of_rasters_with_polarities(folder: Path):
+def test_positions_of_rasters_with_polarities(folder):
     np.savez(folder / "x.npz", raster=RASTER.reshape(12, 30, 2, 2), label=LABEL, part=PART)
     keys = {**OF_RASTERS["data"], "axes": "sample step taxel polarity"}
     data, _ = build(OF_RASTERS | {"data": keys}, folder)
@@ -164,7 +138,7 @@ def test_positions_of_rasters_with_polarities(folder: Path):
     assert np.array_equal(new.positions, data.positions)
 
 
-def test_positions_of_pooled_events(folder: Path):
+def test_positions_of_pooled_events(folder):
     keys = {key: value for key, value in OF_EVENTS["data"].items() if key != "taxel"}
     # One pixel per recording, in each polarity: its spike must be in the channel that lies there.
     x, y, on = np.arange(12) % 5, np.arange(12) % 3, np.arange(12) % 2
@@ -186,7 +160,7 @@ def test_positions_of_pooled_events(folder: Path):
     assert pooled.positions.tolist() == [[0, 0, 0], [1, 0, 0]]
 
 
-def test_a_test_file_lies_where_the_data_lie(folder: Path):
+def test_a_test_file_lies_where_the_data_lie(folder):
     design = OF_RASTERS | {"test": {"file": "x.npz", "positions": PLACES}}
     with pytest.raises(RecordingError, match="the test file must have the same channel positions"):
         build(design, folder)
@@ -196,7 +170,7 @@ def test_a_test_file_lies_where_the_data_lie(folder: Path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_was_learnt_is_in_the_spikes_the_design_and_new_recordings(folder: Path, kind: str):
+def test_what_was_learnt_is_in_the_spikes_the_design_and_new_recordings(folder, kind):
     design = KINDS[kind] | {"encoder": {"kind": "levels"}}
     data, used, meta = made(design, folder)
     bare, _ = build(KINDS[kind] | {"encoder": {"kind": "counting"}}, folder)
@@ -222,7 +196,7 @@ def test_what_was_learnt_is_in_the_spikes_the_design_and_new_recordings(folder: 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_only_training_labels_are_shown_but_to_an_encoder_that_says_so(folder: Path, kind: str):
+def test_only_training_labels_are_shown_but_to_an_encoder_that_says_so(folder, kind):
     codes = np.array(["abc".index(x) for x in LABEL])
     for peeks in (False, True):
         Levels.seen.clear()
@@ -237,7 +211,7 @@ def test_only_training_labels_are_shown_but_to_an_encoder_that_says_so(folder: P
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_test_file_is_encoded_as_the_data(folder: Path, kind: str):
+def test_a_test_file_is_encoded_as_the_data(folder, kind):
     file = KINDS[kind]["data"]["file"]
     design = KINDS[kind] | {"test": {"file": file}, "encoder": {"kind": "levels"}}
     data, used, _ = made(design, folder)
@@ -259,7 +233,7 @@ def test_a_class_without_training_recordings():
     }  # fmt: skip
 
 
-def test_what_an_encoder_refuses_is_a_fault_of_the_recordings(folder: Path):
+def test_what_an_encoder_refuses_is_a_fault_of_the_recordings(folder):
     for design in KINDS.values():
         with pytest.raises(RecordingError, match="levels must be fitted first"):
             build_for(design | {"encoder": {"kind": "levels"}}, folder, ("a", "b", "c"))
@@ -271,7 +245,7 @@ def test_what_an_encoder_refuses_is_a_fault_of_the_recordings(folder: Path):
 OTHER_SPLIT = {"split": {"train": {"part": "val"}, "validation": {"part": "train"}}}
 
 
-def test_a_split_changes_spikes_only_where_something_is_learnt(folder: Path):
+def test_a_split_changes_spikes_only_where_something_is_learnt(folder):
     for encoder, expected in (("counting", 2), ("levels", 3)):
         for entry in (folder / "cache").glob("*"):
             cache.discard(folder / "cache", entry.name)
@@ -283,7 +257,7 @@ def test_a_split_changes_spikes_only_where_something_is_learnt(folder: Path):
         assert found == {"dataset": 2, "spikes": expected}
 
 
-def test_signals_of_spikes_are_made_a_few_recordings_at_a_time(monkeypatch: pytest.MonkeyPatch):
+def test_signals_of_spikes_are_made_a_few_recordings_at_a_time(monkeypatch):
     n, n_steps, n_channels = 1000, 250, 36
     rng = np.random.default_rng(2)
     counts = rng.poisson(1.0, n * n_steps).clip(max=n_channels)

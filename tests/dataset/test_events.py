@@ -38,7 +38,7 @@ SIZE = 12
 COLUMNS = {"texture": "texture", "speed": "speed", "part": "part"}
 
 
-def block(seed: int, n: int = 400, duration_us: int = 20_000, first_us: int = 0) -> Block:
+def block(seed, n=400, duration_us=20_000, first_us=0):
     """Return random events in the middle of the frame, and a few anywhere; most come after 5 ms or later."""
     rng = np.random.default_rng(seed)
     contact_us = 5000 + 1000 * (seed % 3)
@@ -144,9 +144,7 @@ DESIGN = {
 OF_FILES = {"data": {**DESIGN["data"], "file": "files"}}
 
 
-def expected(
-    source: Any, i: int, design: Mapping[str, Any], first: int, n: int, t0_us: int = 0
-) -> list[list[int]]:
+def expected(source, i, design, first, n, t0_us=0):
     """Return the channels of bins first .. first + n - 1, pooled from the whole event list."""
     settings = Preprocessing(**design["preprocessing"])
     found = pooling(settings, SIZE, SIZE, (4, 4, 4, 4))
@@ -154,7 +152,7 @@ def expected(
     return [part.tolist() for part in np.split(channels, np.cumsum(counts)[:-1])]
 
 
-def window_of(data: Any, i: int, first: int, n: int) -> list[list[int]]:
+def window_of(data, i, first, n):
     return [np.repeat(np.arange(len(row)), row).tolist() for row in dense(data, i, first, n)]
 
 
@@ -178,7 +176,7 @@ def test_trials_of_a_scene_are_its_events_pooled():
 @pytest.mark.parametrize(
     "settings", [{"rate_floor_hz": 120}, {"crop": [3, 2, 6, 7]}, {"time_ms": [3, 19]}, {"pool_threshold": 2}]
 )
-def test_settings_mean_the_same_for_scenes_and_files(settings: dict[str, Any]):
+def test_settings_mean_the_same_for_scenes_and_files(settings):
     design = DESIGN | {"preprocessing": {**DESIGN["preprocessing"], **settings}}
     Kind.there["scene"] = Scene()
     Kind.there["files"] = Recorded(16)
@@ -196,7 +194,7 @@ def test_settings_mean_the_same_for_scenes_and_files(settings: dict[str, Any]):
 
 
 @pytest.mark.parametrize("file", ["scene", "files"])
-def test_every_event_is_stored_with_its_time(file: str):
+def test_every_event_is_stored_with_its_time(file):
     Kind.there["scene"], Kind.there["files"] = Scene(), Recorded(16)
     design = DESIGN | {
         "data": {**DESIGN["data"], "file": file},
@@ -245,7 +243,7 @@ def test_files_are_read_twice_at_most_and_only_those_in_use():
     placed(Scene(), DESIGN, n_spikes > 0, progress=lambda _: pytest.fail("a scene has nothing to read"))
 
     class Silent(Recorded):
-        def blocks(self, i: int) -> Iterator[Block]:
+        def blocks(self, i):
             yield from () if i == 5 else super().blocks(i)
 
     Kind.there["files"] = Silent(16)
@@ -253,11 +251,11 @@ def test_files_are_read_twice_at_most_and_only_those_in_use():
         build(DESIGN | OF_FILES, Path())
 
 
-def tree(folder: Path) -> dict[str, bytes]:
+def tree(folder):
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.name != "lock"}
 
 
-def test_any_number_of_threads_gives_the_same_bytes(tmp_path: Path):
+def test_any_number_of_threads_gives_the_same_bytes(tmp_path):
     Kind.there["scene"] = Scene()
     design = DESIGN | {"window": {"n_steps": 5, "at": "contact_onset", "onset_threshold": 10}}
     found = []
@@ -273,7 +271,7 @@ def test_any_number_of_threads_gives_the_same_bytes(tmp_path: Path):
 def test_results_come_in_order_and_few_wait():
     begun, taken = [], 0
 
-    def slow(i: int) -> int:
+    def slow(i):
         begun.append(i)
         time.sleep(0.002 * (i % 5 == 0))
         return i
@@ -288,7 +286,7 @@ def test_results_come_in_order_and_few_wait():
 def test_a_fault_in_a_thread_ends_the_others():
     begun = []
 
-    def fails(i: int) -> int:
+    def fails(i):
         begun.append(i)
         if i == 3:
             raise RecordingError("recording 3 is bad")
@@ -301,11 +299,11 @@ def test_a_fault_in_a_thread_ends_the_others():
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_memory_does_not_follow_from_the_number_of_recordings(tmp_path: Path, threads: int):
+def test_memory_does_not_follow_from_the_number_of_recordings(tmp_path, threads):
     n, n_spikes = 100, 100_000
     silent = np.zeros(n, np.int32)
 
-    def large(i: int) -> Rows:
+    def large(i):
         return Rows(np.full(100, n_spikes // 100), np.full(n_spikes, i, np.int32))
 
     part = Part(
@@ -323,7 +321,7 @@ def test_memory_does_not_follow_from_the_number_of_recordings(tmp_path: Path, th
     assert peak < 2 * (2 * threads + 2) * one, "a few recordings of a hundred"
 
 
-def test_texture_and_speed_share_their_spikes(tmp_path: Path):
+def test_texture_and_speed_share_their_spikes(tmp_path):
     scene = Kind.there["scene"] = Scene()
     design = DESIGN | {"split": {"stratified": {"validation": 0.25, "test": 0.25}}}
     speed = design | {"task": {"target": "speed"}, "split": {"stratified": {"validation": 0.5}}}
@@ -343,7 +341,7 @@ def test_texture_and_speed_share_their_spikes(tmp_path: Path):
 
 @pytest.mark.parametrize("which", ["dataset", "spikes"])
 @pytest.mark.parametrize("damage", ["discarded", "meta.json", "array"])
-def test_what_is_not_there_or_cannot_be_read_is_made_again(tmp_path: Path, which: str, damage: str):
+def test_what_is_not_there_or_cannot_be_read_is_made_again(tmp_path, which, damage):
     scene = Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
     folder = prepare(DESIGN, Path(), tmp_path)
@@ -371,7 +369,7 @@ def test_what_is_not_there_or_cannot_be_read_is_made_again(tmp_path: Path, which
 PINS = DESIGN | OF_FILES | {"preprocessing": {"bin_ms": 1, "crop": "pins"}}
 
 
-def test_a_crop_is_fitted_to_training_recordings_and_recorded(tmp_path: Path):
+def test_a_crop_is_fitted_to_training_recordings_and_recorded(tmp_path):
     source = Kind.there["files"] = Recorded(16)
     cache.tidy(tmp_path)
     prepared = prepare(PINS, Path(), tmp_path)
@@ -390,7 +388,7 @@ def test_a_crop_is_fitted_to_training_recordings_and_recorded(tmp_path: Path):
         build_for(PINS, Path(), data.classes)
 
 
-def test_a_scene_knows_its_pins(tmp_path: Path):
+def test_a_scene_knows_its_pins(tmp_path):
     Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
     design = PINS | {"data": DESIGN["data"]}
@@ -403,7 +401,7 @@ def test_a_scene_knows_its_pins(tmp_path: Path):
 
 
 @pytest.mark.usefixtures("encoders")
-def test_a_scene_is_simulated_once_for_all_encoders(tmp_path: Path):
+def test_a_scene_is_simulated_once_for_all_encoders(tmp_path):
     scene = Kind.there["scene"] = Scene()
     cache.tidy(tmp_path)
     plain, _ = build(DESIGN, Path())
@@ -423,7 +421,7 @@ def test_a_scene_is_simulated_once_for_all_encoders(tmp_path: Path):
 
 @pytest.mark.parametrize("settings", [{}, {"crop": [3, 2, 6, 7]}, {"time_ms": [3, 19]}, {"crop": "pins"}])
 @pytest.mark.parametrize("file", ["scene", "files"])
-def test_stages_end_with_what_the_data_set_holds(file: str, settings: dict[str, Any]):
+def test_stages_end_with_what_the_data_set_holds(file, settings):
     preprocess = {**DESIGN["preprocessing"], **settings}
     design = DESIGN | {"data": {**DESIGN["data"], "file": file}, "preprocessing": preprocess}
     source = Kind.there[file] = Scene() if file == "scene" else Recorded(16, first_us=300)

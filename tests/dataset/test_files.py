@@ -51,12 +51,6 @@ def test_a_data_set_comes_back_mapped_and_read_only(tmp_path):
     assert warnings(tmp_path / "key") == ["too easy"]
 
 
-def test_no_spikes_at_all(tmp_path):
-    silent = dataclasses.replace(DATASET, spikes=Spikes(np.zeros(5, int), NONE.astype(np.int32), 2, 3, 5.0))
-    save(silent, tmp_path / "key")
-    same(silent, load(tmp_path / "key"))
-
-
 def test_sources_are_laid_end_to_end_with_rows_for_the_longest(tmp_path):
     longer = Spikes(np.array([0, 2, 2, 4]), np.array([0, 2, 1, 2], dtype=np.int32), 3, 3, 5.0)
     window = np.array([1], dtype=np.int32)

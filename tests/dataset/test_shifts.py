@@ -1,14 +1,12 @@
 """Windows at other positions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from dse import dataset
 from dse.testing import small
 
 
-def test_windows_move_only_where_steps_are_stored() -> None:
+def test_windows_move_only_where_steps_are_stored():
     data = small.dataset(margin=2)
     assert dataset.has_room(data, 2).all() and not dataset.has_room(data, 3).any()
     narrow = replace(

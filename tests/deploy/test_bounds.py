@@ -1,23 +1,20 @@
 """No state leaves its bounds, and the worst input comes near them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from dse.deploy.bounds import bounds
 from dse.neurons import cuba_lif, resonator
 from dse.neurons.calculus import NumpyCalculus
-from dse.records import Array
 
 
-def peaks(weights: Array, population: object, inputs: Array) -> tuple[float, float]:
+def peaks(weights, population, inputs):
     """Return the largest magnitudes of both states, before resets, over (step, input) spikes."""
     calculus = NumpyCalculus("integer")
-    state = population.initial_state((weights.shape[1],), calculus)  # type: ignore[attr-defined]
+    state = population.initial_state((weights.shape[1],), calculus)
     first, second = 0.0, 0.0
     for row in inputs:
-        state, potential, _ = population.step(state, row @ weights / 32, calculus)  # type: ignore[attr-defined]
+        state, potential, _ = population.step(state, row @ weights / 32, calculus)
         first = max(first, float(np.abs(state[0]).max()))
         second = max(second, float(np.abs(potential).max()) * 4096, float(np.abs(state[1]).max()))
     return first, second
@@ -25,7 +22,7 @@ def peaks(weights: Array, population: object, inputs: Array) -> tuple[float, flo
 
 @pytest.mark.parametrize("decay_current", [0, 1, 1024, 4096])
 @pytest.mark.parametrize("decay_voltage", [0, 123, 4096])
-def test_inhibition_reaches_and_never_passes_the_bounds(decay_current: int, decay_voltage: int) -> None:
+def test_inhibition_reaches_and_never_passes_the_bounds(decay_current, decay_voltage):
     weights = np.array([[-128], [-7], [90]])
     population = cuba_lif.Population(np.array([decay_current]), np.array([decay_voltage]), 80)
     most = bounds(weights, population, 200)
@@ -34,7 +31,7 @@ def test_inhibition_reaches_and_never_passes_the_bounds(decay_current: int, deca
     assert 0.4 * most.second <= second <= most.second
 
 
-def test_random_inputs_stay_within() -> None:
+def test_random_inputs_stay_within():
     rng = np.random.default_rng(3)
     n = 30
     c, s = resonator.factors(rng.uniform(2, 40, n), rng.uniform(0.5, 30, n))

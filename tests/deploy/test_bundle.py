@@ -1,9 +1,6 @@
 """The bundle's folder: what is in it, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +14,7 @@ from tests.spaces import RASTER, sections
 
 
 @pytest.fixture
-def made() -> Bundle:
+def made():
     rng = np.random.default_rng(1)
     decay = np.full(3, 1024, np.int32)
     ring = rng.normal(size=(3, 3)).astype(np.float32)
@@ -34,7 +31,7 @@ def made() -> Bundle:
     )
 
 
-def test_a_bundle_survives_the_disk(made: Bundle, tmp_path: Path) -> None:
+def test_a_bundle_survives_the_disk(made, tmp_path):
     write(made, tmp_path / "b")
     found = read(tmp_path / "b")
     for name in ("sections", "classes", "phi", "theta", "record", "evidence"):
@@ -49,7 +46,7 @@ def test_a_bundle_survives_the_disk(made: Bundle, tmp_path: Path) -> None:
     assert "felt, silk, wool" in text and "with more than 4 of them" in text and "| accuracy | 0.9 |" in text
 
 
-def test_eight_bits_hold_exactly_what_runs(made: Bundle) -> None:
+def test_eight_bits_hold_exactly_what_runs(made):
     arrays = weights(made.fitted)
     [layer] = made.fitted.layers
     for name, matrix in (("weight", layer.weight), ("recurrent", layer.recurrent)):
@@ -59,7 +56,7 @@ def test_eight_bits_hold_exactly_what_runs(made: Bundle) -> None:
     assert arrays["0/weight_8bit"][0].tolist() == [-128, 127]
 
 
-def test_exporting_again_replaces_a_bundle_and_nothing_else(made: Bundle, tmp_path: Path) -> None:
+def test_exporting_again_replaces_a_bundle_and_nothing_else(made, tmp_path):
     write(made, tmp_path / "b")
     write(replace(made, phi=None, theta=None), tmp_path / "b")
     assert read(tmp_path / "b").phi is None
@@ -74,7 +71,7 @@ def test_exporting_again_replaces_a_bundle_and_nothing_else(made: Bundle, tmp_pa
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
 
 
-def test_another_family_answers_at_a_time_for_one_head(made: Bundle, tmp_path: Path) -> None:
+def test_another_family_answers_at_a_time_for_one_head(made, tmp_path):
     heads = (
         Head("fabric", ("felt", "silk"), np.array([0, 0, 1])),
         Head("speed", ("slow", "fast"), np.array([0, 1, 0])),
@@ -92,7 +89,6 @@ def test_another_family_answers_at_a_time_for_one_head(made: Bundle, tmp_path: P
     )
     write(given, tmp_path / "b")
     found = read(tmp_path / "b")
-    assert isinstance(found.fitted, Parameters)
     assert found.fitted.n_channels == 4 and set(found.fitted.arrays) == {"counts", "names"}
     assert np.array_equal(found.fitted.arrays["counts"], fitted.arrays["counts"])
     assert (found.read_out_ms, found.head) == (250.0, "speed")
@@ -105,7 +101,7 @@ def test_another_family_answers_at_a_time_for_one_head(made: Bundle, tmp_path: P
     assert "family `knn`" in text and "`own/counts`, `own/names`" in text
 
 
-def test_a_net_that_is_read_out_early_says_when(made: Bundle, tmp_path: Path) -> None:
+def test_a_net_that_is_read_out_early_says_when(made, tmp_path):
     write(replace(made, phi=None, theta=None, read_out_ms=40.0), tmp_path / "b")
     assert "most output spikes after 40 ms (lowest on ties)" in (tmp_path / "b" / "README.md").read_text()
 
@@ -121,7 +117,7 @@ class OfABundle:
 
 
 @pytest.fixture
-def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def plugin(tmp_path, monkeypatch):
     encoders = registry.known("encoders")
     monkeypatch.setattr(registry, "_plugins", {})
     monkeypatch.setattr(registry, "_components", {**registry._components, "encoders": encoders})
@@ -130,9 +126,7 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_a_bundle_carries_its_plugins_and_loads_them(
-    trusting: None, made: Bundle, plugin: Path, tmp_path: Path
-) -> None:
+def test_a_bundle_carries_its_plugins_and_loads_them(trusting, made, plugin, tmp_path):
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "mine.py").write_text("x = 1\n")
     plugins = (str(plugin), str(tmp_path / "other" / "mine.py"), "json")
@@ -157,9 +151,7 @@ def test_a_bundle_carries_its_plugins_and_loads_them(
     ("text", "message"),
     [("damaged", r"plugins/mine\.py: is damaged"), (None, r"plugins/mine\.py: is missing")],
 )
-def test_a_plugin_that_has_changed_is_not_run(
-    made: Bundle, plugin: Path, tmp_path: Path, text: str | None, message: str
-) -> None:
+def test_a_plugin_that_has_changed_is_not_run(made, plugin, tmp_path, text, message):
     write(replace(made, plugins=(str(plugin),)), tmp_path / "b")
     copy = tmp_path / "b" / "plugins" / "mine.py"
     if text is None:
@@ -171,7 +163,7 @@ def test_a_plugin_that_has_changed_is_not_run(
     assert "of_a_bundle" not in registry.known("encoders")
 
 
-def test_a_plugin_that_fails_is_named(trusting: None, made: Bundle, plugin: Path, tmp_path: Path) -> None:
+def test_a_plugin_that_fails_is_named(trusting, made, plugin, tmp_path):
     plugin.write_text("raise RuntimeError('no licence')\n")
     write(replace(made, plugins=(str(plugin),)), tmp_path / "b")
     with pytest.raises(BundleError, match=r"plugin '.*mine\.py': RuntimeError in line 1 .*no licence"):

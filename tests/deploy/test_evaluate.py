@@ -1,10 +1,5 @@
 """From a trained point to a bundle, and the same answers from the bundle on recordings."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -27,7 +22,6 @@ from dse.recordings.scene import Trials
 from dse.records import Network, Parameters
 from dse.scene.load import load_scene
 from dse.study import explore, results
-from dse.study.results import Study
 from tests import tiny_study
 from tests.deploy.bundles import FAMILIES, JOINT, explored
 from tests.installed import needs_papers
@@ -35,32 +29,30 @@ from tests.spaces import FINGERTIP, write_space
 
 
 @pytest.fixture(scope="module")
-def real(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def real(tmp_path_factory):
     """One spiking network, trained twice."""
     return explored(tmp_path_factory.mktemp("real"), tiny_study.REAL)
 
 
 @pytest.fixture
-def point(real: Study) -> dict[str, Any]:
+def point(real):
     points = real.points()
     rows = points[(points["phi"] == 2) & (points["theta"] == 0.6)]
     return dict(rows.iloc[0].to_dict())
 
 
 @pytest.fixture
-def exported(real: Study, point: dict[str, Any], tmp_path: Path) -> Path:
+def exported(real, point, tmp_path):
     export(real, point, tmp_path / "bundle")
     return tmp_path / "bundle"
 
 
-def recordings(real: Study) -> dict[str, Any]:
+def recordings(real):
     with np.load(real.folder.parents[1] / "tiny.npz") as file:
         return dict(file)
 
 
-def test_the_bundle_answers_as_the_trained_network_did(
-    real: Study, point: dict[str, Any], exported: Path, tmp_path: Path
-) -> None:
+def test_the_bundle_answers_as_the_trained_network_did(real, point, exported, tmp_path):
     read = bundle.read(exported)
     records = real.runs(0)
     chosen = records[read.evidence["repeat"]]
@@ -75,33 +67,24 @@ def test_the_bundle_answers_as_the_trained_network_did(
     assert found.accuracy_se == pytest.approx(surface["accuracy_se"][1, 1])
     assert found.decision_latency_ms == pytest.approx(surface["decision_latency_ms"][1, 1])
     assert found.undecided == pytest.approx(surface["undecided"][1, 1])
-    assert found.confusion is not None
     assert found.confusion.sum(axis=1).tolist() == [6, 6, 6]
     assert found.columns["labelled"] == found.columns["recordings"] == 18
     assert read.classes == ("felt", "silk", "wool") == found.classes
 
 
-def test_the_repeat_nearest_the_mean_is_exported(real: Study, point: dict[str, Any], exported: Path) -> None:
+def test_the_repeat_nearest_the_mean_is_exported(real, point, exported):
     read = bundle.read(exported)
     accuracies = np.array(read.evidence["accuracy_of_repeats"])
     assert accuracies.mean() == pytest.approx(point["accuracy"])
     assert read.evidence["repeat"] == np.abs(accuracies - accuracies.mean()).argmin()
     weights = store.load_arrays(store.run_file(real.folder, 0, read.evidence["repeat"]) / "weights.npz")
-    assert isinstance(read.fitted, Network)
     assert np.array_equal(read.fitted.layers[0].weight, weights["0/weight"])
     assert (read.phi, read.theta) == (2.0, 0.6)
     assert read.record["energy_uj"] == point["energy_uj"]
     assert "dse" in read.evidence["environment"][-1]["versions"] or read.evidence["environment"][-1]["python"]
 
 
-def test_a_bundle_says_what_recordings_it_takes(
-    real: Study,
-    point: dict[str, Any],
-    exported: Path,
-    on_scene: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_bundle_says_what_recordings_it_takes(real, point, exported, on_scene, tmp_path, monkeypatch):
     assert bundle.read(exported).input == bundle.Input("spikes", 4, 0, 0, 16, 5.0)
     of_scene = bundle.read(on_scene / "bundle").input
     assert of_scene == bundle.Input("events", 0, 96, 64, 20, 5.0)
@@ -109,7 +92,7 @@ def test_a_bundle_says_what_recordings_it_takes(
     assert export(real, point, tmp_path / "bundle").input == bundle.read(exported).input
 
 
-def test_resonators_are_explored_priced_exported_and_evaluated(tmp_path: Path) -> None:
+def test_resonators_are_explored_priced_exported_and_evaluated(tmp_path):
     axis = "neuron: {choice: [cuba_lif, resonator]}, share: {choice: [0.5, 1.0]}, hidden: [12]"
     text = tiny_study.REAL.replace("hidden: [12]", axis).replace("repeats: 2", "repeats: 1")
     chips = "hardware: [loihi1_silicon, loihi2_scenario]"
@@ -135,7 +118,7 @@ def test_resonators_are_explored_priced_exported_and_evaluated(tmp_path: Path) -
     assert evaluate(tmp_path / "bundle", tmp_path / "new.npz").accuracy == pytest.approx(row["accuracy"])
 
 
-def test_a_rounded_network_is_exported_as_it_was_evaluated(tmp_path: Path) -> None:
+def test_a_rounded_network_is_exported_as_it_was_evaluated(tmp_path):
     text = f"{tiny_study.REAL}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
     found = explored(tmp_path, text)
     base = {"trial": 0, "task": "fabric", "weight_bits": 3, "pruned_after": 0.5}
@@ -167,15 +150,13 @@ def test_a_rounded_network_is_exported_as_it_was_evaluated(tmp_path: Path) -> No
         export(found, base | {"weight_bits": 4, "pruned_after": 0.25}, tmp_path / "bundle")
 
 
-def test_what_a_point_does_not_have_is_not_in_its_bundle(
-    real: Study, point: dict[str, Any], tmp_path: Path
-) -> None:
+def test_what_a_point_does_not_have_is_not_in_its_bundle(real, point, tmp_path):
     made = export(real, {**point, "fits": pd.NA, "read_out_ms": None, "energy_uj": np.nan}, tmp_path / "b")
     assert not {"fits", "read_out_ms", "energy_uj"} & set(made.record)
     assert bundle.read(tmp_path / "b").record == made.record
 
 
-def test_recordings_without_labels_are_answered(real: Study, exported: Path, tmp_path: Path) -> None:
+def test_recordings_without_labels_are_answered(real, exported, tmp_path):
     arrays = recordings(real)
     np.savez(tmp_path / "new.npz", spikes=arrays["spikes"][:5])
     found = evaluate(exported, tmp_path / "new.npz")
@@ -186,7 +167,7 @@ def test_recordings_without_labels_are_answered(real: Study, exported: Path, tmp
     assert (found.time_ms > 0).all() and (found.time_ms <= 80).all()
 
 
-def test_recordings_that_do_not_fit_are_one_line(real: Study, exported: Path, tmp_path: Path) -> None:
+def test_recordings_that_do_not_fit_are_one_line(real, exported, tmp_path):
     arrays = recordings(real)
     np.savez(tmp_path / "narrow.npz", spikes=arrays["spikes"][..., :2])
     with pytest.raises(BundleError, match=r"narrow\.npz: must have 4 input channels .*, got 2"):
@@ -198,7 +179,7 @@ def test_recordings_that_do_not_fit_are_one_line(real: Study, exported: Path, tm
         evaluate(exported, tmp_path / "short.npz")
 
 
-def test_points_that_are_not_there_are_refused(real: Study, point: dict[str, Any], tmp_path: Path) -> None:
+def test_points_that_are_not_there_are_refused(real, point, tmp_path):
     with pytest.raises(ValueError, match="a point must have the column trial, got the columns phi"):
         export(real, {"phi": 0}, tmp_path / "b")
     with pytest.raises(ValueError, match=r"was not evaluated at phi 2, theta 0\.99"):
@@ -208,7 +189,7 @@ def test_points_that_are_not_there_are_refused(real: Study, point: dict[str, Any
     assert not (tmp_path / "b").exists()
 
 
-def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> None:
+def test_every_kind_of_network_answers_as_it_was_measured(tmp_path):
     kinds = "recurrent: {choice: [false, true]}, arithmetic: {choice: [integer, ideal]}, input_delays: [0, 2]"
     path = write_space(
         tmp_path,
@@ -220,7 +201,7 @@ def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> Non
     points = found.points()
     assert set(points["trial"]) == {0, 1, 2, 3}
     validation = np.load(tmp_path / "touch.npz")["repetition"] == 1
-    for _, point in points.iterrows():
+    for _, point in points.groupby("trial").nth([0, 1, 4, 7, -1]).iterrows():
         export(found, point.to_dict(), tmp_path / "bundle")
         answers = evaluate(tmp_path / "bundle", tmp_path / "touch.npz")
         right = (answers.label == answers.target)[validation]
@@ -228,13 +209,13 @@ def test_every_kind_of_network_answers_as_it_was_measured(tmp_path: Path) -> Non
         assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
 
 
-def first_and_last(rows: pd.DataFrame) -> pd.DataFrame:
+def first_and_last(rows):
     return rows.iloc[sorted({0, len(rows) - 1})] if len(rows) else rows
 
 
 @needs_papers
 @pytest.mark.parametrize("text", [FAMILIES, JOINT], ids=["one task", "joint"])
-def test_every_family_and_every_kind_of_point_answers_as_it_was_measured(tmp_path: Path, text: str) -> None:
+def test_every_family_and_every_kind_of_point_answers_as_it_was_measured(tmp_path, text):
     found = explored(tmp_path, text)
     points = found.points()
     assert set(found.trials["status"]) == {"finished"}, found.trials["reason"].tolist()
@@ -269,7 +250,7 @@ def test_every_family_and_every_kind_of_point_answers_as_it_was_measured(tmp_pat
     assert seen == {(kind, task, late) for kind in kinds for task in tasks for late in (True, False)}
 
 
-def test_recordings_of_a_length_that_a_family_refuses_are_one_line(tmp_path: Path) -> None:
+def test_recordings_of_a_length_that_a_family_refuses_are_one_line(tmp_path):
     text = FAMILIES.replace("window: {n_steps: 16, at: middle}\n", "")
     model, after = text.index("model:"), text.index("training:")
     found = explored(tmp_path, f"{text[:model]}model: {{kind: naive_bayes, window_ms: 20}}\n{text[after:]}")
@@ -296,7 +277,7 @@ execution: {jobs: 1}
 
 
 @needs_papers
-def test_an_encoder_that_reads_labels_is_not_deployed(tmp_path: Path) -> None:
+def test_an_encoder_that_reads_labels_is_not_deployed(tmp_path):
     write_space(tmp_path)
     (tmp_path / "leaky.yaml").write_text(LEAKY)
     found = explore.run(load_space(tmp_path / "leaky.yaml"), tmp_path / "results", progress=False)
@@ -307,9 +288,7 @@ def test_an_encoder_that_reads_labels_is_not_deployed(tmp_path: Path) -> None:
     export(found, honest, tmp_path / "b")
 
 
-def test_windows_of_a_run_on_both_sides_of_the_split_do_not_keep_it_from_being_deployed(
-    tmp_path: Path,
-) -> None:
+def test_windows_of_a_run_on_both_sides_of_the_split_do_not_keep_it_from_being_deployed(tmp_path):
     write_space(tmp_path)
     text = LEAKY.replace("own_label, nearest", "nearest")
     text = text.replace("n_steps: 16, at: middle", "cut_steps: 8, every_steps: 4")
@@ -336,7 +315,7 @@ search: {sampler: grid}
 
 
 @pytest.fixture(scope="module")
-def on_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def on_scene(tmp_path_factory):
     """The folder of a scene and of a bundle that was trained on it."""
     folder = tmp_path_factory.mktemp("scene")
     (folder / "fingertip.yaml").write_text(f"{FINGERTIP}trials: 4\n")
@@ -346,10 +325,9 @@ def on_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_scene_is_answered_with_the_crop_that_was_trained(on_scene: Path) -> None:
+def test_a_scene_is_answered_with_the_crop_that_was_trained(on_scene):
     sections = bundle.read(on_scene / "bundle").sections
     pins = Trials(load_scene(str(on_scene / "fingertip.yaml"))).pins()
-    assert sections.preprocessing is not None
     assert sections.preprocessing.crop == pins != (0, 0, 96, 64)
     found = evaluate(on_scene / "bundle", on_scene / "fingertip.yaml")
     record = results.open(on_scene / "results" / "scene").runs(0)[0]
@@ -358,7 +336,7 @@ def test_a_scene_is_answered_with_the_crop_that_was_trained(on_scene: Path) -> N
     assert len(right) == 16 and right[validation].mean() == pytest.approx(record["columns"]["accuracy"])
 
 
-def test_a_scene_trained_network_answers_on_events(on_scene: Path, tmp_path: Path) -> None:
+def test_a_scene_trained_network_answers_on_events(on_scene, tmp_path):
     assert (
         main(["simulate", str(on_scene / "fingertip.yaml"), "--out", str(tmp_path / "all.npz"), "--quiet"])
         == 0
@@ -379,7 +357,7 @@ def test_a_scene_trained_network_answers_on_events(on_scene: Path, tmp_path: Pat
         assert found.target.tolist() == [-1]
 
 
-def test_what_was_repaired_is_said(real: Study, exported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_repaired_is_said(real, exported, monkeypatch):
     build_for = dataset.build_for
     monkeypatch.setattr(
         "dse.deploy.reference.dataset.build_for",
@@ -389,9 +367,7 @@ def test_what_was_repaired_is_said(real: Study, exported: Path, monkeypatch: pyt
     assert notes[-1] == "recording 3 was cut" and notes[0].startswith("the design was trained and selected")
 
 
-def test_a_missing_path_is_one_line_and_no_folder_is_searched(
-    on_scene: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_path_is_one_line_and_no_folder_is_searched(on_scene, monkeypatch, capsys):
     monkeypatch.setattr("dse.recordings.files.os.scandir", lambda _: pytest.fail("searched"))
     for command in ("evaluate", "stream"):
         assert main([command, str(on_scene / "bundle"), "--data", "/missing.aedat4"]) == 2

@@ -1,10 +1,6 @@
 """Memory and cycles of design points on targets, before they are exported."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,13 +11,12 @@ from dse.deploy.export import bundle_of
 from dse.deploy.footprints import on_targets
 from dse.deploy.targets.c99 import C99
 from dse.study import pricing
-from dse.study.results import Study
 from tests import tiny_study
 from tests.deploy.bundles import explored
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def study(tmp_path_factory):
     text = tiny_study.REAL.replace("repeats: 2", "repeats: 1").replace("epochs: 4", "epochs: 1")
     model = "model: {kind: snn, hidden: [12], input_delays: [0, 2]}\n"
     axis = "model: {kind: snn, hidden: {choice: [[4], [40]]}, arithmetic: {choice: [integer, ideal]}}\n"
@@ -29,7 +24,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     return explored(tmp_path_factory.mktemp("footprints"), text.replace(model, axis) + "targets: [c99]\n")
 
 
-def test_footprints_are_those_of_every_point(study: Study) -> None:
+def test_footprints_are_those_of_every_point(study):
     points = study.points()
     on, notes = on_targets(study, points, ["c99"])
     integer = points["model.arithmetic"] == "integer"
@@ -40,14 +35,12 @@ def test_footprints_are_those_of_every_point(study: Study) -> None:
         assert {name: row[name] for name in footprint} == footprint
 
 
-def test_a_target_without_footprints_changes_no_point(study: Study) -> None:
+def test_a_target_without_footprints_changes_no_point(study):
     points = study.points()
     assert on_targets(study, points, ["nir"])[0] is points
 
 
-def test_a_budget_in_bytes_picks_a_smaller_net(
-    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_budget_in_bytes_picks_a_smaller_net(study, tmp_path, capsys):
     on, _ = on_targets(study, study.points(), ["c99"])
     least, most = on["ram_bytes"].min(), on["ram_bytes"].max()
     assert least < most
@@ -65,10 +58,8 @@ def test_a_budget_in_bytes_picks_a_smaller_net(
     assert read(out).record["ram_bytes"] == least
 
 
-def test_a_budget_in_cycles_picks_by_the_prediction_of_the_core(
-    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def picked(*arguments: str) -> tuple[int, dict[str, Any]]:
+def test_a_budget_in_cycles_picks_by_the_prediction_of_the_core(study, tmp_path, capsys):
+    def picked(*arguments):
         code = main(["pick", str(study.folder), *arguments, "--json"])
         return code, json.loads(capsys.readouterr().out)
 
@@ -89,7 +80,7 @@ def test_a_budget_in_cycles_picks_by_the_prediction_of_the_core(
     assert "cycles" not in read(tmp_path / "bundle").record
 
 
-def test_targets_of_a_search_space_are_known(tmp_path: Path) -> None:
+def test_targets_of_a_search_space_are_known(tmp_path):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     path = tmp_path / "real.yaml"
     path.write_text(f"{tiny_study.REAL}targets: [c99, nir]\n")

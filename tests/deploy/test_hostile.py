@@ -1,7 +1,5 @@
 """Bundles that were damaged, edited, swapped or made up: one line, exit code 2, and no kernel sees them."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -10,7 +8,6 @@ import shutil
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +18,6 @@ from dse.deploy import bundle, checks
 from dse.deploy.bundle import BundleError, read, sealed, write
 from dse.deploy.export import export
 from dse.deploy.verify import export_targets
-from dse.records import Array
 from dse.testing.targets import small_bundle, small_recordings
 from tests.deploy.bundles import JOINT, explored
 from tests.installed import needs_papers
@@ -31,7 +27,7 @@ Damage = Callable[[Path], None]
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     """A folder with a bundle that has a target, and its recordings."""
     folder = tmp_path_factory.mktemp("whole")
     touch = small_recordings(folder / "touch.npz")
@@ -43,15 +39,15 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def folder(whole: Path, tmp_path: Path) -> Path:
+def folder(whole, tmp_path):
     shutil.copytree(whole / "bundle", tmp_path / "b")
     return tmp_path / "b"
 
 
-def document(**changes: Any) -> Damage:
+def document(**changes):
     """Change keys of bundle.json, `a__b` for a key within a; its checksum agrees."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         content = json.loads((folder / "bundle.json").read_text())
         for path, value in changes.items():
             *parents, key = path.split("__")
@@ -67,10 +63,10 @@ def document(**changes: Any) -> Damage:
     return damage
 
 
-def arrays(**changes: Any) -> Damage:
+def arrays(**changes):
     """Change arrays of weights.npz (`0_weight` for 0/weight); all checksums and 8-bit matrices agree."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         stored = store.load_arrays(folder / "weights.npz")
         for name, change in changes.items():
             key = name.replace("_", "/", 1) if name[0].isdigit() else name
@@ -90,14 +86,14 @@ def arrays(**changes: Any) -> Damage:
     return damage
 
 
-def forge(folder: Path, name: str) -> None:
+def forge(folder, name):
     """Make the checksums of a bundle agree with a file of it."""
     files = json.loads((folder / "bundle.json").read_text())["files"]
     document(files={**files, name: store.checksum(folder / name)})(folder)
 
 
-def with_value(value: float) -> Callable[[Array], Array]:
-    def change(array: Array) -> Array:
+def with_value(value):
+    def change(array):
         changed = np.array(array)
         changed.flat[0] = value
         return changed
@@ -105,7 +101,7 @@ def with_value(value: float) -> Callable[[Array], Array]:
     return change
 
 
-def refused(folder: Path) -> str:
+def refused(folder):
     """Return the line with which a bundle is refused, by Python and by every command."""
     with pytest.raises(BundleError) as caught:
         read(folder)
@@ -224,12 +220,12 @@ NETWORKS = {
 @pytest.mark.parametrize(
     ("damage", "message"), [*DOCUMENTS.values(), *NETWORKS.values()], ids=[*DOCUMENTS, *NETWORKS]
 )
-def test_what_disagrees(folder: Path, damage: Damage, message: str) -> None:
+def test_what_disagrees(folder, damage, message):
     damage(folder)
     assert re.search(message, refused(folder))
 
 
-def test_paths_that_leave_the_folder(folder: Path) -> None:
+def test_paths_that_leave_the_folder(folder):
     digest = store.checksum(folder / "weights.npz")
     files = json.loads((folder / "bundle.json").read_text())["files"]
     shutil.copy(folder / "weights.npz", folder.parent / "weights.npz")
@@ -240,7 +236,7 @@ def test_paths_that_leave_the_folder(folder: Path) -> None:
     refused(folder)
 
 
-def test_files_that_are_no_files(folder: Path) -> None:
+def test_files_that_are_no_files(folder):
     outside = folder.parent / "elsewhere"
     for name in ("weights.npz", "bundle.json", "targets/arrays/network.npz", "targets/arrays", "targets"):
         copy = folder.parent / f"copy of {name.replace('/', ' ')}"
@@ -257,8 +253,8 @@ def test_files_that_are_no_files(folder: Path) -> None:
         assert "must be a regular file" in refused(copy)
 
 
-def test_sizes_that_are_declared_are_not_believed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def pack(header: bytes, data: bytes) -> None:
+def test_sizes_that_are_declared_are_not_believed(folder, monkeypatch):
+    def pack(header, data):
         content = dict(_members(folder / "weights.npz"))
         content["0/weight.npy"] = header + data
         with zipfile.ZipFile(folder / "weights.npz", "w", zipfile.ZIP_DEFLATED) as archive:
@@ -282,18 +278,18 @@ def test_sizes_that_are_declared_are_not_believed(folder: Path, monkeypatch: pyt
     assert "must have at most 1000 bytes" in refused(folder)
 
 
-def _members(path: Path) -> dict[str, bytes]:
+def _members(path):
     with zipfile.ZipFile(path) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-def _header(values: dict[str, Any]) -> bytes:
+def _header(values):
     stream = io.BytesIO()
     np.lib.format.write_array_header_1_0(stream, values)
     return stream.getvalue()
 
 
-def test_text_that_nests_for_ever(folder: Path) -> None:
+def test_text_that_nests_for_ever(folder):
     (folder / "bundle.json").write_text("[" * 100_000)
     refused(folder)
     (folder / "bundle.json").write_text('{"schema": "dse/bundle/4", "files": ' + "[" * 900 + "]" * 900 + "}")
@@ -302,7 +298,7 @@ def test_text_that_nests_for_ever(folder: Path) -> None:
     refused(folder)
 
 
-def test_an_edit_is_seen(folder: Path) -> None:
+def test_an_edit_is_seen(folder):
     path = folder / "bundle.json"
     text = path.read_text()
     path.write_text(text.replace('"phi": 2.0', '"phi": 3.0'))
@@ -315,7 +311,7 @@ def test_an_edit_is_seen(folder: Path) -> None:
     assert "is damaged" in refused(folder)
 
 
-def test_parts_of_other_bundles(folder: Path, whole: Path) -> None:
+def test_parts_of_other_bundles(folder, whole):
     other = folder.parent / "other"
     write(small_bundle(), other)
     shutil.copy(other / "weights.npz", folder / "weights.npz")
@@ -327,7 +323,7 @@ def test_parts_of_other_bundles(folder: Path, whole: Path) -> None:
         assert main(["verify", str(folder), "--data", str(whole / "touch.npz"), "--json"]) == 2
 
 
-def test_every_byte_counts(folder: Path, whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_byte_counts(folder, whole, capsys):
     rng = np.random.default_rng(18)
     names = ["bundle.json", "weights.npz", "targets/arrays/network.npz"]
     for k in range(60):
@@ -352,7 +348,7 @@ def test_every_byte_counts(folder: Path, whole: Path, capsys: pytest.CaptureFixt
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-def json_of(content: bytes) -> Any:
+def json_of(content):
     try:
         return json.loads(content)
     except ValueError:
@@ -360,9 +356,7 @@ def json_of(content: bytes) -> Any:
 
 
 @needs_papers
-def test_arrays_of_other_families_are_not_believed_either(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_arrays_of_other_families_are_not_believed_either(tmp_path, capsys):
     mlp = "{kind: mlp, hidden: [4], window_ms: 20, epochs: 3}"
     study = explored(tmp_path, JOINT.replace("{kind: snn, hidden: [8]}", mlp))
     rng, accepted = np.random.default_rng(3), 0
@@ -383,7 +377,7 @@ def test_arrays_of_other_families_are_not_believed_either(
     assert accepted <= 12  # numbers of the right shape that only answer otherwise
 
 
-def _spoilt(array: Array, k: int, rng: np.random.Generator) -> Array:
+def _spoilt(array, k, rng):
     """Return an array of another shape, with NaN, of texts, or with numbers far out."""
     if k % 4 == 0 or array.dtype.kind == "U":
         return np.concatenate([array.reshape(-1), array.reshape(-1)[:1]])

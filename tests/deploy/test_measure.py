@@ -1,10 +1,6 @@
 """What a bundle takes on this machine."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +15,7 @@ from tests.deploy.bundles import network
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("measure")
     fitted = network(np.random.default_rng(1), (4, 6, 3), steps_per_sample=2)
     made = bundle_of(fitted, input=Input("spikes", 4, 0, 0, 20, 5.0))
@@ -29,15 +25,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_both_engines_take_the_steps_until_the_answer(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def measured(work: Callable[[], None], rest_s: float) -> MeasuredPower:
+def test_both_engines_take_the_steps_until_the_answer(folder, monkeypatch):
+    def measured(work, rest_s):
         work()
         return MeasuredPower(1.0, 3.0)
 
     monkeypatch.setattr("dse.deploy.measure.measured_power", measured)
     monkeypatch.setattr("dse.deploy.measure._MOST_STEPS", 600)
     data_file = folder / "rows.npz"
-    steps = sum(-(-row["time_ms"] // 5.0) for row in evaluate(folder / "bundle", data_file).answers)  # type: ignore[operator]
+    steps = sum(-(-row["time_ms"] // 5.0) for row in evaluate(folder / "bundle", data_file).answers)
     stream, c = measure.measure(bundle.read(folder / "bundle"), str(data_file))
     assert (stream.engine, len(stream.step_us), len(stream.inference_us)) == ("stream", steps, 3)
     assert c.engine == "c99" and c.reason == "" and len(c.inference_us) % 3 == 0
@@ -45,12 +41,10 @@ def test_both_engines_take_the_steps_until_the_answer(folder: Path, monkeypatch:
     for each in (stream, c):
         assert each.step_us.sum() == pytest.approx(each.inference_us.sum())
         assert each.energy_uj is not None and each.energy_uj > 0
-        assert each.columns["step_us_p50"] <= each.columns["step_us_p99"]  # type: ignore[operator]
+        assert each.columns["step_us_p50"] <= each.columns["step_us_p99"]
 
 
-def test_a_machine_without_a_counter_says_so(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_machine_without_a_counter_says_so(folder, monkeypatch, capsys):
     why = "this machine has no energy counter of its processor in /x"
     monkeypatch.setattr("dse.deploy.measure.measured_power", lambda *_: MeasuredPower(None, None, why))
     monkeypatch.setattr("dse.deploy.c.host.compiler", lambda: ["/no/compiler"])

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dse.deploy.bundle import Bundle, BundleError
+from dse.deploy.bundle import BundleError
 from dse.models.snn.quantise import exponents, rounded
 from dse.models.snn.respond import spikes_of_layers
 from dse.neurons import LayerSpec, name_of_population, parameters_of
@@ -38,12 +37,12 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 
 
-def delayed(network: Network, rng: np.random.Generator) -> Network:
+def delayed(network, rng):
     layers = [replace(x, delay=rng.integers(0, 63, x.weight.shape).astype(np.int8)) for x in network.layers]
     return replace(network, layers=tuple(layers))
 
 
-def assert_same_spikes(made: Bundle, network: Network, folder: Path, n_steps: int = 40) -> None:
+def assert_same_spikes(made, network, folder, n_steps=40):
     """Assert that a bundle's module fires as the engine runs a network."""
     spikes = bundles.spikes(np.random.default_rng(0), made.fitted.n_channels, n_steps=n_steps)
     data = bundles.reference(made, spikes, folder).dataset
@@ -56,7 +55,7 @@ def assert_same_spikes(made: Bundle, network: Network, folder: Path, n_steps: in
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "delays of synapses", "two bits"])
-def test_every_layer_fires_as_in_the_engine(kind: str, tmp_path: Path) -> None:
+def test_every_layer_fires_as_in_the_engine(kind, tmp_path):
     rng = np.random.default_rng(7)
     network, evidence = bundles.network(rng, **KINDS.get(kind, {})), {}
     if kind == "delays of synapses":
@@ -67,7 +66,7 @@ def test_every_layer_fires_as_in_the_engine(kind: str, tmp_path: Path) -> None:
     assert_same_spikes(bundles.bundle(network, evidence=evidence), network, tmp_path, 70)
 
 
-def test_the_output_is_what_the_decision_rule_receives() -> None:
+def test_the_output_is_what_the_decision_rule_receives():
     made = bundles.bundle(bundles.network(np.random.default_rng(1)))
     spikes = torch.from_numpy(bundles.spikes(np.random.default_rng(0), 4))
     module = made.as_module()
@@ -76,13 +75,13 @@ def test_the_output_is_what_the_decision_rule_receives() -> None:
     assert torch.equal(output[:, 1:], fired[:, :-1])
 
 
-def test_a_step_of_training_moves_the_weights_that_are_there_and_no_others(tmp_path: Path) -> None:
+def test_a_step_of_training_moves_the_weights_that_are_there_and_no_others(tmp_path):
     rng = np.random.default_rng(2)
     for arithmetic in (None, "float32"):
         made = bundles.bundle(bundles.network(rng, (4, 20, 3), recurrent=True, pruned=0.3))
         before = made.fitted
         assert isinstance(before, Network)
-        module = made.as_module(arithmetic)  # type: ignore[arg-type]
+        module = made.as_module(arithmetic)
         spikes = torch.from_numpy(bundles.spikes(rng, 4, n_steps=20))
         label = torch.arange(12) % 3
         optimiser = torch.optim.Adam(module.parameters(), lr=0.05)
@@ -104,7 +103,7 @@ def test_a_step_of_training_moves_the_weights_that_are_there_and_no_others(tmp_p
         assert_same_spikes(replace(made, fitted=after), after, tmp_path)
 
 
-def test_shared_weights_stay_equal_and_few_bits_on_their_grid() -> None:
+def test_shared_weights_stay_equal_and_few_bits_on_their_grid():
     rng = np.random.default_rng(3)
     network = bundles.network(rng)
     number = rng.integers(-1, 5, (7, 4)).astype(np.int32)
@@ -129,7 +128,7 @@ def test_shared_weights_stay_equal_and_few_bits_on_their_grid() -> None:
         assert (whole == np.rint(whole)).all() and -4 <= whole.min() and whole.max() <= 3
 
 
-def test_the_heads_of_a_joint_target_share_the_loss() -> None:
+def test_the_heads_of_a_joint_target_share_the_loss():
     heads = (
         Head("fabric", ("felt", "silk"), np.array([0, 0, 1])),
         Head("speed", ("slow", "fast"), np.array([0, 1, 1])),
@@ -142,7 +141,7 @@ def test_the_heads_of_a_joint_target_share_the_loss() -> None:
     assert min(losses) == losses[1] == pytest.approx(2 * 0.02**2)
 
 
-def test_every_shipped_neuron_runs(tmp_path: Path) -> None:
+def test_every_shipped_neuron_runs(tmp_path):
     rng = np.random.default_rng(5)
     for kind in known("neurons").values():
         spec = LayerSpec(n_neurons=5, is_output=False, steps_per_sample=1, step_ms=5.0)
@@ -158,7 +157,7 @@ def test_every_shipped_neuron_runs(tmp_path: Path) -> None:
             assert bundles.bundle(network).as_module()(torch.ones(2, 9, 4)).shape == (2, 9, 5)
 
 
-def test_what_is_no_spike_or_no_network_is_refused() -> None:
+def test_what_is_no_spike_or_no_network_is_refused():
     made = bundles.bundle(bundles.network(np.random.default_rng(6)))
     module = made.as_module()
     with pytest.raises(ValueError, match=r"spikes must be \(sample, input step, 4\), got \(2, 9, 5\)"):

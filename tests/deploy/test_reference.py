@@ -1,10 +1,5 @@
 """What a bundle's own engine does on recordings: decisions, and every spike."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -15,7 +10,7 @@ from dse.deploy.export import export
 from dse.deploy.reference import answered, of_recordings, prepared
 from dse.neurons import cuba_lif, population_of
 from dse.neurons.fixed_point import quantise
-from dse.records import Network, Response, Signals
+from dse.records import Response, Signals
 from dse.study import explore
 from tests import tiny_study
 from tests.deploy.bundles import explored
@@ -23,7 +18,7 @@ from tests.spaces import write_space
 
 
 @pytest.fixture(scope="module")
-def of_signals(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def of_signals(tmp_path_factory):
     """The bundle of a recurrent network with delays and two steps per sample, on sampled signals."""
     folder = tmp_path_factory.mktemp("signals")
     keys = "hidden: [6, 5], recurrent: true, steps_per_sample: 2, input_delays: [0, 3]"
@@ -39,7 +34,7 @@ def of_signals(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "bundle"
 
 
-def test_decisions_are_those_of_evaluate(of_signals: Path) -> None:
+def test_decisions_are_those_of_evaluate(of_signals):
     touch = of_signals.parent / "touch.npz"
     reference, evaluation = of_recordings(bundle.read(of_signals), touch), evaluate(of_signals, touch)
     for name in ("label", "time_ms", "decided"):
@@ -47,11 +42,10 @@ def test_decisions_are_those_of_evaluate(of_signals: Path) -> None:
     assert reference.n_recordings == len(evaluation.target)
 
 
-def test_spikes_follow_from_the_definition_of_the_neurons(of_signals: Path) -> None:
+def test_spikes_follow_from_the_definition_of_the_neurons(of_signals):
     classifier = bundle.read(of_signals)
     reference = of_recordings(classifier, of_signals.parent / "touch.npz")
     network = classifier.fitted
-    assert isinstance(network, Network)
     n, steps, per_sample = reference.n_recordings, reference.n_steps, network.steps_per_sample
     recording, step, channel = reference.spikes_in.T
     arriving = np.zeros((n, steps, network.n_channels * len(network.delays)))
@@ -67,7 +61,7 @@ def test_spikes_follow_from_the_definition_of_the_neurons(of_signals: Path) -> N
         arriving = cuba_lif.shift(fired)
 
 
-def _fired(z: Any, recurrent: Any, population: cuba_lif.Population) -> Any:
+def _fired(z, recurrent, population):
     """Return the spikes of a layer, (sample, step, neuron), found one step after the other."""
     if recurrent is not None:
         for t in range(1, z.shape[1]):
@@ -75,7 +69,7 @@ def _fired(z: Any, recurrent: Any, population: cuba_lif.Population) -> Any:
     return cuba_lif.run(z, population, "integer")[2]
 
 
-def test_the_last_layer_is_what_the_decision_reads(of_signals: Path) -> None:
+def test_the_last_layer_is_what_the_decision_reads(of_signals):
     classifier, touch = bundle.read(of_signals), of_signals.parent / "touch.npz"
     reference, new = of_recordings(classifier, touch), prepared(classifier, touch)
     response = answered(classifier, new.dataset, touch)
@@ -88,7 +82,7 @@ def test_the_last_layer_is_what_the_decision_reads(of_signals: Path) -> None:
     assert reference.step_ms == response.step_ms
 
 
-def test_encoded_recordings_give_the_input_spikes(of_signals: Path) -> None:
+def test_encoded_recordings_give_the_input_spikes(of_signals):
     classifier = bundle.read(of_signals)
     reference = of_recordings(classifier, of_signals.parent / "touch.npz")
     assert isinstance(reference.inputs, Signals) and classifier.sections.encoder is not None
@@ -101,7 +95,7 @@ def test_encoded_recordings_give_the_input_spikes(of_signals: Path) -> None:
     assert np.array_equal(channel, spikes.channel)
 
 
-def test_rasters_are_spikes_already_and_other_families_have_no_layers(tmp_path: Path) -> None:
+def test_rasters_are_spikes_already_and_other_families_have_no_layers(tmp_path):
     snn, knn = "kind: snn, hidden: [12], input_delays: [0, 2]", "kind: knn, channels: each, window_ms: 20"
     text = tiny_study.REAL.replace("repeats: 2", "repeats: 1")
     for model, n_layers in ((snn, 2), (knn, 0)):

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import tracemalloc
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from dse.config import Sections
 from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.decide import decided
 from dse.deploy.reference import answered, prepared
@@ -74,7 +72,7 @@ NEUTOUCH = FABRIC | {
 SHIPPED = {"fabric": FABRIC, "receptors": RECEPTORS, "braille": BRAILLE, "neutouch": NEUTOUCH}
 
 
-def of_design(plain: dict[str, Any], recordings: Input, n_channels: int, **network: Any) -> Bundle:
+def of_design(plain, recordings, n_channels, **network):
     """Return a bundle of a random network for a design."""
     rng = np.random.default_rng(4)
     fitted = bundles.network(rng, (n_channels, 12, 4), scale=0.4, recurrent=True, **network)
@@ -82,7 +80,7 @@ def of_design(plain: dict[str, Any], recordings: Input, n_channels: int, **netwo
     return replace(made, sections=sections(plain))
 
 
-def items(recordings: Any, i: int) -> Any:
+def items(recordings, i):
     """Return recording i as a stream takes it."""
     if isinstance(recordings, Signals):
         return list(recordings.values[recordings.offsets[i] : recordings.offsets[i + 1]])
@@ -99,16 +97,16 @@ def items(recordings: Any, i: int) -> Any:
     return blocks
 
 
-def run(stream: Stream, recording: Any) -> list[Decision]:
+def run(stream, recording):
     return [x for item in recording for x in stream.push(item)] + stream.end()
 
 
-def fields(decision: Decision) -> tuple[str | None, float, bool]:
+def fields(decision):
     return decision.answer, decision.time_ms, decision.decided
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_window_of_shipped_recordings_is_decided_as_a_whole(name: str, shared_data: Path) -> None:
+def test_every_window_of_shipped_recordings_is_decided_as_a_whole(name, shared_data):
     plain = SHIPPED[name]
     data_file = shared_data / plain["data"]["file"]
     anywhere = sections({**plain, "window": {**plain["window"], "at": "start", "jitter_steps": 10**6}})
@@ -138,7 +136,7 @@ def test_every_window_of_shipped_recordings_is_decided_as_a_whole(name: str, sha
 
 
 @pytest.mark.parametrize("number", range(24))
-def test_random_classifiers_decide_as_a_whole(number: int) -> None:
+def test_random_classifiers_decide_as_a_whole(number):
     made, fired = nets.case(number)
     reference = nets.reference(made, fired)
     classes = next((x.classes for x in made.heads if x.name == made.head), made.classes)
@@ -148,7 +146,7 @@ def test_random_classifiers_decide_as_a_whole(number: int) -> None:
         assert fields(decision) == (answer, reference.time_ms[i], reference.decided[i])
 
 
-def ramp(n_steps: int, **changes: Any) -> Bundle:
+def ramp(n_steps, **changes):
     """Return a bundle whose class is the channel that spikes; its input spikes decide two steps later."""
     weight = np.eye(2, dtype=np.float32)
     decay = np.full(2, 4096, np.int32)
@@ -162,7 +160,7 @@ def ramp(n_steps: int, **changes: Any) -> Bundle:
 ROWS = np.array([[0, 0], [1, 0], [0, 0], [0, 0], [1, 1], [0, 1], [0, 0], [0, 0], [0, 0], [0, 0]])
 
 
-def test_where_windows_begin() -> None:
+def test_where_windows_begin():
     decisions = run(Stream(ramp(4)), ROWS)  # one after the other
     assert [(x.window, x.begin_ms, x.answer, x.time_ms, x.decided) for x in decisions] == [
         (0, 0.0, "class 0", 15.0, True),
@@ -179,23 +177,23 @@ def test_where_windows_begin() -> None:
     assert every.n_open == 1  # the fourth has begun
 
 
-def _at_onset(of: Sections, threshold: float) -> Sections:
+def _at_onset(of, threshold):
     return replace(of, window=replace(of.window, at="contact_onset", onset_threshold=threshold))
 
 
-def test_a_bundle_streams_a_source() -> None:
+def test_a_bundle_streams_a_source():
     assert list(ramp(4).stream(ROWS)) == run(Stream(ramp(4)), ROWS)
     assert list(ramp(4).stream(iter(ROWS), Windows("once", first=4))) == run(
         Stream(ramp(4), Windows("once", first=4)), ROWS
     )
 
 
-def test_silence_is_answered_without_confidence() -> None:
+def test_silence_is_answered_without_confidence():
     [decision] = run(Stream(ramp(3), Windows("once")), np.zeros((3, 2)))
     assert decision == Decision(0, 0.0, "class 0", 15.0, 0.0, 0.0, False)
 
 
-def test_a_stream_is_cut_as_recordings_are() -> None:
+def test_a_stream_is_cut_as_recordings_are():
     plain = {**FABRIC, "window": {"n_steps": 6, "at": "middle", "cut_steps": 10, "every_steps": 7}}
     made = of_design(plain, Input("samples", 16, 0, 0, 6, 28.0), 64)
     rng = np.random.default_rng(5)
@@ -207,7 +205,7 @@ def test_a_stream_is_cut_as_recordings_are() -> None:
         assert fields(decision) == fields(alone)
 
 
-def test_another_family_answers_when_its_input_is_complete() -> None:
+def test_another_family_answers_when_its_input_is_complete():
     data = small.dataset()
     family = KNN(window_ms=4 * data.spikes.step_ms)
     fitted = family.fit(data, Training(), small.generators(1)).network
@@ -257,9 +255,7 @@ RATES = {"kind": "receptors", "full_scale": 1.0, "low": [0.0] * 40, "high": [1.0
         ),
     ],
 )
-def test_families_get_events_and_encoded_events_as_a_whole(
-    model: dict[str, Any], changes: dict[str, Any], shared_data: Path
-) -> None:
+def test_families_get_events_and_encoded_events_as_a_whole(model, changes, shared_data):
     recordings = Input("events", 0, 80, 1, 50, 20.0)
     design = sections({**NEUTOUCH, **changes, "model": model})
     family = design.model
@@ -280,12 +276,12 @@ def test_families_get_events_and_encoded_events_as_a_whole(
         assert (decision.answer, decision.time_ms) == (made.classes[label[k]], time_ms[k])
 
 
-def test_memory_is_flat() -> None:
+def test_memory_is_flat():
     made = ramp(50)
     stream = Stream(made, Windows("every", every=10))
     rows = np.random.default_rng(0).integers(0, 2, (500, 2))
 
-    def play() -> None:
+    def play():
         for row in rows:
             stream.push(row)
 
@@ -300,7 +296,7 @@ def test_memory_is_flat() -> None:
     assert after - before < 2**16  # of 2000 steps: 32 bytes a step
 
 
-def test_what_cannot_run_is_one_line() -> None:
+def test_what_cannot_run_is_one_line():
     plain = {**FABRIC, "window": {"n_steps": 6}}
     samples = Input("samples", 16, 0, 0, 6, 28.0)
     made = of_design(plain, samples, 64)
@@ -316,7 +312,7 @@ def test_what_cannot_run_is_one_line() -> None:
         Windows("every")
 
 
-def test_items_that_do_not_fit_are_one_line() -> None:
+def test_items_that_do_not_fit_are_one_line():
     made = of_design({**FABRIC, "window": {"n_steps": 6}}, Input("samples", 16, 0, 0, 6, 28.0), 64)
     stream = Stream(made)
     none = np.zeros(0, np.int64)
@@ -335,7 +331,7 @@ def test_items_that_do_not_fit_are_one_line() -> None:
         Stream(ramp(4)).push(np.array([0, 2]))
     events = Stream(of_design({**NEUTOUCH, "window": {"n_steps": 6}}, Input("events", 0, 80, 1, 6, 20.0), 80))
 
-    def block(*rows: tuple[int, int, int, int]) -> Block:
+    def block(*rows):
         return Block(*np.array(rows, np.int64).T)
 
     events.push(block((5, 1, 0, 1)))

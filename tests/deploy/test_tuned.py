@@ -1,13 +1,9 @@
 """Weights that were trained on, back in a bundle: measured, priced, and what is refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,13 +21,13 @@ torch = pytest.importorskip("torch")
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def study(tmp_path_factory):
     """One spiking network, with early and late decisions, at 8 and 3 bits."""
     text = f"{tiny_study.REAL}precision: {{weight_bits: [3, 8], pruned: [0, 0.5], within: 1}}\n"
     return bundles.explored(tmp_path_factory.mktemp("study"), text.replace("repeats: 2", "repeats: 1"))
 
 
-def row(study: Study, rule: str) -> dict[str, Any]:
+def row(study, rule):
     points = study.points()
     few = (points["weight_bits"] == 3) & (points["pruned_after"] == 0.5)
     full = points["phi"].isna() & points["read_out_ms"].isna()
@@ -44,7 +40,7 @@ def row(study: Study, rule: str) -> dict[str, Any]:
     return dict(points[of_rule[rule]].iloc[0].to_dict())
 
 
-def saved(module: Any, file: Path, change: Callable[[dict[str, Any]], None] = lambda state: None) -> str:
+def saved(module, file, change=lambda state: None):
     state = module.state_dict()
     change(state)
     torch.save(state, file)
@@ -52,9 +48,7 @@ def saved(module: Any, file: Path, change: Callable[[dict[str, Any]], None] = la
 
 
 @pytest.mark.parametrize("rule", ["phi and theta", "read-out", "end", "end, three bits, pruned"])
-def test_weights_that_did_not_change_are_measured_and_priced_as_in_the_study(
-    study: Study, rule: str, tmp_path: Path
-) -> None:
+def test_weights_that_did_not_change_are_measured_and_priced_as_in_the_study(study, rule, tmp_path):
     point = row(study, rule)
     made = export(study, point, tmp_path / "bundle")
     from dse.dataset import load
@@ -74,13 +68,11 @@ def test_weights_that_did_not_change_are_measured_and_priced_as_in_the_study(
     assert {"energy_uj", "latency_ms", "accuracy", "n_weights"} <= set(again.record)
     assert again.record["accuracy"] == evaluate(tmp_path / "tuned", tmp_path / "new.npz").accuracy
     assert again.evidence["imported"]["file"] == "same.pt" and again.record["measured_on"] == "new.npz"
-    for old, new in zip(made.fitted.layers, bundle.read(tmp_path / "tuned").fitted.layers, strict=True):  # type: ignore[union-attr]
+    for old, new in zip(made.fitted.layers, bundle.read(tmp_path / "tuned").fitted.layers, strict=True):
         assert np.array_equal(old.weight, new.weight)
 
 
-def test_weights_that_changed_answer_like_their_module(
-    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_weights_that_changed_answer_like_their_module(study, tmp_path, capsys):
     touch = study.folder.parents[1] / "tiny.npz"
     made = export(study, row(study, "end"), tmp_path / "bundle")
     module, examples = made.as_module(), made.as_dataset(touch)
@@ -105,7 +97,7 @@ def test_weights_that_changed_answer_like_their_module(
     assert row_of_import["hardware"] == "mcu_m4" and row_of_import["accuracy"] == found.accuracy
 
 
-def test_a_joint_target_is_measured_head_by_head(tmp_path: Path) -> None:
+def test_a_joint_target_is_measured_head_by_head(tmp_path):
     text = tiny_study.REAL.replace("target: fabric", "target: [fabric, speed], joint: true")
     text = text.replace("{fabric: label}", "{fabric: label, speed: speed}").replace(
         "repeats: 2", "repeats: 1"
@@ -120,15 +112,15 @@ def test_a_joint_target_is_measured_head_by_head(tmp_path: Path) -> None:
             tmp_path / "bundle", weights, tmp_path / "tiny.npz", tmp_path / "tuned", "loihi1_silicon"
         )
         assert again.record["accuracy"] == evaluate(tmp_path / "tuned", tmp_path / "tiny.npz").accuracy
-        assert again.record["energy_uj"] > 0  # type: ignore[operator]
+        assert again.record["energy_uj"] > 0
 
 
-def _without(state: dict[str, Any]) -> None:
+def _without(state):
     del state["layers.1.weight"]
 
 
-def _with(name: str, change: Callable[[Any], Any]) -> Callable[[dict[str, Any]], None]:
-    def edit(state: dict[str, Any]) -> None:
+def _with(name, change):
+    def edit(state):
         state[name] = change(state[name]) if name in state else change(None)
 
     return edit
@@ -160,9 +152,7 @@ def _with(name: str, change: Callable[[Any], Any]) -> Callable[[dict[str, Any]],
         ),
     ],
 )
-def test_weights_of_another_network_are_one_line(
-    study: Study, change: Any, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_weights_of_another_network_are_one_line(study, change, message, tmp_path, capsys):
     made = export(study, row(study, "end"), tmp_path / "bundle")
     weights = saved(made.as_module(), tmp_path / "w.pt", change)
     touch, out = str(study.folder.parents[1] / "tiny.npz"), tmp_path / "tuned"
@@ -173,9 +163,7 @@ def test_weights_of_another_network_are_one_line(
         tuned.with_weights(made, Path(weights))
 
 
-def test_files_that_are_no_state_and_recordings_without_labels_are_one_line(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_that_are_no_state_and_recordings_without_labels_are_one_line(study, tmp_path, monkeypatch):
     made = export(study, row(study, "end"), tmp_path / "bundle")
     with pytest.raises(bundle.BundleError, match=r"none\.pt: cannot be read: No such file"):
         tuned.with_weights(made, tmp_path / "none.pt")
@@ -194,9 +182,7 @@ def test_files_that_are_no_state_and_recordings_without_labels_are_one_line(
     assert main(["import", str(tmp_path / "bundle"), weights, "--data", touch, "--out", "x"]) == 2
 
 
-def test_imported_weights_are_a_trial_of_their_study(
-    study: Study, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_imported_weights_are_a_trial_of_their_study(study, tmp_path, capsys):
     shutil.copytree(study.folder.parents[1], tmp_path / "work", ignore=shutil.ignore_patterns("cache"))
     folder = tmp_path / "work" / "results" / study.folder.name
     touch = str(tmp_path / "work" / "tiny.npz")
@@ -240,7 +226,7 @@ def test_imported_weights_are_a_trial_of_their_study(
     assert set(Study(folder).trials["trial"]) == {0, 90000, 90001}
 
 
-def elsewhere(made: Any) -> Any:
+def elsewhere(made):
     window = dataclasses.replace(made.sections.window, at="start")
     return dataclasses.replace(made, sections=dataclasses.replace(made.sections, window=window))
 
@@ -259,9 +245,7 @@ def elsewhere(made: Any) -> Any:
         ),
     ],
 )
-def test_weights_of_another_study_are_refused(
-    study: Study, change: Callable[[Any], Any], message: str, tmp_path: Path
-) -> None:
+def test_weights_of_another_study_are_refused(study, change, message, tmp_path):
     made = export(study, row(study, "end"), tmp_path / "bundle")
     made = tuned.with_weights(made, Path(saved(made.as_module(), tmp_path / "same.pt")))
     with pytest.raises(bundle.BundleError, match=message):

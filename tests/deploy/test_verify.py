@@ -28,26 +28,26 @@ Captured = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(autouse=True)
-def targets(monkeypatch: pytest.MonkeyPatch) -> None:
+def targets(monkeypatch):
     with_targets.load(monkeypatch)
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     bundle.write(small_bundle(recurrent=True, delays=(0, 2)), tmp_path / "bundle")
     return tmp_path / "bundle"
 
 
 @pytest.fixture
-def touch(tmp_path: Path) -> Path:
+def touch(tmp_path):
     return small_recordings(tmp_path / "touch.npz")
 
 
-def content(folder: Path) -> dict[str, bytes]:
+def content(folder):
     return {str(x.relative_to(folder)): x.read_bytes() for x in folder.rglob("*") if x.is_file()}
 
 
-def other_weights(folder: Path) -> None:
+def other_weights(folder):
     """Put another net's weights into the target of a bundle, with checksums that agree."""
     path = folder / "targets" / "arrays" / "network.npz"
     arrays = store.load_arrays(path)
@@ -57,7 +57,7 @@ def other_weights(folder: Path) -> None:
     (folder / "bundle.json").write_text(json.dumps(sealed(document)))
 
 
-def test_targets_are_written_run_and_stamped(folder: Path, touch: Path) -> None:
+def test_targets_are_written_run_and_stamped(folder, touch):
     before = content(folder)
     verified = export_targets(folder, ["arrays"], touch)
     verdict = verified["arrays"].verdict
@@ -72,7 +72,7 @@ def test_targets_are_written_run_and_stamped(folder: Path, touch: Path) -> None:
     assert "`dse verify THIS_FOLDER --data RECORDINGS`" in readme and "targets/arrays/network.npz" in readme
 
 
-def test_targets_that_were_written_stay_and_so_do_files_of_others(folder: Path, touch: Path) -> None:
+def test_targets_that_were_written_stay_and_so_do_files_of_others(folder, touch):
     (folder / "notes.txt").write_text("mine")
     export_targets(folder, ["arrays"], touch)
     export_targets(folder, ["unread"])
@@ -86,7 +86,7 @@ def test_targets_that_were_written_stay_and_so_do_files_of_others(folder: Path, 
     assert verify(folder, touch, ["arrays"])["arrays"].verdict.kind == "faithful"
 
 
-def test_programs_that_users_compile_beside_a_target_stay_and_are_not_used(folder: Path, touch: Path) -> None:
+def test_programs_that_users_compile_beside_a_target_stay_and_are_not_used(folder, touch):
     export_targets(folder, ["arrays"], touch)
     program = folder / "targets" / "arrays" / "build" / "touch"
     program.parent.mkdir()
@@ -99,7 +99,7 @@ def test_programs_that_users_compile_beside_a_target_stay_and_are_not_used(folde
     assert "touch" not in "".join(json.loads((folder / "bundle.json").read_text())["files"])
 
 
-def test_a_target_that_refuses_is_unsupported_and_has_no_files(tmp_path: Path, touch: Path) -> None:
+def test_a_target_that_refuses_is_unsupported_and_has_no_files(tmp_path, touch):
     made = small_bundle()
     knn = sections({**RASTER, "model": {"kind": "knn"}})
     fitted = Parameters({"counts": np.zeros((2, 3, 6), np.int32), "target": np.arange(2)}, 6)
@@ -122,9 +122,7 @@ def test_a_target_that_refuses_is_unsupported_and_has_no_files(tmp_path: Path, t
         (["stubborn", "locked"], "(?s)target stubborn: .*\ntarget locked: "),
     ],
 )
-def test_what_cannot_be_done_changes_nothing(
-    folder: Path, touch: Path, names: list[str], message: str
-) -> None:
+def test_what_cannot_be_done_changes_nothing(folder, touch, names, message):
     export_targets(folder, ["arrays"], touch)
     before = content(folder)
     with pytest.raises(BundleError, match=message):
@@ -133,7 +131,7 @@ def test_what_cannot_be_done_changes_nothing(
     assert sorted(x.name for x in folder.parent.iterdir()) == ["bundle", "touch.npz"]
 
 
-def test_recordings_of_another_sensor_are_refused(folder: Path, tmp_path: Path) -> None:
+def test_recordings_of_another_sensor_are_refused(folder, tmp_path):
     before = content(folder)
     np.savez(tmp_path / "other.npz", spikes=np.zeros((2, 24, 5), np.uint8))
     with pytest.raises(BundleError, match=r"other\.npz: must have 6 input channels .*, got 5"):
@@ -143,7 +141,7 @@ def test_recordings_of_another_sensor_are_refused(folder: Path, tmp_path: Path) 
     assert content(folder) == before
 
 
-def test_verifying_repeats_the_run_and_changes_nothing(folder: Path, touch: Path, capsys: Captured) -> None:
+def test_verifying_repeats_the_run_and_changes_nothing(folder, touch, capsys):
     export_targets(folder, ["arrays"], touch)
     before = content(folder)
     assert main(["verify", str(folder), "--data", str(touch), "--json"]) == 0
@@ -160,9 +158,7 @@ def test_verifying_repeats_the_run_and_changes_nothing(folder: Path, touch: Path
     assert content(folder) == before
 
 
-def test_drift_is_exit_code_4(
-    folder: Path, touch: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
-) -> None:
+def test_drift_is_exit_code_4(folder, touch, monkeypatch, capsys):
     assert main(["export", str(folder), "--target", "arrays", "--verify", str(touch), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rows"][0]["verdict"] == "faithful"
     fired = arrays_target._fired
@@ -174,9 +170,7 @@ def test_drift_is_exit_code_4(
         assert printed["notes"][0].startswith("target arrays was faithful and is approximate: ")
 
 
-def test_files_that_are_not_those_of_the_weights_are_named_and_not_run(
-    folder: Path, touch: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
-) -> None:
+def test_files_that_are_not_those_of_the_weights_are_named_and_not_run(folder, touch, monkeypatch, capsys):
     export_targets(folder, ["arrays"], touch)
     other_weights(folder)
     monkeypatch.setattr(arrays_target, "_fired", lambda *_: pytest.fail("it was run"))
@@ -199,12 +193,12 @@ def test_files_that_are_not_those_of_the_weights_are_named_and_not_run(
         ("approximate", "unsupported", False),
     ],
 )
-def test_less_than_before_is_drift(before: Any, now: Any, drifts: bool) -> None:
+def test_less_than_before_is_drift(before, now, drifts):
     assert Verified(Verdict(now), Verdict(before)).drifts is drifts
     assert not Verified(Verdict(now), None).drifts
 
 
-def test_bundles_without_the_newer_words_are_read(folder: Path, touch: Path) -> None:
+def test_bundles_without_the_newer_words_are_read(folder, touch):
     export_targets(folder, ["arrays"], touch)
     document = json.loads((folder / "bundle.json").read_text())
     for name in ("run_by", "output_f1", "compiler"):
@@ -215,7 +209,7 @@ def test_bundles_without_the_newer_words_are_read(folder: Path, touch: Path) -> 
     assert found == ("faithful", (), None, "")
 
 
-def test_what_cannot_be_run_here_is_exit_code_2(folder: Path, touch: Path, capsys: Captured) -> None:
+def test_what_cannot_be_run_here_is_exit_code_2(folder, touch, capsys):
     export_targets(folder, ["arrays", "unread"], touch)
     assert bundle.read(folder).targets["unread"] == Verdict("not verified", "no reader is installed")
     assert main(["verify", str(folder), "--data", str(touch), "--json"]) == 2
@@ -231,20 +225,20 @@ def test_what_cannot_be_run_here_is_exit_code_2(folder: Path, touch: Path, capsy
     assert "has no target 'c64'; it has the targets arrays, unread, locked" in capsys.readouterr().err
 
 
-def test_targets_are_described(capsys: Captured) -> None:
+def test_targets_are_described(capsys):
     assert main(["describe", "targets"]) == 0
     assert "arrays of numpy: The network's arrays in one file." in capsys.readouterr().out
     assert main(["describe", "targets", "arrays", "--format", "table"]) == 0
     assert "use: numpy.load('targets/arrays/network.npz')" in capsys.readouterr().out
 
 
-def test_python_has_the_same_doors(folder: Path, touch: Path) -> None:
+def test_python_has_the_same_doors(folder, touch):
     export_targets(folder, ["arrays"], touch)
     [again] = dse.verify(folder, touch).values()
     assert again.verdict == again.before and not again.drifts
 
 
-def test_a_pick_is_exported_with_its_targets(tmp_path: Path, capsys: Captured) -> None:
+def test_a_pick_is_exported_with_its_targets(tmp_path, capsys):
     from tests import tiny_study
 
     tiny_study.write_recordings(tmp_path / "tiny.npz")
@@ -270,6 +264,6 @@ def test_a_pick_is_exported_with_its_targets(tmp_path: Path, capsys: Captured) -
         assert re.search(message, capsys.readouterr().err)
 
 
-def test_a_program_that_says_nothing_has_answered_nothing() -> None:
+def test_a_program_that_says_nothing_has_answered_nothing():
     played = replay.parsed(np.zeros(0, np.int32))
     assert played.spikes.shape == (0, 4) and played.label.shape == played.steps.shape == (0,)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import doctest
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,7 @@ SPACE: dict[str, Any] = {
 }
 
 
-def public() -> list[tuple[str, Callable[..., Any]]]:
+def public():
     """Return every public function and method by its name."""
     functions = [
         (f"{owner.__name__}.{name}", getattr(owner, name))
@@ -50,7 +49,7 @@ def public() -> list[tuple[str, Callable[..., Any]]]:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """Return a folder with recordings, their search space and a bundle, beside the shipped study."""
     import yaml
 
@@ -70,9 +69,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("name", "function"), public(), ids=[name for name, _ in public()])
-def test_example_shows_what_is_written(
-    name: str, function: Callable[..., Any], folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_example_shows_what_is_written(name, function, folder, monkeypatch):
     monkeypatch.chdir(folder)
     names = {"dse": dse, "np": np, "study": dse.open("results/example")}
     (found,) = doctest.DocTestFinder(recurse=False).find(function, name, globs=names)

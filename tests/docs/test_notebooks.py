@@ -1,13 +1,9 @@
 """The notebooks of docs/notebooks: every cell runs in IPython, and what it shows is shown as in Jupyter."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,17 +12,14 @@ from dse import registry
 ROOT = Path(__file__).resolve().parent.parent.parent
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
-Shown = list[tuple[Any, str]]
-"""The value of each cell, and its HTML or text."""
 
-
-def code_of(path: Path) -> list[dict[str, Any]]:
+def code_of(path):
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
     return [cell for cell in cells if cell["cell_type"] == "code"]
 
 
 @pytest.fixture
-def performed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Shown]]:
+def performed(tmp_path, monkeypatch):
     """Return a function that runs a notebook in a folder that lies in a clone as its own does."""
     shells = pytest.importorskip("IPython.core.interactiveshell")
     config = pytest.importorskip("traitlets.config").Config()
@@ -38,7 +31,7 @@ def performed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
     components = registry._outside()
     shell = shells.InteractiveShell(config=config)
 
-    def run(name: str) -> Shown:
+    def run(name):
         shown = []
         for cell in code_of(ROOT / "docs" / "notebooks" / f"{name}.ipynb"):
             result = shell.run_cell("".join(cell["source"]))
@@ -51,7 +44,7 @@ def performed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
     registry._replace(components)
 
 
-def test_own_sensor(performed: Callable[[str], Shown], capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_sensor(performed, capsys):
     shown = performed("own_sensor")
     reports = [line for line in capsys.readouterr().out.splitlines() if ": accuracy " in line]
     assert [line.split(":")[0] for line in reports] == ["trial 0", "trial 1"]
@@ -61,7 +54,7 @@ def test_own_sensor(performed: Callable[[str], Shown], capsys: pytest.CaptureFix
     assert accuracy > 0.8
 
 
-def test_microcontroller(performed: Callable[[str], Shown], capsys: pytest.CaptureFixture[str]) -> None:
+def test_microcontroller(performed, capsys):
     shown = performed("microcontroller")
     picked, _ = shown[1]
     assert picked["ram_bytes"] <= 8192 and picked["hardware_latency_ms"] <= 100 < picked["cycles"]
@@ -73,7 +66,7 @@ def test_microcontroller(performed: Callable[[str], Shown], capsys: pytest.Captu
     assert text.startswith("<Bundle snn: 12 classes, accuracy 0.660, c99: ") and "\n" not in text
 
 
-def test_own_neuron(performed: Callable[[str], Shown]) -> None:
+def test_own_neuron(performed):
     pytest.importorskip("torch")
     trials, _ = performed("own_neuron")[-1]
     assert trials["model.rise"].tolist() == [0.0, 0.3]
@@ -81,7 +74,7 @@ def test_own_neuron(performed: Callable[[str], Shown]) -> None:
     assert trials["spikes_per_inference"].nunique() == 2
 
 
-def test_reading_a_front(performed: Callable[[str], Shown], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reading_a_front(performed, monkeypatch):
     renderers = pytest.importorskip("plotly.io").renderers
     monkeypatch.setattr(renderers, "render_on_display", False)  # plotly asks for nbformat, which Jupyter has
     shown = performed("reading_a_front")
@@ -94,7 +87,7 @@ def test_reading_a_front(performed: Callable[[str], Shown], monkeypatch: pytest.
     assert gains["gain"].notna().any()
 
 
-def test_notebooks_are_stored_without_outputs_and_are_linked() -> None:
+def test_notebooks_are_stored_without_outputs_and_are_linked():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     assert len(NOTEBOOKS) == 4
     for path in NOTEBOOKS:

@@ -3,14 +3,11 @@
 `WRITE_DOCS=1 pytest tests/docs` writes the outputs and the reference anew.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -26,7 +23,7 @@ DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.glob("*.md") if path.name != "reference.md")
 
 
-def write_or_compare(path: Path, text: str) -> None:
+def write_or_compare(path, text):
     if os.environ.get("WRITE_DOCS"):
         path.write_text(text, encoding="utf-8")
     assert pages.masked(path.read_text(encoding="utf-8")) == pages.masked(text), (
@@ -35,7 +32,7 @@ def write_or_compare(path: Path, text: str) -> None:
 
 
 @pytest.fixture(autouse=True)
-def no_component_stays() -> Iterator[None]:
+def no_component_stays():
     """Components that a page registers are gone after it."""
     components = registry._outside()
     yield
@@ -44,9 +41,7 @@ def no_component_stays() -> Iterator[None]:
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_every_block_runs_and_prints_what_is_shown(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_block_runs_and_prints_what_is_shown(path, tmp_path, monkeypatch):
     shutil.copytree(ROOT / "results" / "example", tmp_path / "results" / "example")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
@@ -54,11 +49,11 @@ def test_every_block_runs_and_prints_what_is_shown(
 
 
 @needs_papers
-def test_the_reference_is_what_the_code_declares() -> None:
+def test_the_reference_is_what_the_code_declares():
     write_or_compare(DOCS / "reference.md", markdown())
 
 
-def test_every_page_is_in_the_menu_and_every_link_leads_somewhere() -> None:
+def test_every_page_is_in_the_menu_and_every_link_leads_somewhere():
     menu = re.findall(
         r"[\w/]+\.md", str(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])
     )
@@ -68,7 +63,7 @@ def test_every_page_is_in_the_menu_and_every_link_leads_somewhere() -> None:
         assert [link for link in links if not (path.parent / link).exists()] == [], path
 
 
-def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+def test_the_site_is_built_without_a_warning(tmp_path):
     pytest.importorskip("material")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

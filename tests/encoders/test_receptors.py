@@ -2,7 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.encoders.receptors import Receptors, parameters
@@ -13,21 +13,21 @@ from tests.encoders import plain
 from tests.encoders.plain import recorded
 
 
-def one(values: np.ndarray, step_ms: float = 10.0) -> Signals:
+def one(values, step_ms=10.0):
     return recorded(values, step_ms=step_ms)
 
 
-def encoded(encoder: Receptors, values: np.ndarray, step_ms: float = 10.0) -> np.ndarray:
+def encoded(encoder, values, step_ms=10.0):
     return plain.encoded(encoder, one(values, step_ms))[0]
 
 
-def learnt(encoder: Receptors, signals: Signals, train: np.ndarray) -> Receptors:
+def learnt(encoder, signals, train):
     n_steps = int(np.diff(signals.offsets).min())
     n = signals.n_recordings
     return encoder.fitted(signals, np.zeros(n, np.int64), n_steps, np.zeros(n, np.int64), 1, train)
 
 
-def wave(n_steps: int = 80, n: int = 3, seed: int = 0) -> np.ndarray:
+def wave(n_steps=80, n=3, seed=0):
     rng = np.random.default_rng(seed)
     return np.cumsum(rng.normal(0, 4, (n_steps, n)), axis=0).astype(np.float32) + 100
 
@@ -46,7 +46,6 @@ def test_currents_by_hand():
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("sa", [True, False])
-@settings(max_examples=30)
 @given(
     seed=st.integers(0, 10_000), step_ms=st.sampled_from([0.5, 1.0, 3.3, 10.0]), copies=st.integers(1, 4),
     gain=st.sampled_from([0.3, 3.0, 1e6]),
@@ -130,7 +129,6 @@ def test_sparse_spikes_have_a_range():
     assert encoded(encoder, values).any()
 
 
-@settings(max_examples=20)
 @given(cut=st.integers(1, 80))
 def test_causal_and_blind_to_level_without_sa(cut):
     values = wave().round()

@@ -132,7 +132,7 @@ def test_events_of_public_recordings(shared_data):
         assert np.array_equal(per_window, spikes)
 
 
-def _crossings(windows: np.ndarray, theta: int) -> tuple[np.ndarray, np.ndarray]:
+def _crossings(windows, theta):
     """Return levels crossed and samples with a crossing, per window, by integer arithmetic."""
     sent = windows[:, 0].astype(np.int64)
     crossings, spikes = np.zeros(len(windows), dtype=np.int64), np.zeros(len(windows), dtype=np.int64)

@@ -10,16 +10,15 @@ from hypothesis.extra import numpy as arrays
 from dse.config import values
 from dse.encoders.sampled import moving_average
 from dse.encoders.threshold import Threshold, statistics
-from dse.records import Signals
 from tests.encoders import plain
 from tests.encoders.plain import dense, recorded
 
 
-def encoded(encoder: Threshold, signals: Signals) -> np.ndarray:
+def encoded(encoder, signals):
     return plain.encoded(encoder, signals).astype(int)
 
 
-def fitted(encoder: Threshold, signals: Signals, target, train) -> Threshold:
+def fitted(encoder, signals, target, train):
     n = signals.n_recordings
     target = np.asarray(target)
     return encoder.fitted(

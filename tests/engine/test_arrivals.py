@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -26,9 +24,7 @@ CASES = [
 
 @pytest.mark.parametrize(("weights", "kind"), [("int8", "f4"), ("float32", "f4"), ("float32", "f8")])
 @pytest.mark.parametrize(("n_in", "n_out", "n", "n_steps", "share"), CASES)
-def test_bit_for_bit_as_trains(
-    n_in: int, n_out: int, n: int, n_steps: int, share: float, weights: Any, kind: Any
-) -> None:
+def test_bit_for_bit_as_trains(n_in, n_out, n, n_steps, share, weights, kind):
     rng = np.random.default_rng(n_in)
     rows = rows_of((rng.random((n + 1, n_steps, n_in)) < share).astype(np.uint8))
     first = n_steps  # the first sample is not of the chunk

@@ -1,7 +1,5 @@
 """Delays of axons: SLAYER's equations, by hand and against trains that are moved in time; training."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -15,18 +13,17 @@ from dse.engine.network import gradients, layer_spikes
 from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import quantise
 from dse.neurons.surrogate import exponential
-from dse.records import Array, Floats
 
 N_IN, N_HIDDEN, N_OUT = 12, 20, 4
 SURROGATE = exponential(80 / 64, 0.03, 3.0)
 
 
-def population(n: int) -> cuba_lif.Population:
+def population(n):
     rng = np.random.default_rng(n)
     return cuba_lif.Population(rng.integers(400, 3000, n), rng.integers(200, 2000, n), 80)
 
 
-def moved(spikes: Array, delay: Array) -> Array:
+def moved(spikes, delay):
     """Return spikes (sample, step, neuron) as many steps later as each neuron's delay says."""
     out = np.zeros_like(spikes)
     for i, d in enumerate(delay.tolist()):
@@ -34,14 +31,14 @@ def moved(spikes: Array, delay: Array) -> Array:
     return out
 
 
-def slayer_gradient(arriving: Floats, by_arriving: Floats) -> Floats:
+def slayer_gradient(arriving, by_arriving):
     """Return dL/dd: minus the temporal derivative of what arrives, [x[t] - x[t-1]], times dL/dx[t]."""
     before = np.zeros_like(arriving)
     before[:, 1:] = arriving[:, :-1]
     return -(by_arriving * (arriving - before)).sum(axis=(0, 1))
 
 
-def test_the_derivative_of_a_spike_by_hand() -> None:
+def test_the_derivative_of_a_spike_by_hand():
     """One spike arrives at step 2: dL/dd is dL/dx[3] - dL/dx[2], as lava-dl calculates it."""
     arriving, by_arriving = np.zeros((1, 4, 1)), np.array([[[1.0], [10.0], [100.0], [1000.0]]])
     arriving[0, 2, 0] = 1
@@ -50,7 +47,7 @@ def test_the_derivative_of_a_spike_by_hand() -> None:
     assert slayer_gradient(arriving, by_arriving) == -1000
 
 
-def test_the_derivative_is_that_of_lava_dl() -> None:
+def test_the_derivative_is_that_of_lava_dl():
     """Golden: `slayer.axon.Delay` of lava-dl d825ac5 on these trains (delays 0.9 and 2.5 run as 0 and 2)."""
     arriving = np.zeros((2, 12, 3))
     for sample, neuron, steps in (
@@ -64,7 +61,7 @@ def test_the_derivative_is_that_of_lava_dl() -> None:
     np.testing.assert_allclose(slayer_gradient(arriving, by_arriving), [53.9141, -399.6978, 0], rtol=1e-6)
 
 
-def test_spikes_and_gradients_are_those_of_trains_that_are_moved() -> None:
+def test_spikes_and_gradients_are_those_of_trains_that_are_moved():
     rng = np.random.default_rng(2)
     x = (rng.random((5, 90, N_IN)) < 0.2).astype(np.uint8)
     delay = rng.integers(0, 40, N_HIDDEN)
@@ -99,7 +96,7 @@ def test_spikes_and_gradients_are_those_of_trains_that_are_moved() -> None:
     np.testing.assert_allclose(found.feed_forward[1], by_weight, atol=1e-5 * np.abs(by_weight).max())
 
 
-def member(seed: int, longest: int = 30) -> Member:
+def member(seed, longest=30):
     rng = np.random.default_rng(seed)
     late = np.broadcast_to(rng.uniform(0, 1, (N_HIDDEN, 1)), (N_HIDDEN, N_OUT)).astype(np.float32)
     layers = tuple(
@@ -118,7 +115,7 @@ def member(seed: int, longest: int = 30) -> Member:
     return Member(layers, 0.6, 0.05)
 
 
-def test_an_axon_has_one_delay_that_runs_rounded_down() -> None:
+def test_an_axon_has_one_delay_that_runs_rounded_down():
     rng = np.random.default_rng(9)
     x, labels = (rng.random((30, 50, N_IN)) < 0.2).astype(np.uint8), rng.integers(0, N_OUT, 30)
     engine = cpu.start([member(1, longest=3)], 30, 50)
@@ -134,7 +131,7 @@ def test_an_axon_has_one_delay_that_runs_rounded_down() -> None:
     assert seen[-1].max() == 3 and (seen[-1] == 0).any()
 
 
-def test_a_training_goes_on_with_the_same_bits() -> None:
+def test_a_training_goes_on_with_the_same_bits():
     rng = np.random.default_rng(9)
     x, labels = (rng.random((30, 50, N_IN)) < 0.2).astype(np.uint8), rng.integers(0, N_OUT, 30)
     turn = {0: Turn(0.02, (None, None), 0.5)}
@@ -150,7 +147,7 @@ def test_a_training_goes_on_with_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize("threads", [2])
-def test_threads_change_nothing(threads: int) -> None:
+def test_threads_change_nothing(threads):
     rng = np.random.default_rng(9)
     x, labels = (rng.random((90, 50, N_IN)) < 0.2).astype(np.uint8), rng.integers(0, N_OUT, 90)
     one, several = cpu.start([member(1)], 90, 50), cpu.start([member(1)], 90, 50, threads)

@@ -1,7 +1,5 @@
 """Cohorts of the CPU engine: steps against the equations, and the same numbers with any number of threads."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +14,9 @@ from dse.engine.member import Masters, Member, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.surrogate import exponential
-from dse.records import Arithmetic
 
 
-def drawn(rng: np.random.Generator, n_in: int, n_out: int, ring: bool = False) -> TrainedLayer:
+def drawn(rng, n_in, n_out, ring=False):
     return TrainedLayer(
         rng.normal(0.05, 0.5, (n_in, n_out)).astype(np.float32),
         rng.normal(0, 0.3, (n_out, n_out)).astype(np.float32) if ring else None,
@@ -30,24 +27,24 @@ def drawn(rng: np.random.Generator, n_in: int, n_out: int, ring: bool = False) -
     )
 
 
-def member(arithmetic: Arithmetic = "integer", ring: bool = False, seed: int = 0) -> Member:
+def member(arithmetic="integer", ring=False, seed=0):
     rng = np.random.default_rng(seed)
     return Member((drawn(rng, 20, 70, ring), drawn(rng, 70, 30), drawn(rng, 30, 4)), 0.6, 0.05, arithmetic)
 
 
-def batch(n: int = 9, n_steps: int = 1000) -> tuple[np.ndarray, np.ndarray]:
+def batch(n=9, n_steps=1000):
     rng = np.random.default_rng(1)
     return (rng.random((n, n_steps, 20)) < 0.05).astype(np.uint8), rng.integers(0, 4, n)
 
 
-def dropped(rng: np.random.Generator, n: int) -> Turn:
+def dropped(rng, n):
     gains = [2 * (rng.random((n, size)) < 0.5).astype(np.float32) for size in (70, 30)]
     return Turn(0.01, (None, *gains))
 
 
 @pytest.mark.parametrize("ring", [False, True])
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
-def test_threads_change_no_bit(arithmetic: Arithmetic, ring: bool) -> None:
+def test_threads_change_no_bit(arithmetic, ring):
     x, labels = batch()  # four samples to a chunk: three chunks
     results = []
     for threads in (1, 2, 3):
@@ -64,7 +61,7 @@ def test_threads_change_no_bit(arithmetic: Arithmetic, ring: bool) -> None:
 
 
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
-def test_steps_are_gradients_then_adam(arithmetic: Arithmetic) -> None:
+def test_steps_are_gradients_then_adam(arithmetic):
     x, labels = batch(5, 40)
     one = replace(member(arithmetic), loss=CountCrossEntropy(0.3, 2), hidden_spike_penalty=0.02)
     cohort = cpu.start([one], 5, 40)
@@ -102,7 +99,7 @@ def test_steps_are_gradients_then_adam(arithmetic: Arithmetic) -> None:
         masters = list(cohort.masters(0).feed_forward)  # so that a rounding does not grow into a spike
 
 
-def test_members_without_a_turn_do_not_move() -> None:
+def test_members_without_a_turn_do_not_move():
     x, labels = batch(4, 30)
     cohort = cpu.start([member(), member(seed=5)], 4, 30)
     before = cohort.masters(1)
@@ -114,9 +111,7 @@ def test_members_without_a_turn_do_not_move() -> None:
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
 @pytest.mark.parametrize("ring", [False, True])
-def test_pruned_weights_stay_at_0_and_the_rest_trains_as_without_them(
-    arithmetic: Arithmetic, ring: bool
-) -> None:
+def test_pruned_weights_stay_at_0_and_the_rest_trains_as_without_them(arithmetic, ring):
     x, labels = batch(5, 40)
     one = member(arithmetic, ring)
     rng = np.random.default_rng(4)
@@ -159,7 +154,7 @@ def test_pruned_weights_stay_at_0_and_the_rest_trains_as_without_them(
         np.testing.assert_array_equal(a, b)
 
 
-def test_a_member_with_heads_counts_samples_with_every_head_right() -> None:
+def test_a_member_with_heads_counts_samples_with_every_head_right():
     x, _ = batch(6, 40)
     labels = np.stack([np.arange(6) % 2, 2 + np.arange(6) % 2], axis=1)
     one = replace(member(), heads=(2, 2))

@@ -10,27 +10,26 @@ import pytest
 
 from benchmarks.ours import rows_of
 from dse.engine import cpu, engines
-from dse.engine.layers import Weights, weights
+from dse.engine.layers import weights
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.neurons import cuba_lif
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.fixed_point import quantise
 from dse.neurons.surrogate import exponential
-from dse.records import Arithmetic, Array, Floats
 
 N_IN, N_HIDDEN, N_OUT = 12, 20, 4
 SURROGATE = exponential(80 / 64, 0.03, 3.0)
 LABELS = np.array([0, 3, 1, 1])
 
 
-def population(n: int) -> cuba_lif.Population:
+def population(n):
     rng = np.random.default_rng(n)
     decays = rng.integers(400, 3000, n), rng.integers(200, 2000, n)
     return cuba_lif.Population(*(d.astype(np.int32) for d in decays), 80)
 
 
-def stack(rng: np.random.Generator, recurrent: bool, delayed: bool) -> list[Weights]:
+def stack(rng, recurrent, delayed):
     layers = []
     for n_in, n in ((N_IN, N_HIDDEN), (N_HIDDEN, N_OUT)):
         hidden = n == N_HIDDEN
@@ -40,7 +39,7 @@ def stack(rng: np.random.Generator, recurrent: bool, delayed: bool) -> list[Weig
     return layers
 
 
-def by_torch(x: Array, layers: list[Weights], arithmetic: Arithmetic) -> list[Array]:
+def by_torch(x, layers, arithmetic):
     """Return dL/d(1 - decay) of each layer, (2, neuron), by differentiation of the neurons' definition."""
     import torch
 
@@ -73,7 +72,7 @@ def by_torch(x: Array, layers: list[Weights], arithmetic: Arithmetic) -> list[Ar
 
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
 @pytest.mark.parametrize("kind", ["plain", "recurrent", "delayed"])
-def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, kind: str) -> None:
+def test_gradients_agree_with_automatic_differentiation(arithmetic, kind):
     rng = np.random.default_rng(7)
     x = (rng.random((4, 70, N_IN)) < 0.2).astype(np.uint8)
     layers = stack(rng, kind == "recurrent", kind == "delayed")
@@ -87,7 +86,7 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, 
             np.testing.assert_allclose(ours, other, rtol=0, atol=2e-5 * np.abs(other).max())
 
 
-def test_gradients_are_finite_differences_of_a_smooth_loss() -> None:
+def test_gradients_are_finite_differences_of_a_smooth_loss():
     """Neurons that never fire: their potential is smooth in their decays, and L = sum of G v."""
     from dse.engine.decays import add_gradients
     from dse.engine.layout import packed
@@ -97,8 +96,8 @@ def test_gradients_are_finite_differences_of_a_smooth_loss() -> None:
     z, weight = rng.normal(0, 1, (2, n, n_steps, width))
     decays = rng.integers(300, 3000, (2, width)).astype(np.float64)
 
-    def states(decays: Floats) -> tuple[Floats, Floats]:
-        silent: Any = cuba_lif.Population(*decays, 2**20)  # type: ignore[arg-type]
+    def states(decays):
+        silent: Any = cuba_lif.Population(*decays, 2**20)
         calculus = NumpyCalculus("ideal")
         state, u, v = silent.initial_state((n, width), calculus), np.zeros_like(z), np.zeros_like(z)
         for t in range(n_steps):
@@ -106,10 +105,10 @@ def test_gradients_are_finite_differences_of_a_smooth_loss() -> None:
             u[:, t] = state.u
         return u, v
 
-    def loss(decays: Floats) -> float:
+    def loss(decays):
         return float((weight * states(decays)[1]).sum())
 
-    silent = cuba_lif.Population(*decays, 2**20)  # type: ignore[arg-type]
+    silent = cuba_lif.Population(*decays, 2**20)
     by_z = cuba_lif.backward(weight, np.ones_like(weight), silent)
     columns = 32
     flat = [packed(a.reshape(-1, width), np.float64) for a in (by_z, *states(decays))]
@@ -123,7 +122,7 @@ def test_gradients_are_finite_differences_of_a_smooth_loss() -> None:
         assert gradient[k, j] == pytest.approx(-4096 * slope, rel=1e-6)
 
 
-def member(seed: int, per: str, arithmetic: Arithmetic = "integer") -> Member:
+def member(seed, per, arithmetic="integer"):
     rng = np.random.default_rng(seed)
     layers = tuple(
         TrainedLayer(
@@ -139,7 +138,7 @@ def member(seed: int, per: str, arithmetic: Arithmetic = "integer") -> Member:
     return Member(layers, 0.6, 0.05, arithmetic)
 
 
-def batch(n: int = 90) -> tuple[Any, Array]:
+def batch(n=90):
     rng = np.random.default_rng(9)
     return rows_of((rng.random((n, 50, N_IN)) < 0.2).astype(np.uint8)), rng.integers(0, N_OUT, n)
 
@@ -147,7 +146,7 @@ def batch(n: int = 90) -> tuple[Any, Array]:
 TURN = Turn(0.02, (None, None), decay_learning_rate=0.02)
 
 
-def test_members_train_the_same_alone_in_any_cohort_and_with_threads() -> None:
+def test_members_train_the_same_alone_in_any_cohort_and_with_threads():
     rows, labels = batch()
     members = [member(0, "no"), member(1, "neuron"), member(2, "layer", "float32")]
     together = cpu.start(members, 90, 50, threads=2)
@@ -167,7 +166,7 @@ def test_members_train_the_same_alone_in_any_cohort_and_with_threads() -> None:
             np.testing.assert_array_equal(mine, theirs)
 
 
-def test_a_network_with_learnt_decays_is_the_network_with_these_decays() -> None:
+def test_a_network_with_learnt_decays_is_the_network_with_these_decays():
     """The engine's loss after some steps is that of a fresh member that begins with what was learnt."""
     rows, labels = batch()
     engine = cpu.start([member(1, "neuron")], 90, 50)
@@ -178,7 +177,6 @@ def test_a_network_with_learnt_decays_is_the_network_with_these_decays() -> None
     layers = []
     for layer, w, decays in zip(of.layers, learnt.feed_forward, learnt.decays, strict=True):
         assert decays is not None
-        assert isinstance(layer.population, cuba_lif.Population)
         assert (decays != [layer.population.decay_current, layer.population.decay_voltage]).any()
         neurons = cuba_lif.Population(decays[0], decays[1], 80)
         layers.append(replace(layer, feed_forward=w, population=neurons))
@@ -186,7 +184,7 @@ def test_a_network_with_learnt_decays_is_the_network_with_these_decays() -> None
     assert engine.step(rows, labels, {0: TURN})[0].loss == fresh.step(rows, labels, {0: TURN})[0].loss
 
 
-def test_they_descend_stay_inside_0_and_1_and_rest_without_a_step_size() -> None:
+def test_they_descend_stay_inside_0_and_1_and_rest_without_a_step_size():
     rows, labels = batch()
     engine = cpu.start([member(1, "neuron", "ideal")], 90, 50)
     losses = [
@@ -203,7 +201,7 @@ def test_they_descend_stay_inside_0_and_1_and_rest_without_a_step_size() -> None
             assert decays is not None and decays.min() >= 1 and decays.max() <= 4095
 
 
-def test_a_training_goes_on_with_the_same_bits() -> None:
+def test_a_training_goes_on_with_the_same_bits():
     rows, labels = batch()
     whole, again = (cpu.start([member(1, "neuron")], 90, 50) for _ in range(2))
     for _ in range(3):
@@ -215,6 +213,6 @@ def test_a_training_goes_on_with_the_same_bits() -> None:
         np.testing.assert_array_equal(values, again.state(0)[name], err_msg=name)
 
 
-def test_other_devices_refuse_them() -> None:
+def test_other_devices_refuse_them():
     with pytest.raises(ValueError, match=r"learnt decays need device cpu .* got device cuda"):
         engines.start([member(1, "layer")], 6, 50, "cuda")

@@ -1,7 +1,5 @@
 """Layers run and trained by the definition of their neurons, against the kernels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -16,17 +14,16 @@ from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import quantise
 from dse.neurons.lif import Lif
 from dse.neurons.surrogate import exponential
-from dse.records import Arithmetic
 
 N_IN, N_HIDDEN, N_OUT = 12, 9, 4
 
 
-def population(rng: np.random.Generator, n: int) -> cuba_lif.Population:
+def population(rng, n):
     decays = (rng.integers(100, 3000, n).astype(np.int32) for _ in range(2))
     return cuba_lif.Population(*decays, 80)
 
 
-def member(arithmetic: Arithmetic, *, ring: bool, clip_norm: float | None = None) -> Member:
+def member(arithmetic, *, ring, clip_norm=None):
     rng = np.random.default_rng(3)
     layers = []
     for n_in, n in ((N_IN, N_HIDDEN), (N_HIDDEN, N_OUT)):
@@ -46,7 +43,7 @@ def member(arithmetic: Arithmetic, *, ring: bool, clip_norm: float | None = None
 
 @pytest.mark.parametrize("recurrent", [False, True])
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
-def test_a_definition_answers_bit_for_bit_as_its_kernel(arithmetic: Arithmetic, recurrent: bool) -> None:
+def test_a_definition_answers_bit_for_bit_as_its_kernel(arithmetic, recurrent):
     rng = np.random.default_rng(5)
     x = (rng.random((3, 2100, N_IN)) < 0.1).astype(np.uint8)  # two chunks
     ring = quantise(rng.normal(0, 0.4, (N_HIDDEN, N_HIDDEN))) if recurrent else None
@@ -61,7 +58,7 @@ def test_a_definition_answers_bit_for_bit_as_its_kernel(arithmetic: Arithmetic, 
 
 
 @pytest.mark.parametrize("arithmetic", ["float32", "ideal"])
-def test_a_sample_answers_the_same_alone_and_in_any_batch(arithmetic: Arithmetic) -> None:
+def test_a_sample_answers_the_same_alone_and_in_any_batch(arithmetic):
     rng = np.random.default_rng(6)
     x = (rng.random((5, 40, N_IN)) < 0.3).astype(np.uint8)
     ring = rng.normal(0, 0.4, (N_HIDDEN, N_HIDDEN))
@@ -78,7 +75,7 @@ def test_a_sample_answers_the_same_alone_and_in_any_batch(arithmetic: Arithmetic
 
 @pytest.mark.parametrize("ring", [False, True])
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
-def test_automatic_differentiation_trains_as_the_kernels_do(arithmetic: Arithmetic, ring: bool) -> None:
+def test_automatic_differentiation_trains_as_the_kernels_do(arithmetic, ring):
     rng = np.random.default_rng(7)
     x, labels = (rng.random((6, 30, N_IN)) < 0.25).astype(np.uint8), rng.integers(0, N_OUT, 6)
     of = member(arithmetic, ring=ring, clip_norm=0.05)
@@ -109,7 +106,7 @@ def test_automatic_differentiation_trains_as_the_kernels_do(arithmetic: Arithmet
             np.testing.assert_array_equal(a == 0, b == 0)
 
 
-def test_chunks_of_samples_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunks_of_samples_add_up(monkeypatch):
     rng = np.random.default_rng(8)
     x, labels = (rng.random((5, 20, N_IN)) < 0.3).astype(np.uint8), rng.integers(0, N_OUT, 5)
     of = member("ideal", ring=True)
@@ -124,7 +121,7 @@ def test_chunks_of_samples_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (reports[0].correct, reports[0].fired) == (reports[1].correct, reports[1].fired)
 
 
-def test_neurons_without_a_kernel_need_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_neurons_without_a_kernel_need_torch(monkeypatch):
     layer = TrainedLayer(
         feed_forward=np.ones((2, 2), np.float32),
         recurrent=None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from dse.engine import cpu, delays, engines
 from dse.engine.arrivals import stride_of
 from dse.engine.definition import DefinedLayer, delayed_sum
 from dse.engine.events import dense
-from dse.engine.layers import Weights, prepare, weights
+from dse.engine.layers import prepare, weights
 from dse.engine.layout import packed, padded, unpacked
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
@@ -22,19 +21,18 @@ from dse.neurons.fixed_point import quantise
 from dse.neurons.resonator import Population as Resonators
 from dse.neurons.resonator import Resonator
 from dse.neurons.surrogate import exponential
-from dse.records import Arithmetic, Array
 
 N_IN, N_HIDDEN, N_OUT = 12, 20, 4
 AT_ONCE = cuba_lif.Population(np.int32(4096), np.int32(4096), 2**20)
 """Neurons whose potential is the weighted input of the step, and which never fire."""
 
 
-def population(n: int) -> cuba_lif.Population:
+def population(n):
     rng = np.random.default_rng(n)
     return cuba_lif.Population(rng.integers(400, 3000, n), rng.integers(200, 2000, n), 80)
 
 
-def layer(rng: np.random.Generator, shape: tuple[int, int], most: int = 62, ring: bool = False) -> Weights:
+def layer(rng, shape, most=62, ring=False):
     n = shape[1]
     return weights(
         quantise(rng.normal(0.15, 0.6, shape)),
@@ -44,9 +42,7 @@ def layer(rng: np.random.Generator, shape: tuple[int, int], most: int = 62, ring
     )
 
 
-def arrived(
-    spikes: Sequence[tuple[int, int]], weight: Array, delay: Array, n_steps: int, arithmetic: Arithmetic
-) -> Array:
+def arrived(spikes, weight, delay, n_steps, arithmetic):
     """Return the weighted input (step, neuron) that spikes (step, input) make, as the kernel has it."""
     x = np.zeros((1, n_steps, len(weight)), np.uint8)
     for step, source in spikes:
@@ -59,7 +55,7 @@ def arrived(
 
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
-def test_by_hand(arithmetic: Arithmetic) -> None:
+def test_by_hand(arithmetic):
     weight = np.array([[1.0, -0.5], [2.0, 0.25]], np.float32)
     delay = np.array([[0, 62], [7, 3]])
     z = arrived([(5, 0), (10, 1), (67, 0)], weight, delay, 130, arithmetic)
@@ -71,7 +67,7 @@ def test_by_hand(arithmetic: Arithmetic) -> None:
 
 
 @pytest.mark.parametrize("n_steps", [1, 63, 64, 65, 128])
-def test_spikes_beyond_the_window_are_lost(n_steps: int) -> None:
+def test_spikes_beyond_the_window_are_lost(n_steps):
     for delay in (0, 1, 62):
         z = arrived([(n_steps - 1, 0)], np.ones((1, 1), np.float32), np.array([[delay]]), n_steps, "integer")
         assert z.sum() == (delay == 0)
@@ -79,12 +75,12 @@ def test_spikes_beyond_the_window_are_lost(n_steps: int) -> None:
         assert z[delay:, 0].tolist() == ([1.0] + [0.0] * (n_steps - delay - 1) if delay < n_steps else [])
 
 
-def test_two_spikes_arrive_in_one_step() -> None:
+def test_two_spikes_arrive_in_one_step():
     z = arrived([(3, 0), (1, 1)], np.full((2, 1), 0.5, np.float32), np.array([[2], [4]]), 8, "integer")
     assert z[:, 0].tolist() == [0, 0, 0, 0, 0, 1.0, 0, 0]
 
 
-def test_full_scale_weights_sum_exactly() -> None:
+def test_full_scale_weights_sum_exactly():
     """700 weights of -4 at once: more than an int16 of 1/32 holds."""
     delay = np.arange(700)[:, None] % 63
     spikes = [(62 - i % 63, i) for i in range(700)]
@@ -92,7 +88,7 @@ def test_full_scale_weights_sum_exactly() -> None:
     assert z[:, 0].tolist() == [0.0] * 62 + [-2800.0, 0.0]
 
 
-def test_delays_of_0_answer_bit_for_bit_as_none() -> None:
+def test_delays_of_0_answer_bit_for_bit_as_none():
     rng = np.random.default_rng(3)
     x = rows_of((rng.random((3, 100, N_IN)) < 0.2).astype(np.uint8))
     of = layer(rng, (N_IN, N_HIDDEN), most=0, ring=True)
@@ -105,7 +101,7 @@ def test_delays_of_0_answer_bit_for_bit_as_none() -> None:
 
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
 @pytest.mark.parametrize("resonate", [False, True])
-def test_the_kernel_answers_as_the_definition(arithmetic: Arithmetic, resonate: bool) -> None:
+def test_the_kernel_answers_as_the_definition(arithmetic, resonate):
     rng = np.random.default_rng(5)
     x = (rng.random((3, 150, N_IN)) < 0.1).astype(np.uint8)
     of = layer(rng, (N_IN, N_HIDDEN), ring=not resonate)
@@ -124,9 +120,7 @@ def test_the_kernel_answers_as_the_definition(arithmetic: Arithmetic, resonate: 
         np.testing.assert_allclose(by_definition.voltage, by_kernel.voltage, atol=1e-9)
 
 
-def by_torch(
-    x: Array, layers: Sequence[Weights], labels: Array, gains: Sequence[Array | None], penalty: float
-) -> tuple[float, list[Array], list[Array]]:
+def by_torch(x, layers, labels, gains, penalty):
     """Return loss, dL/dw and dL/dd by automatic differentiation, from dense spikes moved in time."""
     import torch
 
@@ -146,7 +140,7 @@ def by_torch(
         for d in range(int(of.delay.max(initial=0)) + 1):
             here = w * torch.as_tensor(of.delay == d) if of.delay.size else w
 
-            def shifted(by: int, y: Any = y) -> Any:
+            def shifted(by, y=y):
                 head = torch.zeros((min(max(by, 0), n_steps), *y.shape[1:]), dtype=y.dtype)
                 tail = torch.zeros((max(-by, 0), *y.shape[1:]), dtype=y.dtype)
                 return torch.cat([head, y[max(-by, 0) : n_steps - max(by, 0)], tail])[:n_steps]
@@ -167,7 +161,7 @@ def by_torch(
 
 @pytest.mark.parametrize("deeper", [False, True])
 @pytest.mark.parametrize("n_steps", [40, 70])
-def test_gradients_agree_with_automatic_differentiation(deeper: bool, n_steps: int) -> None:
+def test_gradients_agree_with_automatic_differentiation(deeper, n_steps):
     rng = np.random.default_rng(7)
     x = (rng.random((4, n_steps, N_IN)) < 0.2).astype(np.uint8)
     layers = [
@@ -205,7 +199,7 @@ def test_gradients_agree_with_automatic_differentiation(deeper: bool, n_steps: i
 
 
 @pytest.mark.parametrize("axonal", [False, True])
-def test_gradients_by_delays_are_finite_differences_of_a_smooth_loss(axonal: bool) -> None:
+def test_gradients_by_delays_are_finite_differences_of_a_smooth_loss(axonal):
     """L = sum of G z is linear in z, so that whole steps of a delay give the gradient exactly."""
     rng = np.random.default_rng(1)
     n, n_steps, n_in, n_out = 3, 100, 5, 18
@@ -216,7 +210,7 @@ def test_gradients_by_delays_are_finite_differences_of_a_smooth_loss(axonal: boo
     delay = rng.integers(1, 50, (n_in, n_out))
     smooth = np.cumsum(rng.normal(0, 1, (n, n_steps, n_out)), axis=1)
 
-    def loss(delay: Array) -> float:
+    def loss(delay):
         return float((smooth * delayed_sum(rows, slice(0, n), weight, delay)).sum())
 
     blocks = packed(smooth.reshape(-1, n_out), np.float64)
@@ -238,7 +232,7 @@ def test_gradients_by_delays_are_finite_differences_of_a_smooth_loss(axonal: boo
             assert found == pytest.approx((loss(delay + step) - loss(delay - step)) / 2)
 
 
-def member(seed: int, arithmetic: Arithmetic = "integer", *, deeper: bool = False) -> Member:
+def member(seed, arithmetic="integer", *, deeper=False):
     rng = np.random.default_rng(seed)
     layers = tuple(
         TrainedLayer(
@@ -255,7 +249,7 @@ def member(seed: int, arithmetic: Arithmetic = "integer", *, deeper: bool = Fals
     return Member(layers, 0.6, 0.05, arithmetic)
 
 
-def test_members_train_the_same_alone_in_any_cohort_and_with_threads() -> None:
+def test_members_train_the_same_alone_in_any_cohort_and_with_threads():
     rng = np.random.default_rng(9)
     x, labels = (rng.random((90, 50, N_IN)) < 0.2).astype(np.uint8), rng.integers(0, N_OUT, 90)
     members = [member(0), member(1), member(2, "float32", deeper=True)]
@@ -277,7 +271,7 @@ def test_members_train_the_same_alone_in_any_cohort_and_with_threads() -> None:
             np.testing.assert_array_equal(mine, theirs)
 
 
-def test_delays_rest_without_a_learning_rate() -> None:
+def test_delays_rest_without_a_learning_rate():
     rng = np.random.default_rng(9)
     x, of = (rng.random((6, 50, N_IN)) < 0.2).astype(np.uint8), member(1)
     engine = cpu.start([of], 6, 50)
@@ -286,6 +280,6 @@ def test_delays_rest_without_a_learning_rate() -> None:
     np.testing.assert_array_equal(engine.masters(0).delay[0], np.rint(of.layers[0].delay))
 
 
-def test_other_devices_refuse_them() -> None:
+def test_other_devices_refuse_them():
     with pytest.raises(ValueError, match=r"delays of synapses need device cpu .* got device cuda"):
         engines.start([member(1)], 6, 50, "cuda")

@@ -1,7 +1,5 @@
 """The loops of the CPU engine against numpy, with the cases in which short integers would overflow."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +9,6 @@ from benchmarks.ours import rows_of
 from dse.engine import kernels
 from dse.engine.adam import adam
 from dse.engine.batch import batch_of
-from dse.engine.events import Rows
 from dse.engine.layers import laid_out, prepare, run, weights
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
 from dse.native.compiled import _sources
@@ -19,7 +16,7 @@ from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
 
 
-def gathered(rows: Rows, table: np.ndarray, kind: type, out_kind: type) -> np.ndarray:
+def gathered(rows, table, kind, out_kind):
     """Return the sums of table rows that each row lists, block by block."""
     n_inputs, n_columns = table.shape
     n_rows = rows.n_samples * rows.n_steps
@@ -36,7 +33,7 @@ def gathered(rows: Rows, table: np.ndarray, kind: type, out_kind: type) -> np.nd
 
 
 @pytest.mark.parametrize("n_columns", [1, 16, 40, 64, 100, 130])
-def test_sums_of_int8_rows_are_exact(n_columns: int) -> None:
+def test_sums_of_int8_rows_are_exact(n_columns):
     rng = np.random.default_rng(1)
     x = (rng.random((3, 20, 50)) < 0.3).astype(np.uint8)
     table = rng.integers(-128, 128, (50, n_columns))
@@ -45,14 +42,14 @@ def test_sums_of_int8_rows_are_exact(n_columns: int) -> None:
 
 
 @pytest.mark.parametrize("weight", [-128, 127])
-def test_thousands_of_the_largest_int8_rows_do_not_overflow(weight: int) -> None:
+def test_thousands_of_the_largest_int8_rows_do_not_overflow(weight):
     x = np.ones((1, 2, 6084), np.uint8)
     found = gathered(rows_of(x), np.full((6084, 5), weight), np.int8, np.float32)
     assert (found == 6084 * weight).all()
 
 
 @pytest.mark.parametrize(("kind", "bound"), [(np.float32, 1e-5), (np.float64, 1e-12)])
-def test_sums_of_real_rows_agree_with_numpy(kind: type, bound: float) -> None:
+def test_sums_of_real_rows_agree_with_numpy(kind, bound):
     rng = np.random.default_rng(2)
     x = (rng.random((2, 10, 700)) < 0.6).astype(np.uint8)
     table = rng.normal(size=(700, 70)).astype(np.float32)
@@ -61,7 +58,7 @@ def test_sums_of_real_rows_agree_with_numpy(kind: type, bound: float) -> None:
     np.testing.assert_allclose(found, expected, atol=bound * np.abs(expected).max())
 
 
-def test_the_transpose_lists_each_inputs_rows_chunk_by_chunk() -> None:
+def test_the_transpose_lists_each_inputs_rows_chunk_by_chunk():
     rng = np.random.default_rng(3)
     x = (rng.random((9, 1000, 6)) < 0.05).astype(np.uint8)
     batch = batch_of(rows_of(x))
@@ -76,7 +73,7 @@ def test_the_transpose_lists_each_inputs_rows_chunk_by_chunk() -> None:
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
 @pytest.mark.parametrize("tau", [0.001, 0.03, 0.5])
-def test_the_fast_exponential_is_the_surrogate(arithmetic: str, tau: float) -> None:
+def test_the_fast_exponential_is_the_surrogate(arithmetic, tau):
     # One input, one spike: the potential that each neuron meets is its weight.
     drive = np.linspace(-3.9, 3.9, 240).astype(np.float32)
     drive = drive if arithmetic != "integer" else np.round(drive * 32) / np.float32(32)
@@ -95,7 +92,7 @@ def test_the_fast_exponential_is_the_surrogate(arithmetic: str, tau: float) -> N
     np.testing.assert_allclose(unpacked(z, 1, 240)[0], expected, rtol=bound, atol=2 * lowest)
 
 
-def test_below_its_cut_a_surrogate_is_zero() -> None:
+def test_below_its_cut_a_surrogate_is_zero():
     whole, cut = exponential(80 / 64, 0.003, 3.0), exponential(80 / 64, 0.003, 3.0, cut=0.01)
     v = np.linspace(-4, 4, 200)
     expected = np.where(whole(v) > 0.01 * whole.height, whole(v), 0)
@@ -105,9 +102,7 @@ def test_below_its_cut_a_surrogate_is_zero() -> None:
         exponential(80 / 64, 0.003, 3.0, cut=1.0)
 
 
-def updates(
-    gradient: np.ndarray, table: np.ndarray, w: np.ndarray, grid: float, steps: int
-) -> list[np.ndarray]:
+def updates(gradient, table, w, grid, steps):
     n_rows, n = w.shape
     flat = [packed(x, np.float32) for x in (w, np.zeros_like(w), np.zeros_like(w))]
     unit = np.ones(padded(n), np.float32)
@@ -120,7 +115,7 @@ def updates(
     return unpacked(flat[0], n_rows, n), np.array(norms)
 
 
-def test_the_fused_update_is_adam() -> None:
+def test_the_fused_update_is_adam():
     rng = np.random.default_rng(4)
     w, g = (rng.normal(size=(7, 40)).astype(np.float32) for _ in range(2))
     found, norms = updates(g, np.zeros(0, np.int8), w, 0.0, 5)
@@ -131,7 +126,7 @@ def test_the_fused_update_is_adam() -> None:
     np.testing.assert_allclose(norms, (g.astype(np.float64) ** 2).sum(), rtol=1e-6)
 
 
-def test_adam_takes_a_first_step_of_the_rate_against_the_sign() -> None:
+def test_adam_takes_a_first_step_of_the_rate_against_the_sign():
     w = np.array([[1.0, 2.0]], np.float32)
     moved, _, _ = adam(
         w, np.array([[0.5, -3.0]], np.float32), 0 * w, 0 * w, 1, np.array([0.1, 0.2], np.float32)
@@ -139,7 +134,7 @@ def test_adam_takes_a_first_step_of_the_rate_against_the_sign() -> None:
     np.testing.assert_allclose(moved, [[0.9, 2.2]], rtol=1e-6)
 
 
-def test_rounded_weights_follow_their_masters_which_stay_within_the_range() -> None:
+def test_rounded_weights_follow_their_masters_which_stay_within_the_range():
     w = np.array([[0.0, 5.0, -4.0, 3.98]], np.float32)  # 5.0 has no gradient; 3.98 * 32 = 127.4 -> 127
     table = packed(np.zeros((1, 4)), np.int8)
     found, norms = updates(np.ones((1, 4), np.float32), table, w, 32.0, 3)
@@ -149,5 +144,5 @@ def test_rounded_weights_follow_their_masters_which_stay_within_the_range() -> N
     np.testing.assert_allclose(norms, [3, 4, 4], rtol=1e-6)
 
 
-def test_compiled_code_is_kept_under_the_sources_of_the_whole_engine() -> None:
+def test_compiled_code_is_kept_under_the_sources_of_the_whole_engine():
     assert kernels.gather._cache._cache_file._source_stamp == _sources(Path(kernels.__file__).parent)

@@ -1,18 +1,15 @@
 """Blocks of columns: what is packed comes back, and every row begins where the kernels expect it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.engine.layout import aligned, packed, padded, unpacked, width_at
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
 @given(rows=st.integers(0, 9), columns=st.integers(1, 200), whole=st.booleans())
-def test_a_matrix_comes_back_from_its_blocks(rows: int, columns: int, whole: bool) -> None:
+def test_a_matrix_comes_back_from_its_blocks(rows, columns, whole):
     kind = np.int8 if whole else np.float32
     matrix = np.random.default_rng(0).integers(-128, 128, (rows, columns)).astype(kind)
     flat = packed(matrix, kind)
@@ -21,7 +18,7 @@ def test_a_matrix_comes_back_from_its_blocks(rows: int, columns: int, whole: boo
 
 
 @pytest.mark.parametrize("columns", [1, 16, 17, 48, 64, 65, 100, 112, 450])
-def test_blocks_cover_all_columns_and_elements_lie_where_the_kernels_look(columns: int) -> None:
+def test_blocks_cover_all_columns_and_elements_lie_where_the_kernels_look(columns):
     rows, n = 3, padded(columns)
     matrix = np.arange(rows * columns, dtype=np.float32).reshape(rows, columns)
     flat = packed(matrix, np.float32)
@@ -37,7 +34,7 @@ def test_blocks_cover_all_columns_and_elements_lie_where_the_kernels_look(column
     assert column == n
 
 
-def test_arrays_begin_on_a_cache_line_and_with_zeros() -> None:
+def test_arrays_begin_on_a_cache_line_and_with_zeros():
     for n in (1, 7, 1000):
         found = aligned(n, np.float32)
         assert found.ctypes.data % 64 == 0 and found.shape == (n,) and not found.any()

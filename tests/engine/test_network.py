@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks.ours import rows_of
 from dse.engine.events import delayed, dense
-from dse.engine.layers import Weights, prepare, weights
-from dse.engine.losses import Loss
+from dse.engine.layers import prepare, weights
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.losses.spike_rate import SpikeRate
 from dse.engine.network import answer, gradients
@@ -18,11 +17,11 @@ from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
 from dse.records import Arithmetic
-from tests.golden import Case, cases
+from tests.golden import cases
 
 
 @pytest.mark.parametrize("case", cases())
-def test_the_engine_is_golden(case: Case) -> None:
+def test_the_engine_is_golden(case):
     given = case.settings["params"]
     population = cuba_lif.rounded(given["current_decay"], given["voltage_decay"], given["threshold"])
     raw = [case.given(f"w{k}") for k in range(1, case.n_layers + 1)]
@@ -58,7 +57,7 @@ def test_the_engine_is_golden(case: Case) -> None:
         np.testing.assert_allclose(by_weight.T * passes, golden, rtol=0, atol=bound)
 
 
-def small_layers(rng: np.random.Generator, recurrent: bool = False) -> list[Weights]:
+def small_layers(rng, recurrent=False):
     """Return a 12-9-4 stack on the 8-bit grid with a decay of its own per neuron."""
     layers = []
     for n_in, n_out in ((12, 9), (9, 4)):
@@ -75,7 +74,7 @@ def small_layers(rng: np.random.Generator, recurrent: bool = False) -> list[Weig
 
 @pytest.mark.parametrize("integer", [True, False])
 @pytest.mark.parametrize("recurrent", [True, False])
-def test_states_equal_the_definition_stepped_by_hand(integer: bool, recurrent: bool) -> None:
+def test_states_equal_the_definition_stepped_by_hand(integer, recurrent):
     rng = np.random.default_rng(5)
     x = (rng.random((3, 40, 12)) < 0.2).astype(np.uint8)
     layer = small_layers(rng, recurrent)[0]
@@ -97,7 +96,7 @@ def test_states_equal_the_definition_stepped_by_hand(integer: bool, recurrent: b
     assert found.peak == peak
 
 
-def test_a_sample_answers_the_same_alone_and_in_any_batch() -> None:
+def test_a_sample_answers_the_same_alone_and_in_any_batch():
     rng = np.random.default_rng(6)
     x = (rng.random((5, 30, 12)) < 0.3).astype(np.uint8)
     layers = [prepare(layer, "integer") for layer in small_layers(rng, recurrent=True)]
@@ -110,7 +109,7 @@ def test_a_sample_answers_the_same_alone_and_in_any_batch() -> None:
 
 @pytest.mark.parametrize("recurrent", [True, False])
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
-def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, recurrent: bool) -> None:
+def test_gradients_agree_with_automatic_differentiation(arithmetic, recurrent):
     from dse.engine.autograd import gradients as by_autograd
 
     rng = np.random.default_rng(7)
@@ -133,13 +132,13 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, 
         np.testing.assert_allclose(found.recurrent[0], ring, rtol=0, atol=1e-5 * np.abs(ring).max())
 
 
-def test_inputs_that_do_not_fit_the_layer_are_refused() -> None:
+def test_inputs_that_do_not_fit_the_layer_are_refused():
     with pytest.raises(ValueError, match=r"rows have 5 inputs, the layer has 12"):
         layer = prepare(small_layers(np.random.default_rng(0))[0], "integer")
         layer.forward(rows_of(np.ones((1, 2, 5), np.uint8)))
 
 
-def test_gradients_of_a_deep_wide_stack_agree_with_automatic_differentiation() -> None:
+def test_gradients_of_a_deep_wide_stack_agree_with_automatic_differentiation():
     from dse.engine.autograd import gradients as by_autograd
 
     rng = np.random.default_rng(10)
@@ -166,7 +165,7 @@ def test_gradients_of_a_deep_wide_stack_agree_with_automatic_differentiation() -
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5 * np.abs(theirs).max())
 
 
-def test_chunks_of_samples_add_up() -> None:
+def test_chunks_of_samples_add_up():
     rng = np.random.default_rng(11)
     x = (rng.random((9, 1000, 12)) < 0.1).astype(np.uint8)  # four samples to a chunk
     layers, labels = small_layers(rng), rng.integers(0, 4, 9)
@@ -182,7 +181,7 @@ def test_chunks_of_samples_add_up() -> None:
         np.testing.assert_allclose(whole.feed_forward[depth], expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_gradients_of_two_heads_agree_with_automatic_differentiation() -> None:
+def test_gradients_of_two_heads_agree_with_automatic_differentiation():
     from dse.engine.autograd import gradients as by_autograd
 
     rng = np.random.default_rng(12)
@@ -204,8 +203,8 @@ def test_gradients_of_two_heads_agree_with_automatic_differentiation() -> None:
 @pytest.mark.parametrize("taught", [True, False])
 @pytest.mark.parametrize("loss", [SpikeRate(), CountCrossEntropy(0.4), CountCrossEntropy(0.4, read_outs=3)])
 def test_every_loss_and_the_price_of_hidden_spikes_agree_with_automatic_differentiation(
-    loss: Loss, taught: bool, recurrent: bool
-) -> None:
+    loss, taught, recurrent
+):
     from dse.engine.autograd import gradients as by_autograd
 
     rng = np.random.default_rng(7)

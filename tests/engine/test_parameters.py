@@ -1,9 +1,6 @@
 """Matrices as functions of their parameters: definitions, gradients, steps of both engines, states."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,17 +13,16 @@ from dse.engine.layout import blocks, packed, unpacked
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
-from dse.engine.parameters import Form, Tied, WeightNorm, Whitened, lengths, normed, whitened
+from dse.engine.parameters import Tied, WeightNorm, Whitened, lengths, normed, whitened
 from dse.engine.shared import copies_of, distinct, expanded
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.surrogate import exponential
-from dse.records import Arithmetic
 
 N_IN, N_HIDDEN, N_OUT, RATE = 20, 70, 4, 0.02
 ARITHMETICS = ("integer", "float32", "ideal")
 
 
-def drawn(rng: np.random.Generator, n_in: int, n_out: int, form: str = "") -> TrainedLayer:
+def drawn(rng, n_in, n_out, form=""):
     matrix = rng.normal(0.05, 0.5, (n_in, n_out)).astype(np.float32)
     unit = rng.uniform(0.5, 2, n_out).astype(np.float32)
     shared = None
@@ -45,7 +41,7 @@ def drawn(rng: np.random.Generator, n_in: int, n_out: int, form: str = "") -> Tr
     )
 
 
-def member(arithmetic: Arithmetic = "integer", form: str = "", seed: int = 0, **keys: Any) -> Member:
+def member(arithmetic="integer", form="", seed=0, **keys):
     rng = np.random.default_rng(seed)
     last = {"tied": "", "whitened all": "whitened"}.get(form, form)
     first = {"whitened": "", "whitened all": "whitened"}.get(form, form)
@@ -53,23 +49,23 @@ def member(arithmetic: Arithmetic = "integer", form: str = "", seed: int = 0, **
     return Member(layers, 0.6, 0.05, arithmetic, **keys)
 
 
-def basis(n_inputs: int, rank: int, seed: int = 7) -> np.ndarray:
+def basis(n_inputs, rank, seed=7):
     return np.random.default_rng(seed).normal(0, 0.3, (n_inputs, rank)).astype(np.float32)
 
 
-def batch(n: int = 9, n_steps: int = 60) -> tuple[Any, np.ndarray]:
+def batch(n=9, n_steps=60):
     rng = np.random.default_rng(1)
     return rows_of((rng.random((n, n_steps, N_IN)) < 0.2).astype(np.uint8)), rng.integers(0, N_OUT, n)
 
 
-def turn(rng: np.random.Generator, n: int = 9) -> Turn:
+def turn(rng, n=9):
     return Turn(RATE, (None, 2 * (rng.random((n, N_HIDDEN)) < 0.5).astype(np.float32)))
 
 
 FORMS = ("", "tied", "normed", "whitened", "whitened all")
 
 
-def trained(of: Member, n_batches: int = 3, threads: int = 1, module: Any = cpu) -> Any:
+def trained(of, n_batches=3, threads=1, module=cpu):
     """Return an engine after some batches, and its reports."""
     rows, labels = batch()
     arguments = (9, 60, threads) if module is cpu else ()
@@ -78,7 +74,7 @@ def trained(of: Member, n_batches: int = 3, threads: int = 1, module: Any = cpu)
     return engine, [engine.step(rows, labels, {0: turn(rng)})[0] for _ in range(n_batches)]
 
 
-def forms() -> list[tuple[str, Form, list[np.ndarray], Any]]:
+def forms():
     """Return forms of a (13, 37) matrix, their parameters at a point, and the definition."""
     rng = np.random.default_rng(0)
     n_rows, n = 13, 37
@@ -105,7 +101,7 @@ def forms() -> list[tuple[str, Form, list[np.ndarray], Any]]:
 
 
 @pytest.mark.parametrize("number", [0, 1, 2], ids=["tied", "whitened", "normed"])
-def test_a_form_is_its_definition_and_its_gradient_that_of_small_steps(number: int) -> None:
+def test_a_form_is_its_definition_and_its_gradient_that_of_small_steps(number):
     name, form, parameters, definition = forms()[number]
     n_rows, n = 13, 37
     flat = [np.append(x, 0) if name == "tied" else packed(x, np.float64) for x in parameters]
@@ -132,7 +128,7 @@ def test_a_form_is_its_definition_and_its_gradient_that_of_small_steps(number: i
 
 @pytest.mark.parametrize("arithmetic", ARITHMETICS)
 @pytest.mark.parametrize("form", FORMS)
-def test_steps_are_gradients_by_parameters_then_adam_then_the_matrix(form: str, arithmetic: Any) -> None:
+def test_steps_are_gradients_by_parameters_then_adam_then_the_matrix(form, arithmetic):
     """The reference keeps parameters in float64, and multiplies Jacobians that torch finds."""
     torch = pytest.importorskip("torch")
     of = replace(member(arithmetic, form, clip_norm=0.3), loss=CountCrossEntropy(0.3, 2))
@@ -213,7 +209,7 @@ def test_steps_are_gradients_by_parameters_then_adam_then_the_matrix(form: str, 
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_both_engines_take_the_same_steps(form: str) -> None:
+def test_both_engines_take_the_same_steps(form):
     pytest.importorskip("torch")
     from dse.engine import autograd
 
@@ -228,9 +224,7 @@ def test_both_engines_take_the_same_steps(form: str) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_state_goes_on_with_the_same_bits_whatever_the_threads_and_the_cohort(
-    form: str,
-) -> None:
+def test_a_state_goes_on_with_the_same_bits_whatever_the_threads_and_the_cohort(form):
     rows, labels = batch(9, 1000)
     results = []
     for threads, others, pauses in ((1, 0, False), (3, 2, False), (2, 1, True)):
@@ -251,7 +245,7 @@ def test_a_state_goes_on_with_the_same_bits_whatever_the_threads_and_the_cohort(
 
 
 @pytest.mark.parametrize("arithmetic", ARITHMETICS)
-def test_weight_norm_keeps_what_pruning_leaves_and_moves_no_other(arithmetic: Any) -> None:
+def test_weight_norm_keeps_what_pruning_leaves_and_moves_no_other(arithmetic):
     engine, _ = trained(member(arithmetic, "normed"))
     before = engine.masters(0)
     kept = replace(before, feed_forward=tuple(np.abs(w) > 0.3 for w in before.feed_forward))
@@ -266,7 +260,7 @@ def test_weight_norm_keeps_what_pruning_leaves_and_moves_no_other(arithmetic: An
         assert (now != then)[mask].mean() > 0.9
 
 
-def test_weight_norm_starts_at_the_drawn_weights_and_a_neuron_without_weights_stays() -> None:
+def test_weight_norm_starts_at_the_drawn_weights_and_a_neuron_without_weights_stays():
     of = member("ideal", "normed")
     silent = of.layers[1].feed_forward.copy()
     silent[:, 1] = 0
@@ -281,7 +275,7 @@ def test_weight_norm_starts_at_the_drawn_weights_and_a_neuron_without_weights_st
     assert not engine.masters(0).feed_forward[1][:, 1].any()
 
 
-def test_the_norm_of_a_neuron_moves_only_with_its_norm_parameter() -> None:
+def test_the_norm_of_a_neuron_moves_only_with_its_norm_parameter():
     of = member("ideal", "normed")
     layers = tuple(replace(x, norm_unit=np.zeros_like(x.unit)) for x in of.layers)
     engine, _ = trained(replace(of, layers=layers), 5)

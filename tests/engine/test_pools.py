@@ -1,9 +1,6 @@
 """First layers that read counts of pools: in both engines, rounded or not, as the matrix of every input."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,19 +15,19 @@ from dse.neurons.surrogate import exponential
 POOL = np.array([0, 2, 1, 0, 0, 2, 2, 1, 0, 0, 1, 2])
 
 
-def layer(rng: np.random.Generator, rows: int, n: int, **keys: Any) -> TrainedLayer:
+def layer(rng, rows, n, **keys):
     population = cuba_lif.Population(np.full(n, 1000), np.full(n, 300), 80)
     surrogate, unit = exponential(80 / 64, 0.03, 3.0), np.full(n, 0.5, np.float32)
     weights = rng.normal(0.1, 0.4, (rows, n)).astype(np.float32)
     return TrainedLayer(weights, None, population, surrogate, unit, **keys)
 
 
-def member(arithmetic: Any, **keys: Any) -> Member:
+def member(arithmetic, **keys):
     rng = np.random.default_rng(3)
     return Member((layer(rng, 3, 20, **keys), layer(rng, 20, 4)), 0.6, 0.05, arithmetic, pool=POOL)
 
 
-def batch() -> tuple[Any, np.ndarray, Turn]:
+def batch():
     rng = np.random.default_rng(1)
     x = (rng.random((7, 40, 12)) < 0.2).astype(np.uint8)
     return rows_of(x), rng.integers(0, 4, 7), Turn(0.02, (None, None))
@@ -39,7 +36,7 @@ def batch() -> tuple[Any, np.ndarray, Turn]:
 @pytest.mark.parametrize(
     ("arithmetic", "keys"), [("ideal", {}), ("integer", {}), ("integer", {"is_rounded": False})]
 )
-def test_both_engines_take_the_same_steps(arithmetic: Any, keys: Any) -> None:
+def test_both_engines_take_the_same_steps(arithmetic, keys):
     pytest.importorskip("torch")
     from dse.engine import autograd
 
@@ -55,7 +52,7 @@ def test_both_engines_take_the_same_steps(arithmetic: Any, keys: Any) -> None:
         np.testing.assert_allclose(a, b, atol=1e-5)
 
 
-def test_weights_that_are_not_rounded_run_as_they_are() -> None:
+def test_weights_that_are_not_rounded_run_as_they_are():
     rows, labels, turn = batch()
     rounded, real = member("integer"), member("integer", is_rounded=False)
     on_grid = replace(real.layers[0], feed_forward=np.rint(32 * real.layers[0].feed_forward) / np.float32(32))
@@ -66,7 +63,7 @@ def test_weights_that_are_not_rounded_run_as_they_are() -> None:
     assert found[0] == found[2] != found[1]
 
 
-def test_threads_change_no_bit() -> None:
+def test_threads_change_no_bit():
     rng = np.random.default_rng(5)
     rows = rows_of((rng.random((24, 900, 12)) < 0.1).astype(np.uint8))
     labels, turn = rng.integers(0, 4, 24), Turn(0.02, (None, None))
@@ -78,7 +75,7 @@ def test_threads_change_no_bit() -> None:
         np.testing.assert_array_equal(a, b)
 
 
-def test_pooled_rows_count_every_spike() -> None:
+def test_pooled_rows_count_every_spike():
     rows = rows_of((np.random.default_rng(0).random((3, 20, 6)) < 0.4).astype(np.uint8))
     pool = np.array([0, 1, 0, 2, 1, 0])
     by_input = rows.per_input()

@@ -11,7 +11,7 @@ from benchmarks.ours import rows_of
 from dse.engine import cpu
 from dse.engine.definition import DefinedLayer
 from dse.engine.events import dense
-from dse.engine.layers import Weights, prepare, weights
+from dse.engine.layers import prepare, weights
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
 from dse.neurons import LayerSpec, cuba_lif
@@ -23,14 +23,14 @@ from dse.records import Arithmetic
 N_IN, N_HIDDEN, N_OUT = 12, 20, 4
 
 
-def population(share: float = 0.5, *, reset: bool = False, n: int = N_HIDDEN) -> Population:
+def population(share=0.5, *, reset=False, n=N_HIDDEN):
     neuron = Resonator(share=share, reset=reset, current_decay=(0.1, 0.9), voltage_decay=(0.05, 0.5))
     drawn = neuron.population(LayerSpec(n, False, 1, 1.0), np.random.default_rng(2))
     assert isinstance(drawn, Population)
     return drawn
 
 
-def layer(rng: np.random.Generator, of: Population, *, recurrent: bool = False) -> Weights:
+def layer(rng, of, *, recurrent=False):
     n = len(of.resonates)
     ring = quantise(rng.normal(0, 0.3, (n, n))) if recurrent else None
     return weights(quantise(rng.normal(0.1, 0.6, (N_IN, n))), ring, of)
@@ -39,9 +39,7 @@ def layer(rng: np.random.Generator, of: Population, *, recurrent: bool = False) 
 @pytest.mark.parametrize("arithmetic", ["integer", "ideal"])
 @pytest.mark.parametrize("recurrent", [False, True])
 @pytest.mark.parametrize(("share", "reset"), [(1.0, False), (0.4, True)])
-def test_the_kernel_answers_bit_for_bit_as_the_definition(
-    arithmetic: Arithmetic, recurrent: bool, share: float, reset: bool
-) -> None:
+def test_the_kernel_answers_bit_for_bit_as_the_definition(arithmetic, recurrent, share, reset):
     rng = np.random.default_rng(5)
     x = (rng.random((3, 300, N_IN)) < 0.1).astype(np.uint8)
     x[:, 200:] = 0  # resonators ring on, and end
@@ -60,7 +58,7 @@ def test_the_kernel_answers_bit_for_bit_as_the_definition(
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
 @pytest.mark.parametrize("recurrent", [False, True])
-def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, recurrent: bool) -> None:
+def test_gradients_agree_with_automatic_differentiation(arithmetic, recurrent):
     from dse.engine.autograd import gradients as by_autograd
 
     rng = np.random.default_rng(7)
@@ -84,7 +82,7 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic: Arithmetic, 
 
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
-def test_cuba_lif_neurons_beside_resonators_are_those_of_a_layer_of_their_own(arithmetic: Arithmetic) -> None:
+def test_cuba_lif_neurons_beside_resonators_are_those_of_a_layer_of_their_own(arithmetic):
     """All columns, silent ones included, and every bit of the gradient."""
     rng = np.random.default_rng(8)
     mixed = population(0.5)
@@ -105,7 +103,7 @@ def test_cuba_lif_neurons_beside_resonators_are_those_of_a_layer_of_their_own(ar
     np.testing.assert_array_equal(grads[0][:, lif], grads[1])
 
 
-def member(of: Population | cuba_lif.Population, arithmetic: Arithmetic) -> Member:
+def member(of, arithmetic):
     rng = np.random.default_rng(3)
     output = cuba_lif.Population(np.int32(1000), np.int32(300), 80)
     layers = tuple(
@@ -118,7 +116,7 @@ def member(of: Population | cuba_lif.Population, arithmetic: Arithmetic) -> Memb
     return Member(layers, 0.6, 0.05, arithmetic)
 
 
-def test_a_member_trains_the_same_alone_and_beside_other_neurons() -> None:
+def test_a_member_trains_the_same_alone_and_beside_other_neurons():
     rng = np.random.default_rng(9)
     x, labels = (rng.random((6, 30, N_IN)) < 0.2).astype(np.uint8), rng.integers(0, N_OUT, 6)
     lif = cuba_lif.Population(np.int32(900), np.int32(200), 80)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,14 +17,14 @@ from dse.neurons.surrogate import exponential
 NUMBER = np.array([[0, -1, 2], [1, 0, -1], [2, 2, 1]], np.int32)
 
 
-def test_shared_weights_stand_at_all_their_synapses() -> None:
+def test_shared_weights_stand_at_all_their_synapses():
     assert copies_of(NUMBER).n_weights == 3
     at_synapses = expanded(np.array([5.0, 6, 7]), NUMBER)
     np.testing.assert_array_equal(at_synapses, [[5, 0, 7], [6, 5, 0], [7, 7, 6]])
     np.testing.assert_array_equal(distinct(at_synapses, NUMBER), [5, 6, 7])
 
 
-def test_a_matrix_without_synapses_trains_nothing() -> None:
+def test_a_matrix_without_synapses_trains_nothing():
     none = member(np.full((12, 18), -1, np.int32))
     rows, labels, turn = batch()
     engine = cpu.start([none], 7, 40)
@@ -33,14 +32,14 @@ def test_a_matrix_without_synapses_trains_nothing() -> None:
     assert not engine.masters(0).feed_forward[0].any()
 
 
-def layer(rng: np.random.Generator, weights: np.ndarray, shared: np.ndarray | None) -> TrainedLayer:
+def layer(rng, weights, shared):
     n = weights.shape[1]
     population = cuba_lif.Population(np.full(n, 1000), np.full(n, 300), 80)
     surrogate, unit = exponential(80 / 64, 0.03, 3.0), np.full(n, 0.5, np.float32)
     return TrainedLayer(weights.astype(np.float32), None, population, surrogate, unit, shared=shared)
 
 
-def member(number: np.ndarray | None = None, arithmetic: Any = "ideal", **keys: Any) -> Member:
+def member(number=None, arithmetic="ideal", **keys):
     """Return 12 inputs into 6 columns of 3 neurons, each with two inputs of its own and two of the next."""
     rng = np.random.default_rng(3)
     first = np.full((12, 6, 3), -1, np.int32)
@@ -58,14 +57,14 @@ def member(number: np.ndarray | None = None, arithmetic: Any = "ideal", **keys: 
     )
 
 
-def batch() -> tuple[Any, np.ndarray, Turn]:
+def batch():
     rng = np.random.default_rng(1)
     x = (rng.random((7, 40, 12)) < 0.2).astype(np.uint8)
     return rows_of(x), rng.integers(0, 4, 7), Turn(0.05, (None, None))
 
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
-def test_copies_stay_equal_bit_for_bit_and_move_as_one_weight(arithmetic: Any) -> None:
+def test_copies_stay_equal_bit_for_bit_and_move_as_one_weight(arithmetic):
     of = member(arithmetic=arithmetic, clip_norm=0.5)
     shared = of.layers[0].shared
     assert shared is not None
@@ -78,7 +77,7 @@ def test_copies_stay_equal_bit_for_bit_and_move_as_one_weight(arithmetic: Any) -
     assert (distinct(after, shared) != distinct(of.layers[0].feed_forward, shared)).all()
 
 
-def test_both_engines_take_the_same_steps() -> None:
+def test_both_engines_take_the_same_steps():
     pytest.importorskip("torch")
     from dse.engine import autograd
 
@@ -92,7 +91,7 @@ def test_both_engines_take_the_same_steps() -> None:
         np.testing.assert_allclose(a, b, atol=1e-6)
 
 
-def test_the_gradient_is_that_of_the_weight_behind_its_copies() -> None:
+def test_the_gradient_is_that_of_the_weight_behind_its_copies():
     """Automatic differentiation of a matrix that is indexed from its weights knows nothing of copies."""
     torch = pytest.importorskip("torch")
     from dse.engine.autograd import TorchCalculus, on_torch, run
@@ -119,7 +118,7 @@ def test_the_gradient_is_that_of_the_weight_behind_its_copies() -> None:
     np.testing.assert_allclose(moved, -0.05 * 0.5 * np.sign(weights.grad.numpy()), rtol=1e-3)
 
 
-def test_weights_that_have_one_copy_each_train_as_any_others() -> None:
+def test_weights_that_have_one_copy_each_train_as_any_others():
     rows, labels, turn = batch()
     alone = member(np.arange(12 * 18, dtype=np.int32).reshape(12, 18) % 12)
     number = np.arange(12 * 18, dtype=np.int32).reshape(12, 18)

@@ -1,10 +1,7 @@
 """Seeded damage to the files of a bundle: it is refused in one line, or is the same bundle."""
 
-from __future__ import annotations
-
 import random
 import shutil
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +14,7 @@ from tests.faults.damage import damage
 from tests.plugins import with_targets
 
 
-def test_no_damaged_bundle_is_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_faults: int, tried: Counter[str]
-) -> None:
+def test_no_damaged_bundle_is_run(tmp_path, monkeypatch, n_faults, tried):
     write(small_bundle(recurrent=True, delays=(0, 2)), tmp_path / "whole")
     with_targets.load(monkeypatch)
     export_targets(tmp_path / "whole", ["arrays"], small_recordings(tmp_path / "touch.npz"))
@@ -45,7 +40,7 @@ def test_no_damaged_bundle_is_run(
     assert n_refused > n_faults // 3
 
 
-def test_a_changed_readme_is_refused(tmp_path: Path) -> None:
+def test_a_changed_readme_is_refused(tmp_path):
     write(small_bundle(), tmp_path / "bundle")
     readme = tmp_path / "bundle" / "README.md"
     readme.write_text(readme.read_text().replace("fraction", "faction"))

@@ -1,7 +1,5 @@
 """A processor without vector instructions computes the same bits: kernels, golden networks, a small study."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import subprocess
@@ -26,7 +24,7 @@ GENERIC = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def arrays_of_study(folder: Path) -> str:
+def arrays_of_study(folder):
     """Train the networks of a study; return a digest of all arrays of its runs."""
     folder.mkdir()
     tiny_study.write_recordings(folder / "tiny.npz")
@@ -39,7 +37,7 @@ def arrays_of_study(folder: Path) -> str:
     return digest.hexdigest()
 
 
-def bits_of_kernels() -> str:
+def bits_of_kernels():
     """Run a layer of integer neurons by its two kernels; return a digest of states, spikes and counts."""
     rng = np.random.default_rng(28)
     n_steps, n_inputs, n_neurons = 200, 30, 20
@@ -60,7 +58,7 @@ def bits_of_kernels() -> str:
     return hashlib.sha256(b"".join(x.tobytes() for x in (z, fired, updates, peak))).hexdigest()
 
 
-def on_generic(*arguments: str) -> subprocess.CompletedProcess[str]:
+def on_generic(*arguments):
     return subprocess.run(
         [sys.executable, *arguments],
         env={**os.environ, **GENERIC},
@@ -71,7 +69,7 @@ def on_generic(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_kernels_are_the_same_bit_for_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels_are_the_same_bit_for_bit(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     there = on_generic(
         "-c", "from tests.faults.test_machine import bits_of_kernels; print(bits_of_kernels())"
@@ -80,7 +78,7 @@ def test_kernels_are_the_same_bit_for_bit(tmp_path: Path, monkeypatch: pytest.Mo
     assert [*tmp_path.rglob("*.nbc")], "its kernels were compiled for it"
 
 
-def test_a_study_is_the_same_bit_for_bit(tmp_path: Path, n_faults: int) -> None:
+def test_a_study_is_the_same_bit_for_bit(tmp_path, n_faults):
     if n_faults < 100:
         pytest.skip("kernels are compiled again: only with all faults")
     lines = "import sys; from pathlib import Path; from tests.faults.test_machine import arrays_of_study"
@@ -89,7 +87,7 @@ def test_a_study_is_the_same_bit_for_bit(tmp_path: Path, n_faults: int) -> None:
 
 
 @pytest.mark.skipif(not FILE.exists(), reason="shared/reference/cuba_golden.npz is absent")
-def test_golden_networks_are_golden(n_faults: int) -> None:
+def test_golden_networks_are_golden(n_faults):
     if n_faults < 100:
         pytest.skip("kernels are compiled again: only with all faults")
     done = on_generic("-m", "benchmarks.golden", str(FILE))

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +75,7 @@ class Server:
         assert self._process.returncode == 0
 
 
-def is_free(folder: Path) -> bool:
+def is_free(folder):
     """Return whether no process works on the study of a folder."""
     try:
         with store.exclusive(folder / "killed"):
@@ -86,26 +85,26 @@ def is_free(folder: Path) -> bool:
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+def server(tmp_path_factory):
     started = Server(tmp_path_factory.mktemp("cache"))
     yield started
     started.close()
 
 
-def ended(folder: Path) -> dict[str, tuple[int, int]]:
+def ended(folder):
     """Return the runs that have finished or failed, and which file says so; those that stopped may go on."""
     runs = (folder / "killed" / "runs").glob("*.npz")
     last = {path: path.stat() for path in runs if store.read_record(path)["status"] != "stopped"}
     return {str(path.relative_to(folder)): (x.st_ino, x.st_mtime_ns) for path, x in last.items()}
 
 
-def documents(study: Path) -> dict[str, Any]:
+def documents(study):
     """Return what racing has written down in a study."""
     with store.Book(study) as book:
         return {row["name"]: row["content"] for row in book.rows("study", "name GLOB 'racing/*'")}
 
 
-def assert_same(folder: Path, whole: Path) -> None:
+def assert_same(folder, whole):
     for name in ("trials.parquet", "points.parquet"):
         tables = [pd.read_parquet(of / "killed" / name) for of in (folder, whole)]
         one, other = (t.drop(columns=[x for x in t if x.startswith("train_s")]) for t in tables)
@@ -120,7 +119,7 @@ def assert_same(folder: Path, whole: Path) -> None:
     assert not list((folder / "killed" / "checkpoints").glob("*/runs/*.npz"))
 
 
-def drawn(rng: random.Random, moments: Counter[str], seconds: float) -> dict[str, Any]:
+def drawn(rng, moments, seconds):
     """Return a kill: three in four at a moment, each kind as often as any other."""
     who, number = rng.choice(SIGNALS)
     if rng.random() < 0.25:
@@ -129,13 +128,7 @@ def drawn(rng: random.Random, moments: Counter[str], seconds: float) -> dict[str
     return {"moment": moment, "at": rng.randint(1, moments[moment]), "who": who, "number": number}
 
 
-def test_killed_at_every_moment_of_a_race(
-    tmp_path: Path,
-    tmp_path_factory: pytest.TempPathFactory,
-    server: Server,
-    n_faults: int,
-    tried: Counter[str],
-) -> None:
+def test_killed_at_every_moment_of_a_race(tmp_path, tmp_path_factory, server, n_faults, tried):
     n_killed = number = 0
     while n_killed < n_faults:
         rng, name = random.Random(number), "mixed" if number % 4 == 3 else "race"

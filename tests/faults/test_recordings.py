@@ -7,7 +7,6 @@ import io
 import struct
 import tracemalloc
 import zipfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ EVT3 = [evt3_y(1), *(word for _ in range(WRAPS) for word in (evt3_high(4095), ev
 EVT2 = [word for _ in range(200) for word in (evt2_high(0xFFFFFFF), evt2_high(0), evt2_event(3, 1, 2, 1))]
 
 
-def files(evt3: list[int], evt2: list[int]) -> dict[str, bytes]:
+def files(evt3, evt2):
     """Return a recording of each format, with words between its first and its last event."""
     begin, end = [evt3_high(0), evt3_y(1), evt3_low(5), evt3_x(1, 1)], [evt3_low(9), evt3_x(2, 1)]
     return {
@@ -35,7 +34,7 @@ def files(evt3: list[int], evt2: list[int]) -> dict[str, bytes]:
     }
 
 
-def design(data: dict[str, Any], **more: Any) -> Any:
+def design(data, **more):
     return {
         "data": data,
         "task": {"target": "fabric"},
@@ -45,7 +44,7 @@ def design(data: dict[str, Any], **more: Any) -> Any:
     }
 
 
-def refusal(data: dict[str, Any], folder: Path, **more: Any) -> str:
+def refusal(data, folder, **more):
     """Return the sentence that refuses recordings, and check the memory that it took."""
     importlib.import_module("numba")  # whose code objects are no part of what a file asks for
     tracemalloc.start()
@@ -59,7 +58,7 @@ def refusal(data: dict[str, Any], folder: Path, **more: Any) -> str:
 
 
 @pytest.mark.parametrize("kind", ["evt3", "evt2"])
-def test_times_that_wrap_again_and_again(tmp_path: Path, kind: str) -> None:
+def test_times_that_wrap_again_and_again(tmp_path, kind):
     for label in ("felt", "silk"):
         (tmp_path / "all" / label).mkdir(parents=True)
         for k in range(2):
@@ -71,7 +70,7 @@ def test_times_that_wrap_again_and_again(tmp_path: Path, kind: str) -> None:
     assert "must last at most 67108864 steps" in text
 
 
-def test_a_frame_without_end(tmp_path: Path) -> None:
+def test_a_frame_without_end(tmp_path):
     events = {name: np.arange(8) for name in ("t", "x", "y", "p")}
     labels = np.array([0, 0, 1, 1])
     np.savez(tmp_path / "x.npz", **events, offsets=np.arange(0, 10, 2), label=labels)
@@ -83,7 +82,7 @@ def test_a_frame_without_end(tmp_path: Path) -> None:
     assert "the frame must have at most 16777216 pixels" in text
 
 
-def member(shape: tuple[int, ...], content: bytes) -> bytes:
+def member(shape, content):
     head = io.BytesIO()
     npy.write_array_header_1_0(head, {"descr": "|u1", "fortran_order": False, "shape": shape})
     return head.getvalue() + content
@@ -97,9 +96,7 @@ def member(shape: tuple[int, ...], content: bytes) -> bytes:
         ((4, 17 << 22), 17 << 24, "must be at most 200 times as large as it is stored"),
     ],
 )
-def test_arrays_that_are_not_what_they_declare(
-    tmp_path: Path, shape: tuple[int, ...], n_bytes: int, text: str
-) -> None:
+def test_arrays_that_are_not_what_they_declare(tmp_path, shape, n_bytes, text):
     with zipfile.ZipFile(tmp_path / "x.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         with archive.open("spikes.npy", "w") as file:
             file.write(member(shape, b""))

@@ -1,11 +1,6 @@
 """Seeded rubbish on the sockets of the page: a request is answered or dropped, the next one is served."""
 
-from __future__ import annotations
-
 import random
-from collections import Counter
-
-import pytest
 
 from dse.dashboard.gather import gather_page
 from dse.dashboard.live import Live
@@ -24,7 +19,7 @@ REQUESTS = [
 ]
 
 
-def _spoilt(request: bytes, rng: random.Random) -> bytes:
+def _spoilt(request, rng):
     content = bytearray(request)
     for _ in range(rng.choice((1, 1, 4, 40))):
         place = rng.randrange(len(content) + 1)
@@ -42,9 +37,7 @@ def _spoilt(request: bytes, rng: random.Random) -> bytes:
     return bytes(content)
 
 
-def test_no_rubbish_stops_the_server(
-    capsys: pytest.CaptureFixture[str], n_faults: int, tried: Counter[str]
-) -> None:
+def test_no_rubbish_stops_the_server(capsys, n_faults, tried):
     live = Live(lambda: gather_page(points(), name="page", objectives=OBJECTIVES), [], [], dict)
     rng = random.Random(25)
     with served(Server(live, port=0)) as server:

@@ -1,7 +1,5 @@
 """Chips side by side: their picks, and the cheapest design at the accuracy that all reach, by hand."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 import importlib.util
 import re
-from pathlib import Path
-from typing import Any
 
 import plotly.graph_objects as go
 import pytest
@@ -13,18 +11,18 @@ from dse.native.extras import MissingExtra
 START = {"pdf": b"%PDF-", "svg": b"<svg", "png": b"\x89PNG\r\n\x1a\n"}
 
 
-def figure() -> go.Figure:
+def figure():
     return go.Figure(go.Scatter(x=[1, 2, 3], y=[1, 4, 9]), {"xaxis": {"title": {"text": "time (ms)"}}})
 
 
 @pytest.fixture
-def browser(chromium_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def browser(chromium_path, monkeypatch):
     pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
     monkeypatch.setenv("DSE_CHROMIUM", str(chromium_path))
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_a_file_of_its_kind(form: str, browser: None) -> None:
+def test_a_file_of_its_kind(form, browser):
     content = static_image(figure(), form, (320, 200))
     assert content.startswith(START[form])
     if form == "svg":
@@ -33,20 +31,20 @@ def test_a_file_of_its_kind(form: str, browser: None) -> None:
         assert [int.from_bytes(content[k : k + 4]) for k in (16, 20)] == [960, 600]
 
 
-def test_a_figure_of_its_own_size(browser: None) -> None:
+def test_a_figure_of_its_own_size(browser):
     content = static_image(figure().update_layout(height=333), "svg")
     assert re.search(rb'width="700" height="333"', content)
 
 
-def test_the_style_of_print_leaves_what_the_figure_says() -> None:
+def test_the_style_of_print_leaves_what_the_figure_says():
     own = figure().update_layout(font_size=7)
     styled = on_white(own)
     assert styled.layout.font.size == 7 and styled.layout.template.layout.plot_bgcolor == "white"
     assert own.layout.template.layout.plot_bgcolor != "white", "the figure itself stays"
 
 
-def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def without(name: str) -> Any:
+def test_what_is_missing_is_named(monkeypatch):
+    def without(name):
         return None if name == "kaleido" else importlib.util.find_spec(name)
 
     monkeypatch.setattr(image, "find_spec", without)
@@ -54,7 +52,7 @@ def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         static_image(figure(), "png")
 
 
-def test_a_browser_that_does_not_start(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_browser_that_does_not_start(monkeypatch, tmp_path):
     pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
     broken = tmp_path / "chromium"
     broken.write_text("#!/bin/sh\nexit 1\n")
@@ -64,7 +62,7 @@ def test_a_browser_that_does_not_start(monkeypatch: pytest.MonkeyPatch, tmp_path
         static_image(figure(), "svg")
 
 
-def test_no_browser(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_no_browser(monkeypatch, tmp_path):
     pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
     monkeypatch.setenv("DSE_CHROMIUM", str(tmp_path / "none"))
     with pytest.raises(MissingExtra, match="Chromium: install one, or name it in DSE_CHROMIUM"):

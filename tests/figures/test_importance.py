@@ -1,7 +1,5 @@
 """The importance of parameters as a figure: the one that decides is on top."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -45,7 +45,7 @@ class Bare(SmallStudy):
 
 
 @pytest.mark.parametrize("name", sorted(set(registry.known("figures")) - set(DRAWN)))
-def test_what_is_missing_is_one_sentence(name: str) -> None:
+def test_what_is_missing_is_one_sentence(name):
     with pytest.raises((ValueError, StoreError)) as missing:
         draw(Bare(), name, **NEEDED.get(name, {}))
     text = str(missing.value)
@@ -53,5 +53,5 @@ def test_what_is_missing_is_one_sentence(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_tables_are_enough(name: str) -> None:
+def test_tables_are_enough(name):
     assert draw(Bare(), name).data

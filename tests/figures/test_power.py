@@ -9,7 +9,7 @@ from tests.figure_data import study
 FIGURE = PowerFigure(trial=0)
 
 
-def points() -> pd.DataFrame:
+def points():
     """The printed figures of three platforms, and a chip whose power nobody knows."""
     return pd.DataFrame(
         {

@@ -1,7 +1,5 @@
 """The price of 0.01 of accuracy: by hand, with the numbers of the page's own test."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 

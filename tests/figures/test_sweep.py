@@ -11,7 +11,7 @@ def gathered(points, x, columns, by=""):
     return SweepFigure(x, tuple(columns), by=by).gather(study(points))
 
 
-def points() -> pd.DataFrame:
+def points():
     return pd.DataFrame(
         {
             "trial": [0, 1, 2, 3, 4, 5],

@@ -37,17 +37,17 @@ class Machine:
 
 
 @pytest.fixture
-def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
+def machine(tmp_path, monkeypatch):
     made = Machine(tmp_path)
     monkeypatch.setattr(counter.time, "perf_counter", lambda: made.now_s)
     monkeypatch.setattr(counter.time, "sleep", lambda seconds: made.pass_s(seconds, 10.0))
     return made
 
 
-def test_power_is_energy_over_time_of_all_packages(machine: Machine) -> None:
+def test_power_is_energy_over_time_of_all_packages(machine):
     calls = []
 
-    def work() -> None:
+    def work():
         calls.append(machine.now_s)
         machine.pass_s(0.4, 30.0)
 
@@ -57,14 +57,14 @@ def test_power_is_energy_over_time_of_all_packages(machine: Machine) -> None:
     assert len(calls) == 3, "work of less than a second is repeated"
 
 
-def test_a_machine_without_a_counter_says_so(tmp_path: Path) -> None:
+def test_a_machine_without_a_counter_says_so(tmp_path):
     found = measured_power(lambda: None, 1.0, tmp_path)
     assert found == MeasuredPower(
         None, None, f"this machine has no energy counter of its processor in {tmp_path}"
     )
 
 
-def test_a_counter_that_cannot_be_read_says_why(machine: Machine) -> None:
+def test_a_counter_that_cannot_be_read_says_why(machine):
     (machine.root / "intel-rapl:0" / "energy_uj").write_text("none\n")
     found = measured_power(lambda: None, 1.0, machine.root)
     assert found.idle_w is None and found.reason.startswith(f"the energy counter in {machine.root} cannot be")

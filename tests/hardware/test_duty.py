@@ -57,15 +57,6 @@ def test_what_is_unknown_stays_unknown():
     assert np.isnan(battery_h(10, power)).tolist() == [True, False]
 
 
-def test_arguments_are_broadcast():
-    rates, energies = np.array([[0.0], [10.0], [1000.0]]), np.array([1e3, 1e6])
-    found = mean_power_mw(rates, energies, 100.0, 0.5)
-    assert found.shape == (3, 2)
-    for at in np.ndindex(3, 2):
-        assert found[at] == mean_power_mw(rates[at[0], 0], energies[at[1]], 100.0, 0.5)
-    assert battery_h([[1.0], [2.0]], found[0]).shape == (2, 2)
-
-
 @given(st.floats(0, 100), st.floats(0, 1e6), st.floats(0, 36_000), st.floats(0, 100))
 def test_power_lies_between_idling_and_computing(rate, energy_uj, contact_ms, idle_mw):
     busy = rate * contact_ms / 3.6e6

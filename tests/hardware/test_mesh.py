@@ -233,17 +233,6 @@ def test_zero_spikes_cost_the_neurons_alone(profile):
         assert {cause for cause, x in found.breakdown.items() if x != 0} == {"neuron_access"}
 
 
-@EACH
-def test_one_neuron(profile):
-    found = cost(profile, network((1, 1), [1, 1], [1], 1.0))
-    assert (found.n_cores.value, found.fits) == (1, True)
-    # One event, one message, one spike, one update.
-    figures = ("neuron_access", "neuron_update", "spike", "synaptic_event", "message")
-    high = sum(getattr(profile, f"{name}_pj").high for name in figures)
-    time_us = float(found.step_time_us.high)
-    assert found.energy_uj.high == pytest.approx(high * 1e-6 + profile.static_mw.high * time_us * 1e-3)
-
-
 def test_what_pruning_left_is_stored_with_its_zeros_where_lists_do_not_fit():
     whole = network((4000, 2000, 500), [100, 100, 0])
     kept = dataclasses.replace(

@@ -215,11 +215,3 @@ def test_without_spikes_only_neurons_cost_on_chips_that_charge_for_them(profile)
     per_update = profile.neuron_update_pj.value
     assert silence.dynamic_uj == pytest.approx(12 * 100 * per_update * 1e-6)
     assert (silence.dynamic_uj == 0) == (per_update == 0)
-
-
-@EACH
-def test_one_neuron(profile):
-    found = cost(profile, network((1, 1), [3, 1], n_steps=10.0, weight_bits=1))
-    expected = 3 * profile.synaptic_event_pj.value + 10 * profile.neuron_update_pj.value
-    assert found.dynamic_uj == pytest.approx(expected * 1e-6)
-    assert found.fits

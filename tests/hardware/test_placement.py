@@ -6,9 +6,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from dse.hardware.placement import Architecture, architecture, axon_bits, hops, neurons_per_core, place
+from dse.hardware.placement import Architecture, axon_bits, hops, neurons_per_core, place
 from dse.hardware.profile import load
-from dse.records import Workload
 
 LOIHI_1 = load("loihi1_silicon").rules
 LOIHI_2 = load("loihi2_scenario").rules
@@ -290,12 +289,6 @@ def test_a_core_that_overflows_by_hand_is_a_misfit():
     assert number_in(misfit.change, "at most {} cores for layer 1") == 127
 
 
-def test_what_a_chip_takes_of_a_workload():
-    load = Workload((3, 2), (True,), np.ones(()), np.ones(2), None, 1.0, 4, (1.0, 0.0), (5,), 6, (2,))
-    assert architecture(load, LOIHI_1) == Architecture((3, 2), (True,), 4, 6, (5,), (2,))
-    assert architecture(load, LOIHI_2).stored is None  # keeps zeros
-
-
 def test_one_neuron_and_one_input():
     for rules in (LOIHI_1, LOIHI_2):
         found = placed((1, 1), rules=rules)
@@ -309,10 +302,6 @@ def test_a_layer_wider_than_a_chip():
     assert found.cores == (137,)
     (misfit,) = found.misfits
     assert str(misfit) == "137 cores; the chip has 128; fits with at most 131072 neurons in layer 1"
-
-
-def test_neurons_are_spread_evenly():
-    assert neurons_per_core(450, 7).tolist() == [65, 65, 64, 64, 64, 64, 64]
 
 
 def test_messages_travel_between_tiles():
@@ -329,24 +318,6 @@ def test_a_recurrent_layer_sends_to_itself():
     assert found[0] == (0, 4 + 2)
     to_all = np.array([4 + 2 * 2] * 4 + [4 + 2] * 4 + [2 * 4 + 4])
     assert found[1][1] == pytest.approx((neurons_per_core(450, 9) * to_all).sum() / 450)
-
-
-def test_far_tiles_lie_along_x_too():
-    # 62 neurons per core (8 words for each of 2048 axons): the 17th core is on tile 4, at x = 1, y = 0.
-    sizes = (2048, 1026)
-    found = placed(sizes)
-    assert found.cores == (17,)
-    assert hops(net(sizes), found.cores, LOIHI_1)[0] == (1, 4 * (1 + 2 + 3))
-
-
-def test_a_million_cores_are_as_quickly_told():
-    # 250 000 tiles with a neuron per core, 4 tiles along y. Inputs stand on tile 0; the 10 outputs on the
-    # next tiles, 4, 4 and 2 of them at y = 0, 1 and 2: 8, 6, 12 and 22 hops along y from y = 0, 1, 2 and 3.
-    n = 1_000_000
-    inputs, wide, outputs = hops(net((7, n, 10)), (n, 10), LOIHI_1)
-    assert inputs == (16 * sum(range(62_500)), 4 * 62_500 * (1 + 2 + 3))
-    assert wide == pytest.approx((10 * (62_500 - 62_499 / 2), (8 + 6 + 12 + 22) / 4))
-    assert outputs == (0, 0)
 
 
 @given(

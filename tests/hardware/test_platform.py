@@ -1,7 +1,5 @@
 """Platforms with published power, and the power of other hardware, by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,9 +21,7 @@ NETWORK = Workload(
     ("name", "idle_w", "running_w"),
     [("cpu_threadripper_2920x", 56, 56.005), ("gpu_rtx_a4500", 28, 46.39), ("loihi2_board", 0.5, 2.25)],
 )
-def test_a_platform_draws_what_is_printed_for_as_long_as_the_touch_lasts(
-    name: str, idle_w: float, running_w: float
-) -> None:
+def test_a_platform_draws_what_is_printed_for_as_long_as_the_touch_lasts(name, idle_w, running_w):
     found = cost(load(name), NETWORK)
     assert found.power_idle_w.value == idle_w and found.idle_mw == idle_w * 1e3
     assert found.power_w.value[0] == pytest.approx(running_w) and np.isnan(found.power_w.value[1])
@@ -35,7 +31,7 @@ def test_a_platform_draws_what_is_printed_for_as_long_as_the_touch_lasts(
     assert found.fits and len(found.assumptions) == 2
 
 
-def test_running_power_is_energy_over_computing_time() -> None:
+def test_running_power_is_energy_over_computing_time():
     found = cost(load("loihi1_silicon"), NETWORK)
     watts = found.energy_uj.value[0] / (found.hardware_latency_ms[0] * 1e3)
     assert found.power_w.value[0] == pytest.approx(watts)
@@ -43,17 +39,17 @@ def test_running_power_is_energy_over_computing_time() -> None:
     assert found.power_idle_w.value == pytest.approx(found.idle_mw * 1e-3)
 
 
-def test_a_processor_runs_at_one_power() -> None:
+def test_a_processor_runs_at_one_power():
     profile = load("mcu_m33")
     found = cost(profile, NETWORK)
-    cycle = profile.cycle_nj  # type: ignore[attr-defined]
+    cycle = profile.cycle_nj
     # nJ x MHz = mW
     assert [x[0] for x in found.power_w] == pytest.approx(
         [x * 0.16 for x in (cycle.value, cycle.low, cycle.high)]
     )
 
 
-def test_what_nobody_published_has_no_value() -> None:
+def test_what_nobody_published_has_no_value():
     scenario = cost(load("loihi2_scenario"), NETWORK)
     assert np.isnan(scenario.power_w.value).all() and scenario.power_idle_w.value == 0.257
     assert 0.232 < scenario.power_w.low[0] < scenario.power_w.high[0]

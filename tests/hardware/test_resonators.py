@@ -1,14 +1,11 @@
 """Resonators on every kind of hardware: four multiplications by two factors each, or a reason why not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dse.hardware.cost import Cost, NotApplicable, cost
-from dse.hardware.kinds.processor import Processor
+from dse.hardware.cost import NotApplicable, cost
 from dse.hardware.profile import load, names
 from dse.hardware.workload import read_inference
 from dse.records import Workload
@@ -25,7 +22,7 @@ FIXED = {
 
 
 @pytest.mark.parametrize("name", names())
-def test_chips_run_them_or_say_why_not(name: str) -> None:
+def test_chips_run_them_or_say_why_not(name):
     if name in FIXED:
         why = f"{name} cannot run resonators: its neurons cannot be programmed"
         with pytest.raises(NotApplicable, match=why):
@@ -35,7 +32,7 @@ def test_chips_run_them_or_say_why_not(name: str) -> None:
     assert low <= high
 
 
-def more(name: str) -> tuple[dict[str, float], Cost]:
+def more(name):
     """Return by how many pJ each cause is dearer with resonators, on average between the ends."""
     profile = load(name)
     costs = [cost(replace(profile, interval_only=False), x) for x in (PLAIN, MIXED)]
@@ -43,28 +40,27 @@ def more(name: str) -> tuple[dict[str, float], Cost]:
     return {cause: mixed[cause] - plain[cause] for cause in mixed if mixed[cause] != plain[cause]}, costs[1]
 
 
-def test_loihi_2_has_their_updates_twice() -> None:
+def test_loihi_2_has_their_updates_twice():
     dearer, mixed = more("loihi2_scenario")
     # Of 400 updates of the layer 20 in 50 count twice: 160 more of 11.83 pJ.
     assert dearer == pytest.approx({"neuron_update": 160 * 11.83})
     assert any("an update of a resonator counts twice" in text for text in mixed.assumptions)
 
 
-def test_a_processor_runs_other_code_for_them() -> None:
+def test_a_processor_runs_other_code_for_them():
     dearer, _ = more("mcu_m4")
     # All 400 updates of the layer, 20 in 50 of them theirs, decide which of the two a neuron is.
     profile = load("mcu_m4")
-    assert isinstance(profile, Processor)
     beyond = profile.mixed_cycles.value - profile.update_cycles.value
     assert dearer == pytest.approx({"neuron_update": 400 * beyond * profile.cycle_nj.value * 1e3})
 
 
-def test_software_on_spinnaker_has_their_updates_twice() -> None:
+def test_software_on_spinnaker_has_their_updates_twice():
     dearer, _ = more("spinnaker2")
     assert dearer == pytest.approx({"neuron_update": 20 * 100 * 2190.0})
 
 
-def test_memory_has_their_factors() -> None:
+def test_memory_has_their_factors():
     dearer, _ = more("asic45_memory")
     # 160 more updates of 6.4 pJ; each reads two factors of 16 bits, at 10 pJ x 2 x 16 / 64 each.
     assert dearer == pytest.approx({"neuron_update": 160 * 6.4, "state_memory": 160 * 2 * 5.0})
@@ -75,7 +71,7 @@ def test_memory_has_their_factors() -> None:
     assert state[1] > 1.9 * state[0]
 
 
-def test_their_factors_take_flash() -> None:
+def test_their_factors_take_flash():
     chip = load("mcu_m4")
     full = replace(PLAIN, sizes=(2 * 2**20 // 50 - 7, 50, 7))  # 2 MiB but for less than 50 bytes
     assert cost(chip, full).fits
@@ -84,10 +80,10 @@ def test_their_factors_take_flash() -> None:
     assert "beside 200 of neurons' factors" in misfits[0].text
 
 
-def test_a_workload_file_states_them() -> None:
+def test_a_workload_file_states_them():
     text = "{layers: [24, 50, 7], n_steps: 100, spikes: [0.46, 1, 0.1], updates: [4, 0.7], resonators: %s}"
     inference = read_inference(text % "[20, 0]", "net.yaml")
     assert isinstance(inference.load, Workload) and inference.load.resonators == (20, 0)
-    assert read_inference(text % "[0, 0]", "net.yaml").load.resonators is None  # type: ignore[union-attr]
+    assert read_inference(text % "[0, 0]", "net.yaml").load.resonators is None
     with pytest.raises(Exception, match=r"net.yaml:1: resonators\[0\] must be in \[0, 50\], got 60"):
         read_inference(text % "[60, 0]", "net.yaml")

@@ -86,25 +86,6 @@ def test_without_spikes_nothing_is_decided_and_all_classes_tie():
     assert one(output, 1, 0, 0.0) == (0, 0, 4, 1, 1)
 
 
-def test_theta_zero_decides_with_the_first_spike_too_many():
-    output = spikes_at(6, 2, (1, 1), (2, 0), (4, 0))
-    assert one(output, 1, 0, 0.0) == (1, 1, 2, 0, 0)
-    assert one(output, 0, 2, 0.0) == (1, 1, 5, 0, 0)
-
-
-def test_theta_one_needs_all_spikes_in_one_class():
-    assert one(spikes_at(4, 2, (1, 1), (3, 1)), 1, 1, 1.0) == (1, 1, 4, 0, 0)
-    assert one(spikes_at(4, 2, (0, 0), (3, 1)), 0, 1, 1.0) == (1, 0, 4, 1, 1)
-
-
-def test_phi_beyond_every_count_leaves_the_answer_to_the_end():
-    assert one(spikes_at(5, 2, (0, 1), (1, 1)), 1, 2, 0.5) == (1, 0, 5, 1, 0)
-
-
-def test_one_class_decides_as_soon_as_phi_is_passed():
-    assert one(spikes_at(3, 1, (0, 0), (1, 0)), 0, 1, 1.0) == (1, 1, 2, 0, 0)
-
-
 def test_confidence_equal_to_theta_decides():
     output = np.zeros((1, 20, 3), dtype=np.uint8)
     output[0, :, 1] = 1  # 7 of 20 spikes for class 0, the rest over two classes
@@ -127,10 +108,6 @@ def test_more_samples_than_a_chunk():
         assert found.accuracy[p, q] == np.mean(label == target)
         assert found.decision_latency_ms[p, q] == np.mean(step + 1)
         assert found.undecided[p, q] == np.mean(~decided)
-
-
-def test_no_work_was_asked_for():
-    assert surface(spikes_at(2, 2, (0, 1)), [1], [0], [0.5], 1.0).work.size == 0
 
 
 OUTPUT = np.zeros((2, 3, 2), dtype=np.uint8)

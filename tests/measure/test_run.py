@@ -1,7 +1,5 @@
 """Columns of one run, counted by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +16,6 @@ from dse.records import (
     Head,
     Layer,
     Network,
-    Operations,
     Outcome,
     Parameters,
     Response,
@@ -30,13 +27,13 @@ from tests.saved_data import in_a_row
 LOIHI, OPERATIONS = load("loihi1_silicon"), load("op_4.6_0.9")
 
 
-def _layer(n_out: int, n_in: int) -> Layer:
+def _layer(n_out, n_in):
     decay = np.full(n_out, 1024, np.int32)
     return Layer(np.ones((n_out, n_in), np.float32), None, cuba_parameters(decay, decay, 80))
 
 
 @pytest.fixture
-def dataset() -> Dataset:
+def dataset():
     zeros = np.zeros(6, np.int32)
     return Dataset(
         spikes=Spikes(np.zeros(6 * 4 + 1, np.int64), np.zeros(0, np.int32), 4, 3, 2.0),
@@ -54,7 +51,7 @@ def dataset() -> Dataset:
 
 
 @pytest.fixture
-def outcome() -> Outcome:
+def outcome():
     """Three samples of four steps: decided at once, decided late, never a spike."""
     output = np.zeros((3, 4, 2), np.uint8)
     output[0, 0, 0] = output[0, 2, 1] = 1  # class 0 first; a tie at the end goes to class 0
@@ -71,7 +68,7 @@ def outcome() -> Outcome:
     return Outcome(network, response, test, {}, health, train_s=1.5)
 
 
-def test_the_full_read_out(outcome: Outcome, dataset: Dataset) -> None:
+def test_the_full_read_out(outcome, dataset):
     found = measure(outcome, dataset, np.array([]), np.array([]), [])
     assert found.columns == {
         "accuracy": pytest.approx(2 / 3),  # 0 right (tie), 1 right, silent sample answers 0 and is 1
@@ -113,14 +110,12 @@ def test_the_full_read_out(outcome: Outcome, dataset: Dataset) -> None:
         "train_s": 1.5,
     }
     assert found.confusion.tolist() == [[1, 0], [1, 1]]
-    assert found.confusion_test is not None
     assert found.confusion_test.tolist() == [[1, 0], [0, 0]]
     assert found.points == {} and found.hardware == {}
 
 
-def test_neurons_that_no_chip_holds_are_priced_as_operations(outcome: Outcome, dataset: Dataset) -> None:
+def test_neurons_that_no_chip_holds_are_priced_as_operations(outcome, dataset):
     network = outcome.network
-    assert isinstance(network, Network)
     layers = tuple(replace(layer, neuron="lif") for layer in network.layers)
     other = replace(outcome, network=replace(network, layers=layers))
     m4 = load("mcu_m4")
@@ -130,14 +125,13 @@ def test_neurons_that_no_chip_holds_are_priced_as_operations(outcome: Outcome, d
     as_cuba = measure(outcome, dataset, np.array([]), np.array([]), [OPERATIONS])
     # The same additions; what updates cost is no part of that convention.
     assert found.hardware["op_4.6_0.9"]["energy_uj"] == as_cuba.hardware["op_4.6_0.9"]["energy_uj"]
-    assert isinstance(found.read_outs_load, Operations)
     assert found.read_outs_load.additions[-1] == 8 * 5 + 4 * 2
     # A neuron with one state is updated at half the cost of one with two: 8 updates count as 4.
     assert found.read_outs_load.updates[-1] == 4
     assert found.hardware["mcu_m4"]["energy_uj"] > 0
 
 
-def test_points_count_the_work_up_to_the_decision(outcome: Outcome, dataset: Dataset) -> None:
+def test_points_count_the_work_up_to_the_decision(outcome, dataset):
     found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [LOIHI])
     points = {name: x.item() for name, x in found.points.items()}
     # Decided after 1, 2 and (never, so at the end) 4 steps.
@@ -168,7 +162,7 @@ def test_points_count_the_work_up_to_the_decision(outcome: Outcome, dataset: Dat
     assert on_chip["fits"].item() is True and full["n_cores"] == 2
 
 
-def test_every_read_out_counts_its_own_work(outcome: Outcome, dataset: Dataset) -> None:
+def test_every_read_out_counts_its_own_work(outcome, dataset):
     found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [LOIHI]).read_outs
     assert found["decision_latency_ms"].tolist() == [2.0, 4.0, 6.0, 8.0]
     assert found["spikes_per_inference"][0] == pytest.approx((3 * 3 + 1) / 3)
@@ -188,22 +182,20 @@ def test_every_read_out_counts_its_own_work(outcome: Outcome, dataset: Dataset) 
     ("every_ms", "times"),
     [(3.0, [4.0, 6.0, 8.0]), (4.0, [4.0, 8.0]), (100.0, [8.0]), (0.1, [2.0, 4.0, 6.0, 8.0])],
 )
-def test_read_outs_are_as_far_apart_as_requested(
-    outcome: Outcome, dataset: Dataset, every_ms: float, times: list[float]
-) -> None:
+def test_read_outs_are_as_far_apart_as_requested(outcome, dataset, every_ms, times):
     found = measure(outcome, dataset, np.array([]), np.array([]), [], read_out_every_ms=every_ms)
     assert found.read_outs["decision_latency_ms"].tolist() == times
     assert found.columns["accuracy"] == pytest.approx(2 / 3)
 
 
-def test_without_a_test_set_nothing_is_summed_over_it(outcome: Outcome, dataset: Dataset) -> None:
+def test_without_a_test_set_nothing_is_summed_over_it(outcome, dataset):
     alone = replace(outcome, test=None)
     columns = measure(alone, dataset, np.array([0]), np.array([0.6]), []).columns
     assert not [name for name in columns if "_test" in name or name == "spikes_total_no_input"]
 
 
 @pytest.fixture
-def answered(dataset: Dataset) -> Outcome:
+def answered(dataset):
     """A classifier on real numbers: two read-outs of the three validation samples 0, 1, 1."""
     said = Answers(
         label=np.array([[0, 0], [0, 1], [1, 0]]),
@@ -217,7 +209,7 @@ def answered(dataset: Dataset) -> Outcome:
     return Outcome(Parameters({"x": np.zeros(2)}, 3), said, one, {}, {"ridge": 0.5}, train_s=0.1)
 
 
-def test_a_classifier_without_spikes_has_the_same_columns(answered: Outcome, dataset: Dataset) -> None:
+def test_a_classifier_without_spikes_has_the_same_columns(answered, dataset):
     chips = [LOIHI, OPERATIONS]
     found = measure(answered, dataset, np.array([0]), np.array([0.5]), chips)
     columns = found.columns
@@ -238,7 +230,7 @@ def test_a_classifier_without_spikes_has_the_same_columns(answered: Outcome, dat
     )
 
 
-def test_a_network_is_priced_by_its_additions_too(outcome: Outcome, dataset: Dataset) -> None:
+def test_a_network_is_priced_by_its_additions_too(outcome, dataset):
     found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [OPERATIONS])
     assert found.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx(48 * 0.9e-6)
     assert found.points_load is not None
@@ -253,7 +245,7 @@ _HEADS = (
 )
 
 
-def test_a_joint_net_is_measured_head_by_head(outcome: Outcome, dataset: Dataset) -> None:
+def test_a_joint_net_is_measured_head_by_head(outcome, dataset):
     output = np.zeros((3, 4, 4), np.uint8)
     output[0, :, 0] = output[0, :, 2] = 1  # felt, slow
     output[1, :, 1] = output[1, :, 3] = 1  # silk, fast
@@ -282,7 +274,7 @@ def test_a_joint_net_is_measured_head_by_head(outcome: Outcome, dataset: Dataset
     assert found.heads["speed"].columns["n_weights"] == found.columns["n_weights"] == 35
 
 
-def test_answers_to_joint_classes_are_answers_of_heads(answered: Outcome, dataset: Dataset) -> None:
+def test_answers_to_joint_classes_are_answers_of_heads(answered, dataset):
     joint = replace(
         dataset,
         target=np.array([0, 1, 0, 2, 1, 0]),
@@ -295,7 +287,7 @@ def test_answers_to_joint_classes_are_answers_of_heads(answered: Outcome, datase
     assert found.heads["speed"].columns["accuracy"] == pytest.approx(2 / 3)
 
 
-def test_ties_go_to_the_lowest_class_and_counts_do_not_overflow() -> None:
+def test_ties_go_to_the_lowest_class_and_counts_do_not_overflow():
     output = np.zeros((2, 300, 3), np.uint8)
     output[0, :, 1:] = 1
     output[1, :290, 1] = 1  # 290 does not fit a byte
@@ -303,7 +295,7 @@ def test_ties_go_to_the_lowest_class_and_counts_do_not_overflow() -> None:
     assert read_out(output).tolist() == [1, 1]
 
 
-def test_what_pruning_removed_costs_nothing(outcome: Outcome, dataset: Dataset) -> None:
+def test_what_pruning_removed_costs_nothing(outcome, dataset):
     assert isinstance(outcome.network, Network) and isinstance(outcome.validation, Response)
     whole = measure(outcome, dataset, np.array([]), np.array([]), [LOIHI])
     first, last = outcome.network.layers
@@ -320,7 +312,7 @@ def test_what_pruning_removed_costs_nothing(outcome: Outcome, dataset: Dataset) 
     assert found.hardware[chip]["energy_dynamic_uj"] < whole.hardware[chip]["energy_dynamic_uj"]
 
 
-def test_several_networks_in_one_are_measured_but_on_no_chip(outcome: Outcome, dataset: Dataset) -> None:
+def test_several_networks_in_one_are_measured_but_on_no_chip(outcome, dataset):
     assert isinstance(outcome.validation, Response)
     said = replace(outcome.validation, synapses=(5.0, 2.0, 0.0))
     together = Parameters({"n_weights": np.array(25)}, 3)
@@ -337,8 +329,7 @@ def test_several_networks_in_one_are_measured_but_on_no_chip(outcome: Outcome, d
     assert found.hardware["loihi1_silicon"] == {}
 
 
-def test_a_response_without_steps_is_refused(outcome: Outcome, dataset: Dataset) -> None:
-    assert isinstance(outcome.validation, Response)
+def test_a_response_without_steps_is_refused(outcome, dataset):
     nothing = replace(outcome.validation, output=outcome.validation.output[:, :0])
     with pytest.raises(
         ValueError, match=r"must have at least one sample and one step, got output of shape \(3, 0, 2\)"

@@ -1,7 +1,5 @@
 """What networks learn from a teacher, and how teachers are trained."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,6 @@ from dse.models.counts.mlp import MLP
 from dse.models.snn.family import SNN
 from dse.models.teacher import Teachers
 from dse.models.training import TrainingDiverged
-from dse.records import Outcome
 from dse.testing.expect import same
 from tests.joint_data import joint
 from tests.models.snn.toy import SHORT, accuracy, rngs, toy
@@ -22,7 +19,7 @@ from tests.models.snn.toy import SHORT, accuracy, rngs, toy
 TAUGHT = replace(SHORT, teacher="mlp")
 
 
-def test_targets_are_between_labels_and_a_softened_teacher() -> None:
+def test_targets_are_between_labels_and_a_softened_teacher():
     data, own = toy(), rngs()
     family = MLP(read_outs=1)
     fitted = family.fit(data, SHORT, lambda purpose, *index: own(f"teacher {purpose}", *index))
@@ -39,7 +36,7 @@ def test_targets_are_between_labels_and_a_softened_teacher() -> None:
 
 
 @pytest.mark.parametrize("teacher", ["mlp", {"kind": "snn", "hidden": 8, "loss": "count_cross_entropy"}])
-def test_teachers_see_training_recordings_alone(teacher: object) -> None:
+def test_teachers_see_training_recordings_alone(teacher):
     data = toy(margin=2)
     training = replace(SHORT, epochs=2, crops=2, teacher=teacher)
     other = replace(data, validation=data.validation[:3], target=data.target.copy())
@@ -49,26 +46,24 @@ def test_teachers_see_training_recordings_alone(teacher: object) -> None:
     assert np.array_equal(first.soft, second.soft)
 
 
-def test_heads_have_the_probabilities_of_their_classes() -> None:
+def test_heads_have_the_probabilities_of_their_classes():
     data = joint()
     p = np.array([[0.1, 0.2, 0.3, 0.15, 0.25]])  # a|p a|q b|p b|q c|p
     heads = np.exp(head_scores(data, np.log(p)))
     np.testing.assert_allclose(heads, [[0.3, 0.45, 0.25, 0.65, 0.35]])
     taught = Teachers(data, rngs()).taught(TAUGHT)
-    assert taught is not None
     np.testing.assert_allclose(taught.soft[data.train].sum(axis=1), 2)
 
 
-def test_a_class_or_all_but_one_may_lack_training_samples() -> None:
+def test_a_class_or_all_but_one_may_lack_training_samples():
     data = toy()
     for n_classes in (2, 1):
         few = replace(data, train=data.train[data.target[data.train] < n_classes])
         taught = Teachers(few, rngs()).taught(TAUGHT)
-        assert taught is not None
         assert (taught.soft[few.train, n_classes:] == 0).all() and np.isfinite(taught.soft).all()
 
 
-def test_taught_networks_are_the_same_alone_and_beside_others_and_leave_those_as_they_are() -> None:
+def test_taught_networks_are_the_same_alone_and_beside_others_and_leave_those_as_they_are():
     data, model = toy(), SNN(hidden=(9,), loss=CountCrossEntropy())
     failing = replace(SHORT, teacher={"kind": "mlp", "window_ms": 1})
     trainings = [TAUGHT, SHORT, failing, replace(SHORT, teacher={"kind": "snn", "hidden": 6})]
@@ -79,7 +74,6 @@ def test_taught_networks_are_the_same_alone_and_beside_others_and_leave_those_as
     assert str(failed) == "teacher: window_ms must be >= the step of 5 ms, got 1"
     for number, outcome in together.items():
         alone = model.fit(data, trainings[number], rngs())
-        assert isinstance(outcome, Outcome)
         assert same(outcome.network, alone.network) and same(outcome.validation, alone.validation)
     assert not same(together[0].validation, together[1].validation)
     assert accuracy(together[0], data) > 0.8

@@ -1,10 +1,7 @@
 """Compiled code is kept on disk under the sources of its package, and made anew when one of them changes."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -26,7 +23,7 @@ print(scaled(2.0), *scaled.stats.cache_hits.values())
 
 
 @pytest.fixture
-def package(tmp_path: Path) -> Path:
+def package(tmp_path):
     folder = tmp_path / "made_package"
     folder.mkdir()
     (folder / "__init__.py").write_text("")
@@ -35,14 +32,14 @@ def package(tmp_path: Path) -> Path:
     return folder
 
 
-def call(package: Path) -> list[str]:
+def call(package):
     """Return what the kernel gives in a process of its own, and how often its code came from the disk."""
     code = f"import sys; sys.path.insert(0, {str(package.parent)!r})\n" + CALL.format(package=package.name)
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return run.stdout.split()
 
 
-def test_code_is_compiled_once_and_again_after_any_source_of_its_package_changed(package: Path) -> None:
+def test_code_is_compiled_once_and_again_after_any_source_of_its_package_changed(package):
     assert call(package) == ["6.0"]
     assert call(package) == ["6.0", "1"]
     (package / "constants.py").write_text("FACTOR = 5.0\n")  # the file of the kernel is as it was
@@ -50,7 +47,7 @@ def test_code_is_compiled_once_and_again_after_any_source_of_its_package_changed
     assert call(package) == ["10.0", "1"]
 
 
-def test_the_stamp_is_of_the_package_and_of_what_is_inlined(package: Path) -> None:
+def test_the_stamp_is_of_the_package_and_of_what_is_inlined(package):
     module._sources.cache_clear()
     before = module._sources(package)
     (package / "more.py").write_text("X = 1\n")
@@ -61,16 +58,16 @@ def test_the_stamp_is_of_the_package_and_of_what_is_inlined(package: Path) -> No
 
 
 @pytest.mark.parametrize("error", [ImportError, AttributeError])
-def test_an_index_that_cannot_be_read_is_empty(error: type[Exception]) -> None:
-    def load() -> object:
+def test_an_index_that_cannot_be_read_is_empty(error):
+    def load():
         raise error("a type of a module that is no more")
 
     assert module._readable(load)() == {}
     assert module._readable(lambda: {"a": 1})() == {"a": 1}
 
 
-def test_another_fault_of_an_index_is_raised() -> None:
-    def load() -> object:
+def test_another_fault_of_an_index_is_raised():
+    def load():
         raise OSError("disk")
 
     with pytest.raises(OSError, match="disk"):

@@ -1,10 +1,5 @@
 """Every operation of the vector language against numpy, lane by lane."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
 import numba
 import numpy as np
 import pytest
@@ -60,7 +55,7 @@ SPECIAL = [
 ]
 
 
-def numbers(kind: Any, n: int = 16, seed: int = 0) -> np.ndarray:
+def numbers(kind, n=16, seed=0):
     """Return lanes with ties, infinities, NaN and denormal numbers, or whole numbers up to the limits."""
     if np.dtype(kind).kind == "i":
         info = np.iinfo(kind)
@@ -71,17 +66,17 @@ def numbers(kind: Any, n: int = 16, seed: int = 0) -> np.ndarray:
     return np.roll(values, seed)
 
 
-def unary(operation: Any) -> Callable[..., Any]:
+def unary(operation):
     @numba.njit(error_model="numpy")
-    def run(x: Any, out: Any) -> None:
+    def run(x, out):
         store(out, 0, operation(load(x, 0, LANES_16)))
 
     return run
 
 
-def binary(operation: Any) -> Callable[..., Any]:
+def binary(operation):
     @numba.njit(error_model="numpy")
-    def run(x: Any, y: Any, out: Any) -> None:
+    def run(x, y, out):
         store(out, 0, operation(load(x, 0, LANES_16), load(y, 0, LANES_16)))
 
     return run
@@ -91,7 +86,7 @@ def binary(operation: Any) -> Callable[..., Any]:
 @pytest.mark.parametrize(
     ("operation", "expected"), [(trunc, np.trunc), (rint, np.rint), (sqrt, np.sqrt), (magnitude, np.abs)]
 )
-def test_functions_of_one_vector(operation: Any, expected: Callable[..., Any], kind: Any) -> None:
+def test_functions_of_one_vector(operation, expected, kind):
     x = numbers(kind)
     out = np.empty_like(x)
     unary(operation)(x, out)
@@ -103,22 +98,22 @@ def test_functions_of_one_vector(operation: Any, expected: Callable[..., Any], k
 
 
 @numba.njit
-def _add(x: Any, y: Any, out: Any) -> None:
+def _add(x, y, out):
     store(out, 0, load(x, 0, LANES_16) + load(y, 0, LANES_16))
 
 
 @numba.njit
-def _subtract(x: Any, y: Any, out: Any) -> None:
+def _subtract(x, y, out):
     store(out, 0, load(x, 0, LANES_16) - load(y, 0, LANES_16))
 
 
 @numba.njit
-def _multiply(x: Any, y: Any, out: Any) -> None:
+def _multiply(x, y, out):
     store(out, 0, load(x, 0, LANES_16) * load(y, 0, LANES_16))
 
 
 @numba.njit(error_model="numpy")
-def _divide(x: Any, y: Any, out: Any) -> None:
+def _divide(x, y, out):
     store(out, 0, load(x, 0, LANES_16) / load(y, 0, LANES_16))
 
 
@@ -127,7 +122,7 @@ ARITHMETIC = ((_add, np.add), (_subtract, np.subtract), (_multiply, np.multiply)
 
 @pytest.mark.parametrize("kind", [*FLOATS, *INTEGERS])
 @pytest.mark.parametrize(("operation", "expected"), ARITHMETIC)
-def test_arithmetic_is_plain_and_integers_wrap(operation: Any, expected: Any, kind: Any) -> None:
+def test_arithmetic_is_plain_and_integers_wrap(operation, expected, kind):
     x, y = numbers(kind), numbers(kind, seed=5)
     out = np.empty_like(x)
     operation(x, y, out)
@@ -136,7 +131,7 @@ def test_arithmetic_is_plain_and_integers_wrap(operation: Any, expected: Any, ki
 
 
 @pytest.mark.parametrize("kind", [*FLOATS, np.int32])
-def test_division(kind: Any) -> None:
+def test_division(kind):
     x, y = numbers(kind), numbers(kind, seed=5)
     if kind is np.int32:
         y = np.where(y == 0, kind(3), y)
@@ -148,7 +143,7 @@ def test_division(kind: Any) -> None:
 
 @pytest.mark.parametrize("kind", FLOATS)
 @pytest.mark.parametrize(("operation", "expected"), [(larger, np.fmax), (smaller, np.fmin)])
-def test_the_larger_and_the_smaller_pass_over_nan(operation: Any, expected: Any, kind: Any) -> None:
+def test_the_larger_and_the_smaller_pass_over_nan(operation, expected, kind):
     x, y = numbers(kind), numbers(kind, seed=5)
     out = np.empty_like(x)
     binary(operation)(x, y, out)
@@ -156,12 +151,12 @@ def test_the_larger_and_the_smaller_pass_over_nan(operation: Any, expected: Any,
 
 
 @numba.njit
-def _fused(x: Any, y: Any, z: Any, out: Any) -> None:
+def _fused(x, y, z, out):
     store(out, 0, fma(load(x, 0, LANES_16), load(y, 0, LANES_16), load(z, 0, LANES_16)))
 
 
 @pytest.mark.parametrize("kind", FLOATS)
-def test_a_fused_product_is_rounded_once(kind: Any) -> None:
+def test_a_fused_product_is_rounded_once(kind):
     tiny = np.finfo(kind).eps
     x, y = np.full(16, 1 + tiny, kind), np.full(16, 1 - tiny, kind)
     out = np.empty_like(x)
@@ -171,7 +166,7 @@ def test_a_fused_product_is_rounded_once(kind: Any) -> None:
 
 
 @numba.njit
-def _masks(x: Any, y: Any, out: Any) -> Any:
+def _masks(x, y, out):
     a, b = load(x, 0, LANES_16), load(y, 0, LANES_16)
     above, other = greater(a, b), differs(a, b)
     store(out, 0, select(above, a, b))
@@ -179,7 +174,7 @@ def _masks(x: Any, y: Any, out: Any) -> Any:
 
 
 @pytest.mark.parametrize("kind", FLOATS)
-def test_masks_of_comparisons_with_nan(kind: Any) -> None:
+def test_masks_of_comparisons_with_nan(kind):
     x, y = numbers(kind), np.roll(numbers(kind), 1)
     y[3] = x[3]
     out = np.empty_like(x)
@@ -192,18 +187,18 @@ def test_masks_of_comparisons_with_nan(kind: Any) -> None:
 
 
 @numba.njit
-def _cast(x: Any, out: Any) -> None:
+def _cast(x, out):
     store(out, 0, as_type_of(load(x, 0, LANES_16), out))
 
 
 @numba.njit
-def _stored(x: Any, out: Any) -> None:
+def _stored(x, out):
     store(out, 0, load(x, 0, LANES_16))
 
 
 @pytest.mark.parametrize("target", [*FLOATS, *INTEGERS])
 @pytest.mark.parametrize("source", [*FLOATS, *INTEGERS])
-def test_casts_are_those_of_c(source: Any, target: Any) -> None:
+def test_casts_are_those_of_c(source, target):
     x = np.array([0, 1, -1, 2, -3, 100, -100, 127, -128, 5, 6, 7, 8, -9, 10, 11], source)
     if np.dtype(source).kind == "f":
         x[8:] = [-127.9, 5.5, -5.5, 0.99, -0.99, 1e-20, -1e-20, 64.25]  # truncated where whole numbers follow
@@ -214,7 +209,7 @@ def test_casts_are_those_of_c(source: Any, target: Any) -> None:
 
 
 @numba.njit
-def _sum_16(x: Any, out: Any) -> None:
+def _sum_16(x, out):
     total = widened(zeros(x, LANES_16), out)
     for i in range(3):
         total = total + widened(load(x, 16 * i, LANES_16), out)
@@ -222,7 +217,7 @@ def _sum_16(x: Any, out: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", [np.int8, np.float32, np.float64])
-def test_sums_of_bytes_do_not_overflow(kind: Any) -> None:
+def test_sums_of_bytes_do_not_overflow(kind):
     x = np.full(48, -128, kind)
     out = np.empty(16, np.float64)
     _sum_16(x, out)
@@ -230,20 +225,20 @@ def test_sums_of_bytes_do_not_overflow(kind: Any) -> None:
 
 
 @numba.njit
-def _scaled_32(x: Any, factor: Any, offset: Any, out: Any) -> None:
+def _scaled_32(x, factor, offset, out):
     v = load(x, offset, LANES_32)
     store(out, offset, v * splat(factor, v))
 
 
 @numba.njit
-def _scaled_64(x: Any, factor: Any, offset: Any, out: Any) -> None:
+def _scaled_64(x, factor, offset, out):
     v = load(x, offset, LANES_64)
     store(out, offset, v * splat(factor, v))
 
 
 @pytest.mark.parametrize("offset", [0, 1, 3, 37])
 @pytest.mark.parametrize(("operation", "lanes"), [(_scaled_32, 32), (_scaled_64, 64)])
-def test_wide_vectors_start_anywhere_and_touch_nothing_else(operation: Any, lanes: int, offset: int) -> None:
+def test_wide_vectors_start_anywhere_and_touch_nothing_else(operation, lanes, offset):
     x = np.random.default_rng(1).normal(size=lanes + 41).astype(np.float32)
     out = np.full_like(x, 7.0)
     operation(x, 0.1, offset, out)
@@ -253,7 +248,7 @@ def test_wide_vectors_start_anywhere_and_touch_nothing_else(operation: Any, lane
 
 
 @pytest.mark.parametrize(("kind", "lowest", "highest"), [(np.float32, -126, 127), (np.float64, -1022, 1023)])
-def test_powers_of_two(kind: Any, lowest: int, highest: int) -> None:
+def test_powers_of_two(kind, lowest, highest):
     n = np.linspace(lowest, highest, 16).round().astype(kind)
     out = np.empty_like(n)
     unary(power_of_two)(n, out)
@@ -261,18 +256,18 @@ def test_powers_of_two(kind: Any, lowest: int, highest: int) -> None:
 
 
 @numba.njit
-def _counted(x: Any) -> Any:
+def _counted(x):
     return count_bits(x), lowest_bit(x)
 
 
 @pytest.mark.parametrize("x", [1, 2, 0b1011000, 2**63, 2**64 - 1])
-def test_bits_of_a_number(x: int) -> None:
+def test_bits_of_a_number(x):
     assert _counted(np.uint64(x)) == (x.bit_count(), (x & -x).bit_length() - 1)
 
 
-def test_words_are_shifted_lane_by_lane() -> None:
+def test_words_are_shifted_lane_by_lane():
     @numba.njit(error_model="numpy")
-    def run(x: Any, y: Any, by: int, out: Any) -> None:
+    def run(x, y, by, out):
         a, b = load(x, 0, LANES_8), load(y, 0, LANES_8)
         shift = splat(np.uint64(by), a)
         store(out, 0, joined(a << shift, (a >> shift) | b))

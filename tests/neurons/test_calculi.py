@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from dse import registry
 from dse.neurons import LayerSpec, Neuron, parameters_of, population_of
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
-from dse.records import Floats
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'dse[torch]'")
 
@@ -22,7 +20,7 @@ N_NEURONS, N_SAMPLES, N_STEPS = 5, 3, 40
 LAYER = LayerSpec(n_neurons=N_NEURONS, is_output=False, steps_per_sample=1, step_ms=2.0)
 
 
-def adaptive() -> ModuleType:
+def adaptive():
     """Return the module of a user's neuron without registering it for good."""
     path = Path(__file__).parent.parent / "plugins" / "adaptive.py"
     spec = importlib.util.spec_from_file_location("adaptive_for_calculi", path)
@@ -40,7 +38,7 @@ NEURONS: dict[str, Neuron] = {name: cls() for name, cls in registry.known("neuro
 NEURONS["adaptive, of a user"] = adaptive().Adaptive()
 
 
-def drives(neuron: Neuron) -> Floats:
+def drives(neuron):
     """Return (step, sample, neuron) input that makes neurons spike."""
     population = neuron.population(LAYER, np.random.default_rng(0))
     rng = np.random.default_rng(1)
@@ -48,7 +46,7 @@ def drives(neuron: Neuron) -> Floats:
 
 
 @pytest.mark.parametrize("neuron", NEURONS.values(), ids=NEURONS)
-def test_torch_gives_the_numbers_of_numpy_and_finite_gradients(neuron: Neuron) -> None:
+def test_torch_gives_the_numbers_of_numpy_and_finite_gradients(neuron):
     from dse.engine.autograd import TorchCalculus, on_torch
 
     population = neuron.population(LAYER, np.random.default_rng(0))
@@ -72,7 +70,7 @@ def test_torch_gives_the_numbers_of_numpy_and_finite_gradients(neuron: Neuron) -
 
 @pytest.mark.parametrize("huge", [1e30, -1e30, 1e300])
 @pytest.mark.parametrize("neuron", NEURONS.values(), ids=NEURONS)
-def test_a_huge_input_leaves_no_state_undefined(neuron: Neuron, huge: float) -> None:
+def test_a_huge_input_leaves_no_state_undefined(neuron, huge):
     population = neuron.population(LAYER, np.random.default_rng(0))
     calculus = NumpyCalculus("ideal")
     state = population.initial_state((N_NEURONS,), calculus)
@@ -83,7 +81,7 @@ def test_a_huge_input_leaves_no_state_undefined(neuron: Neuron, huge: float) -> 
 
 
 @pytest.mark.parametrize("name", registry.known("neurons"))
-def test_parameters_survive_by_name(name: str) -> None:
+def test_parameters_survive_by_name(name):
     population = NEURONS[name].population(LAYER, np.random.default_rng(0))
     parameters = parameters_of(population)
     again = population_of(name, parameters)

@@ -1,20 +1,18 @@
 """The definition of the CUBA-LIF neuron against golden vectors and by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
-from tests.golden import Case, cases
+from tests.golden import cases
 
 
 @pytest.mark.parametrize("case", cases())
-def test_states_spikes_and_gradients_are_golden(case: Case) -> None:
+def test_states_spikes_and_gradients_are_golden(case):
     given_params = case.settings["params"]
     population = cuba_lif.rounded(
         given_params["current_decay"], given_params["voltage_decay"], given_params["threshold"]
@@ -58,20 +56,20 @@ def test_states_spikes_and_gradients_are_golden(case: Case) -> None:
         grad = grad @ used[layer - 1]
 
 
-def test_equality_with_the_threshold_does_not_fire() -> None:
+def test_equality_with_the_threshold_does_not_fire():
     population = cuba_lif.rounded(0.0, 1.0, 1.25)
     _, voltage, fired = cuba_lif.run(np.array([[[1.25, 1.25 + 1 / 4096]]]), population, "integer")
     np.testing.assert_array_equal(voltage[0, 0], [1.25, 1.25 + 1 / 4096])
     np.testing.assert_array_equal(fired[0, 0], [False, True])
 
 
-def test_integer_leak_truncates_towards_zero_on_both_sides() -> None:
+def test_integer_leak_truncates_towards_zero_on_both_sides():
     x = np.array([5, -5, 4096, -4096, 0])
     leaked = cuba_lif.leak(x, np.int32(1024), NumpyCalculus("integer"))
     np.testing.assert_array_equal(leaked, [3, -3, 3072, -3072, 0])
 
 
-def test_a_spike_resets_the_potential_and_not_the_current() -> None:
+def test_a_spike_resets_the_potential_and_not_the_current():
     population = cuba_lif.rounded(0.5, 0.0, 1.0)
     current, voltage, fired = cuba_lif.run(np.array([[[2.0], [0.0], [0.0]]]), population, "ideal")
     np.testing.assert_array_equal(current[0, :, 0], [2.0, 1.0, 0.5])
@@ -79,7 +77,7 @@ def test_a_spike_resets_the_potential_and_not_the_current() -> None:
     np.testing.assert_array_equal(fired[0, :, 0], [True, False, True])
 
 
-def test_step_leaves_its_state_unchanged() -> None:
+def test_step_leaves_its_state_unchanged():
     population, calculus = cuba_lif.rounded(0.25, 0.03, 1.25), NumpyCalculus("integer")
     state = population.initial_state((2, 3), calculus)
     state.u.flags.writeable = state.v.flags.writeable = False
@@ -88,14 +86,13 @@ def test_step_leaves_its_state_unchanged() -> None:
 
 
 @pytest.mark.parametrize("bad", [(-0.1, 0.0, 1.0), (0.0, 1.1, 1.0), (0.0, 0.0, 0.001)])
-def test_parameters_out_of_range_are_refused(bad: tuple[float, float, float]) -> None:
+def test_parameters_out_of_range_are_refused(bad):
     with pytest.raises(ValueError, match=r"must be"):
         cuba_lif.rounded(*bad)
 
 
-@settings(deadline=None, derandomize=True)
 @given(st.lists(st.floats(-6, 6, width=32), min_size=1, max_size=20))
-def test_quantised_weights_lie_on_the_8_bit_grid_and_stay_put(values: list[float]) -> None:
+def test_quantised_weights_lie_on_the_8_bit_grid_and_stay_put(values):
     rounded = fixed_point.quantise(np.array(values))
     integers = 64 * rounded
     assert np.all(integers % 2 == 0) and integers.min() >= -256 and integers.max() <= 254

@@ -14,20 +14,19 @@ from hypothesis import strategies as st
 from dse.neurons import LayerSpec, cuba_lif, resonator
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.resonator import Population, Resonator, State, backward, factors
-from dse.records import Arithmetic
 
 GOLDEN: dict[str, Any] = json.loads((Path(__file__).parent.parent / "golden" / "resonator.json").read_text())
 CASES = GOLDEN["cases"]
 
 
-def population(c: Any, s: Any, *, reset: bool = False, threshold: int = 80) -> Population:
+def population(c, s, *, reset=False, threshold=80):
     """Return resonators alone."""
     c = np.atleast_1d(np.asarray(c, np.int32))
     none = np.zeros_like(c)
     return Population(c >= -4096, c, np.broadcast_to(np.int32(s), c.shape), none, none, threshold, reset)
 
 
-def run(z: np.ndarray, of: Population, arithmetic: Arithmetic) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def run(z, of, arithmetic):
     """Return x, y before reset and spikes of (step, neuron) input in weight units."""
     calculus = NumpyCalculus(arithmetic)
     state = of.initial_state((z.shape[1],), calculus)
@@ -39,7 +38,7 @@ def run(z: np.ndarray, of: Population, arithmetic: Arithmetic) -> tuple[np.ndarr
     return x, y, spikes
 
 
-def test_the_golden_vectors() -> None:
+def test_the_golden_vectors():
     periods, qualities = (np.array([case[key] for case in CASES]) for key in ("period", "quality"))
     c, s = factors(periods, qualities)
     np.testing.assert_array_equal([c, s], [[case[key] for case in CASES] for key in ("c", "s")])
@@ -56,7 +55,7 @@ def test_the_golden_vectors() -> None:
     np.testing.assert_allclose(by_z[0].T, [case["by_z"] for case in CASES], rtol=1e-9, atol=1e-9)
 
 
-def test_four_steps_by_hand() -> None:
+def test_four_steps_by_hand():
     # Period 4, r = 1/2: c = 0, s = 2048; 3 weight units become y = 3/2, x = -3/4, y = -3/8.
     x, y, spikes = run(np.array([[3.0], [0], [0], [0]]), population(0, 2048), "ideal")
     np.testing.assert_array_equal(x[:, 0], [3, 0, -0.75, 0])
@@ -66,7 +65,7 @@ def test_four_steps_by_hand() -> None:
     np.testing.assert_array_equal([x[2:, 0], y[2:, 0]], np.zeros((2, 2)))  # x was 0 when y was reset
 
 
-def test_truncation_is_toward_zero_and_equality_does_not_fire() -> None:
+def test_truncation_is_toward_zero_and_equality_does_not_fire():
     of, calculus = population([0, -1], 1, threshold=64), NumpyCalculus("integer")
     state = State(np.array([-4097, 4097]), np.array([0, 0]))
     (x, y), _, _ = of.step(state, np.zeros(2), calculus)
@@ -76,7 +75,7 @@ def test_truncation_is_toward_zero_and_equality_does_not_fire() -> None:
     assert potential.tolist() == [1, 1] and spikes.tolist() == [0, 0]
 
 
-def test_an_answer_is_a_damped_sine() -> None:
+def test_an_answer_is_a_damped_sine():
     period, quality = 16.0, 4.0
     c, s = factors(period, quality)
     z = np.zeros((60, 1))
@@ -92,7 +91,7 @@ def test_an_answer_is_a_damped_sine() -> None:
     quality=st.floats(1e-6, 1e7),
     z=st.lists(st.integers(-(2**18), 2**18), min_size=1, max_size=20),
 )
-def test_no_state_outgrows_the_summed_input(period: float, quality: float, z: list[int]) -> None:
+def test_no_state_outgrows_the_summed_input(period, quality, z):
     c, s = factors(period, quality)
     assert int(c) ** 2 + int(s) ** 2 < 4096**2 and s >= 1
     x, y, _ = run(np.array(z)[:, None] / 4096, population(c, s, threshold=2**30), "integer")
@@ -100,7 +99,7 @@ def test_no_state_outgrows_the_summed_input(period: float, quality: float, z: li
     assert (np.hypot(x[:, 0], y[:, 0] * 4096) <= total * (1 + 1e-12)).all()
 
 
-def test_silence_ends_at_exactly_zero() -> None:
+def test_silence_ends_at_exactly_zero():
     c, s = factors(np.array([2.2, 5.0, 40.0, 300.0]), 5.0)
     z = np.zeros((9000, 4))
     z[0] = 3.97
@@ -108,11 +107,10 @@ def test_silence_ends_at_exactly_zero() -> None:
     assert (x[-1] == 0).all() and (y[-1] == 0).all()
 
 
-def test_neurons_that_do_not_resonate_are_cuba_lif() -> None:
+def test_neurons_that_do_not_resonate_are_cuba_lif():
     rng = np.random.default_rng(0)
     layer = LayerSpec(n_neurons=8, is_output=False, steps_per_sample=2, step_ms=1.0)
     mixed = Resonator(share=0.5, period=(3, 10)).population(layer, rng)
-    assert isinstance(mixed, Population)
     assert mixed.resonates.tolist() == [True] * 4 + [False] * 4
     lif = cuba_lif.Population(mixed.decay_current[4:], mixed.decay_voltage[4:], mixed.threshold)
     z = rng.integers(-64, 96, (1, 50, 8)) / 32
@@ -124,7 +122,7 @@ def test_neurons_that_do_not_resonate_are_cuba_lif() -> None:
         assert 0 < spikes[:, :4].sum() != spikes[:, 4:].sum() > 0
 
 
-def test_periods_in_ms_and_hz_are_those_in_steps() -> None:
+def test_periods_in_ms_and_hz_are_those_in_steps():
     layer = LayerSpec(n_neurons=300, is_output=False, steps_per_sample=2, step_ms=2.0)
     of = {
         unit: Resonator(period=bounds, period_unit=unit).population(layer, np.random.default_rng(1))
@@ -150,18 +148,18 @@ def test_periods_in_ms_and_hz_are_those_in_steps() -> None:
         ({"quality": ()}, "quality must be one number or two bounds, got 0 numbers"),
     ],
 )
-def test_bad_bounds(keys: dict[str, Any], sentence: str) -> None:
+def test_bad_bounds(keys, sentence):
     with pytest.raises(ValueError, match=sentence):
         Resonator(**keys)
 
 
 @pytest.mark.parametrize(("unit", "bounds", "got"), [("ms", (7, 90), "7 ms"), ("Hz", (1, 200), "200 Hz")])
-def test_periods_that_the_steps_of_a_layer_cannot_hold(unit: Any, bounds: Any, got: str) -> None:
+def test_periods_that_the_steps_of_a_layer_cannot_hold(unit, bounds, got):
     layer = LayerSpec(n_neurons=4, is_output=False, steps_per_sample=2, step_ms=2.0)
     with pytest.raises(ValueError, match=f"period must be at least 2 input steps of 4 ms, got {got}"):
         Resonator(period=bounds, period_unit=unit).population(layer, np.random.default_rng(0))
 
 
-def test_the_definition_counts_a_turning_state_as_an_update() -> None:
+def test_the_definition_counts_a_turning_state_as_an_update():
     x, y = np.array([5, 0, 0]), np.array([0, 0, 7])
     assert population([1, 1, 1], 1).awake(resonator.State(x, y)).tolist() == [True, False, False]

@@ -1,7 +1,5 @@
 """Bins that end as events arrive are those of a recording that is pooled as a whole."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,18 +7,18 @@ from hypothesis import strategies as st
 
 from dse.config.settings import Preprocessing
 from dse.preprocessing import pool, pool_events, survey
-from dse.preprocessing.bins import Bin, Bins
+from dse.preprocessing.bins import Bins
 from dse.recordings.pooling import pooling
 from dse.records import Block
 
 
-def block(*rows: tuple[int, int, int, int]) -> Block:
+def block(*rows):
     """Events (t, x, y, polarity)."""
     t, x, y, p = np.array(rows, dtype=np.int64).reshape(-1, 4).T
     return Block(t.copy(), x.astype(np.int32), y.astype(np.int32), p.astype(np.uint8))
 
 
-def run(whole: Block, cuts: list[int], bins: Bins) -> list[Bin]:
+def run(whole, cuts, bins):
     """Push the events in blocks that end at `cuts`, empty ones among them."""
     done = []
     for part in np.split(np.arange(len(whole.t_us)), sorted(cuts)):
@@ -41,9 +39,8 @@ def run(whole: Block, cuts: list[int], bins: Bins) -> list[Bin]:
     t0_us=st.sampled_from([None, 0]),
 )
 def test_bins_are_those_of_the_whole(
-    seed: int, n: int, cuts: list[int], every_event: bool, polarity: str, crop: tuple[int, ...] | None,
-    stride: int | None, needed: int, time_ms: tuple[float, float] | None, t0_us: int | None,
-) -> None:  # fmt: skip
+    seed, n, cuts, every_event, polarity, crop, stride, needed, time_ms, t0_us
+):
     rng = np.random.default_rng(seed)
     t = np.sort(rng.integers(0, 100, n) + rng.integers(0, 50))
     rows = zip(t, rng.integers(0, 6, n), rng.integers(0, 4, n), rng.integers(0, 2, n), strict=True)
@@ -69,7 +66,7 @@ def test_bins_are_those_of_the_whole(
     assert [c for x in done for c in x.channels.tolist()] == channels.tolist()
 
 
-def test_time_ends_bins_without_events() -> None:
+def test_time_ends_bins_without_events():
     bins = Bins(pooling(Preprocessing(bin_ms=0.01), 4, 1))
     assert list(bins.push(block((100, 1, 0, 1)))) == []
     assert [x.channels.tolist() for x in bins.advance(131)] == [[5], [], []]
@@ -78,6 +75,6 @@ def test_time_ends_bins_without_events() -> None:
     assert list(Bins(pooling(Preprocessing(bin_ms=0.01), 4, 1)).end()) == []
 
 
-def test_a_rate_floor_is_refused() -> None:
+def test_a_rate_floor_is_refused():
     with pytest.raises(ValueError, match="rate_floor_hz needs whole recordings"):
         Bins(pooling(Preprocessing(bin_ms=1, rate_floor_hz=5), 4, 1))

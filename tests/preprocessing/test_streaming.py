@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import itertools
 import tracemalloc
 
@@ -105,7 +103,7 @@ def cases(draw):
     return whole, settings, width, height, offset, draw(st.lists(st.integers(0, 70), max_size=6))
 
 
-@settings(max_examples=250)
+@settings(max_examples=100)
 @given(case=cases(), first_bin=st.integers(0, 3), n_bins=st.integers(1, 12))
 def test_the_streaming_pass_is_the_definition(case, first_bin, n_bins):
     whole, settings, width, height, t0_us, cuts = case

@@ -1,6 +1,5 @@
 import errno
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ def write(path, blocks=BLOCKS, columns=COLUMNS):
             append(each)
 
 
-def test_what_is_written_is_read_back_in_arrays_as_small_as_their_range(tmp_path: Path) -> None:
+def test_what_is_written_is_read_back_in_arrays_as_small_as_their_range(tmp_path):
     for path in (tmp_path / "a.npz", tmp_path / "b.npz"):
         write(path)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.npz", "b.npz"]
@@ -47,7 +46,7 @@ def test_what_is_written_is_read_back_in_arrays_as_small_as_their_range(tmp_path
     assert not (tmp_path / "c.npz").exists()
 
 
-def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "touch.npz"
     write(path)
     before = path.read_bytes()
@@ -63,10 +62,8 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("when", ["fsync", "replace"])
-def test_a_disk_that_refuses_is_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
-) -> None:
-    def full(*_: object) -> None:
+def test_a_disk_that_refuses_is_one_sentence(tmp_path, monkeypatch, when):
+    def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, when, full)

@@ -1,9 +1,6 @@
 """Named arrays of .npz, .npy, MATLAB and HDF5 files."""
 
-from __future__ import annotations
-
 import zipfile
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -18,13 +15,13 @@ CUBE = np.arange(24, dtype=np.float64).reshape(2, 4, 3)
 NAMES = np.array(["silk", "wool"])
 
 
-def cells(*values: object) -> np.ndarray:
+def cells(*values):
     array = np.empty(len(values), object)
     array[:] = values
     return array
 
 
-def save(folder: Path, kind: str) -> TimeSeries:
+def save(folder, kind):
     """Write the same two recordings in a format, and return what reads them."""
     keys = {"signal": "p", "columns": {"fabric": "cloth"}, "axes": "step channel recording"}
     cube = CUBE.transpose(1, 2, 0)
@@ -57,7 +54,7 @@ def save(folder: Path, kind: str) -> TimeSeries:
 
 
 @pytest.mark.parametrize("kind", ["npy", "npy and csv", "mat", "mat 7.3", "h5"])
-def test_a_cube_is_the_same_in_every_format(tmp_path: Path, kind: str) -> None:
+def test_a_cube_is_the_same_in_every_format(tmp_path, kind):
     source = save(tmp_path, kind)
     assert source.check(tmp_path) == []
     signals = source.read(tmp_path)
@@ -67,7 +64,7 @@ def test_a_cube_is_the_same_in_every_format(tmp_path: Path, kind: str) -> None:
     assert source.with_columns_found(tmp_path) == source
 
 
-def test_a_cell_of_matrices_holds_recordings_of_different_lengths(tmp_path: Path) -> None:
+def test_a_cell_of_matrices_holds_recordings_of_different_lengths(tmp_path):
     savemat(tmp_path / "x.mat", {"p": cells(np.ones((3, 2)), np.zeros((2, 2))), "v": [5.0, 7.0]})
     source = TimeSeries("x.mat", 4, "p", columns={"speed": "v"})
     assert source.check(tmp_path) == [] and arrays.headers(tmp_path / "x.mat")["p"] == (2, -1, 2)
@@ -78,7 +75,7 @@ def test_a_cell_of_matrices_holds_recordings_of_different_lengths(tmp_path: Path
         source.read(tmp_path)
 
 
-def test_one_channel_needs_no_axis_of_its_own(tmp_path: Path) -> None:
+def test_one_channel_needs_no_axis_of_its_own(tmp_path):
     np.save(tmp_path / "x.npy", CUBE[..., 0])
     with pytest.raises(
         RecordingError, match=r"got shape \(2, 4\); data\.axes: recording step is one channel"
@@ -94,7 +91,7 @@ def test_one_channel_needs_no_axis_of_its_own(tmp_path: Path) -> None:
             TimeSeries("x.npy", 4, "array", **keys)
 
 
-def test_faults_name_the_file_and_what_is_wrong(tmp_path: Path) -> None:
+def test_faults_name_the_file_and_what_is_wrong(tmp_path):
     for name in ("x.npy", "x.mat", "x.h5"):
         (tmp_path / name).write_bytes(b"no such thing, but long enough" * 99)
         with pytest.raises(RecordingError, match=rf"{name}: the file cannot be read: it is not an? "):
@@ -114,7 +111,7 @@ def test_faults_name_the_file_and_what_is_wrong(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["x.npz", "x.npy"])
-def test_lists_of_unequal_length_are_told_apart_from_damage(tmp_path: Path, name: str) -> None:
+def test_lists_of_unequal_length_are_told_apart_from_damage(tmp_path, name):
     ragged = cells(CUBE[0], CUBE[1, :2])
     if name == "x.npz":
         np.savez(tmp_path / name, array=ragged)

@@ -1,7 +1,5 @@
 """Crops as samples of their own."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +15,11 @@ from dse.testing import small
     ("low", "high", "n", "starts"),
     [(0, 8, 3, [0, 4, 8]), (5, 5, 4, [5]), (2, 4, 17, [2, 3, 4]), (0, 3, 2, [0, 3]), (1, 9, 1, [1])],
 )
-def test_crops_are_evenly_spaced(low: int, high: int, n: int, starts: list[int]) -> None:
+def test_crops_are_evenly_spaced(low, high, n, starts):
     assert crop_starts(low, high, n).tolist() == starts
 
 
-def test_a_crop_is_the_window_that_begins_there() -> None:
+def test_a_crop_is_the_window_that_begins_there():
     data = small.dataset(margin=2)
     more = with_crops(data, 3)
     n = len(data.train)
@@ -39,7 +37,7 @@ def test_a_crop_is_the_window_that_begins_there() -> None:
     assert np.array_equal(before, after)
 
 
-def test_events_of_a_crop_have_the_times_since_its_start() -> None:
+def test_events_of_a_crop_have_the_times_since_its_start():
     rows = np.array([0, 0, 2, 3, 3, 4], np.int64)  # one recording of five steps of 1 ms
     times = np.array([1200, 1900, 2500, 4000], np.int32)
     spikes = Spikes(rows, np.zeros(4, np.int32), 5, 1, 1.0, times)

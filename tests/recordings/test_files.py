@@ -36,4 +36,4 @@ def test_what_is_no_file_is_named_as_such(tmp_path):
         with pytest.raises(
             RecordingError, match=rf"data {kind} 'x.npz': .*x.npz must be a {kind}, and is none"
         ):
-            locate(name, tmp_path, kind)  # type: ignore[arg-type]
+            locate(name, tmp_path, kind)

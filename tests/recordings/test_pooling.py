@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -8,7 +6,7 @@ from dse.preprocessing import END_OF_TIME_US
 from dse.recordings.pooling import pooling
 
 
-def members(first: np.ndarray, n: np.ndarray, n_pools: int) -> list[list[int]]:
+def members(first, n, n_pools):
     """The pixels of every pool along an axis."""
     return [[u for u in range(len(first)) if first[u] <= i < first[u] + n[u]] for i in range(n_pools)]
 

@@ -1,7 +1,5 @@
 """Public recordings in their authors' layout become what the search spaces read, byte for byte."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sys

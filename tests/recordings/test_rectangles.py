@@ -14,7 +14,6 @@ from dse.recordings.events import EventFile
 from dse.recordings.raster import RasterFile, sparse
 from dse.recordings.table import LongTable, Table
 from dse.recordings.time_series import TimeSeries, WideTable
-from dse.records import Spikes
 from tests.recordings.rectangles import (
     EVENTS,
     LABEL_COLUMNS,
@@ -51,7 +50,7 @@ def with_value(value):
     return signal
 
 
-def dense(spikes: Spikes) -> np.ndarray:
+def dense(spikes):
     out = np.zeros((spikes.n_samples * spikes.n_steps, spikes.n_channels), dtype=np.uint8)
     for row in range(len(out)):
         out[row, spikes.channel[spikes.row_offsets[row] : spikes.row_offsets[row + 1]]] += 1

@@ -34,35 +34,35 @@ TORN = [["linen", "cotton"] * 4, ["wool"] + ["silk"] * 6, ["silk"] * 6, ["wool",
 KINDS = ("wool", "linen", "cotton", "silk")
 
 
-def signals(*lengths: int, **columns: Any) -> Signals:
+def signals(*lengths, **columns):
     return Signals(np.zeros((sum(lengths), 1), np.float32), np.cumsum([0, *lengths]), 5.0, columns)
 
 
-def placed(window: Window, onset: list[int] | None = None) -> Any:
+def placed(window, onset=None):
     used = np.ones(2, dtype=bool)
     return place(window, np.array([10, 8]), used, None if onset is None else np.array(onset))
 
 
-def by(columns: Any = COLUMNS, codes: Any = CODES, classes: Any = CLASSES, **keys: Any) -> Any:
+def by(columns=COLUMNS, codes=CODES, classes=CLASSES, **keys):
     return split(columns, np.asarray(codes), classes, Split(**keys))
 
 
-def drawn(*codes: int, **keys: Any) -> Any:
+def drawn(*codes, **keys):
     return by({}, codes, stratified=Stratified(**keys))
 
 
-def fold(columns: Any = COLUMNS, codes: Any = CODES, classes: Any = CLASSES, **keys: Any) -> Any:
+def fold(columns=COLUMNS, codes=CODES, classes=CLASSES, **keys):
     return by(columns, codes, classes, k_fold=KFold(**keys))
 
 
-def grouped(part: str) -> Any:
+def grouped(part):
     """Wool is in no training recording, but in this part."""
     group = {"group": np.array([0, 0, 1, 2, 1, 2])}
     codes = [0, 0, 0, 1, 0, 1] if part == "test" else [0, 0, 1, 0, 1, 0]
     return by(group, codes, train={"group": 0}, validation={"group": 1}, test={"group": 2})
 
 
-def torn() -> Any:
+def torn():
     plate = np.repeat(np.arange(4), [len(x) for x in TORN])
     codes = [KINDS.index(name) for names in TORN for name in names]
     train, validation, _ = fold({"plate": plate}, codes, KINDS, k=2, group="plate")
@@ -190,7 +190,7 @@ KEYS: list[tuple[Callable[[], Any], str]] = [
 @pytest.mark.parametrize(
     ("kind", "call", "message"), [*((RecordingError, *x) for x in REFUSED), *((ValueError, *x) for x in KEYS)]
 )
-def test_refusals(kind: type[Exception], call: Callable[[], Any], message: str) -> None:
+def test_refusals(kind, call, message):
     with pytest.raises(kind, match=message) as error:
         call()
     assert "\n" not in str(error.value)

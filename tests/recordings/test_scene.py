@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from dse.recordings import scene as scene_module
 from dse.recordings.scene import COLUMNS, SceneTrials, Trials
 from dse.scene import simulate
 from dse.scene.load import load_scene
-from dse.scene.scene import Scene
 from dse.scene.trial import trial
 
 TINY = """\
@@ -32,21 +30,19 @@ N = 3 * 2 * 2 * 2
 
 
 @pytest.fixture
-def base(tmp_path: Path) -> Path:
+def base(tmp_path):
     (tmp_path / "tiny.yaml").write_text(TINY, encoding="utf-8")
     return tmp_path
 
 
-def read(base: Path, **keys: Any) -> Trials:
+def read(base, **keys):
     return SceneTrials("tiny.yaml", **keys).read(base)
 
 
-def test_a_scene_is_read_again_only_where_its_file_has_changed(
-    base: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scene_is_read_again_only_where_its_file_has_changed(base, monkeypatch):
     read: list[Path] = []
 
-    def counted(path: Path) -> Scene:
+    def counted(path):
         read.append(path)
         return load_scene(path)
 
@@ -62,7 +58,7 @@ def test_a_scene_is_read_again_only_where_its_file_has_changed(
     assert len(read) == 2
 
 
-def test_randomised_forces_are_one_more_cell_and_change_no_other_trial(base: Path) -> None:
+def test_randomised_forces_are_one_more_cell_and_change_no_other_trial(base):
     (base / "random.yaml").write_text(TINY + "randomised_force_n: [0.8, 1.2]\n", encoding="utf-8")
     trials, fixed = SceneTrials("random.yaml").read(base), read(base)
     assert trials.n_recordings == 3 * 2 * 3 * 2
@@ -78,7 +74,7 @@ def test_randomised_forces_are_one_more_cell_and_change_no_other_trial(base: Pat
     assert SceneTrials("random.yaml").content(base) != SceneTrials("tiny.yaml").content(base)
 
 
-def test_columns_in_the_order_of_trials(base: Path) -> None:
+def test_columns_in_the_order_of_trials(base):
     trials = read(base)
     assert tuple(trials.columns) == COLUMNS == tuple(SceneTrials("tiny.yaml").columns)
     assert trials.n_recordings == N
@@ -93,14 +89,14 @@ def test_columns_in_the_order_of_trials(base: Path) -> None:
         )
 
 
-def test_pixels_that_see_pins(base: Path) -> None:
+def test_pixels_that_see_pins(base):
     # Pins at 32 and 24 +- 10 px, radius 4 px, a pitch of 20 px around them: cut off by the frame above.
     assert read(base).pins() == (0, 0, 64, 48)
     wide = dataclasses.replace(read(base).scene.sensor, frame_px=(200, 101))
     assert Trials(dataclasses.replace(read(base).scene, sensor=wide)).pins() == (66, 16, 68, 69)
 
 
-def test_events_are_made_when_asked_for_and_the_same_in_a_smaller_scene(base: Path) -> None:
+def test_events_are_made_when_asked_for_and_the_same_in_a_smaller_scene(base):
     whole, part = read(base), read(base, textures=("wool",), trials=1)
     assert part.n_recordings == 4
     same = np.flatnonzero((whole.columns["texture"] == "wool") & (whole.columns["repetition"] == 0))
@@ -111,7 +107,7 @@ def test_events_are_made_when_asked_for_and_the_same_in_a_smaller_scene(base: Pa
             np.testing.assert_array_equal(getattr(block, field.name), getattr(expected, field.name))
 
 
-def test_overrides(base: Path) -> None:
+def test_overrides(base):
     scene = read(base, textures=("wool", "denim"), trials=5, duration_ms=80.0, seed=9).scene
     assert [texture.name for texture in scene.textures] == ["wool", "denim"]
     assert (scene.trials, scene.duration_ms, scene.seed) == (5, 80.0, 9)
@@ -119,7 +115,7 @@ def test_overrides(base: Path) -> None:
     assert SceneTrials("quickstart").read(base).scene.name == "quickstart"
 
 
-def test_every_fault_of_the_scene_is_told(base: Path) -> None:
+def test_every_fault_of_the_scene_is_told(base):
     path = base / "tiny.yaml"
     path.write_text(TINY.replace("denim", "denin").replace("trials: 2", "trials: 0"), encoding="utf-8")
     source = SceneTrials("tiny.yaml")
@@ -149,7 +145,7 @@ def test_every_fault_of_the_scene_is_told(base: Path) -> None:
             read(base, textures=textures)
 
 
-def test_the_hash_follows_the_numbers_and_nothing_else(base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_hash_follows_the_numbers_and_nothing_else(base, monkeypatch):
     first = SceneTrials("tiny.yaml").content(base)
     (base / "renamed.yaml").write_text(f"# a comment\n{TINY.replace('scene: tiny', 'scene: x')}", "utf-8")
     assert SceneTrials("renamed.yaml").content(base) == first

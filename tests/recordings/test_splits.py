@@ -2,7 +2,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.config.settings import KFold, LeaveOut, Split, Stratified, Window
@@ -79,7 +79,6 @@ def grouped(rng, k):
     return codes, np.char.add("g", groups.astype(str)), tuple("abcd"[:n_classes])
 
 
-@settings(max_examples=40)
 @given(st.integers(2, 6), st.integers(0, 999))
 def test_folds_are_a_partition_and_groups_stay_whole(k, seed):
     codes, groups, classes = grouped(np.random.default_rng(seed), k)
@@ -94,7 +93,6 @@ def test_folds_are_a_partition_and_groups_stay_whole(k, seed):
     assert sorted(validated) == list(range(len(codes)))
 
 
-@settings(max_examples=40)
 @given(
     sizes=st.lists(st.integers(10, 30), min_size=1, max_size=4),
     k=st.integers(2, 5),
@@ -147,7 +145,6 @@ def test_a_test_set_by_column_is_the_same_in_all_folds():
         assert test.tolist() == np.flatnonzero(columns["force"] == 3).tolist()
 
 
-@settings(max_examples=30)
 @given(st.integers(0, 999))
 def test_a_drawn_split_can_keep_groups_whole(seed):
     codes, groups, classes = grouped(np.random.default_rng(seed), 12)

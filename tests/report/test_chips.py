@@ -1,8 +1,5 @@
 """Designs on a chip: order of energies, ratios over draws and accuracies that are as good, all by hand."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
@@ -30,11 +27,11 @@ STEADY = np.full(20, 10.0)
 NEAR = np.array([9.0, *[11.0] * 17, 12.0, 14.0])
 
 
-def part(n_validation: int) -> StudyTask:
+def part(n_validation):
     return cast(StudyTask, SimpleNamespace(n_validation=n_validation))
 
 
-def chip(name: str, designs: Sequence[tuple[float, float, int]], fits: Sequence[bool] = ()) -> Chip:
+def chip(name, designs, fits=()):
     """Return a chip from accuracy, energy and weights of each design; at the period it takes 1 / energy."""
     accuracy, energies, n_weights = (np.array(values, float) for values in zip(*designs, strict=True))
     columns = {"trial": range(len(designs)), "accuracy": accuracy, "n_weights": n_weights}
@@ -43,7 +40,7 @@ def chip(name: str, designs: Sequence[tuple[float, float, int]], fits: Sequence[
     return Chip(name, table, drawn, np.array(fits or [True] * len(designs)) & np.isfinite(energies))
 
 
-def test_energies_over_draws() -> None:
+def test_energies_over_draws():
     # NEAR over STEADY: 0.9, 17 times 1.1, 1.2, 1.4; more of them is said of studies (test_hardware).
     assert ratio(STEADY, NEAR) == pytest.approx((1.1, 0.9, 1.2, 0.95))
     assert ratio(np.zeros(20), np.zeros(20)) == (1.0, 1.0, 1.0, 0.0), "nothing is as much as nothing"
@@ -58,7 +55,7 @@ def test_energies_over_draws() -> None:
     assert not Ratio(2.0, 0.9, 3.0, 0.9).is_beyond and not Ratio(1.0, 1.0, 1.0, 0.0).is_beyond
 
 
-def test_few_recordings_count_as_well_as_runs() -> None:
+def test_few_recordings_count_as_well_as_runs():
     # Wilson: 0.5 of 100 is sqrt(0.25 / 100 + 0.25 / 10000) / 1.01 = 0.04975
     row = pd.Series({"accuracy": 0.5, "accuracy_se": 0.002})
     assert accuracy_error(part(100), row) == pytest.approx(0.04975, abs=1e-5)
@@ -68,7 +65,7 @@ def test_few_recordings_count_as_well_as_runs() -> None:
     assert accuracy_error(part(0), row.replace(0.002, np.nan)) == 0
 
 
-def test_designs_are_ranked_by_energy_then_weights() -> None:
+def test_designs_are_ranked_by_energy_then_weights():
     one = chip("one", [(0.9, 5, 70), (0.8, 3, 90), (0.9, 3, 80), (0.85, 3, 80), (0.9, 3, 80), (0.7, 1, 10)])
     assert one.ranked(0.8) == [2, 4, 3, 1, 0]
     assert one.ranked(0.8, AT_PERIOD) == [0, 2, 4, 3, 1]
@@ -77,7 +74,7 @@ def test_designs_are_ranked_by_energy_then_weights() -> None:
     assert near.ranked(0.9) == [2, 1, 0], "what agrees in three digits is a tie"
 
 
-def test_what_cannot_run_or_does_not_fit_is_not_ranked_or_reached() -> None:
+def test_what_cannot_run_or_does_not_fit_is_not_ranked_or_reached():
     one = chip("one", [(0.9, np.nan, 1), (0.9, 2, 1), (0.9, 3, 1)], fits=[True, False, True])
     assert one.ranked(0.0) == [2] and one.front() == {2} and one.has_values
     some = [(0.9, 5, 1), (0.7, 1, 1)]

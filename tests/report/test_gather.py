@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -15,7 +14,7 @@ from dse.report.rows import FAMILIES
 from tests.report.made import noted, rows_of, write
 
 
-def test_families_meet_and_the_winner_is_named(tmp_path: Path) -> None:
+def test_families_meet_and_the_winner_is_named(tmp_path):
     names = ("accuracy", "n_weights", "energy_uj", "spikes_per_inference_no_input")
     numbers = [(0.90, 30_000, 3.0, 20.0), (0.89, 9_000, 2.0, 500.0), (0.80, 500, 0.1, 20.0)]
     designs: list[dict[str, Any]] = [dict(zip(names, each, strict=True)) for each in numbers]
@@ -41,7 +40,7 @@ def test_families_meet_and_the_winner_is_named(tmp_path: Path) -> None:
     assert "least W_t: spiking wins (9000 against 80000)" in verdict
 
 
-def test_designs_of_different_splits_do_not_meet(tmp_path: Path) -> None:
+def test_designs_of_different_splits_do_not_meet(tmp_path):
     other = {"split": {"stratified": {"validation": 0.5, "group": None, "seed": 1}}}
     one = write(tmp_path / "nets", [{"accuracy": 0.9}])
     two = write(tmp_path / "others", [{"accuracy": 0.8, "family": "knn", "macs": 1.0}], other)
@@ -52,7 +51,7 @@ def test_designs_of_different_splits_do_not_meet(tmp_path: Path) -> None:
     assert part.split == "stratified: validation 0.5, test 0.0 (train 20, validation 10)"
 
 
-def test_accuracies_within_their_errors_are_a_draw(tmp_path: Path) -> None:
+def test_accuracies_within_their_errors_are_a_draw(tmp_path):
     designs = [{"accuracy": 0.9}, {"accuracy": 0.914, "family": "mlp", "macs": 1.0}]
     found = report([write(tmp_path / "x", designs)])
     assert noted(found, "accuracy: a draw (snn 0.9 against mlp 0.914); least W_t: a draw (100 against 100)")
@@ -60,13 +59,13 @@ def test_accuracies_within_their_errors_are_a_draw(tmp_path: Path) -> None:
     assert noted(report([write(tmp_path / "y", designs)]), "accuracy: not spiking wins")
 
 
-def test_a_study_whose_designs_all_failed_has_its_reason(tmp_path: Path) -> None:
+def test_a_study_whose_designs_all_failed_has_its_reason(tmp_path):
     found = report([write(tmp_path / "bad", [], failed=3)])
     assert found.rows == []
     assert noted(found, "bad: 3 of 3 designs failed; the first: ValueError: hidden must be kind")
 
 
-def test_warnings_are_passed_on(tmp_path: Path) -> None:
+def test_warnings_are_passed_on(tmp_path):
     written = write(tmp_path / "traps", [{"accuracy": 0.9}])
     told = ["labels are given away", "level 0.9 of 7", "level 0.8 of 7", "level 0.91 of 12"]
     store.keep(written.folder, store.WARNINGS, told)
@@ -77,7 +76,7 @@ def test_warnings_are_passed_on(tmp_path: Path) -> None:
     ]
 
 
-def test_what_is_damaged_is_one_line(tmp_path: Path) -> None:
+def test_what_is_damaged_is_one_line(tmp_path):
     written = write(tmp_path / "damaged", [{"accuracy": 0.9}])
     store.run_file(written.folder, 0, 0).write_bytes(b"no run")
     with pytest.raises(store.StoreError, match=r"00000-0\.npz: cannot be read"):
@@ -101,12 +100,12 @@ def test_what_is_damaged_is_one_line(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_splits_in_words(tmp_path: Path, split: dict[str, Any], told: str) -> None:
+def test_splits_in_words(tmp_path, split, told):
     [part] = tasks_of(write(tmp_path / "s", [{"accuracy": 0.9}], {"split": split}))
     assert part.split.startswith(told)
 
 
-def test_nothing_is_changed(tmp_path: Path) -> None:
+def test_nothing_is_changed(tmp_path):
     assert report([]).rows == []
     written = write(tmp_path / "kept", [{"accuracy": 0.9}])
     before = {path: path.stat().st_mtime_ns for path in written.folder.rglob("*")}
@@ -116,7 +115,7 @@ def test_nothing_is_changed(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(written.points(), table)
 
 
-def test_accuracy_on_moved_windows_and_unseen_groups_stands_beside(tmp_path: Path) -> None:
+def test_accuracy_on_moved_windows_and_unseen_groups_stands_beside(tmp_path):
     honest = {"accuracy_shifted_se": 0.02, "accuracy_unseen_se": 0.03}
     names = ("accuracy", "accuracy_shifted", "accuracy_unseen", "family", "macs")
     numbers = [(0.6, 0.58, 0.5, "snn", 0.0), (0.5, 0.59, 0.4, "snn", 0.0)]

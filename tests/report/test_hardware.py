@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from dse.report.gather import Report, report
+from dse.report.gather import report
 from dse.report.hardware import HOW
-from dse.report.rows import HARDWARE, Row
+from dse.report.rows import HARDWARE
 from dse.study import pricing
-from dse.study.results import Study
 from tests.report.made import write
 
 Draws = Mapping[str, Sequence[Any]]
@@ -27,11 +25,11 @@ NONE = np.full(20, np.nan)
 
 
 @pytest.fixture
-def priced(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
+def priced(monkeypatch):
     """Draws of the energies of every trial in turn, by chip; a pair is flat out and at the period."""
     draws: dict[str, list[Any]] = {}
 
-    def drawn(folder: Path, rows: pd.DataFrame, columns: Sequence[str], *, hardware: Any) -> dict[str, Any]:
+    def drawn(folder, rows, columns, *, hardware):
         [hardware] = set(rows["hardware"])
         assert set(rows["point"]) == {0}
         both = [_both(draws[hardware][trial]) for trial in rows["trial"]]
@@ -41,13 +39,7 @@ def priced(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
     return draws
 
 
-def made(
-    folder: Path,
-    designs: Sequence[Mapping[str, Any]],
-    draws: Draws,
-    interval_only: Sequence[str] = (),
-    n_validation: int = 10**6,
-) -> Study:
+def made(folder, designs, draws, interval_only=(), n_validation=10**6):
     """Write a study whose designs are priced at the median of their draws; `misfits` names chips."""
     found = []
     for trial, given in enumerate(designs):
@@ -61,12 +53,12 @@ def made(
     return write(folder, found, samples={"train": 20, "validation": n_validation, "test": 0})
 
 
-def _both(energies: Any) -> dict[str, Any]:
+def _both(energies):
     flat_out, at_period = energies if isinstance(energies, tuple) else (energies, energies)
     return {"energy_uj": flat_out, "energy_throttled_uj": at_period}
 
 
-def _columns(energies: Any, fits: bool, has_value: bool) -> dict[str, Any]:
+def _columns(energies, fits, has_value):
     both = {name: float(np.median(drawn)) for name, drawn in _both(energies).items()}
     if np.isnan(both["energy_uj"]):
         return {}
@@ -76,28 +68,28 @@ def _columns(energies: Any, fits: bool, has_value: bool) -> dict[str, Any]:
     return columns
 
 
-def rows_of(found: Report, chip: str) -> dict[str, Row]:
+def rows_of(found, chip):
     rows = [row for row in found.rows if row.system == HARDWARE and row.hardware == chip]
     named = {row.figure: row for row in rows}
     assert len(named) == len(rows)
     return named
 
 
-def note_of(found: Report, chip: str) -> str:
+def note_of(found, chip):
     [note] = [note for note in found.notes if note.startswith(f"nets, texture: {chip}: ")]
     return note
 
 
-def at_level(found: Report, mode: str) -> str:
+def at_level(found, mode):
     [note] = [note for note in found.notes if note.startswith("nets, texture: at") and f", {mode}: " in note]
     return note
 
 
-def middle(row: Row) -> tuple[Any, ...]:
+def middle(row):
     return row.trial, row.ours, row.low, row.high
 
 
-def test_a_winner_on_each_chip_and_by_how_much(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
+def test_a_winner_on_each_chip_and_by_how_much(tmp_path, priced):
     # Within an error of the best, 0.9 - 0.02: trials 0, 1 and 2; on `one` 0 is cheapest, on `two` 1.
     priced |= {
         "one": [STEADY, NEAR, DEAR, STEADY / 10],
@@ -146,7 +138,7 @@ def test_a_winner_on_each_chip_and_by_how_much(tmp_path: Path, priced: dict[str,
     assert "the winner of one (snn, trial 0) takes 2 times" in note_of(found, "two")
 
 
-def test_few_recordings_let_a_cheaper_design_win(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
+def test_few_recordings_let_a_cheaper_design_win(tmp_path, priced):
     priced |= {"one": [DEAR, STEADY], "two": [DEAR, STEADY]}
     designs = [{"accuracy": accuracy, "accuracy_se": 0.002} for accuracy in (0.9, 0.88)]
     many = report([made(tmp_path / "many" / "nets", designs, priced, n_validation=10**6)])
@@ -158,7 +150,7 @@ def test_few_recordings_let_a_cheaper_design_win(tmp_path: Path, priced: dict[st
     assert "accuracy 0.88 ± 0.033" in note_of(few, "one")
 
 
-def test_a_small_chip_holds_only_small_designs(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
+def test_a_small_chip_holds_only_small_designs(tmp_path, priced):
     priced |= {
         "one": [STEADY, STEADY / 5, STEADY],
         "two": [STEADY / 2, STEADY, DEAR],
@@ -184,7 +176,7 @@ def test_a_small_chip_holds_only_small_designs(tmp_path: Path, priced: dict[str,
     assert not any(figure.startswith("winner of") for figure in two), "no figures of what does not fit"
 
 
-def test_a_classifier_that_a_chip_cannot_run(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
+def test_a_classifier_that_a_chip_cannot_run(tmp_path, priced):
     priced |= {"spiking": [NONE, STEADY, DEAR], "any": [STEADY, STEADY, DEAR]}
     designs = [
         {"accuracy": 0.95, "family": "knn", "macs": 9.0},
@@ -199,7 +191,7 @@ def test_a_classifier_that_a_chip_cannot_run(tmp_path: Path, priced: dict[str, l
     assert rows_of(found, "any")["winner: accuracy"].family == "knn"
 
 
-def test_a_chip_that_nothing_fits(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
+def test_a_chip_that_nothing_fits(tmp_path, priced):
     priced |= {"tiny": [STEADY, NONE], "large": [STEADY, NEAR], "larger": [STEADY, NEAR]}
     designs = [{"accuracy": 0.9, "misfits": ("tiny",)}, {"accuracy": 0.8, "family": "knn", "macs": 9.0}]
     found = report([made(tmp_path / "nets", designs, priced)])
@@ -215,7 +207,7 @@ def test_a_chip_that_nothing_fits(tmp_path: Path, priced: dict[str, list[Any]]) 
     assert not any("equal accuracy" in row.figure for row in found.rows), "a chip alone compares with none"
 
 
-def test_chips_at_equal_accuracy(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
+def test_chips_at_equal_accuracy(tmp_path, priced):
     # `two` reaches 0.7 ± 0.02, by trial 1, and it is its cheapest; on `one` trial 2 is, of 0.69.
     few = np.array([1.0, 2.0])
     priced |= {
@@ -260,9 +252,7 @@ def test_chips_at_equal_accuracy(tmp_path: Path, priced: dict[str, list[Any]]) -
     )
 
 
-def test_chips_are_set_against_the_next_cheaper_and_the_cheapest(
-    tmp_path: Path, priced: dict[str, list[Any]]
-) -> None:
+def test_chips_are_set_against_the_next_cheaper_and_the_cheapest(tmp_path, priced):
     priced |= {name: [STEADY * k] for name, k in (("c", 4), ("a", 1), ("d", 8), ("b", 2))}
     found = report([made(tmp_path / "nets", [{"accuracy": 0.9}], priced)])
     told = [part.split(",")[0] for part in at_level(found, "flat out").split("; ") if " over " in part]
@@ -278,7 +268,7 @@ def test_chips_are_set_against_the_next_cheaper_and_the_cheapest(
     assert len(pairs) == 6, "rows hold every pair"
 
 
-def test_a_chip_of_which_only_intervals_are_known(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
+def test_a_chip_of_which_only_intervals_are_known(tmp_path, priced):
     priced |= {"one": [STEADY, DEAR], "two": [STEADY, DEAR]}
     designs = [{"accuracy": 0.9}, {"accuracy": 0.89}]
     found = report([made(tmp_path / "nets", designs, priced, interval_only=("one",))])
@@ -293,7 +283,7 @@ def test_a_chip_of_which_only_intervals_are_known(tmp_path: Path, priced: dict[s
     assert "one 10 to 10 uJ, snn, trial 0; two 10 uJ (10 to 10)" in at_level(found, "flat out")
 
 
-def test_fronts_differ(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
+def test_fronts_differ(tmp_path, priced):
     # Accuracy falls from trial to trial: on `one` energy does too, on `two` the third is dominated.
     priced |= {
         "one": [STEADY * 4, STEADY * 3, STEADY * 2, NONE],
@@ -311,9 +301,7 @@ def test_fronts_differ(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
     assert any(note.endswith("one 3, two 2, one and two share 2") for note in found.notes)
 
 
-def test_what_saw_its_answers_and_other_precisions_win_nothing(
-    tmp_path: Path, priced: dict[str, list[Any]]
-) -> None:
+def test_what_saw_its_answers_and_other_precisions_win_nothing(tmp_path, priced):
     priced |= {"one": [STEADY, STEADY / 2], "two": [STEADY, STEADY / 2]}
     study = made(tmp_path / "nets", [{"accuracy": 0.9}, {"accuracy": 0.99, "transductive": True}], priced)
     points = study.points().assign(weight_bits=8.0, pruned_after=0.0)
@@ -327,7 +315,7 @@ def test_what_saw_its_answers_and_other_precisions_win_nothing(
     assert accuracies and 1.0 not in accuracies, "as trained only"
 
 
-def test_where_there_is_nothing_to_compare(tmp_path: Path, priced: dict[str, list[Any]]) -> None:
+def test_where_there_is_nothing_to_compare(tmp_path, priced):
     priced |= {"one": [STEADY]}
     assert not rows_of(report([made(tmp_path / "nets", [{"accuracy": 0.9}], priced)]), "one")
     assert not rows_of(report([write(tmp_path / "plain", [{"accuracy": 0.9}])]), "")
@@ -341,14 +329,12 @@ def test_where_there_is_nothing_to_compare(tmp_path: Path, priced: dict[str, lis
     assert middle(times) == pytest.approx((0, 10 / 11, 10 / 14, 10 / 11))
 
 
-def test_other_chips_are_priced_without_training(
-    tmp_path: Path, priced: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_chips_are_priced_without_training(tmp_path, priced, monkeypatch):
     priced |= {"one": [STEADY], "two": [NEAR], "three": [DEAR]}
     every = made(tmp_path / "every" / "nets", [{"accuracy": 0.9}], priced).points()
     study = made(tmp_path / "nets", [{"accuracy": 0.9}], {"one": priced["one"]})
 
-    def points(folder: Path, hardware: Sequence[str]) -> pd.DataFrame:
+    def points(folder, hardware):
         assert folder == study.folder
         return every[every["hardware"].isin(hardware)]
 

@@ -1,13 +1,8 @@
 """What a plain reader knows of the recordings stands beside what networks answer."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pytest
 
 from dse.cli import main
 from tests.installed import needs_papers
@@ -27,9 +22,7 @@ execution: {jobs: 1}
 
 
 @needs_papers
-def test_audit_run_and_report(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_audit_run_and_report(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     write_recordings(tmp_path / "tiny.npz")
     path = tmp_path / "tiny.yaml"
@@ -37,7 +30,7 @@ def test_audit_run_and_report(
     space = str(path)
     results = str(tmp_path / "results")
 
-    def rows_and_notes(*arguments: str) -> tuple[list[dict[str, Any]], list[str]]:
+    def rows_and_notes(*arguments):
         assert main([*arguments, "--json"]) == 0
         document = json.loads(capsys.readouterr().out)
         return document["rows"], document["notes"]

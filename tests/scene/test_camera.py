@@ -1,7 +1,5 @@
 """The fast camera alone, on hand-made paths, beside the reference camera."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -15,15 +13,13 @@ RADIUS, EDGE, CONTRAST = 4.2, 0.45, 5.0
 KEY = 12345
 
 
-def thresholds(on: float = 0.3, off: float = 0.3) -> np.ndarray:
+def thresholds(on=0.3, off=0.3):
     """Return (height, width, 2): OFF, ON, each pixel a little different."""
     spread = np.exp(0.1 * np.random.default_rng(0).standard_normal((SIZE[1], SIZE[0], 2)))
     return (np.array([off, on]) * spread).astype(np.float32)
 
 
-def watch(
-    t_s: np.ndarray, px: np.ndarray, theta: np.ndarray, refractory_us: float = 0.0, capacity: int = 1 << 16
-) -> tuple[Block, np.ndarray]:
+def watch(t_s, px, theta, refractory_us=0.0, capacity=1 << 16):
     """Return the events of pins looked at at every point of their path (n, pin, 2), and the tally."""
     gain = np.exp(theta * np.array([-1.0, 1.0])).astype(np.float32)
     pixels, light = camera.blank(theta, gain, KEY, refractory_us), camera.light_of(RADIUS, EDGE, CONTRAST)
@@ -42,7 +38,7 @@ def watch(
     return reference.in_order([seen]), tally
 
 
-def defined(t_s: np.ndarray, px: np.ndarray, theta: np.ndarray, refractory_us: float = 0.0) -> Block:
+def defined(t_s, px, theta, refractory_us=0.0):
     """Return the reference's events of a path, drawn at 40 frames per look."""
     fine = np.linspace(t_s[0], t_s[-1], 40 * (len(t_s) - 1) + 1)
     flat = px.reshape(len(px), -1)
@@ -52,13 +48,13 @@ def defined(t_s: np.ndarray, px: np.ndarray, theta: np.ndarray, refractory_us: f
     return reference.camera(fine, between, RADIUS, EDGE, start, theta, seen)
 
 
-def counts(found: Block) -> np.ndarray:
+def counts(found):
     n = np.zeros((SIZE[1], SIZE[0], 2), int)
     np.add.at(n, (found.y, found.x, found.polarity), 1)
     return n
 
 
-def straight(n: int, *pins: tuple[tuple[float, float], tuple[float, float]], ms: float = 20.0):
+def straight(n, *pins, ms=20.0):
     part = np.linspace(0, 1, n + 1)
     px = np.stack([np.array(a) + part[:, None] * (np.array(b) - a) for a, b in pins], axis=1)
     return part * ms * 1e-3, px
@@ -75,7 +71,7 @@ PATHS = {
 
 
 @pytest.mark.parametrize(("t_s", "px"), PATHS.values(), ids=PATHS)
-def test_level_crossings_in_closed_form_are_the_definitions(t_s: np.ndarray, px: np.ndarray) -> None:
+def test_level_crossings_in_closed_form_are_the_definitions(t_s, px):
     theta = thresholds()
     fast, tally = watch(t_s, px, theta)
     slow = defined(t_s, px, theta)
@@ -97,7 +93,7 @@ def test_level_crossings_in_closed_form_are_the_definitions(t_s: np.ndarray, px:
 
 
 @pytest.mark.parametrize("gap", [12.0, 9.0, 6.0])
-def test_pins_that_touch_share_their_pixels_light(gap: float) -> None:
+def test_pins_that_touch_share_their_pixels_light(gap):
     """Two pins meet and part: a pixel between them is served by both and must answer their sum."""
     middle, y = 24.0, 20.2
     parts = [straight(30, ((middle - side * 14, y), (middle - side * gap / 2, y))) for side in (1, -1)]
@@ -110,7 +106,7 @@ def test_pins_that_touch_share_their_pixels_light(gap: float) -> None:
     assert np.abs(counts(fast) - counts(slow)).sum() < 0.005 * len(slow.t_us)
 
 
-def test_a_pin_shares_light_with_those_that_it_passes_within_a_look() -> None:
+def test_a_pin_shares_light_with_those_that_it_passes_within_a_look():
     t_s, px = straight(1, ((6.3, 20.1), (42.0, 20.6)), ((24.2, 27.0), (24.2, 27.0)))
     theta = thresholds()
     fast, slow = watch(t_s, px, theta)[0], defined(t_s, px, theta)
@@ -118,14 +114,14 @@ def test_a_pin_shares_light_with_those_that_it_passes_within_a_look() -> None:
     assert np.abs(counts(fast) - counts(slow)).sum() < 0.012 * len(slow.t_us)
 
 
-def test_a_pin_at_rest_sends_nothing_however_often_it_is_looked_at() -> None:
+def test_a_pin_at_rest_sends_nothing_however_often_it_is_looked_at():
     t_s, px = straight(30, ((20.2, 20.7), (20.2, 20.7)))
     fast, tally = watch(t_s, px, thresholds())
     assert len(fast.t_us) == 0
     assert tally[LOOKS] == 30
 
 
-def test_a_resting_pixel_moves_its_level_and_counts_what_it_does_not_send() -> None:
+def test_a_resting_pixel_moves_its_level_and_counts_what_it_does_not_send():
     t_s, px = straight(20, ((10.3, 20.1), (35.0, 22.0)), ms=2.0)
     theta = thresholds()
     awake, _ = watch(t_s, px, theta)
@@ -136,7 +132,7 @@ def test_a_resting_pixel_moves_its_level_and_counts_what_it_does_not_send() -> N
     assert len(tired.t_us) == pytest.approx(len(expected.t_us), rel=0.02)
 
 
-def test_a_pin_far_outside_is_counted_as_lost() -> None:
+def test_a_pin_far_outside_is_counted_as_lost():
     far = camera.PAD + 10.0
     t_s, px = straight(20, ((10.0, 20.0), (-far, 20.0)))
     fast, tally = watch(t_s, px, thresholds())
@@ -145,7 +141,7 @@ def test_a_pin_far_outside_is_counted_as_lost() -> None:
     assert len(fast.t_us) == pytest.approx(len(defined(t_s, px, thresholds()).t_us), rel=0.02)
 
 
-def test_a_full_list_says_how_many_events_there_were() -> None:
+def test_a_full_list_says_how_many_events_there_were():
     t_s, px = straight(20, ((10.3, 20.1), (35.0, 22.0)))
     all_of_them, _ = watch(t_s, px, thresholds())
     some, tally = watch(t_s, px, thresholds(), capacity=100)
@@ -154,7 +150,7 @@ def test_a_full_list_says_how_many_events_there_were() -> None:
     assert tally[OVERFLOW] == len(all_of_them.t_us) - 100
 
 
-def test_start_phases_fill_their_range_evenly() -> None:
+def test_start_phases_fill_their_range_evenly():
     phases = camera.start_phases(KEY, 300, 200)
     assert np.abs(phases).max() < 1
     histogram = np.histogram(phases, 10, (-1, 1))[0]

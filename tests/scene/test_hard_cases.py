@@ -1,7 +1,5 @@
 """Where tactile scenes go wrong, case by case: the fast method answers as the definition, or says so."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -11,9 +9,8 @@ import pytest
 from dse import preprocessing
 from dse.config.settings import Preprocessing
 from dse.recordings.pooling import pooling
-from dse.records import Block
 from dse.scene import background, checks, reference, simulate
-from dse.scene.scene import Method, Sensor, Texture, Variation
+from dse.scene.scene import Method, Sensor, Variation
 from dse.scene.tip import pins_mm
 from dse.scene.trial import trial
 from tests.scene import small
@@ -24,7 +21,7 @@ SEVEN = replace(small.SENSOR, n_across=1, frame_px=(64, 64))
 SOFT = replace(small.SENSOR, stiffness_n_mm=0.15, rim_mm=30.0, frame_px=(136, 88), incipient_slip=True)
 
 
-def agree(scene, counts: float = 0.015, likeness: float = 0.995) -> tuple[Block, Block]:
+def agree(scene, counts=0.015, likeness=0.995):
     """Check a scene's fast events against its reference; return both."""
     slow, fast = reference.events(scene, 0), simulate.events(scene, 0)
     assert len(fast.t_us) > 0
@@ -33,7 +30,7 @@ def agree(scene, counts: float = 0.015, likeness: float = 0.995) -> tuple[Block,
     return slow, fast
 
 
-def test_standing_still_sends_nothing() -> None:
+def test_standing_still_sends_nothing():
     scene = small.scene(v_mm_s=0.0)
     found, flags = simulate.simulated(scene, 0)
     assert len(found.t_us) == 0
@@ -41,14 +38,14 @@ def test_standing_still_sends_nothing() -> None:
     assert len(reference.events(scene, 0).t_us) == 0
 
 
-def test_a_soft_tip_neither_slips_nor_creeps_while_it_stands_or_touches_nothing() -> None:
+def test_a_soft_tip_neither_slips_nor_creeps_while_it_stands_or_touches_nothing():
     for scene in (small.scene(v_mm_s=0.0, sensor=SOFT), small.scene(force_n=0.0, sensor=SOFT)):
         found, flags = simulate.simulated(scene, 0)
         assert len(found.t_us) == flags.looks == 0
 
 
 @pytest.mark.parametrize("texture", [small.SMOOTH, small.DENIM, small.FOAM], ids=lambda x: x.name)
-def test_a_soft_tip_that_creeps_slips_and_stops_is_seen_as_by_definition(texture: Texture) -> None:
+def test_a_soft_tip_that_creeps_slips_and_stops_is_seen_as_by_definition(texture):
     # 60 mm/s on the way, then rest: the rim slips from the start, then stick-slip, then nothing moves.
     sticky = replace(texture, stribeck_mm_s=10.0)
     scene = small.scene(sticky, sensor=SOFT, motions=(small.Steady(60.0, duration_s=0.25),))
@@ -59,7 +56,7 @@ def test_a_soft_tip_that_creeps_slips_and_stops_is_seen_as_by_definition(texture
     agree(scene, likeness=0.98)
 
 
-def test_a_soft_tip_pressed_to_its_rim_and_out_of_sight_is_flagged() -> None:
+def test_a_soft_tip_pressed_to_its_rim_and_out_of_sight_is_flagged():
     sensor = replace(SOFT, rim_mm=10.0, frame_px=(40, 40), stiffness_n_mm=0.5)
     scene = small.scene(force_n=20.0, v_mm_s=60.0, sensor=sensor)
     _, flags = simulate.simulated(scene, 0)
@@ -67,7 +64,7 @@ def test_a_soft_tip_pressed_to_its_rim_and_out_of_sight_is_flagged() -> None:
     agree(scene)
 
 
-def test_standing_still_while_the_force_drifts_moves_pins_slowly_and_little() -> None:
+def test_standing_still_while_the_force_drifts_moves_pins_slowly_and_little():
     scene = small.scene(v_mm_s=0.0, variation=DRIFT)
     moving = len(simulate.events(small.scene(variation=DRIFT), 0).t_us)
     found, flags = simulate.simulated(scene, 0)
@@ -80,7 +77,7 @@ def test_standing_still_while_the_force_drifts_moves_pins_slowly_and_little() ->
     assert flags.looks < 19 * 30  # far fewer than one per pin and step
 
 
-def test_without_force_there_is_background_alone() -> None:
+def test_without_force_there_is_background_alone():
     # A drift of a force that is not there moves no pin either.
     scene = small.scene(force_n=0.0, camera=replace(small.CAMERA, noise_hz=1.0), variation=Variation())
     assert trial(scene, 0).drift != 0
@@ -92,7 +89,7 @@ def test_without_force_there_is_background_alone() -> None:
     assert np.isfinite(simulate.pin_paths(scene, 0, 1.0).px).all()
 
 
-def test_a_contact_beyond_the_rim_is_clamped_and_flagged() -> None:
+def test_a_contact_beyond_the_rim_is_clamped_and_flagged():
     # 20 N on a hard surface: Hertz asks for 17.1 mm, the rim is at 10.
     sensor = replace(small.SENSOR, rim_mm=10.0, stiffness_n_mm=12.0)
     scene = small.scene(force_n=20.0, sensor=sensor)
@@ -102,7 +99,7 @@ def test_a_contact_beyond_the_rim_is_clamped_and_flagged() -> None:
     agree(scene)
 
 
-def test_pins_faster_than_a_pixel_per_step_cross_every_pixel_between() -> None:
+def test_pins_faster_than_a_pixel_per_step_cross_every_pixel_between():
     # 600 mm/s at 10.4 px/mm and 2 ms are 12 px per look; the reference needs finer frames here.
     sensor = replace(small.SENSOR, stiffness_n_mm=0.3)
     steady = replace(small.SMOOTH, mu_kinetic=small.SMOOTH.mu_static)
@@ -114,7 +111,7 @@ def test_pins_faster_than_a_pixel_per_step_cross_every_pixel_between() -> None:
     assert len(fast.t_us) / len(slow.t_us) == pytest.approx(1, abs=0.012)
 
 
-def test_a_texture_step_too_long_for_a_speed_is_refused() -> None:
+def test_a_texture_step_too_long_for_a_speed_is_refused():
     found = list(
         checks.step_faults(replace(Method(), texture_step_ms=2.0), small.SENSOR, small.Steady(600.0))
     )
@@ -123,7 +120,7 @@ def test_a_texture_step_too_long_for_a_speed_is_refused() -> None:
     assert not list(checks.step_faults(Method(), small.SENSOR, small.Steady(60.0)))
 
 
-def test_what_a_resting_pixel_does_not_send_is_counted() -> None:
+def test_what_a_resting_pixel_does_not_send_is_counted():
     scene = small.scene(small.FOAM, 60.0)
     awake, none = simulate.simulated(replace(scene, camera=replace(small.CAMERA, refractory_us=0.0)), 0)
     tired, flags = simulate.simulated(replace(scene, camera=replace(small.CAMERA, refractory_us=2000.0)), 0)
@@ -133,7 +130,7 @@ def test_what_a_resting_pixel_does_not_send_is_counted() -> None:
 
 
 @pytest.mark.parametrize("frame", [(40, 72), (24, 24)])
-def test_pins_may_leave_the_frame(frame: tuple[int, int]) -> None:
+def test_pins_may_leave_the_frame(frame):
     """Sheared by 20 px, out of a frame that cuts through their rest positions."""
     sensor = replace(small.SENSOR, frame_px=frame, stiffness_n_mm=0.3)
     scene = small.scene(sensor=sensor)
@@ -143,7 +140,7 @@ def test_pins_may_leave_the_frame(frame: tuple[int, int]) -> None:
     assert fast.x.max() < frame[0] and fast.y.max() < frame[1]
 
 
-def test_pins_out_of_sight_are_counted_and_come_back() -> None:
+def test_pins_out_of_sight_are_counted_and_come_back():
     sensor = replace(SEVEN, frame_px=(24, 24), stiffness_n_mm=0.05)
     scene = small.scene(sensor=sensor, v_mm_s=60.0)
     paths = simulate.pin_paths(scene, 0, 1.0)
@@ -154,7 +151,7 @@ def test_pins_out_of_sight_are_counted_and_come_back() -> None:
     assert len(found.t_us) == pytest.approx(expected, rel=0.015)
 
 
-def test_pins_that_approach_each_other_share_their_pixels_light() -> None:
+def test_pins_that_approach_each_other_share_their_pixels_light():
     """Shear that falls off between contact and rim pushes rings of pins into one another."""
     sensor = replace(small.SENSOR, rim_mm=3.0, stiffness_n_mm=0.0055)
     scene = small.scene(small.SMOOTH, 28.0, force_n=0.0135, sensor=sensor, duration_ms=400.0)
@@ -167,7 +164,7 @@ def test_pins_that_approach_each_other_share_their_pixels_light() -> None:
     agree(scene, counts=0.005, likeness=0.999)
 
 
-def test_pins_that_were_no_neighbours_at_rest_share_their_pixels_light() -> None:
+def test_pins_that_were_no_neighbours_at_rest_share_their_pixels_light():
     """A long lever on printed pins carries pins through each other that rest far apart: no chatter."""
     printed = replace(small.SMOOTH, name="printed", pin_radius_mm=2.0, modulus_mpa=3000.0)
     sensor = replace(small.SENSOR, lever_mm=4.0, frame_px=(112, 112), stiffness_n_mm=4.0)
@@ -184,7 +181,7 @@ def test_pins_that_were_no_neighbours_at_rest_share_their_pixels_light() -> None
     assert simulate.simulated(scene, 0)[1].refractory_drops < 100
 
 
-def test_a_rigid_shift_beyond_the_pitch_loses_no_event() -> None:
+def test_a_rigid_shift_beyond_the_pitch_loses_no_event():
     """Sticking skin carries all pins 20 px: no neighbour at rest, no square box of pixels."""
     sensor = replace(small.SENSOR, stiffness_n_mm=0.3)
     scene = small.scene(replace(small.SMOOTH, mu_static=1.0), 28.0, sensor=sensor, duration_ms=75.0)
@@ -207,8 +204,8 @@ def test_a_rigid_shift_beyond_the_pitch_loses_no_event() -> None:
     assert np.mean(n[0] != n[1]) < 0.015
 
 
-def test_noise_near_the_threshold_has_a_ceiling() -> None:
-    def rate(**other: float) -> float:
+def test_noise_near_the_threshold_has_a_ceiling():
+    def rate(**other):
         return background.rate_hz(small.scene(camera=replace(small.CAMERA, noise_hz=0.1, **other)))
 
     assert rate() == 0.1
@@ -221,7 +218,7 @@ def test_noise_near_the_threshold_has_a_ceiling() -> None:
     assert len(background.events(scene, 0).t_us) == pytest.approx(expected, rel=0.01)
 
 
-def test_a_threshold_above_the_contrast_sends_nothing_and_is_warned_of() -> None:
+def test_a_threshold_above_the_contrast_sends_nothing_and_is_warned_of():
     camera = replace(small.CAMERA, threshold=math.log(5.0), mismatch=0.0)
     scene = small.scene(camera=camera)
     assert len(simulate.events(scene, 0).t_us) == 0
@@ -230,7 +227,7 @@ def test_a_threshold_above_the_contrast_sends_nothing_and_is_warned_of() -> None
     assert not checks.warnings(small.scene())
 
 
-def test_no_mismatch_makes_a_threshold_that_never_ends() -> None:
+def test_no_mismatch_makes_a_threshold_that_never_ends():
     scene = small.scene(camera=replace(small.CAMERA, threshold=0.02, mismatch=1.0), sensor=SEVEN)
     scene = replace(scene, duration_ms=80.0)
     assert simulate.thresholds(scene).min() >= 0.02 * (1 - 1e-4)
@@ -238,7 +235,7 @@ def test_no_mismatch_makes_a_threshold_that_never_ends() -> None:
     agree(scene, counts=0.01)
 
 
-def test_a_full_pool_saturates() -> None:
+def test_a_full_pool_saturates():
     """One pool of 88 x 88 pixels has thousands of events per bin: 255 of them, not their remainder by 256."""
     scene = small.scene()
     found = pooling(Preprocessing(50.0, pool=88, polarity="merge", pool_threshold=254, exceeds=True), 88, 88)
@@ -250,7 +247,7 @@ def test_a_full_pool_saturates() -> None:
     np.testing.assert_array_equal(channels, expected[1])
 
 
-def test_several_levels_crossed_between_two_looks_are_several_events() -> None:
+def test_several_levels_crossed_between_two_looks_are_several_events():
     camera = replace(small.CAMERA, threshold=0.05, mismatch=0.0, refractory_us=0.0)
     scene = small.scene(small.SMOOTH, camera=camera, sensor=SEVEN, duration_ms=60.0)
     slow = reference.events(scene, 0)
@@ -262,12 +259,12 @@ def test_several_levels_crossed_between_two_looks_are_several_events() -> None:
         assert len(fast.t_us) == pytest.approx(len(slow.t_us), rel=0.05)
 
 
-def test_a_fine_threshold_is_followed() -> None:
+def test_a_fine_threshold_is_followed():
     camera = replace(small.CAMERA, threshold=0.02, mismatch=0.0, refractory_us=0.0)
     agree(small.scene(camera=camera, sensor=SEVEN, duration_ms=100.0))
 
 
-def test_after_its_profile_the_tip_stands_still() -> None:
+def test_after_its_profile_the_tip_stands_still():
     scene = small.scene(small.SMOOTH, motions=(small.Steady(60.0, duration_s=0.1),))
     paths = simulate.pin_paths(scene, 0, 1.0)
     after = paths.t_s > 0.1
@@ -277,7 +274,7 @@ def test_after_its_profile_the_tip_stands_still() -> None:
 
 
 @pytest.mark.parametrize("texture", [small.SMOOTH, small.DENIM, small.FOAM], ids=lambda x: x.name)
-def test_an_events_clock_is_that_of_its_pins(texture: Texture) -> None:
+def test_an_events_clock_is_that_of_its_pins(texture):
     """When the pins' paths end, so do the events: nothing that a look left over is sent late."""
     camera = replace(small.CAMERA, noise_hz=2.0)
     scene = small.scene(texture, motions=(small.Steady(60.0, duration_s=0.1),), camera=camera)
@@ -295,7 +292,7 @@ def test_an_events_clock_is_that_of_its_pins(texture: Texture) -> None:
     np.testing.assert_array_equal(found[found >= still_us], noise[noise >= still_us])
 
 
-def test_other_steps_are_the_same_trial_in_its_statistics() -> None:
+def test_other_steps_are_the_same_trial_in_its_statistics():
     """Slips draw by their number, so a finer step moves none of them."""
     scene = small.scene(replace(small.FOAM, slip_jitter=0.5))
     slips, n = [], []
@@ -310,12 +307,12 @@ def test_other_steps_are_the_same_trial_in_its_statistics() -> None:
 
 
 @pytest.mark.parametrize(("step_ms", "counts"), [(0.5, 0.008), (2.0, 0.012), (4.0, 0.018)])
-def test_coarse_looks_lose_few_events(step_ms: float, counts: float) -> None:
+def test_coarse_looks_lose_few_events(step_ms, counts):
     scene = small.scene(method=Method(0.125, 0.25, step_ms, 0.05))
     agree(scene, counts=counts, likeness=0.997)
 
 
-def test_looks_where_pins_turn_keep_events_that_coarse_looks_lose() -> None:
+def test_looks_where_pins_turn_keep_events_that_coarse_looks_lose():
     scene = small.scene(small.FOAM, 42.0)
     n = len(reference.events(scene, 0).t_us)
     fine, coarse = (simulate.simulated(replace(scene, method=Method(turn_px=px)), 0) for px in (0.02, 1.0))
@@ -324,7 +321,7 @@ def test_looks_where_pins_turn_keep_events_that_coarse_looks_lose() -> None:
     assert coarse[1].looks < fine[1].looks < 0.1 * exact.looks
 
 
-def test_a_grid_of_pins() -> None:
+def test_a_grid_of_pins():
     """The layout of the DAVIS tip."""
     sensor = Sensor("grid", 3, 2.5, 8.8, (72, 72), 0.5)
     camera = replace(small.CAMERA, refractory_us=500.0)
@@ -333,5 +330,5 @@ def test_a_grid_of_pins() -> None:
     agree(scene)
 
 
-def test_a_lens_bends_every_path_alike() -> None:
+def test_a_lens_bends_every_path_alike():
     agree(small.scene(sensor=replace(small.SENSOR, lens_per_mm2=0.01)))

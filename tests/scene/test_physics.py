@@ -1,7 +1,5 @@
 """What the physics must show, whatever its steps: delays, stick times, frequencies, rates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
@@ -22,7 +20,7 @@ GRATING = Texture("grating", 40, 1.6, 0.3, 3000.0, 0.36, 0.36, 2.5, 0.0, 0.0,
                   weave_share=1.0, weave_period_mm=1.6)  # fmt: skip
 
 
-def moved(v: float, n: int = 4000, step_s: float = 1e-4, force_n: float = 1.5, **other: float) -> np.ndarray:
+def moved(v, n=4000, step_s=1e-4, force_n=1.5, **other):
     """Return (s, X) at a constant speed, from rest."""
     numbers = {"mu_static": 0.8, "mu_kinetic": 0.6, "stribeck_mm_s": 50.0, "jitter": 0.0, "roughness": 0.0,
                "stiffness_n_mm": 0.9} | other  # fmt: skip
@@ -30,14 +28,14 @@ def moved(v: float, n: int = 4000, step_s: float = 1e-4, force_n: float = 1.5, *
     return np.array(travel(Friction(**numbers), np.full(n, v), flat, step_s, FLAT_LINE, 1.0, np.zeros(4)))
 
 
-def displacement(scene, pin: int, step_ms: float = 0.25) -> tuple[np.ndarray, np.ndarray]:
+def displacement(scene, pin, step_ms=0.25):
     """Return t_s and the place (n, 2) of a pin."""
     paths = simulate.pin_paths(scene, 0, step_ms)
     return paths.t_s, paths.px[:, pin]
 
 
 @pytest.mark.parametrize(("v", "mu", "force"), [(17.5, 0.4, 1.5), (60.0, 0.98, 1.2), (28.0, 0.3, 0.8)])
-def test_stick_time_is_static_friction_over_stiffness_and_speed(v: float, mu: float, force: float) -> None:
+def test_stick_time_is_static_friction_over_stiffness_and_speed(v, mu, force):
     step = 1e-4
     s, x = moved(v, mu_static=mu, mu_kinetic=0.9 * mu, force_n=force)
     stuck_s = step * np.argmax(x > 0)
@@ -46,7 +44,7 @@ def test_stick_time_is_static_friction_over_stiffness_and_speed(v: float, mu: fl
     np.testing.assert_allclose(s + x, v * step * np.arange(len(s)), atol=1e-9)
 
 
-def test_a_scene_sticks_as_long_as_its_friction_holds() -> None:
+def test_a_scene_sticks_as_long_as_its_friction_holds():
     v = 28.0
     scene = small.scene(small.SMOOTH, v)
     paths = simulate.pin_paths(scene, 0, 0.1)
@@ -59,7 +57,7 @@ def test_a_scene_sticks_as_long_as_its_friction_holds() -> None:
     np.testing.assert_allclose(shift[:, 1], 0, atol=1e-6)
 
 
-def test_stick_slip_is_a_sawtooth_that_speed_smooths_away() -> None:
+def test_stick_slip_is_a_sawtooth_that_speed_smooths_away():
     slow, _ = moved(5.0, n=20_000)
     fades = 0.2 * np.exp(-5.0 / 50)
     s_k = (0.6 - fades / 2) * 1.5 / 0.9
@@ -75,13 +73,13 @@ def test_stick_slip_is_a_sawtooth_that_speed_smooths_away() -> None:
     assert np.ptp(fast[2000:]) < 0.1 * np.ptp(late)
 
 
-def test_steps_of_friction_move_no_slip() -> None:
+def test_steps_of_friction_move_no_slip():
     coarse, _ = moved(28.0, n=400, step_s=1e-3)
     fine, _ = moved(28.0, n=40_000, step_s=1e-5)
     np.testing.assert_allclose(coarse, fine[::100], atol=1e-6)
 
 
-def test_incipient_slip_ends_the_stick_after_three_times_its_deflection() -> None:
+def test_incipient_slip_ends_the_stick_after_three_times_its_deflection():
     v, most, step = 12.0, 0.8 * 1.5 / 0.9, 1e-4
     s, x = moved(v, n=5000, mu_kinetic=0.8, incipient_slip=True)
     way = v * step * np.arange(len(s))
@@ -92,7 +90,7 @@ def test_incipient_slip_ends_the_stick_after_three_times_its_deflection() -> Non
     assert 0 < x[10] < 0.01 * way[10] and np.all(np.diff(x) >= 0)  # at first nearly all sticks
 
 
-def test_steps_move_no_slip_while_the_rim_slips_before() -> None:
+def test_steps_move_no_slip_while_the_rim_slips_before():
     numbers = {"mu_static": 0.5, "mu_kinetic": 0.4, "stiffness_n_mm": 0.15, "incipient_slip": True}
     coarse, _ = moved(28.0, n=1000, step_s=1e-3, **numbers)
     fine, _ = moved(28.0, n=10_000, step_s=1e-4, **numbers)
@@ -101,7 +99,7 @@ def test_steps_move_no_slip_while_the_rim_slips_before() -> None:
     np.testing.assert_allclose(coarse, fine[::10], atol=1e-4)
 
 
-def test_incipient_slip_stands_still_with_the_tip_and_needs_no_force() -> None:
+def test_incipient_slip_stands_still_with_the_tip_and_needs_no_force():
     friction = Friction(0.5, 0.4, 10.0, 0.2, 0.03, 0.15, incipient_slip=True)
     v = np.repeat([28.0, 0.0, 28.0], 500)
     line, normals = np.random.default_rng(7).standard_normal((2, 64))
@@ -117,7 +115,7 @@ def test_incipient_slip_stands_still_with_the_tip_and_needs_no_force() -> None:
 
 
 @pytest.mark.parametrize("incipient", [False, True])
-def test_skin_never_moves_faster_than_it_relaxes_and_travel_never_turns_back(incipient: bool) -> None:
+def test_skin_never_moves_faster_than_it_relaxes_and_travel_never_turns_back(incipient):
     rng = np.random.default_rng(3)
     line = rng.standard_normal(64)
     v = np.abs(rng.normal(40, 20, 3000))
@@ -128,7 +126,7 @@ def test_skin_never_moves_faster_than_it_relaxes_and_travel_never_turns_back(inc
 
 
 @pytest.mark.parametrize("v", [20.0, 60.0])
-def test_delay_between_two_pins_is_their_distance_over_speed(v: float) -> None:
+def test_delay_between_two_pins_is_their_distance_over_speed(v):
     """Pins at +-1.35 mm on the line of motion read the same field, the rear one 2.7 mm later."""
     scene = small.scene(SLIDING, v, duration_ms=800.0)
     t_s, front = displacement(scene, 1)
@@ -149,7 +147,7 @@ def test_delay_between_two_pins_is_their_distance_over_speed(v: float) -> None:
         assert np.corrcoef(a[inside], c[inside])[0, 1] < 0.9
 
 
-def test_doubled_speed_doubles_the_frequency_of_the_same_surface() -> None:
+def test_doubled_speed_doubles_the_frequency_of_the_same_surface():
     peaks = []
     for v in (20.0, 40.0):
         t_s, place = displacement(small.scene(GRATING, v, duration_ms=1000.0), 0)
@@ -160,15 +158,15 @@ def test_doubled_speed_doubles_the_frequency_of_the_same_surface() -> None:
     assert peaks[1] / peaks[0] == pytest.approx(2, rel=0.03)
 
 
-def test_event_rate_grows_with_speed() -> None:
+def test_event_rate_grows_with_speed():
     rates = [
         len(simulate.events(small.scene(SLIDING, v, duration_ms=400.0), 0).t_us) for v in (7, 14, 28, 56)
     ]
     assert all(b > 1.2 * a > 0 for a, b in pairwise(rates)), rates
 
 
-def test_rougher_and_harder_textures_move_pins_more() -> None:
-    def swing(texture: Texture) -> float:
+def test_rougher_and_harder_textures_move_pins_more():
+    def swing(texture):
         t_s, place = displacement(small.scene(texture, 40.0, duration_ms=500.0), 0)
         return float(place[t_s > 0.2].std(axis=0).max())
 
@@ -178,7 +176,7 @@ def test_rougher_and_harder_textures_move_pins_more() -> None:
     assert swing(replace(SLIDING, rms_um=0)) == pytest.approx(0, abs=1e-9)
 
 
-def test_the_pre_sliding_burst_carries_friction() -> None:
+def test_the_pre_sliding_burst_carries_friction():
     low, high = (
         simulate.pin_paths(small.scene(replace(small.SMOOTH, mu_static=mu, mu_kinetic=mu)), 0, 0.25)
         for mu in (0.3, 0.6)

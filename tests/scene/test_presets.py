@@ -36,21 +36,21 @@ TABLE = {
 }
 
 
-def texture(name: str) -> Texture:
+def texture(name):
     return Texture(name, **presets.textures()[name].values())
 
 
-def test_the_data_files_have_no_faults() -> None:
+def test_the_data_files_have_no_faults():
     for name in ("sensors.yaml", "textures.yaml"):
         assert parse((DATA / name).read_text(encoding="utf-8"), name).faults == []
 
 
-def test_the_textures_of_the_table_are_shipped() -> None:
+def test_the_textures_of_the_table_are_shipped():
     assert list(presets.textures()) == [*TABLE, "printed_pins"]
 
 
 @pytest.mark.parametrize("name", TABLE)
-def test_every_number_of_the_table(name: str) -> None:
+def test_every_number_of_the_table(name):
     x = texture(name)
     weave = (x.weave_share, x.weave_period_mm, x.weave_angle_deg) if x.weave_share else None
     found = (
@@ -61,7 +61,7 @@ def test_every_number_of_the_table(name: str) -> None:
     assert x.pin_radius_mm is None
 
 
-def test_sets_of_textures() -> None:
+def test_sets_of_textures():
     sets = presets.texture_sets()
     assert {name: len(names) for name, names in sets.items()} == {"neurotac_12": 12, "neurotac_11": 11}
     assert sets["neurotac_12"] == tuple(list(TABLE)[:12])
@@ -76,7 +76,7 @@ def test_sets_of_textures() -> None:
         ("dvxplorer_331", 331, (312, 312), 10.4, 1.35, 0.40, 100),
     ],
 )
-def test_sensors(name, n_pins, frame, scale, pitch, radius, refractory) -> None:
+def test_sensors(name, n_pins, frame, scale, pitch, radius, refractory):
     preset = presets.sensors()[name]
     sensor, camera = Sensor(**preset.values()), Camera(**preset.camera_values())
     assert len(pins_mm(sensor)) == n_pins
@@ -88,7 +88,7 @@ def test_sensors(name, n_pins, frame, scale, pitch, radius, refractory) -> None:
 
 
 @pytest.mark.parametrize("name", presets.sensors())
-def test_a_sensor_gives_every_number_with_its_evidence(name: str) -> None:
+def test_a_sensor_gives_every_number_with_its_evidence(name):
     preset = presets.sensors()[name]
     assert preset.doc
     for cls, numbers in ((Sensor, preset.numbers), (Camera, preset.camera)):
@@ -99,7 +99,7 @@ def test_a_sensor_gives_every_number_with_its_evidence(name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "stiffness"), [("davis240_49", 0.15), ("dvxplorer_331", 0.25)])
-def test_a_soft_tip_has_the_other_numbers_of_the_stiff_one(name: str, stiffness: float) -> None:
+def test_a_soft_tip_has_the_other_numbers_of_the_stiff_one(name, stiffness):
     stiff, soft = presets.sensors()[name], presets.sensors()[f"{name}_soft"]
     assert (stiff.values()["incipient_slip"], soft.values()["incipient_slip"]) == (False, True)
     assert soft.values()["stiffness_n_mm"] == stiffness
@@ -109,7 +109,7 @@ def test_a_soft_tip_has_the_other_numbers_of_the_stiff_one(name: str, stiffness:
     assert changed == {"contrast", "refractory_us"}
 
 
-def test_what_was_assumed_says_so() -> None:
+def test_what_was_assumed_says_so():
     for preset in presets.textures().values():
         assert {number.evidence for number in preset.numbers.values()} == {"assumed"}
     numbers = presets.sensors()["dvxplorer_331"].numbers
@@ -120,10 +120,10 @@ def test_what_was_assumed_says_so() -> None:
     ]
 
 
-def test_presets_obey_the_rules_of_a_file() -> None:
+def test_presets_obey_the_rules_of_a_file():
     faults: list[str] = []
 
-    def report(path, message: str) -> None:
+    def report(path, message):
         faults.append(message)
 
     for preset in presets.sensors().values():

@@ -3,8 +3,6 @@
 Accuracies of their classifiers are not facts about the touch: no test here asks for one of them.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np
@@ -12,7 +10,6 @@ import pytest
 
 from dse.scene import simulate
 from dse.scene.load import load_scene
-from dse.scene.scene import Scene
 from dse.scene.trial import trial
 
 LATER = slice(150, None)
@@ -25,19 +22,19 @@ AT_12_MM_S = {
 
 
 @functools.cache
-def psth(name: str) -> np.ndarray:
+def psth(name):
     """Return the events (texture, bin of 10 ms) of one trial of each texture at 12 mm/s."""
     scene = load_scene(name, {"trials": "1"} | (AT_12_MM_S if "dvxplorer" in name else {}))
     return np.stack([counts(scene, k, 10.0) for k in range(scene.n_trials)])
 
 
-def counts(scene: Scene, k: int, bin_ms: float) -> np.ndarray:
+def counts(scene, k, bin_ms):
     """Return the events of trial k in bins."""
     n_bins = round(scene.duration_ms / bin_ms)
     return np.bincount(simulate.events(scene, k).t_us // round(1000 * bin_ms), minlength=n_bins)[:n_bins]
 
 
-def falls_ms(rates: np.ndarray) -> float:
+def falls_ms(rates):
     """Return when a rate in bins of 10 ms has lost 90 % of what it has above its later level at its onset."""
     later, onset = rates[LATER].mean(), rates[5:15].mean()
     smooth = np.convolve(rates, np.full(5, 0.2), "same")
@@ -45,20 +42,20 @@ def falls_ms(rates: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", ["natural_textures", "neurotac_dvxplorer"])
-def test_the_initial_movement_sends_many_spikes_for_some_500_ms_at_12_mm_s(name: str) -> None:
+def test_the_initial_movement_sends_many_spikes_for_some_500_ms_at_12_mm_s(name):
     soft, hard = psth(f"{name}_soft").mean(axis=0), psth(name).mean(axis=0)
     assert 350 < falls_ms(soft) < 650
     assert falls_ms(hard) < 250
     assert soft[:50].mean() > 1.5 * soft[LATER].mean()
 
 
-def test_pins_send_more_than_natural_textures_whatever_the_label() -> None:
+def test_pins_send_more_than_natural_textures_whatever_the_label():
     pins, natural = psth("pin_arrays_soft").sum(axis=1), psth("natural_textures_soft").sum(axis=1)
     assert pins.min() > natural.max()
     assert pins.mean() > 1.5 * natural.mean()
 
 
-def slips_per_s(name: str) -> np.ndarray:
+def slips_per_s(name):
     """Return how often the skin of each texture springs back by half a pixel or more in 1.5 to 5 s."""
     scene = load_scene(name, {"trials": "1"})
     least_mm = 0.5 / scene.sensor.image_scale_px_mm
@@ -72,14 +69,12 @@ def slips_per_s(name: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["natural_textures", "pin_arrays"])
-def test_stick_slip_occurs_throughout_the_test_on_every_texture(name: str) -> None:
+def test_stick_slip_occurs_throughout_the_test_on_every_texture(name):
     assert slips_per_s(f"{name}_soft").min() > 3
     assert slips_per_s(name).min() < 1
 
 
-def profiles(
-    name: str, texture: str, trials: int, bin_ms: float, duration_ms: float
-) -> tuple[Scene, np.ndarray]:
+def profiles(name, texture, trials, bin_ms, duration_ms):
     """Return a scene of one texture, and its events (motion, trial, bin)."""
     changes = {"trials": str(trials), "textures": f"[{texture}]", "duration_ms": str(duration_ms)}
     scene = load_scene(name, changes)
@@ -87,7 +82,7 @@ def profiles(
     return scene, found.reshape(len(scene.motions), trials, -1)
 
 
-def test_constant_speeds_differ_from_the_start() -> None:
+def test_constant_speeds_differ_from_the_start():
     """Every trial of a faster constant speed peaks higher in its first 80 ms than any of a slower one."""
     for name, apart in (("neurotac_dvxplorer_soft", True), ("neurotac_dvxplorer", False)):
         scene, found = profiles(name, "denim", 3, 10.0, 80.0)
@@ -95,7 +90,7 @@ def test_constant_speeds_differ_from_the_start() -> None:
         assert bool(np.all(peaks[:-1].max(axis=1) < peaks[1:].min(axis=1))) == apart, peaks
 
 
-def kinds_of_the_nearest(name: str) -> tuple[float, float]:
+def kinds_of_the_nearest(name):
     """Return how often the nearest profile, and the second nearest, are of a trial's own kind.
 
     By the means of log rates of 100 ms over four trials on wool, one left out.
@@ -111,7 +106,7 @@ def kinds_of_the_nearest(name: str) -> tuple[float, float]:
     return float(first), float(second)
 
 
-def test_profiles_are_confused_within_their_kind_and_not_across() -> None:
+def test_profiles_are_confused_within_their_kind_and_not_across():
     soft, hard = kinds_of_the_nearest("neurotac_dvxplorer_soft"), kinds_of_the_nearest("neurotac_dvxplorer")
     assert soft[0] > 0.95 > hard[0]
     assert soft[1] > 0.85 > hard[1]
@@ -121,7 +116,7 @@ def test_profiles_are_confused_within_their_kind_and_not_across() -> None:
     ("name", "most_mm"),
     [("neurotac_dvxplorer_soft", 0.1), ("natural_textures_soft", 0.5), ("pin_arrays_soft", 0.1)],
 )
-def test_trials_start_where_arm_and_cloth_leave_them(name: str, most_mm: float) -> None:
+def test_trials_start_where_arm_and_cloth_leave_them(name, most_mm):
     scene = load_scene(name)
     starts = np.abs([trial(scene, k).start_mm for k in range(40)])
     assert 0.8 * most_mm < starts.max() <= most_mm

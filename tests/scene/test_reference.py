@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -18,15 +16,13 @@ RADIUS, EDGE = 4.2, 0.45
 PLAIN = Camera(mismatch=0.0, refractory_us=0.0, noise_hz=0.0)
 
 
-def line(start: tuple[float, float], shift: tuple[float, float], n: int = 400, ms: float = 40.0) -> tuple:
+def line(start, shift, n=400, ms=40.0):
     """Return t_s and px of one pin on a straight line."""
     part = np.linspace(0, 1, n + 1)
     return part * ms * 1e-3, (np.array(start) + part[:, None] * np.array(shift))[:, None, :]
 
 
-def pixels(
-    size: tuple[int, int] = SIZE, on: float = 0.3, off: float = 0.3, phase: float | None = None, seed: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
+def pixels(size=SIZE, on=0.3, off=0.3, phase=None, seed=0):
     """Return start phases and thresholds of a frame (width, height)."""
     shape = size[::-1]
     phases = np.random.default_rng(seed).uniform(-1, 1, shape) if phase is None else np.full(shape, phase)
@@ -35,28 +31,28 @@ def pixels(
     return phases.astype(np.float32), thresholds
 
 
-def seen(t_s, px, start, thresholds, camera=PLAIN, radius=RADIUS, edge=EDGE) -> Block:
+def seen(t_s, px, start, thresholds, camera=PLAIN, radius=RADIUS, edge=EDGE):
     return reference.camera(t_s, px, radius, edge, start, thresholds, camera)
 
 
-def counts(found: Block, size: tuple[int, int]) -> np.ndarray:
+def counts(found, size):
     """Return events (height, width, polarity)."""
     n = np.zeros((*size[::-1], 2), int)
     np.add.at(n, (found.y, found.x, found.polarity), 1)
     return n
 
 
-def levels_at_start(light: np.ndarray, start: np.ndarray, thresholds: np.ndarray, dark: float) -> np.ndarray:
+def levels_at_start(light, start, thresholds, dark):
     theta = np.where(start > 0, thresholds[..., 0], thresholds[..., 1])
     return np.clip(np.log(light) + start * theta, np.log(dark), 0)
 
 
-def test_nothing_moves_nothing_is_seen() -> None:
+def test_nothing_moves_nothing_is_seen():
     t_s, px = line((20, 20), (0, 0))
     assert len(seen(t_s, px, *pixels()).t_us) == 0
 
 
-def test_a_frame_is_the_light_of_its_pins() -> None:
+def test_a_frame_is_the_light_of_its_pins():
     px = np.array([[12.5, 20.5], [20.0, 20.5]])
     light = reference.frame(px, RADIUS, EDGE, 5.0, SIZE)
     y, x = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
@@ -67,7 +63,7 @@ def test_a_frame_is_the_light_of_its_pins() -> None:
     assert light[0, 0] == 0.2
 
 
-def test_light_of_pins_on_one_another_is_white_and_no_more() -> None:
+def test_light_of_pins_on_one_another_is_white_and_no_more():
     one = reference.frame(np.array([[20.5, 20.5]]), RADIUS, EDGE, 5.0, SIZE)
     two = reference.frame(np.full((2, 2), 20.5), RADIUS, EDGE, 5.0, SIZE)
     assert two.max() == 1
@@ -75,7 +71,7 @@ def test_light_of_pins_on_one_another_is_white_and_no_more() -> None:
 
 
 @given(contrast=st.floats(1.5, 20), on=st.floats(0.05, 1.0), ratio=st.floats(1.02, 1.5))
-def test_a_pin_over_a_pixel_crosses_every_level_once(contrast: float, on: float, ratio: float) -> None:
+def test_a_pin_over_a_pixel_crosses_every_level_once(contrast, on, ratio):
     """Dark to white is floor(ln contrast / theta) levels up, then as many of theta_off down as they hold."""
     t_s, px = line((-30.5, 1.5), (64.0, 0.0), n=1000)
     start, thresholds = pixels((3, 3), on, on * ratio, phase=0.0)
@@ -87,7 +83,7 @@ def test_a_pin_over_a_pixel_crosses_every_level_once(contrast: float, on: float,
     assert counts(found, (3, 3))[1, 1].tolist() == [down, up]
 
 
-def test_a_rigid_shift_of_20_px_loses_no_event() -> None:
+def test_a_rigid_shift_of_20_px_loses_no_event():
     """One pin: every pixel rises to one brightest moment and falls: its events are counted in closed form."""
     shift = 20.0
     start, thresholds = pixels(on=0.3, off=0.27)
@@ -108,7 +104,7 @@ def test_a_rigid_shift_of_20_px_loses_no_event() -> None:
 
 
 @pytest.mark.parametrize("shift", [(20.0, 0.0), (14.04 * 2, 0.0), (-11.0, 23.0)])
-def test_levels_follow_the_light_when_all_pins_shift_beyond_their_pitch(shift: tuple[float, float]) -> None:
+def test_levels_follow_the_light_when_all_pins_shift_beyond_their_pitch(shift):
     """A renderer that looks up neighbours at rest loses light here, and ends on other levels."""
     size = small.SENSOR.frame_px
     rest = image_px(small.SENSOR, pins_mm(small.SENSOR))
@@ -124,7 +120,7 @@ def test_levels_follow_the_light_when_all_pins_shift_beyond_their_pitch(shift: t
     assert (np.log(last) > level - off - 1e-5).all()
 
 
-def test_as_many_events_whichever_way_the_frame_is_turned() -> None:
+def test_as_many_events_whichever_way_the_frame_is_turned():
     start, thresholds = pixels((40, 40))
     t_s, px = line((11.2, 20.3), (17.0, 3.0))
     plain = counts(seen(t_s, px, start, thresholds), (40, 40))
@@ -132,12 +128,12 @@ def test_as_many_events_whichever_way_the_frame_is_turned() -> None:
     np.testing.assert_array_equal(turned, plain.transpose(1, 0, 2))
 
 
-def test_no_level_to_cross_no_events() -> None:
+def test_no_level_to_cross_no_events():
     t_s, px = line((10, 20), (20, 0))
     assert len(seen(t_s, px, *pixels(on=np.log(5) + 1e-3, off=np.log(5) + 1e-3)).t_us) == 0
 
 
-def test_a_start_level_is_one_that_a_running_camera_can_hold() -> None:
+def test_a_start_level_is_one_that_a_running_camera_can_hold():
     """A dark pixel whose phase would put its level below black fires where it would from black itself."""
     t_s, px = line((-10, 20), (40, 0))
     _, thresholds = pixels()
@@ -147,7 +143,7 @@ def test_a_start_level_is_one_that_a_running_camera_can_hold() -> None:
     assert len(black.t_us) > 500
 
 
-def test_crossings_are_timed_on_the_line_between_two_frames() -> None:
+def test_crossings_are_timed_on_the_line_between_two_frames():
     px = np.array([[[8.0, 20.5]], [[12.0, 20.5]]])
     start, thresholds = pixels(phase=0.0)
     found = seen(np.array([0.010, 0.014]), px, start, thresholds)
@@ -161,7 +157,7 @@ def test_crossings_are_timed_on_the_line_between_two_frames() -> None:
     assert (found.polarity[mine] == 1).all()
 
 
-def test_in_its_dead_time_a_pixel_moves_its_level_and_sends_nothing() -> None:
+def test_in_its_dead_time_a_pixel_moves_its_level_and_sends_nothing():
     t_s, px = line((8, 20), (20, 0))
     awake = seen(t_s, px, *pixels())
     for dead_us, most in ((1e9, 1), (0.0, 100)):
@@ -180,7 +176,7 @@ def test_in_its_dead_time_a_pixel_moves_its_level_and_sends_nothing() -> None:
     assert code[0] < code[1]
 
 
-def test_events_come_in_order_and_within_the_frame() -> None:
+def test_events_come_in_order_and_within_the_frame():
     t_s, px = line((3, 3), (50, 40))
     found = seen(t_s, px, *pixels())
     assert (np.diff(found.t_us) >= 0).all()
@@ -191,7 +187,7 @@ def test_events_come_in_order_and_within_the_frame() -> None:
     ]  # fmt: skip
 
 
-def test_background_events_can_be_made_to_reset_their_pixels() -> None:
+def test_background_events_can_be_made_to_reset_their_pixels():
     t_s, px = line((8, 20), (20, 0))
     start, thresholds = pixels()
     plain = seen(t_s, px, start, thresholds)
@@ -204,7 +200,7 @@ def test_background_events_can_be_made_to_reset_their_pixels() -> None:
     assert not np.array_equal(found.t_us, plain.t_us)
 
 
-def test_a_trial_is_the_camera_on_its_path_and_its_noise() -> None:
+def test_a_trial_is_the_camera_on_its_path_and_its_noise():
     scene = small.scene(camera=replace(small.CAMERA, noise_hz=5.0), duration_ms=60.0)
     found, noise = reference.events(scene, 0), background.events(scene, 0)
     paths = simulate.pin_paths(scene, 0, reference.STEP_MS)

@@ -1,19 +1,16 @@
 """Trials as event lists and as rasters: the same whatever is asked for, whatever else the scene holds."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse import preprocessing
 from dse.config.settings import Preprocessing
 from dse.recordings.pooling import pooling
-from dse.records import Block
 from dse.scene import background, reference, simulate
 from dse.scene.scene import Method, Variation
 from tests.scene import small
@@ -23,11 +20,11 @@ DENIM = small.scene(**VARIED)
 FOAM = small.scene(small.FOAM, 42.0, **VARIED)
 
 
-def same(a: Block, b: Block) -> bool:
+def same(a, b):
     return all(np.array_equal(getattr(a, x), getattr(b, x)) for x in ("t_us", "x", "y", "polarity"))
 
 
-def test_events_are_sorted_within_frame_and_record() -> None:
+def test_events_are_sorted_within_frame_and_record():
     found = simulate.events(DENIM, 0)
     order = np.lexsort((found.polarity, found.x, found.y, found.t_us))
     np.testing.assert_array_equal(order, np.arange(len(order)))
@@ -42,7 +39,7 @@ def test_events_are_sorted_within_frame_and_record() -> None:
 
 
 @pytest.mark.parametrize("scene", [DENIM, FOAM], ids=["denim", "foam"])
-def test_fast_equals_reference_but_for_the_closed_form(scene) -> None:
+def test_fast_equals_reference_but_for_the_closed_form(scene):
     slow, fast = reference.events(scene, 0), simulate.events(replace(scene, method=small.EXACT), 0)
     assert len(fast.t_us) / len(slow.t_us) == pytest.approx(1, abs=0.003)
     assert small.likeness(slow, fast, scene, 1.0) > 0.994
@@ -50,7 +47,7 @@ def test_fast_equals_reference_but_for_the_closed_form(scene) -> None:
 
 
 @pytest.mark.parametrize("scene", [DENIM, FOAM], ids=["denim", "foam"])
-def test_the_default_steps_keep_the_events(scene) -> None:
+def test_the_default_steps_keep_the_events(scene):
     slow, fast = reference.events(scene, 0), simulate.events(scene, 0)
     assert len(fast.t_us) / len(slow.t_us) == pytest.approx(1, abs=0.012)
     assert small.likeness(slow, fast, scene, 1.0) > 0.95
@@ -77,7 +74,7 @@ SETTINGS = {
 
 @pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
 @pytest.mark.parametrize("scene", [DENIM, FOAM], ids=["denim", "foam"])
-def test_a_raster_is_the_pooled_event_list_bit_for_bit(scene, settings: Preprocessing) -> None:
+def test_a_raster_is_the_pooled_event_list_bit_for_bit(scene, settings):
     found = pooling(settings, *scene.sensor.frame_px, pins=PINS)
     n_bins = found.n_bins(round(scene.duration_ms * 1000))
     counts, channels = simulate.raster(scene, 0, found, n_bins)
@@ -96,10 +93,9 @@ def test_a_raster_is_the_pooled_event_list_bit_for_bit(scene, settings: Preproce
     threshold=st.integers(1, 5), exceeds=st.booleans(), crop=st.sampled_from([None, "pins", (7, 11, 53, 60)]),
     time_ms=st.sampled_from([None, (0.0, 33.3), (20.125, 55.0)]), extra=st.integers(-2, 2),
 )  # fmt: skip
-@settings(max_examples=40)
 def test_a_raster_is_the_pooled_event_list_in_every_mode(
     bin_ms, pool, stride, polarity, threshold, exceeds, crop, time_ms, extra
-) -> None:
+):
     scene = replace(FOAM, duration_ms=80.0)
     chosen = Preprocessing(
         bin_ms, pool=pool, stride=tuple(map(min, stride, pool)), polarity=polarity, pool_threshold=threshold,
@@ -113,7 +109,7 @@ def test_a_raster_is_the_pooled_event_list_in_every_mode(
     np.testing.assert_array_equal(channels, expected[1])
 
 
-def test_room_that_does_not_suffice_is_made_larger(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_room_that_does_not_suffice_is_made_larger(monkeypatch):
     found = pooling(Preprocessing(1.0, pool=4), *small.SENSOR.frame_px)
     block, raster = simulate.events(DENIM, 0), simulate.raster(DENIM, 0, found, 300)
     monkeypatch.setattr(simulate, "_MEV_S", 1e-3)
@@ -123,7 +119,7 @@ def test_room_that_does_not_suffice_is_made_larger(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("step_ms", [0.5, 4.0])
-def test_a_raster_is_the_pooled_event_list_at_other_steps_of_the_camera(step_ms: float) -> None:
+def test_a_raster_is_the_pooled_event_list_at_other_steps_of_the_camera(step_ms):
     scene = replace(DENIM, method=replace(Method(), camera_step_ms=step_ms, skip_px=0.5))
     found = pooling(Preprocessing(1.0, pool=4), *scene.sensor.frame_px)
     counts, channels = simulate.raster(scene, 0, found, 300)
@@ -132,7 +128,7 @@ def test_a_raster_is_the_pooled_event_list_at_other_steps_of_the_camera(step_ms:
     np.testing.assert_array_equal(channels, expected[1])
 
 
-def test_a_raster_may_end_before_or_after_the_record() -> None:
+def test_a_raster_may_end_before_or_after_the_record():
     found = pooling(Preprocessing(1.0, pool=4), *small.SENSOR.frame_px)
     whole = simulate.raster(DENIM, 0, found, 300)
     short = simulate.raster(DENIM, 0, found, 120)
@@ -152,7 +148,7 @@ def many(**other):
     return small.scene(**fields)
 
 
-def test_trial_k_does_not_know_what_else_the_scene_holds() -> None:
+def test_trial_k_does_not_know_what_else_the_scene_holds():
     alone = simulate.events(small.scene(trials=1, **VARIED), 0)
     scene = many()
     k = ((1 * 2 + 1) * 2 + 1) * 3
@@ -163,7 +159,7 @@ def test_trial_k_does_not_know_what_else_the_scene_holds() -> None:
     assert not same(simulate.events(scene, k + 1), alone)
 
 
-def test_trials_do_not_depend_on_order_or_threads() -> None:
+def test_trials_do_not_depend_on_order_or_threads():
     scene = many(duration_ms=120.0)
     ks = [0, 7, 14, 23]
     one_by_one = {k: simulate.events(scene, k) for k in ks}
@@ -175,14 +171,14 @@ def test_trials_do_not_depend_on_order_or_threads() -> None:
         assert same(one_by_one[k], together[k])
 
 
-def test_another_seed_is_another_trial() -> None:
+def test_another_seed_is_another_trial():
     a, b = (simulate.events(replace(DENIM, seed=seed), 0) for seed in (1, 2))
     assert not same(a, b)
     assert len(a.t_us) == pytest.approx(len(b.t_us), rel=0.5)
     assert (simulate.thresholds(replace(DENIM, seed=1)) != simulate.thresholds(replace(DENIM, seed=2))).any()
 
 
-def test_the_camera_is_one_camera_and_its_start_is_the_trials_own() -> None:
+def test_the_camera_is_one_camera_and_its_start_is_the_trials_own():
     scene = many()
     np.testing.assert_array_equal(simulate.thresholds(scene), simulate.thresholds(DENIM))
     theta = np.log(simulate.thresholds(scene))
@@ -195,7 +191,7 @@ def test_the_camera_is_one_camera_and_its_start_is_the_trials_own() -> None:
     assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.05
 
 
-def test_background_events_are_uniform_and_part_of_the_trial() -> None:
+def test_background_events_are_uniform_and_part_of_the_trial():
     scene = replace(DENIM, camera=replace(small.CAMERA, noise_hz=20.0))
     noise, quiet = background.events(scene, 0), simulate.events(replace(DENIM, camera=small.CAMERA), 0)
     expected = 20.0 * 88 * 88 * 0.3
@@ -208,6 +204,6 @@ def test_background_events_are_uniform_and_part_of_the_trial() -> None:
     assert same(simulate.events(scene, 0), reference.in_order([quiet, noise]))
 
 
-def test_a_trial_that_is_not_there_is_refused() -> None:
+def test_a_trial_that_is_not_there_is_refused():
     with pytest.raises(IndexError, match=r"trial must be in \[0, 1\), got 1"):
         simulate.events(DENIM, 1)

@@ -1,7 +1,5 @@
 """A plan holds every run once, within memory, time and balance, and is as coarse as they allow."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest
@@ -25,16 +23,16 @@ demands = st.lists(
 )
 
 
-def alike(n: int, cost: float = 1.0, memory_bytes: int = 1) -> list[Demand]:
+def alike(n, cost=1.0, memory_bytes=1):
     return [Demand("same", memory_bytes, 10, cost)] * n
 
 
-def costs(given: list[Demand], cohorts: list[tuple[int, ...]]) -> list[float]:
+def costs(given, cohorts):
     return [sum(given[i].cost for i in cohort) for cohort in cohorts]
 
 
 @given(demands, st.integers(1, 4), st.sampled_from([0.0, 30.0, 1e9]))
-def test_every_run_is_in_one_cohort_that_fits(given: list[Demand], n_workers: int, longest: float) -> None:
+def test_every_run_is_in_one_cohort_that_fits(given, n_workers, longest):
     cohorts = plan(given, BUDGET, n_workers, longest)
     assert sorted(itertools.chain(*cohorts)) == list(range(len(given)))
     for cohort in cohorts:
@@ -46,7 +44,7 @@ def test_every_run_is_in_one_cohort_that_fits(given: list[Demand], n_workers: in
 
 
 @given(demands, st.integers(1, 4), st.sampled_from([0.0, 30.0, 1e9]))
-def test_workers_end_as_if_every_run_were_alone(given: list[Demand], n_workers: int, longest: float) -> None:
+def test_workers_end_as_if_every_run_were_alone(given, n_workers, longest):
     cohorts = plan(given, BUDGET, n_workers, longest)
     taken = costs(given, cohorts)
     assert taken == sorted(taken, reverse=True)
@@ -54,25 +52,25 @@ def test_workers_end_as_if_every_run_were_alone(given: list[Demand], n_workers: 
 
 
 @given(st.lists(st.integers(0, 50), max_size=12), st.integers(1, 4))
-def test_the_last_worker_ends_within_grahams_bound(work: list[int], n_workers: int) -> None:
+def test_the_last_worker_ends_within_grahams_bound(work, n_workers):
     shortest = max(sum(work) / n_workers, max(work, default=0))  # no schedule is shorter
     assert shortest <= makespan(work, n_workers) <= (2 - 1 / n_workers) * shortest
 
 
-def test_the_last_worker_ends_at() -> None:
+def test_the_last_worker_ends_at():
     assert makespan([3, 3, 2, 2, 2], 2) == 7  # 3 + 2 + 2 and 3 + 2; the best would be 6
     assert makespan([5, 1, 1], 2) == 5
     assert makespan([], 3) == 0
 
 
-def test_as_few_cohorts_as_there_are_workers() -> None:
+def test_as_few_cohorts_as_there_are_workers():
     assert plan(alike(8), BUDGET, 1, 1e9) == [tuple(range(8))]
     assert [len(cohort) for cohort in plan(alike(8), BUDGET, 2, 1e9)] == [4, 4]
     uneven = [Demand("same", 1, 1, cost) for cost in (9.0, 1.0, 1.0, 2.0, 2.0, 3.0)]
     assert costs(uneven, plan(uneven, BUDGET, 2, 1e9)) == [9.0, 9.0]
 
 
-def test_each_limit_splits() -> None:
+def test_each_limit_splits():
     assert [len(c) for c in plan(alike(8, memory_bytes=30), BUDGET, 1, 1e9)] == [3, 3, 2]
     assert [len(c) for c in plan(alike(8, cost=40.0), BUDGET, 1, 120.0)] == [3, 3, 2]
     assert [len(c) for c in plan(alike(3, cost=500.0), BUDGET, 1, 120.0)] == [1, 1, 1]
@@ -80,17 +78,17 @@ def test_each_limit_splits() -> None:
     assert plan(apart, BUDGET, 1, 1e9) == [(0, 2), (1, 3)]
 
 
-def test_a_split_spreads_the_runs_evenly() -> None:
+def test_a_split_spreads_the_runs_evenly():
     """Three fit into a cohort, but what is left over does not make a cohort of its own."""
     assert [len(c) for c in plan(alike(4, memory_bytes=30), BUDGET, 1, 1e9)] == [2, 2]
     assert [len(c) for c in plan(alike(4, memory_bytes=30), BUDGET, 2, 1e9)] == [2, 2]
 
 
-def test_work_that_costs_less_than_none_is_no_plan() -> None:
+def test_work_that_costs_less_than_none_is_no_plan():
     with pytest.raises(AssertionError):  # makespans of such work are never near enough
         plan([*alike(2, cost=-0.5)], BUDGET, 1, 1e9)
 
 
-def test_a_run_that_no_worker_can_hold_is_refused() -> None:
+def test_a_run_that_no_worker_can_hold_is_refused():
     with pytest.raises(ValueError, match="run 1 needs 101 bytes, but a worker has 100"):
         plan([Demand("a", 90, 10, 1.0), Demand("a", 90, 11, 1.0)], BUDGET, 1, 1e9)

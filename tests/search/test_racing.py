@@ -12,7 +12,7 @@ from dse.skyline.pareto import hypervolume, non_dominated
 ROWS = st.lists(st.tuples(*[st.integers(0, 5)] * 3), min_size=1, max_size=12)
 
 
-def written_out(costs: np.ndarray, n: int) -> set[int]:
+def written_out(costs, n):
     """Return the n best: fronts one after the other, the last one by the hypervolume that is added."""
     left, chosen = list(range(len(costs))), []
     while left and len(chosen) < n:
@@ -37,16 +37,14 @@ def written_out(costs: np.ndarray, n: int) -> set[int]:
 
 
 @given(ROWS, st.integers(1, 12))
-def test_fronts_go_on_one_after_the_other_and_the_last_by_hypervolume(
-    rows: list[tuple[int, int, int]], n: int
-) -> None:
+def test_fronts_go_on_one_after_the_other_and_the_last_by_hypervolume(rows, n):
     costs = np.array(rows, float)
     chosen = best(costs, n)
     assert len(chosen) == min(n, len(rows)) and (np.diff(chosen) > 0).all()
     assert set(chosen.tolist()) == written_out(costs, n)
 
 
-def test_by_hand() -> None:
+def test_by_hand():
     # A front of four, of which the two in the middle are close together, and a point behind it.
     costs = np.array([[0, 10.0], [4, 5.0], [5, 4.0], [10, 0.0], [6, 6.0]])
     assert best(costs, 4).tolist() == [0, 1, 2, 3]
@@ -56,7 +54,7 @@ def test_by_hand() -> None:
     assert best(costs, 0).tolist() == []
 
 
-def test_equal_designs_and_one_objective() -> None:
+def test_equal_designs_and_one_objective():
     assert best(np.zeros((4, 2)), 2).tolist() == [0, 1]
     assert best(np.array([[3.0], [1.0], [2.0], [1.0]]), 3).tolist() == [1, 2, 3]
     assert best(np.zeros((0, 3)), 2).tolist() == []

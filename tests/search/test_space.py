@@ -3,15 +3,12 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.config import Axis, Design, SearchSpace, load_space
+from dse.config import Axis, load_space
 from dse.config.parts import Part
 from dse.search.space import corners, design_at, grid, index_of, n_designs_of_each
 from tests import families
@@ -19,12 +16,12 @@ from tests.spaces import write_space
 
 
 @pytest.fixture(scope="module")
-def space(tmp_path_factory: pytest.TempPathFactory) -> SearchSpace:
+def space(tmp_path_factory):
     folder = tmp_path_factory.mktemp("space")
     return load_space(write_space(folder, ("epochs: 1", "epochs: {range: [1, 9], step: 4}")))
 
 
-def test_the_last_axis_changes_fastest(space: SearchSpace) -> None:
+def test_the_last_axis_changes_fastest(space):
     expected = itertools.product([(1.0, 2.0), (1.0, 2.0, 4.0)], [4, 8, 12], [1, 5, 9])
     assert [tuple(design.values()) for design in grid(space)] == list(expected)
     assert list(grid(space)[0]) == ["encoder.thresholds", "model.hidden", "training.epochs"]
@@ -32,23 +29,23 @@ def test_the_last_axis_changes_fastest(space: SearchSpace) -> None:
 
 
 @given(st.integers(0, 17))
-def test_index_and_design_are_inverse(space: SearchSpace, index: int) -> None:
+def test_index_and_design_are_inverse(space, index):
     assert index_of(space, design_at(space, index)) == index
     space.resolve(design_at(space, index))
 
 
 @pytest.mark.parametrize("index", [-1, 18])
-def test_no_design_outside_the_grid(space: SearchSpace, index: int) -> None:
+def test_no_design_outside_the_grid(space, index):
     with pytest.raises(ValueError, match=r"index must be in \[0, 18\)"):
         design_at(space, index)
 
 
-def test_a_value_that_is_not_on_the_grid(space: SearchSpace) -> None:
+def test_a_value_that_is_not_on_the_grid(space):
     with pytest.raises(ValueError, match=r"model.hidden must be one of \[4, 8, 12\], got 5"):
         index_of(space, {**design_at(space, 0), "model.hidden": 5})
 
 
-def test_a_range_without_steps_has_no_grid(tmp_path: Path) -> None:
+def test_a_range_without_steps_has_no_grid(tmp_path):
     path = write_space(
         tmp_path, ("0.8", "{range: [0.1, 0.9]}"), ("sampler: grid", "sampler: tpe, n_trials: 3")
     )
@@ -58,7 +55,7 @@ def test_a_range_without_steps_has_no_grid(tmp_path: Path) -> None:
         grid(space)
 
 
-def test_a_space_without_axes_is_one_design(tmp_path: Path) -> None:
+def test_a_space_without_axes_is_one_design(tmp_path):
     space = load_space(write_space(tmp_path), {"encoder.thresholds": "[1]", "model.hidden": "4"})
     assert grid(space) == [{}]
 
@@ -70,7 +67,7 @@ branching = st.one_of(
 FAMILIES = ("encoder", "model")
 
 
-def conditional(space: SearchSpace, shape: list[Any]) -> SearchSpace:
+def conditional(space, shape):
     """Return a space with an axis for each number of a shape, and a choice of kinds for each list."""
     axes: dict[str, Axis] = {}
     entries: dict[str, dict[str, Part]] = {}
@@ -96,17 +93,17 @@ def conditional(space: SearchSpace, shape: list[Any]) -> SearchSpace:
     return dataclasses.replace(space, axes=axes, parts=parts)
 
 
-def part_of(kind: str, keys: list[str]) -> Part:
+def part_of(kind, keys):
     """Return a section of integer keys, in which one more does not vary."""
     fields = [(key, int, dataclasses.field(default=0)) for key in (*keys, "still")]
     made = dataclasses.make_dataclass("Made", fields, frozen=True)
     return Part(made, kind, {"still": 1}, {}, good=True)
 
 
-def enumerated(space: SearchSpace) -> Iterator[Design]:
+def enumerated(space):
     """Yield every design by plain recursion: the last axis changes fastest."""
 
-    def go(design: Design, names: list[str]) -> Iterator[Design]:
+    def go(design, names):
         if not names:
             yield design
             return
@@ -121,9 +118,7 @@ def enumerated(space: SearchSpace) -> Iterator[Design]:
 
 
 @given(st.lists(branching, max_size=4), st.data())
-def test_a_conditional_grid_is_that_of_plain_recursion(
-    space: SearchSpace, shape: list[Any], data: st.DataObject
-) -> None:
+def test_a_conditional_grid_is_that_of_plain_recursion(space, shape, data):
     found = conditional(space, shape)
     total = found.n_designs
     assert total is not None
@@ -142,7 +137,7 @@ def test_a_conditional_grid_is_that_of_plain_recursion(
 
 
 @given(st.lists(branching, max_size=4))
-def test_corners_are_designs_of_every_kind(space: SearchSpace, shape: list[Any]) -> None:
+def test_corners_are_designs_of_every_kind(space, shape):
     found = conditional(space, shape)
     designs = list(corners(found, FAMILIES, 50))
     kinds = [tuple(design.get(f"{section}.kind") for section in FAMILIES) for design in designs]
@@ -152,7 +147,7 @@ def test_corners_are_designs_of_every_kind(space: SearchSpace, shape: list[Any])
     assert all(design[name] == 0 for design in designs for name in plain)
 
 
-def test_designs_of_a_grid_too_large_to_enumerate(space: SearchSpace) -> None:
+def test_designs_of_a_grid_too_large_to_enumerate(space):
     found = conditional(space, [[[3, 3, 3], [3, 3]], 4, [[3, 3, 3], [3], []], *[4] * 5])
     found = dataclasses.replace(found, axes={**found.axes, "x.y": Axis("x.y", tuple(range(8)))})
     total = found.n_designs
@@ -161,7 +156,7 @@ def test_designs_of_a_grid_too_large_to_enumerate(space: SearchSpace) -> None:
         assert index_of(found, design_at(found, index)) == index
 
 
-def test_a_range_without_steps_in_one_kind_leaves_the_others_countable(space: SearchSpace) -> None:
+def test_a_range_without_steps_in_one_kind_leaves_the_others_countable(space):
     found = conditional(space, [[[2, 2], [1]], 3])
     open_range = Axis("encoder.k1.b0", None, 0.5, 2.0, condition=("encoder.kind", "k1"))
     found = dataclasses.replace(found, axes={**found.axes, open_range.name: open_range})
@@ -171,14 +166,14 @@ def test_a_range_without_steps_in_one_kind_leaves_the_others_countable(space: Se
     assert ends == [None, None, None, None, 0.5, 2.0]
 
 
-def test_a_design_of_another_kind_is_not_in_the_grid(space: SearchSpace) -> None:
+def test_a_design_of_another_kind_is_not_in_the_grid(space):
     found = conditional(space, [[[2], [2]]])
     for design in ({"encoder.kind": "k0", "encoder.k1.b0": 0}, {"encoder.kind": "k0"}, {}):
         with pytest.raises(ValueError, match="a design must have the axes"):
             index_of(found, design)
 
 
-def test_the_number_of_designs_is_a_sum_over_kinds(tmp_path: Path) -> None:
+def test_the_number_of_designs_is_a_sum_over_kinds(tmp_path):
     families.register()
     try:
         space = load_space(write_space(tmp_path, text=families.SPACE))

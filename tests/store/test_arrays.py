@@ -6,7 +6,6 @@ import io
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -28,20 +27,20 @@ class Aliased:
     delay: NDArray[Any] | None = None
 
 
-def test_an_array_by_the_alias_of_numpy_2_5_survives_the_disk() -> None:
+def test_an_array_by_the_alias_of_numpy_2_5_survives_the_disk():
     arrays = store.record_arrays(Aliased(np.ones(3)))
     assert set(arrays) == {"weight"}
     found = store.record_of(Aliased, arrays)
     assert found.weight.tolist() == [1, 1, 1] and found.delay is None
 
 
-def test_arrays_that_are_no_archive_are_named(tmp_path: Path) -> None:
+def test_arrays_that_are_no_archive_are_named(tmp_path):
     (tmp_path / "x.npz").write_bytes(b"no zip")
     with pytest.raises(store.StoreError, match=r"x\.npz: cannot be read"):
         store.load_arrays(tmp_path / "x.npz")
 
 
-def test_a_header_that_is_no_text_of_python_is_damage(tmp_path: Path) -> None:
+def test_a_header_that_is_no_text_of_python_is_damage(tmp_path):
     header = io.BytesIO()
     np.save(header, np.zeros(4))
     with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
@@ -50,7 +49,7 @@ def test_a_header_that_is_no_text_of_python_is_damage(tmp_path: Path) -> None:
         store.load_arrays(tmp_path / "x.npz")
 
 
-def test_a_network_survives_the_disk(tmp_path: Path) -> None:
+def test_a_network_survives_the_disk(tmp_path):
     rng = np.random.default_rng(0)
     layers = tuple(
         Layer(
@@ -83,7 +82,7 @@ def test_a_network_survives_the_disk(tmp_path: Path) -> None:
         store.record_of(Network, {k: v for k, v in store.record_arrays(network).items() if k != "1/weight"})
 
 
-def test_a_response_survives_the_disk(tmp_path: Path) -> None:
+def test_a_response_survives_the_disk(tmp_path):
     rng = np.random.default_rng(0)
     response = Response(
         output=rng.integers(0, 2, (3, 7, 5), dtype=np.uint8),
@@ -102,7 +101,7 @@ def test_a_response_survives_the_disk(tmp_path: Path) -> None:
     assert (restored.step_ms, restored.peak_state) == (2.5, 2**31)
 
 
-def test_what_a_pruned_net_reached_survives_the_disk() -> None:
+def test_what_a_pruned_net_reached_survives_the_disk():
     nothing = np.zeros((1, 2, 3), np.int32)
     response = Response(nothing.astype(np.uint8), nothing, nothing[..., :2], 1.0, 0, (2.5, 1.0, 0.0))
     assert store.response_of(store.response_arrays(response, np.array([0]))).synapses == (2.5, 1.0, 0.0)
@@ -110,11 +109,10 @@ def test_what_a_pruned_net_reached_survives_the_disk() -> None:
     assert store.response_of(store.response_arrays(plain, np.array([0]))).synapses is None
 
 
-def test_a_family_reads_back_its_own_arrays(tmp_path: Path) -> None:
+def test_a_family_reads_back_its_own_arrays(tmp_path):
     own = {"n_layers": np.array([3, 4]), "names": np.array(["felt", "silk"]), "0/weight": np.eye(2)}
     store.save_arrays(tmp_path / "w.npz", store.record_arrays(Parameters(own, 7)))
     restored = store.fitted_of(store.load_arrays(tmp_path / "w.npz"))
-    assert isinstance(restored, Parameters)
     assert restored.n_channels == 7 and set(restored.arrays) == set(own)
     assert all(np.array_equal(restored.arrays[name], x) for name, x in own.items())
     layer = Layer(
@@ -126,7 +124,7 @@ def test_a_family_reads_back_its_own_arrays(tmp_path: Path) -> None:
         store.fitted_of({"own/x": np.eye(2)})
 
 
-def test_answers_are_stored_with_their_samples(tmp_path: Path) -> None:
+def test_answers_are_stored_with_their_samples(tmp_path):
     k = np.arange(2)
     answers = Answers(np.eye(2, dtype=np.int64), k + 1.0, k, k * 1.0, k * 2.0, np.eye(2, dtype=np.int64))
     store.save_arrays(tmp_path / "a.npz", store.response_arrays(answers, np.array([4, 9])))
@@ -159,7 +157,7 @@ class Net:
 
 
 @pytest.mark.parametrize("full", [True, False])
-def test_any_record_survives_the_disk(tmp_path: Path, full: bool) -> None:
+def test_any_record_survives_the_disk(tmp_path, full):
     cell = Cell(np.arange(3.0), "a", np.eye(2) if full else None)
     net = Net(
         cells=(cell, Cell(np.zeros(0), "b")) if full else (),
@@ -185,7 +183,7 @@ def test_any_record_survives_the_disk(tmp_path: Path, full: bool) -> None:
         store.record_of(Net, arrays, "net/")
 
 
-def test_a_field_that_cannot_be_stored_is_named() -> None:
+def test_a_field_that_cannot_be_stored_is_named():
     @dataclass(frozen=True)
     class Odd:
         health: dict[str, Any]
@@ -196,7 +194,7 @@ def test_a_field_that_cannot_be_stored_is_named() -> None:
         store.record_of(Odd, {})
 
 
-def test_work_survives_the_disk_beside_other_arrays(tmp_path: Path) -> None:
+def test_work_survives_the_disk_beside_other_arrays(tmp_path):
     steps = np.arange(3.0)
     loads: list[Workload | Operations] = [
         Workload(

@@ -1,7 +1,5 @@
 """Records and numbers as JSON holds them."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -13,10 +11,10 @@ from dse import store
 from dse.records import Head
 
 
-def test_numbers_of_numpy_become_pythons_own() -> None:
+def test_numbers_of_numpy_become_pythons_own():
     document = {1: np.float32(0.5), "a": (np.arange(2), [np.bool_(True)]), "nan": np.float64("nan")}
     plain = store.plain(document)
-    assert plain.pop("nan") != 0 and math.isnan(document["nan"])  # type: ignore[arg-type]
+    assert plain.pop("nan") != 0 and math.isnan(document["nan"])
     assert plain == {"1": 0.5, "a": [[0, 1], [True]]}
     assert [type(x) for x in (plain["1"], plain["a"][0][0], plain["a"][1][0])] == [float, int, bool]
     with pytest.raises(TypeError, match="set cannot be written as JSON"):
@@ -38,13 +36,13 @@ def test_numbers_of_numpy_become_pythons_own() -> None:
         (pd.Timestamp("2026-01-02"), "2026-01-02 00:00:00"),
     ],
 )
-def test_a_cell_of_a_table(cell: object, expected: object) -> None:
+def test_a_cell_of_a_table(cell, expected):
     plain = store.plain_cell(cell)
     assert plain == expected and type(plain) is type(expected)
     json.dumps(plain, allow_nan=False)
 
 
-def test_heads_survive_json() -> None:
+def test_heads_survive_json():
     heads = (Head("texture", ("felt", "silk"), np.array([0, 0, 1])), Head("speed", ("1", "2"), np.arange(3)))
     again = store.heads_of(json.loads(json.dumps(store.heads_document(heads))))
     assert repr(again) == repr(heads)

@@ -1,11 +1,7 @@
 """A training run on disk: complete, or its damage is named."""
 
-from __future__ import annotations
-
 import os
 import resource
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +9,7 @@ import pytest
 from dse import store
 
 
-def _save(folder: Path, **changes: Any) -> None:
+def _save(folder, **changes):
     record = {
         "trial": 1,
         "repeat": 0,
@@ -23,22 +19,21 @@ def _save(folder: Path, **changes: Any) -> None:
     store.save_run(folder, record, {"a.npz": {"x": np.arange(3)}})
 
 
-def test_a_run_comes_back_with_its_checksums(tmp_path: Path) -> None:
+def test_a_run_comes_back_with_its_checksums(tmp_path):
     folder = store.run_file(tmp_path, 1, 0)
     assert store.load_run(folder) is None
     _save(folder)
     record = store.load_run(folder)
-    assert record is not None
     assert record["columns"] == {"accuracy": 0.5, "fits": True}
     assert list(record["files"]) == ["a.npz"]
     assert store.load_arrays(folder / "a.npz")["x"].tolist() == [0, 1, 2]
 
 
-def _truncate(path: Path) -> None:
+def _truncate(path):
     path.write_bytes(path.read_bytes()[:-9])
 
 
-def _flip(path: Path) -> None:
+def _flip(path):
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
@@ -54,7 +49,7 @@ def _flip(path: Path) -> None:
         (lambda path: path.write_text("[]"), "cannot be read"),
     ],
 )
-def test_damage_is_named(tmp_path: Path, damage: Any, message: str, is_noted: bool) -> None:
+def test_damage_is_named(tmp_path, damage, message, is_noted):
     run = store.run_file(tmp_path, 1, 0)
     _save(run)
     if is_noted:
@@ -65,7 +60,7 @@ def test_damage_is_named(tmp_path: Path, damage: Any, message: str, is_noted: bo
         store.load_run(run)
 
 
-def test_another_run_in_its_place_is_not_what_was_written(tmp_path: Path) -> None:
+def test_another_run_in_its_place_is_not_what_was_written(tmp_path):
     run = store.run_file(tmp_path, 1, 0)
     _save(run)
     with store.Book(tmp_path, writes=True) as book:
@@ -78,14 +73,14 @@ def test_another_run_in_its_place_is_not_what_was_written(tmp_path: Path) -> Non
         store.load_run(run)
 
 
-def test_a_record_of_a_newer_schema_is_refused(tmp_path: Path) -> None:
+def test_a_record_of_a_newer_schema_is_refused(tmp_path):
     folder = store.run_file(tmp_path, 1, 0)
     _save(folder, schema=store.SCHEMA + 1)
     with pytest.raises(store.StoreError, match="is newer than"):
         store.load_run(folder)
 
 
-def test_a_run_in_the_place_of_another_is_refused(tmp_path: Path) -> None:
+def test_a_run_in_the_place_of_another_is_refused(tmp_path):
     _save(store.run_file(tmp_path, 1, 0))
     other = store.run_file(tmp_path, 3, 0)
     store.run_file(tmp_path, 1, 0).rename(other)
@@ -93,7 +88,7 @@ def test_a_run_in_the_place_of_another_is_refused(tmp_path: Path) -> None:
         store.load_run(other)
 
 
-def test_a_process_without_file_descriptors_finds_no_damage(tmp_path: Path) -> None:
+def test_a_process_without_file_descriptors_finds_no_damage(tmp_path):
     folder = store.run_file(tmp_path, 1, 0)
     _save(folder)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,13 +24,7 @@ class Killed(BaseException):
     """As if the process were gone."""
 
 
-def cohort(
-    folder: Path,
-    until: int | None = None,
-    checkpoint_s: float = 0.0,
-    points_at_rung: bool = False,
-    **training: Any,
-) -> Any:
+def cohort(folder, until=None, checkpoint_s=0.0, points_at_rung=False, **training):
     """Return a job of two runs whose data set is saved."""
     if not (folder / "data").exists():
         save(toy(n_channels=6, n_steps=20, n=24), folder / "data")
@@ -56,17 +49,16 @@ def cohort(
     )
 
 
-def trained(job: jobs.TrainingJob) -> None:
+def trained(job):
     assert sorted(jobs.train(job)) == [(0, None), (1, None)]
 
 
-def files(folder: Path) -> dict[str, Any]:
+def files(folder):
     """Return every array and number of the finished runs, without times."""
     found: dict[str, Any] = {}
     for number in range(2):
         run = store.run_file(folder / "study", number, 0)
         record = load_record(run)
-        assert record is not None
         columns = {k: x for k, x in record.measured.columns.items() if k != "train_s"}
         found[f"{number}"] = columns
         found |= {f"{number}/{k}": x for k, x in store.load_arrays(run).items()}
@@ -74,24 +66,24 @@ def files(folder: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     trained(cohort(folder, checkpoint_s=1e9))
     return files(folder)
 
 
-def assert_ended_as(folder: Path, whole: dict[str, Any]) -> None:
+def assert_ended_as(folder, whole):
     np.testing.assert_equal(files(folder), whole)
     assert not list((folder / "study" / "checkpoints").glob("*/runs/*.npz"))
 
 
 @pytest.fixture
-def saved(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+def saved(monkeypatch):
     """Return the (trial, epochs) of every checkpoint that is written; a kill comes after the seventh."""
     written: list[tuple[int, int]] = []
     save_plain = checkpoints.save
 
-    def save_and_die(study: Path, epochs: int, training: str, record: Any, *rest: Any) -> None:
+    def save_and_die(study, epochs, training, record, *rest):
         save_plain(study, epochs, training, record, *rest)
         written.append((record["trial"], epochs))
         if len(written) == 7:
@@ -101,9 +93,7 @@ def saved(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     return written
 
 
-def test_a_killed_job_repeats_what_followed_its_checkpoints(
-    tmp_path: Path, whole: dict[str, Any], saved: list[tuple[int, int]]
-) -> None:
+def test_a_killed_job_repeats_what_followed_its_checkpoints(tmp_path, whole, saved):
     with pytest.raises(Killed):
         list(jobs.train(cohort(tmp_path)))
     # Of the fourth epoch there is a checkpoint of the first run alone: now they stand at different epochs.
@@ -115,9 +105,7 @@ def test_a_killed_job_repeats_what_followed_its_checkpoints(
     assert_ended_as(tmp_path, whole)
 
 
-def test_jobs_from_rung_to_rung_end_as_one_and_measure_on_the_way(
-    tmp_path: Path, whole: dict[str, Any]
-) -> None:
+def test_jobs_from_rung_to_rung_end_as_one_and_measure_on_the_way(tmp_path, whole):
     study, measured = tmp_path / "study", {}
     for until, points in ((2, True), (3, False)):
         trained(cohort(tmp_path, until, points_at_rung=points))
@@ -130,19 +118,17 @@ def test_jobs_from_rung_to_rung_end_as_one_and_measure_on_the_way(
     trained(cohort(tmp_path, until=3))  # nobody trains further than the rung
     trained(cohort(tmp_path))
     record = load_record(store.run_file(study, 1, 0))
-    assert record is not None
     assert {n: x.columns["accuracy"] for n, x in record.rungs.items()} == measured
     assert_ended_as(tmp_path, whole)
 
 
-def test_a_rung_without_points_lacks_only_what_the_decision_maker_measures(tmp_path: Path) -> None:
+def test_a_rung_without_points_lacks_only_what_the_decision_maker_measures(tmp_path):
     columns: list[dict[str, Any]] = []
     for points in (True, False):
         folder = tmp_path / str(points)
         folder.mkdir()
         trained(cohort(folder, until=2, points_at_rung=points))
         record = checkpoints.at_rung(folder / "study", 1, 0, 2)
-        assert record is not None
         columns.append({k: x for k, x in record.measured.columns.items() if k != "train_s"})
     with_points, without = columns
     assert without.items() <= with_points.items() and need_no_decisions(
@@ -153,9 +139,7 @@ def test_a_rung_without_points_lacks_only_what_the_decision_maker_measures(tmp_p
 
 
 @pytest.mark.parametrize("what", ["damaged", "other training", "other schema"])
-def test_a_checkpoint_that_cannot_be_used_is_removed(
-    tmp_path: Path, whole: dict[str, Any], what: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_checkpoint_that_cannot_be_used_is_removed(tmp_path, whole, what, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(checkpoints, "SCHEMA", 0 if what == "other schema" else checkpoints.SCHEMA)
         other: Any = {"learning_rate": 0.5} if what == "other training" else {}

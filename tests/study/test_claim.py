@@ -1,9 +1,6 @@
 """A study's folder belongs to the search space, and to the plugins, that it was started with."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 
@@ -26,7 +23,7 @@ class OfAClaim:
 '''
 
 
-def test_a_plugin_that_changed_or_is_gone_is_one_line(trusting: None, tmp_path: Path) -> None:
+def test_a_plugin_that_changed_or_is_gone_is_one_line(trusting, tmp_path):
     file, folder = tmp_path / "mine.py", tmp_path / "results" / "tiny"
     file.write_text(PLUGIN)
     path = write_space(tmp_path, ("seed: 3\n", "seed: 3\nplugins: [mine.py]\n"))

@@ -1,21 +1,16 @@
 """Several processes that run one study: no design is trained by two, and nothing is lost."""
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os
 import sys
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
 from dse import store
-from dse.config import ConfigError, SearchSpace, load_space
+from dse.config import ConfigError, load_space
 from dse.study import coordinators, doctor, explore, workers
 from dse.study.ledger import read_entries
 from tests import tiny_study
@@ -27,7 +22,7 @@ N_DESIGNS = 6
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def quick(monkeypatch):
     tiny_study.register()
     monkeypatch.setattr(workers, "Loky", InProcess)
     monkeypatch.setattr("dse.study.runs._GLANCE_S", 0.05)
@@ -35,16 +30,16 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     tiny_study.unregister()
 
 
-def space_of(folder: Path, **changes: Any) -> SearchSpace:
+def space_of(folder, **changes):
     search = {"sampler": "grid", "batch": 2, **changes.pop("search", {})}
     return tiny_study.make_space(folder, search=search, execution={"jobs": 1}, **changes)
 
 
-def table(results: Path, name: str) -> pd.DataFrame:
+def table(results, name):
     return pd.read_parquet(results / "tiny" / name).drop(columns="train_s", errors="ignore")
 
 
-def assert_same(one: Path, other: Path) -> None:
+def assert_same(one, other):
     for name in ("trials.parquet", "points.parquet"):
         assert_frame_equal(table(one, name), table(other, name), check_exact=True)
     designs = [
@@ -53,24 +48,24 @@ def assert_same(one: Path, other: Path) -> None:
     assert designs[0] == designs[1]
 
 
-def coordinator(folder: Path, results: str) -> None:
+def coordinator(folder, results):
     """Run a coordinator in a process of its own."""
     tiny_study.register()
-    workers.Loky = InProcess  # type: ignore[assignment, misc]
+    workers.Loky = InProcess
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     explore.run(load_space(folder / "tiny.yaml"), folder / results, progress=False)
     sys.exit(0)
 
 
 @pytest.mark.parametrize("search", [{}, {"sampler": "tpe", "n_trials": 5, "repeats_on_front": 2}])
-def test_two_coordinators_make_the_tables_of_one(tmp_path: Path, search: dict[str, Any]) -> None:
+def test_two_coordinators_make_the_tables_of_one(tmp_path, search):
     space, trained = space_of(tmp_path, search=search), {"first": 0, "other": 0}
     explore.run(space, tmp_path / "alone", progress=False)
 
-    def count(who: str) -> None:
+    def count(who):
         trained[who] += 1
 
-    def first(_: object) -> None:
+    def first(_):
         count("first")
         if trained["first"] == 1:  # in the middle of its first batch
             explore.run(space, tmp_path / "shared", progress=False, on_trial=lambda _: count("other"))
@@ -82,7 +77,7 @@ def test_two_coordinators_make_the_tables_of_one(tmp_path: Path, search: dict[st
     assert not list((tmp_path / "shared" / "tiny" / store.COORDINATORS).glob("*"))
 
 
-def test_what_a_killed_coordinator_leaves_is_trained_by_another(tmp_path: Path) -> None:
+def test_what_a_killed_coordinator_leaves_is_trained_by_another(tmp_path):
     gate = tmp_path / "gate"
     slow = {**tiny_study.plain()["model"], "gate": str(gate), "hidden": {"choice": [[8], [4], [16]]}}
     space = space_of(tmp_path, model=slow, search={"batch": 4})
@@ -106,7 +101,7 @@ def test_what_a_killed_coordinator_leaves_is_trained_by_another(tmp_path: Path) 
     assert all(path.stat().st_ino == inode for path, inode in ended.items()), "a run was made twice"
 
 
-def test_a_claim_holds_while_its_coordinator_lives(tmp_path: Path) -> None:
+def test_a_claim_holds_while_its_coordinator_lives(tmp_path):
     with contextlib.ExitStack() as of_both:
         one = coordinators.Coordinator(tmp_path, of_both)
         book = of_both.enter_context(store.Book(tmp_path, writes=True))
@@ -125,13 +120,13 @@ def test_a_claim_holds_while_its_coordinator_lives(tmp_path: Path) -> None:
         assert book.rows("claim", "coordinator = ?", one._name) == []
 
 
-def test_who_may_not_join(tmp_path: Path) -> None:
+def test_who_may_not_join(tmp_path):
     search = {"racing": {"rungs": [1]}}
     plain = space_of(tmp_path)
     curve = {"model": {"kind": "curve"}, "training": {"epochs": 4}}
 
-    def refused(what: str, **changes: Any) -> None:
-        def join(_: object) -> None:
+    def refused(what, **changes):
+        def join(_):
             with pytest.raises(ConfigError, match=what):
                 explore.run(space_of(tmp_path, **changes), tmp_path / what[:4], progress=False)
 

@@ -25,24 +25,24 @@ COLUMNS = ["accuracy_corrected", "accuracy_corrected_low", "accuracy_corrected_h
 
 
 @pytest.fixture(scope="module")
-def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def example(tmp_path_factory):
     folder = tmp_path_factory.mktemp("read") / "example"
     shutil.copytree(EXAMPLE, folder)
     return folder
 
 
-def document(capsys: Captured, *arguments: str) -> dict[str, Any]:
+def document(capsys, *arguments):
     assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
     return found
 
 
-def printed(capsys: Captured, *arguments: str) -> str:
+def printed(capsys, *arguments):
     assert main([*arguments, "--format", "table"]) == 0
     return capsys.readouterr().out
 
 
-def test_every_command_shows_the_number_of_the_table(example: Path, capsys: Captured) -> None:
+def test_every_command_shows_the_number_of_the_table(example, capsys):
     points = dse.open(example).points()
     keys = ["trial", "point", "hardware"]
     of_point = points.set_index(keys)[COLUMNS]
@@ -63,7 +63,7 @@ def test_every_command_shows_the_number_of_the_table(example: Path, capsys: Capt
         assert row["corrected_low"] < row["corrected"] <= row["ours"]
 
 
-def test_the_best_of_many_points_loses_what_others_keep(example: Path) -> None:
+def test_the_best_of_many_points_loses_what_others_keep(example):
     points = dse.open(example).points()
     luck = points["accuracy"] - points["accuracy_corrected"]
     assert (luck >= 0).all() and points[COLUMNS].notna().all(axis=None)
@@ -76,10 +76,10 @@ def test_the_best_of_many_points_loses_what_others_keep(example: Path) -> None:
     assert (on_chips == 1).all(), "a chip changes costs, not accuracies"
 
 
-def test_luck_grows_with_the_number_of_points_and_shrinks_with_recordings() -> None:
+def test_luck_grows_with_the_number_of_points_and_shrinks_with_recordings():
     rng = np.random.default_rng(3)
 
-    def lost(n_points: int, n: int) -> float:
+    def lost(n_points, n):
         """Return what the best of equal points loses; all of what it has above 0.8 is luck."""
         accuracy, number = np.unique(rng.binomial(n, 0.8, n_points) / n, return_counts=True)
         return float(accuracy[-1] - expected(accuracy, np.full(len(accuracy), n), number)[-1])
@@ -89,7 +89,7 @@ def test_luck_grows_with_the_number_of_points_and_shrinks_with_recordings() -> N
     assert expected(np.array([0.9]), np.array([1000]), np.array([1]))[0] == pytest.approx(0.9, abs=0.005)
 
 
-def test_folds_have_their_own_recordings_and_repeats_the_same(tmp_path: Path) -> None:
+def test_folds_have_their_own_recordings_and_repeats_the_same(tmp_path):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     cases = {"stratified: {validation: 0.5}": (18, 36), "k_fold: {k: 3}": (36, 36)}
     for split, (recordings, answers) in cases.items():
@@ -104,7 +104,7 @@ def test_folds_have_their_own_recordings_and_repeats_the_same(tmp_path: Path) ->
         assert of[0] == (recordings, answers), split
 
 
-def test_a_table_without_recordings_says_that_it_has_none(tmp_path: Path, capsys: Captured) -> None:
+def test_a_table_without_recordings_says_that_it_has_none(tmp_path, capsys):
     table = pd.DataFrame({"trial": [0, 1], "accuracy": [0.9, 0.8], "energy_uj": [2.0, 1.0]})
     table.to_csv(tmp_path / "points.csv", index=False)
     objectives = ("--objectives", "accuracy:max,energy_uj:min")
@@ -117,7 +117,7 @@ def test_a_table_without_recordings_says_that_it_has_none(tmp_path: Path, capsys
         assert any(note.startswith("no accuracy_corrected") for note in found["notes"])
 
 
-def test_an_open_interval_is_its_low_end_and_both_energies_are_shown(example: Path, capsys: Captured) -> None:
+def test_an_open_interval_is_its_low_end_and_both_energies_are_shown(example, capsys):
     budget = ("--budget", "hardware == 'spinnaker2' and task == 'texture'")
     lines = dict(
         line.split(maxsplit=1) for line in printed(capsys, "pick", str(example), *budget).splitlines()

@@ -1,7 +1,5 @@
 """A study that is killed, stopped or out of disk: the same command goes on and ends with the same tables."""
 
-from __future__ import annotations
-
 import glob
 import multiprocessing
 import os
@@ -10,8 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import pandas as pd
@@ -20,7 +16,6 @@ from pandas.testing import assert_frame_equal
 
 from dse import store
 from dse.study import results, workers
-from dse.study.results import Study
 from tests import tiny_study
 from tests.in_process import InProcess
 from tests.waiting import PATIENCE_S, until
@@ -34,13 +29,13 @@ N_RUNS = 8
 
 
 @pytest.fixture(scope="module", autouse=True)
-def fake_model() -> Iterator[None]:
+def fake_model():
     tiny_study.register()
     yield
     tiny_study.unregister()
 
 
-def prepare(folder: Path, jobs: int = 1) -> Path:
+def prepare(folder, jobs=1):
     folder.mkdir()
     model = {**tiny_study.plain()["model"], "seconds": 0.02}
     search = {"sampler": "grid", "batch": 4, "repeats_on_front": 2}
@@ -49,28 +44,24 @@ def prepare(folder: Path, jobs: int = 1) -> Path:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def whole(tmp_path_factory):
     folder = prepare(tmp_path_factory.mktemp("crash") / "whole")
     assert tiny_study.run_folder(str(folder)) == 0
     return results.open(folder / "results" / "tiny")
 
 
-def study_process(
-    folder: Path, limit: int | None, told: Path, cache: str, executor: type[InProcess] | None
-) -> None:
+def study_process(folder, limit, told, cache, executor):
     """Run the study of a folder, with an executor instead of loky; write what it says to a file."""
     os.environ["DSE_CACHE"] = cache
     if executor is not None:
-        workers.Loky = executor  # type: ignore[assignment, misc]
+        workers.Loky = executor
     os.dup2(os.open(told, os.O_WRONLY | os.O_CREAT), 2)
     if limit is not None:  # the largest file that the process may write
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     sys.exit(tiny_study.run_folder(str(folder)))
 
 
-def start(
-    folder: Path, limit: int | None = None, executor: type[InProcess] | None = InProcess
-) -> ForkServerProcess:
+def start(folder, limit=None, executor=InProcess):
     """Start a process that runs a study: a fork of one that has imported everything."""
     CHILDREN.set_forkserver_preload([__name__, *LAZY])
     cache = os.environ["DSE_CACHE"]  # those of the server are older
@@ -80,28 +71,28 @@ def start(
     return process
 
 
-def killed(process: ForkServerProcess) -> None:
+def killed(process):
     process.kill()
     process.join()
 
 
-def finished_runs(folder: Path) -> dict[str, tuple[int, int]]:
+def finished_runs(folder):
     records = (folder / "results" / "tiny" / "runs").glob("*.npz")
     return {str(path): (path.stat().st_ino, path.stat().st_mtime_ns) for path in records}
 
 
-def wait_until(process: ForkServerProcess, condition: Callable[[], bool]) -> None:
+def wait_until(process, condition):
     until(lambda: process.exitcode is not None or condition(), "the study to come so far")
 
 
-def assert_same(folder: Path, whole: Study) -> None:
+def assert_same(folder, whole):
     found = results.open(folder / "results" / "tiny")
     for one, other in ((found.trials, whole.trials), (found.points(), whole.points())):
         one, other = (frame.drop(columns="train_s") for frame in (one, other))
         assert_frame_equal(one, other, check_exact=True)
 
 
-def test_kill_9_within_a_cohort_loses_what_was_unfinished(tmp_path: Path) -> None:
+def test_kill_9_within_a_cohort_loses_what_was_unfinished(tmp_path):
     gate = tmp_path / "gate"
     model = {**tiny_study.plain()["model"], "kind": "together", "gate": str(gate)}
     folders = [tmp_path / name for name in ("whole", "killed")]
@@ -124,7 +115,7 @@ def test_kill_9_within_a_cohort_loses_what_was_unfinished(tmp_path: Path) -> Non
     assert sorted(members) == sorted([6] * len(kept) + [6 - len(kept)] * (6 - len(kept)))
 
 
-def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(tmp_path: Path, whole: Study) -> None:
+def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(tmp_path, whole):
     folder = prepare(tmp_path / "stopped")
     code = f"import sys; from tests.tiny_study import run_folder; sys.exit(run_folder({str(folder)!r}))"
     process = subprocess.Popen(
@@ -145,7 +136,7 @@ def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(tmp_path: Path, whole
     assert_same(folder, whole)
 
 
-def test_semaphores_of_a_killed_group_are_removed_by_the_next_run(tmp_path: Path) -> None:
+def test_semaphores_of_a_killed_group_are_removed_by_the_next_run(tmp_path):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     model = {**tiny_study.plain()["model"], "gate": str(tmp_path / "gate"), "hidden": [4]}
     tiny_study.make_space(tmp_path, model=model, execution={"jobs": 1})
@@ -165,9 +156,7 @@ def test_semaphores_of_a_killed_group_are_removed_by_the_next_run(tmp_path: Path
 
 
 @pytest.mark.parametrize("limit", [4_000, 6_000, 60_000])
-def test_a_full_disk_stops_the_study_and_fails_no_design(
-    tmp_path: Path, whole: Study, monkeypatch: pytest.MonkeyPatch, limit: int
-) -> None:
+def test_a_full_disk_stops_the_study_and_fails_no_design(tmp_path, whole, monkeypatch, limit):
     """The book takes 49 kB from the beginning, the larger table more than 60."""
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     folder = prepare(tmp_path / "full")
@@ -182,9 +171,7 @@ def test_a_full_disk_stops_the_study_and_fails_no_design(
     assert_same(folder, whole)
 
 
-def test_kill_9_while_data_are_prepared(
-    tmp_path: Path, whole: Study, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kill_9_while_data_are_prepared(tmp_path, whole, monkeypatch):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     folder = prepare(tmp_path / "killed")
     process = start(folder)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ import dse
 from dse import store
 from dse.config import ConfigError, load_space
 from dse.study import explore, jobs
-from dse.study.results import Study
 from dse.study.runs import Runs
 from tests.installed import needs_papers
 
@@ -24,7 +22,7 @@ REPETITION = np.repeat([0, 1], 9)
 N_STEPS, BEGIN = 36, 12  # the middle window of 12 steps
 
 
-def by_place() -> np.ndarray:
+def by_place():
     """Return recordings whose class is where in the middle window a burst of 4 steps lies."""
     spikes = np.zeros((18, N_STEPS, 4), np.uint8)
     for i, label in enumerate(LABEL):
@@ -32,7 +30,7 @@ def by_place() -> np.ndarray:
     return spikes
 
 
-def by_channel() -> np.ndarray:
+def by_channel():
     """Return recordings whose class is the channel that fires; force 3 swaps the channels of two classes."""
     spikes = np.zeros((18, N_STEPS, 4), np.uint8)
     for i, label in enumerate(LABEL):
@@ -44,7 +42,7 @@ def by_channel() -> np.ndarray:
 KNN = {"kind": "knn", "channels": "each", "window_ms": 20.0, "k": 1}
 
 
-def written(folder: Path, spikes: np.ndarray, name: str = "tiny", **changes: Any) -> Path:
+def written(folder, spikes, name="tiny", **changes):
     """Write recordings and a search space; keywords replace whole sections."""
     np.savez(
         folder / "x.npz",
@@ -77,15 +75,15 @@ def written(folder: Path, spikes: np.ndarray, name: str = "tiny", **changes: Any
     return path
 
 
-def run(folder: Path, spikes: np.ndarray, name: str = "tiny", **changes: Any) -> Study:
+def run(folder, spikes, name="tiny", **changes):
     return explore.run(load_space(written(folder, spikes, name, **changes)), folder / "r", progress=False)
 
 
-def row(study: Study) -> dict[str, Any]:
+def row(study):
     return dict(study.trials.iloc[0])
 
 
-def test_a_family_that_reads_the_place_falls_where_windows_move(tmp_path: Path) -> None:
+def test_a_family_that_reads_the_place_falls_where_windows_move(tmp_path):
     # 4 steps later every burst is where the class before it was; that of class 0 is gone, and ties go to 0.
     # 4 steps earlier it is where the class after it was; that of class 2 is gone.
     study = run(tmp_path, by_place(), evaluation={"shifts": [4, -4]}, objectives=["accuracy_shifted:max"])
@@ -104,7 +102,7 @@ def test_a_family_that_reads_the_place_falls_where_windows_move(tmp_path: Path) 
     assert (first["accuracy"], first["accuracy_shifted"]) == (pytest.approx(2 / 3), pytest.approx(1 / 6))
 
 
-def test_training_on_crops_holds_within_their_range(tmp_path: Path) -> None:
+def test_training_on_crops_holds_within_their_range(tmp_path):
     window = {"n_steps": 12, "jitter_steps": 4}
     training = {"crops": 3}  # 4 steps earlier, in place, 4 steps later
     study = run(tmp_path, by_place(), window=window, training=training, evaluation={"shifts": [0, 1]})
@@ -114,13 +112,13 @@ def test_training_on_crops_holds_within_their_range(tmp_path: Path) -> None:
     assert row(study)["accuracy_shifted"] == 1.0
 
 
-def test_a_family_that_reads_rates_keeps_its_accuracy(tmp_path: Path) -> None:
+def test_a_family_that_reads_rates_keeps_its_accuracy(tmp_path):
     columns = row(run(tmp_path, by_channel(), evaluation={"shifts": [-12, 12]}))
     assert (columns["accuracy_shifted"], columns["accuracy_shifted_min"]) == (1.0, 1.0)
     assert columns["accuracy_shifted_se"] == pytest.approx(0.05)  # Wilson of 9 of 9
 
 
-def test_each_group_is_answered_without_its_recordings(tmp_path: Path) -> None:
+def test_each_group_is_answered_without_its_recordings(tmp_path):
     study = run(tmp_path, by_channel(), evaluation={"leave_out": "force"}, objectives=["accuracy_unseen:max"])
     [record] = study.runs(0)
     assert record["unseen"] == {"force": {"1": 1.0, "2": 1.0, "3": pytest.approx(1 / 3)}}
@@ -136,7 +134,7 @@ def test_each_group_is_answered_without_its_recordings(tmp_path: Path) -> None:
         assert points[name].tolist() == [pytest.approx(7 / 9)] * 3
 
 
-def test_decisions_have_their_own_accuracy_on_groups(tmp_path: Path) -> None:
+def test_decisions_have_their_own_accuracy_on_groups(tmp_path):
     decision = {"phi": [0, 2], "theta": [0.4, 0.6]}
     changes: dict[str, Any] = {"training": FEW, "evaluation": HONEST, "search": {"repeats": 2}}
     study = run(tmp_path, by_channel(), model={"kind": "snn", "hidden": [5]}, decision=decision, **changes)
@@ -158,7 +156,7 @@ def test_decisions_have_their_own_accuracy_on_groups(tmp_path: Path) -> None:
     assert wide.points().loc[~on_grid, "accuracy_unseen"].notna().all()
 
 
-def test_folds_and_several_columns(tmp_path: Path) -> None:
+def test_folds_and_several_columns(tmp_path):
     leave_out = [{"column": "force", "folds": 2}, "session"]
     study = run(tmp_path, by_channel(), evaluation={"leave_out": leave_out})
     [record] = study.runs(0)
@@ -172,7 +170,7 @@ def test_folds_and_several_columns(tmp_path: Path) -> None:
     assert row(study)["accuracy_unseen_se"] == pytest.approx(np.hypot(*errors) / 2)
 
 
-def test_repeats_share_the_folds(tmp_path: Path) -> None:
+def test_repeats_share_the_folds(tmp_path):
     study = run(
         tmp_path, by_channel(), evaluation={"leave_out": "force", "shifts": [1]}, search={"repeats": 2}
     )
@@ -189,11 +187,11 @@ HONEST = {"shifts": [-2, 3], "leave_out": "force"}
 FEW = {"epochs": 2, "batch_size": 4, "learning_rate": 0.05}
 
 
-def unlike(frame: pd.DataFrame, *columns: str) -> pd.DataFrame:
+def unlike(frame, *columns):
     return frame.drop(columns=["train_s", *columns])
 
 
-def test_a_spiking_network_is_the_same_alone_in_a_cohort_and_after_a_stop(tmp_path: Path) -> None:
+def test_a_spiking_network_is_the_same_alone_in_a_cohort_and_after_a_stop(tmp_path):
     rng = np.random.default_rng(3)
     spikes = (rng.random((18, N_STEPS, 4)) < 0.3 * by_channel() + 0.05).astype(np.uint8)
     changes: dict[str, Any] = {"training": FEW, "evaluation": HONEST, "search": {"repeats": 2}}
@@ -217,19 +215,17 @@ def test_a_spiking_network_is_the_same_alone_in_a_cohort_and_after_a_stop(tmp_pa
     assert not [name for name in plain.trials if "shifted" in name or "unseen" in name]
 
 
-def test_a_failure_without_a_group_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_without_a_group_names_it(tmp_path, monkeypatch):
     model = {"kind": "mlp", "window_ms": 20.0, "learning_rate": 1e30, "epochs": 5}
     with np.errstate(all="ignore"):
         study = run(tmp_path, by_channel(), model=model, evaluation={"leave_out": "force"})
     assert study.trials["reason"][0].startswith("RuntimeError: without force 1: ")
 
 
-def test_a_run_that_fails_without_a_group_is_not_trained_further(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_fails_without_a_group_is_not_trained_further(tmp_path, monkeypatch):
     outcomes, sizes = jobs._outcomes, []
 
-    def counted(job: jobs.TrainingJob, *arguments: Any, **keywords: Any) -> Any:
+    def counted(job, *arguments, **keywords):
         sizes.append(len(job.runs))
         return outcomes(job, *arguments, **keywords)
 
@@ -246,7 +242,7 @@ def test_a_run_that_fails_without_a_group_is_not_trained_further(
     assert alone.trials["accuracy_unseen"][0] == ours["accuracy_unseen"][0.05]
 
 
-def test_what_is_worth_saying_about_shifts(tmp_path: Path) -> None:
+def test_what_is_worth_saying_about_shifts(tmp_path):
     spikes = by_channel()
     study = run(tmp_path, spikes, window={"n_steps": 12, "jitter_steps": 2}, evaluation={"shifts": [2, -3]})
     assert study.warnings == ["evaluation.shifts: -3 lie outside the training crops (window.jitter_steps: 2)"]
@@ -279,8 +275,8 @@ def test_what_is_worth_saying_about_shifts(tmp_path: Path) -> None:
     ],
 )
 def test_what_only_recordings_show_is_refused_before_any_training(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], line: str, message: str
-) -> None:
+    tmp_path, monkeypatch, changes, line, message
+):
     if changes.get("data", True) is None:  # fabric 2 is the only one of its force
         changes = {name: section for name, section in changes.items() if name != "data"}
         monkeypatch.setattr("tests.study.test_evaluation.FORCE", np.tile(np.repeat([0, 1, 2], 3), 2) // 2 + 1)
@@ -295,7 +291,7 @@ def test_what_only_recordings_show_is_refused_before_any_training(
 
 
 @needs_papers
-def test_every_family_is_evaluated(tmp_path: Path) -> None:
+def test_every_family_is_evaluated(tmp_path):
     kinds = [
         {"kind": "snn", "hidden": [4]},
         {"kind": "threshold_lif", "weights": "learnt"},
@@ -321,7 +317,7 @@ def test_every_family_is_evaluated(tmp_path: Path) -> None:
 
 
 @needs_papers
-def test_a_joint_target_has_columns_for_each_head(tmp_path: Path) -> None:
+def test_a_joint_target_has_columns_for_each_head(tmp_path):
     models = {
         "choice": [
             {"kind": "snn", "hidden": [4]},

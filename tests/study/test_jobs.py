@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -26,7 +25,7 @@ from tests.saved_data import in_a_row, save
 from tests.spaces import design_of
 
 
-def made(n: int, n_steps: int, n_channels: int, rate: float) -> Dataset:
+def made(n, n_steps, n_channels, rate):
     """Return n random samples of two classes: half to train on, half to validate."""
     rng = np.random.default_rng(0)
     raster = rng.random((n * n_steps, n_channels)) < rate
@@ -39,7 +38,7 @@ def made(n: int, n_steps: int, n_channels: int, rate: float) -> Dataset:
     )  # fmt: skip
 
 
-def run(folder: Path, model: Any, number: int = 0, **training: Any) -> jobs.Run:
+def run(folder, model, number=0, **training):
     return jobs.Run(
         trial=number,
         repeat=0,
@@ -55,7 +54,7 @@ def run(folder: Path, model: Any, number: int = 0, **training: Any) -> jobs.Run:
     )
 
 
-def peak_bytes(cohort: jobs.TrainingJob) -> Iterator[int]:
+def peak_bytes(cohort):
     """Train a cohort; yield the largest resident size that the process had since it began."""
     ended = list(jobs.train(cohort))
     assert ended == [(number, None) for number in range(len(cohort.runs))]
@@ -65,7 +64,7 @@ def peak_bytes(cohort: jobs.TrainingJob) -> Iterator[int]:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc: the peak cannot be read")
-def test_a_worker_takes_no_more_than_its_cohort_is_said_to_need(tmp_path: Path, workers: None) -> None:
+def test_a_worker_takes_no_more_than_its_cohort_is_said_to_need(tmp_path, workers):
     data = made(48, 200, 1600, 0.02)
     save(data, tmp_path / "data")
     runs = tuple(run(tmp_path, SNN((450,)), k, epochs=1, batch_size=16) for k in range(4))
@@ -79,13 +78,13 @@ def test_a_worker_takes_no_more_than_its_cohort_is_said_to_need(tmp_path: Path, 
     assert said < 3 * peak  # a bound that is of use
 
 
-def test_what_a_family_is_asked(tmp_path: Path) -> None:
+def test_what_a_family_is_asked(tmp_path):
     data = made(6, 10, 5, 0.3)
     unused = dataclasses.replace(data, validation=data.validation[:1], n_steps=4)
     asked: dict[str, Any] = {}
 
-    def note(name: str, answer: float) -> Any:
-        def asked_for(*arguments: Any) -> float:
+    def note(name, answer):
+        def asked_for(*arguments):
             asked[name] = arguments
             return answer
 
@@ -114,14 +113,14 @@ def test_what_a_family_is_asked(tmp_path: Path) -> None:
     assert beside >= 2 * per_window * 2 * 8  # a batch's spikes, twice delayed, as rows and channels
 
 
-def test_a_family_that_trains_alone_has_no_company(tmp_path: Path) -> None:
+def test_a_family_that_trains_alone_has_no_company(tmp_path):
     data = made(4, 5, 3, 0.5)
     demands = [jobs.demand(run(tmp_path, SimpleNamespace(), k), data) for k in (0, 1)]
     assert demands[0].key != demands[1].key
     assert {one.alone_bytes for one in demands} == {jobs.PROCESS_BYTES}
 
 
-def test_a_run_of_a_joint_target_records_every_head(tmp_path: Path) -> None:
+def test_a_run_of_a_joint_target_records_every_head(tmp_path):
     data = joint(n_steps=20)
     save(data, tmp_path / "data")
     grid = {"phi": (0,), "theta": (0.5, 0.9), "hardware": (load("op_4.6_0.9"),)}
@@ -130,7 +129,6 @@ def test_a_run_of_a_joint_target_records_every_head(tmp_path: Path) -> None:
     for one in (spiking, counting):
         assert list(jobs.train(jobs.TrainingJob((one,)))) == [(0, None)]
         record = store.load_run(one.folder)
-        assert record is not None
         assert record["samples"] == {"train": 40, "validation": 30, "test": 10}
         assert record["transductive"] == "" and record["columns"]["transductive"] is False
         assert record["heads"] == {
@@ -158,9 +156,7 @@ def test_a_run_of_a_joint_target_records_every_head(tmp_path: Path) -> None:
     assert np.array_equal(again.label, stored["label"])
 
 
-def test_phi_reaches_what_the_outputs_of_training_samples_reach(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_phi_reaches_what_the_outputs_of_training_samples_reach(tmp_path, monkeypatch):
     monkeypatch.setattr(jobs, "_SAMPLES", 7)
     data = joint(n_steps=20)
     save(data, tmp_path / "data")

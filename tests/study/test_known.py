@@ -1,37 +1,30 @@
 """What is known before training is what training measures, or a bound of it."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
 import dse
-from dse.config import SearchSpace, load_space
+from dse.config import load_space
 from dse.dataset import assemble, cache, dataset_key
 from dse.dataset.shape import Shape, announced
 from dse.deploy.export import bundle_of
 from dse.deploy.verify import target_named
 from dse.hardware.profile import load_all
-from dse.search.limits import Known
 from dse.search.space import design_at
 from dse.study import explore
 from dse.study.known import KnownBefore
 from dse.study.ledger import read_entries
 from dse.study.preview import preview
-from dse.study.results import Study
 from tests.tiny_study import REAL, write_recordings
 
 FIXED = ["loihi1_silicon", "truenorth"]
 
 
-def space(folder: Path, **changes: Any) -> SearchSpace:
+def space(folder, **changes):
     if not (folder / "tiny.npz").exists():
         write_recordings(folder / "tiny.npz")
     plain = yaml.safe_load(REAL)
@@ -44,35 +37,34 @@ def space(folder: Path, **changes: Any) -> SearchSpace:
     return load_space(path)
 
 
-def trained(folder: Path) -> list[Mapping[str, object]]:
+def trained(folder):
     return [entry.design for entry in read_entries(folder / "results/real") if not entry.excluded]
 
 
 @pytest.fixture
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def home(tmp_path, monkeypatch):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     return tmp_path
 
 
-def shape_of(sections: Any, base: Path) -> Shape:
+def shape_of(sections, base):
     data = assemble.find(cache.usual_root(), dataset_key(sections, base))
     assert data is not None
     of_file = sections.data.channel_positions(base)
     before = announced(sections, assemble.recordings(sections, base), of_file)
     prepared = Shape.of(data)
-    assert before is not None
     assert before.positions.tolist() == prepared.positions.tolist()
     assert (before.n_outputs, before.step_ms) == (prepared.n_outputs, prepared.step_ms)
     return prepared
 
 
-def known_rows(space: SearchSpace, design: dict[str, Any]) -> dict[str, Mapping[str, Known]]:
+def known_rows(space, design):
     base = space.source.parent
     known = KnownBefore(space, load_all(space.hardware, base), lambda x: shape_of(x, base))
     return dict(known._rows(design, needs_data=True))
 
 
-def check_memory(study: Study, space: SearchSpace, place: int) -> None:
+def check_memory(study, space, place):
     """Of a design whose weights need 8 bits, a Cortex-M4 takes what is known before, and names of classes."""
     sections = space.resolve(design_at(space, place))
     least = target_named("cortex_m4").least_footprint(sections, shape_of(sections, space.source.parent))
@@ -80,7 +72,7 @@ def check_memory(study: Study, space: SearchSpace, place: int) -> None:
     bundle = bundle_of(study, points[(points["trial"] == place) & points["phi"].isna()].iloc[0])
     as_trained = target_named("cortex_m4").footprint(bundle)
     assert least["ram_bytes"][0] <= as_trained["ram_bytes"] <= least["ram_bytes"][1]
-    if sections.model.pruned:  # type: ignore[attr-defined]
+    if sections.model.pruned:
         assert "flash_bytes" not in least
         return
     layers = [
@@ -90,7 +82,7 @@ def check_memory(study: Study, space: SearchSpace, place: int) -> None:
             recurrent=None if layer.recurrent is None else np.full_like(layer.recurrent, 3.9),
             delay=None if layer.delay is None else np.zeros_like(layer.delay),
         )
-        for layer in bundle.fitted.layers  # type: ignore[union-attr]
+        for layer in bundle.fitted.layers
     ]
     finer = replace(bundle, fitted=replace(bundle.fitted, layers=tuple(layers)))
     wide = target_named("cortex_m4").footprint(finer)
@@ -109,7 +101,7 @@ def check_memory(study: Study, space: SearchSpace, place: int) -> None:
     ],
     ids=["layers", "delays", "pruned", "resonators", "columns"],
 )
-def test_training_measures_what_is_known(home: Path, model: dict[str, Any]) -> None:
+def test_training_measures_what_is_known(home, model):
     fixed = [] if "neuron" in model else ["loihi1_silicon"] if "max_delay" in model else FIXED
     here = space(home, model=model, hardware=["mcu_m4", *fixed])
     study = explore.run(here, home / "results", progress=False)
@@ -126,7 +118,7 @@ def test_training_measures_what_is_known(home: Path, model: dict[str, Any]) -> N
                 assert ((values >= low * (1 - 1e-12)) & (values <= high)).all(), (name, chip, row[name])
 
 
-def test_designs_beyond_a_limit_are_written_down_and_not_trained(home: Path) -> None:
+def test_designs_beyond_a_limit_are_written_down_and_not_trained(home):
     limits = ["n_weights <= 60", "model.input_delays != '[0, 2]' or model.hidden > 5"]
     axes = {"hidden": {"choice": [3, 7, 9]}, "input_delays": {"choice": [[0], [0, 2]]}}
     here = space(home, model=axes, limits=limits)
@@ -145,7 +137,7 @@ def test_designs_beyond_a_limit_are_written_down_and_not_trained(home: Path) -> 
     assert set(study.points()["trial"]) == set(table.index[table["status"] == "finished"])
 
 
-def test_memory_on_a_target_excludes_designs(home: Path) -> None:
+def test_memory_on_a_target_excludes_designs(home):
     model = {"hidden": {"choice": [3, 60, 200]}, "input_delays": [0]}
     limits = ["ram_bytes <= 1024", "flash_bytes < 1e4"]  # two states of 4 bytes per neuron, and little else
     here = space(home, model=model, limits=limits, targets=["cortex_m4", "cortex_m7"])
@@ -162,7 +154,7 @@ def test_memory_on_a_target_excludes_designs(home: Path) -> None:
     assert exclusion is not None and exclusion.reason.endswith("ram_bytes has no value")
 
 
-def test_a_study_goes_on_under_other_limits(home: Path) -> None:
+def test_a_study_goes_on_under_other_limits(home):
     axes = {"hidden": {"choice": [3, 7, 9]}, "input_delays": [0]}
     explore.run(space(home, model=axes, limits=["n_weights <= 30"]), home / "results", progress=False)
     again = explore.run(space(home, model=axes, limits=["n_weights <= 50"]), home / "results", progress=False)
@@ -170,11 +162,11 @@ def test_a_study_goes_on_under_other_limits(home: Path) -> None:
     assert again.trials["status"].value_counts().to_dict() == {"finished": 2, "excluded": 1}
 
 
-def test_a_stopped_search_under_limits_goes_on_as_if_it_had_not_stopped(home: Path) -> None:
+def test_a_stopped_search_under_limits_goes_on_as_if_it_had_not_stopped(home):
     axes = {"hidden": {"range": [1, 60]}, "true_rate": {"range": [0.3, 0.9]}, "input_delays": [0]}
     limits = ["n_weights <= 49"]  # 7 per hidden neuron
 
-    def searched(folder: str, n_trials: int) -> list[tuple[object, ...]]:
+    def searched(folder, n_trials):
         search = {"sampler": "tpe", "startup": 2, "n_trials": n_trials, "batch": 2}
         here = space(home, model=axes, search=search, limits=limits)
         table = explore.run(here, home / folder, progress=False).trials
@@ -187,14 +179,14 @@ def test_a_stopped_search_under_limits_goes_on_as_if_it_had_not_stopped(home: Pa
     assert searched("parts", 4) == whole
 
 
-def test_what_a_measured_design_dominates_is_not_trained(home: Path) -> None:
+def test_what_a_measured_design_dominates_is_not_trained(home):
     model = {"hidden": {"choice": [3, 5, 7]}, "input_delays": [0]}
     here = space(home, model=model, objectives=["accuracy", "n_weights"], limits=[])
     shape = Shape(np.zeros((4, 3), np.int32), 3, 16, 5.0)
     known = KnownBefore(here, load_all(here.hardware, home), lambda _: shape)
     design = design_at(here, 1)  # 35 weights
 
-    def why(*values: float) -> str:
+    def why(*values):
         measured = {("fabric", "snn"): [(4, values)], ("speed", "snn"): [(5, (1.0, 0.0))]}
         exclusion = known.dominated(design, measured)
         return "" if exclusion is None else exclusion.reason
@@ -206,7 +198,7 @@ def test_what_a_measured_design_dominates_is_not_trained(home: Path) -> None:
     assert unknown.dominated(design, {("fabric", "snn"): [(4, (1.0, 1.0))]}) is None
 
 
-def test_a_fault_names_file_line_and_what_is_known(tmp_path: Path) -> None:
+def test_a_fault_names_file_line_and_what_is_known(tmp_path):
     with pytest.raises(dse.ConfigError) as caught:
         limits = ["accuracy >= 0.9", "n_wieghts < 3", "fits", "n_weights"]
         space(tmp_path, limits=limits, hardware=[], objectives=["accuracy"])
@@ -221,7 +213,7 @@ def test_a_fault_names_file_line_and_what_is_known(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("targets", "got"), [([], "none"), (["cortex_m4", "c99"], "c99"), (["xylo"], "xylo")]
 )
-def test_limits_on_memory_need_targets_that_know_it(tmp_path: Path, targets: list[str], got: str) -> None:
+def test_limits_on_memory_need_targets_that_know_it(tmp_path, targets, got):
     with pytest.raises(dse.ConfigError) as caught:
         space(tmp_path, limits=["flash_bytes < 3"], targets=targets)
     assert str(caught.value).endswith(

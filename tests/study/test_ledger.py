@@ -1,10 +1,6 @@
 """The designs of a study in its book: what was asked and told, and what a damaged book still holds."""
 
-from __future__ import annotations
-
 import random
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -14,7 +10,7 @@ from dse.search.limits import Exclusion
 from dse.search.space import design_at
 from dse.seeds import design_key
 from dse.store import BOOK, Book
-from dse.study.ledger import Entry, Ledger, read_entries
+from dse.study.ledger import Ledger, read_entries
 from dse.study.mended import fault, opened
 from tests import families
 from tests.spaces import write_space
@@ -30,7 +26,7 @@ EXPECTED = [
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     with Book(tmp_path, writes=True) as book:
         ledger = Ledger(book)
         ledger.ask(0, DESIGNS)
@@ -43,17 +39,17 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def without_times(entries: list[Entry]) -> list[tuple[object, ...]]:
+def without_times(entries):
     return [(entry.trial, entry.batch, entry.design, entry.is_reported, entry.values) for entry in entries]
 
 
-def test_what_was_asked_and_told_is_there_after_a_restart(folder: Path) -> None:
+def test_what_was_asked_and_told_is_there_after_a_restart(folder):
     entries = read_entries(folder)
     assert without_times(entries) == EXPECTED
     assert all(entry.reported_s is None or entry.proposed_s <= entry.reported_s for entry in entries)
 
 
-def test_an_excluded_design_says_why(folder: Path) -> None:
+def test_an_excluded_design_says_why(folder):
     with Book(folder, writes=True) as book:
         ledger = Ledger(book)
         ledger.exclude(1, DESIGNS[1], Exclusion("too dear", (), {"n_weights <= 60": 0.5}))
@@ -64,7 +60,7 @@ def test_an_excluded_design_says_why(folder: Path) -> None:
     assert slow.is_reported and dear.is_reported
 
 
-def test_what_a_block_writes_together_is_not_there_if_it_fails(folder: Path) -> None:
+def test_what_a_block_writes_together_is_not_there_if_it_fails(folder):
     with Book(folder, writes=True) as book:
         ledger = Ledger(book)
         with pytest.raises(ZeroDivisionError), ledger.together():
@@ -73,7 +69,7 @@ def test_what_a_block_writes_together_is_not_there_if_it_fails(folder: Path) -> 
     assert without_times(read_entries(folder)) == EXPECTED
 
 
-def recorded(folder: Path) -> None:
+def recorded(folder):
     """Write the records of the trials that have ended."""
     for trial, design in enumerate(DESIGNS):
         run = store.run_file(folder, trial, 0)
@@ -81,7 +77,7 @@ def recorded(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("n_bytes", [0, 50, 5000, 12_000])
-def test_a_torn_book_is_written_anew_with_the_designs_of_all_runs(folder: Path, n_bytes: int) -> None:
+def test_a_torn_book_is_written_anew_with_the_designs_of_all_runs(folder, n_bytes):
     recorded(folder)
     path = folder / BOOK
     path.write_bytes(path.read_bytes()[:n_bytes])
@@ -97,7 +93,7 @@ def test_a_torn_book_is_written_anew_with_the_designs_of_all_runs(folder: Path, 
         assert fault(folder) == "" and notes == []
 
 
-def test_no_changed_bit_is_believed(folder: Path) -> None:
+def test_no_changed_bit_is_believed(folder):
     recorded(folder)
     path, rng = folder / BOOK, random.Random(1)
     content = path.read_bytes()
@@ -116,12 +112,12 @@ def test_no_changed_bit_is_believed(folder: Path) -> None:
     assert 0 < n_refused < 300
 
 
-def changed_row(folder: Path) -> None:
+def changed_row(folder):
     path = folder / BOOK
     path.write_bytes(path.read_bytes().replace(b"[0.5, 100.0, 1.5]", b"[0.6, 100.0, 1.5]"))
 
 
-def without_a_row(folder: Path) -> None:
+def without_a_row(folder):
     with Book(folder, writes=True) as book:
         book.drop("trial", "trial = 1")
 
@@ -130,9 +126,7 @@ def without_a_row(folder: Path) -> None:
     "harm, told",
     [(changed_row, "a row of table trial is not what was written"), (without_a_row, "lacks a design")],
 )
-def test_a_damaged_book_is_restored_from_its_copy(
-    folder: Path, harm: Callable[[Path], None], told: str
-) -> None:
+def test_a_damaged_book_is_restored_from_its_copy(folder, harm, told):
     with opened(folder) as (_, notes):
         assert notes == []
     before = read_entries(folder)
@@ -144,7 +138,7 @@ def test_a_damaged_book_is_restored_from_its_copy(
     assert fault(folder) == fault(folder, f"{BOOK}.copy") == ""
 
 
-def test_designs_of_several_kinds_have_their_own_axes(tmp_path: Path) -> None:
+def test_designs_of_several_kinds_have_their_own_axes(tmp_path):
     families.register()
     try:
         space = load_space(write_space(tmp_path, text=families.SPACE))

@@ -1,7 +1,5 @@
 """Notes on designs: written, replaced, removed; refused; damaged; beside a front."""
 
-from __future__ import annotations
-
 import threading
 
 import pandas as pd

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import threading
 import urllib.request
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 from wsgiref.simple_server import WSGIRequestHandler, make_server
 
@@ -27,7 +25,7 @@ LIMIT = "n_weights <= 60"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """A study of an excluded, a finished, a failed and an open trial."""
     folder = tmp_path_factory.mktemp("study")
     space = load_space(write_space(folder))
@@ -41,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_optuna_has_the_trials_of_the_study(folder: Path) -> None:
+def test_optuna_has_the_trials_of_the_study(folder):
     study = as_optuna(folder)
     assert study.metric_names == ["accuracy", "n_weights"]
     excluded, finished, failed, running = study.trials
@@ -65,7 +63,7 @@ class _Silent(WSGIRequestHandler):
 
 
 @pytest.fixture
-def served(folder: Path, tmp_path: Path) -> Iterator[str]:
+def served(folder, tmp_path):
     place = f"sqlite:///{tmp_path}/optuna.db"
     as_optuna(folder, place)
     app = optuna_dashboard.wsgi(optuna.storages.RDBStorage(place))
@@ -77,12 +75,12 @@ def served(folder: Path, tmp_path: Path) -> Iterator[str]:
         thread.join()
 
 
-def answer(url: str) -> Any:
+def answer(url):
     with urllib.request.urlopen(url, timeout=120) as response:
         return json.load(response)
 
 
-def test_the_dashboard_serves_the_study(served: str, folder: Path) -> None:
+def test_the_dashboard_serves_the_study(served, folder):
     (summary,) = answer(f"{served}/api/studies")["study_summaries"]
     assert summary["study_name"] == folder.name
     assert summary["directions"] == ["maximize", "minimize"]

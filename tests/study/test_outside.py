@@ -1,11 +1,6 @@
 """A study driven from outside, and two studies as one: what is recorded, refused and read back."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,32 +8,29 @@ from dse.api.study import open as open_study
 from dse.cli.command_line import main
 from dse.study import explore
 from dse.study.ledger import read_entries
-from dse.study.results import Study
 from tests import tiny_study
 
 TOLD = ["accuracy=0.9", "n_weights=20", "energy_uj=0.5"]
 
 
 @pytest.fixture(autouse=True)
-def fake_model() -> Iterator[None]:
+def fake_model():
     tiny_study.register()
     yield
     tiny_study.unregister()
 
 
-def run(folder: Path, into: str = "results", **changes: Any) -> Study:
+def run(folder, into="results", **changes):
     space = tiny_study.make_space(folder, execution={"jobs": 1}, **changes)
     return explore.run(space, folder / into, progress=False)
 
 
-def test_designs_are_asked_for_told_and_on_the_front(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_designs_are_asked_for_told_and_on_the_front(tmp_path, capsys):
     folder = tmp_path / "results/tiny"
     settings = {"sampler": "grid", "batch": 4, "repeats_on_front": 2}
     space = str(tiny_study.make_space(tmp_path, execution={"jobs": 1}, search=settings).source)
 
-    def dse(*arguments: str, code: int = 0) -> str:
+    def dse(*arguments, code=0):
         assert main(list(arguments)) == code
         printed = capsys.readouterr()
         return printed.err if code else printed.out

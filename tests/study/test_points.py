@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from dse import store
-from dse.config import ConfigError, SearchSpace
+from dse.config import ConfigError
 from dse.hardware.profile import load
 from dse.records import Operations, Workload
 from dse.study import held, points, precision, pricing
@@ -24,28 +22,20 @@ PER_ADDITION_UJ = 0.9e-6
 
 
 @pytest.fixture
-def space(tmp_path: Path) -> Iterator[SearchSpace]:
+def space(tmp_path):
     model = {"kind": "fake", "hidden": {"choice": [[4], [8, 4]]}, "mood": {"choice": ["fine", "raise"]}}
     yield tiny_study.make_space(tmp_path, model=model)
     tiny_study.unregister()
 
 
-def counted(*additions: float) -> Operations:
+def counted(*additions):
     """Return the work of a classifier that only adds."""
     n = len(additions)
     zeros = np.zeros(n)
     return Operations(zeros, np.array(additions), zeros, np.full(n, 28.0), np.full(n, 4.0))
 
 
-def published(
-    folder: Path,
-    trial: int = 0,
-    repeat: int = 0,
-    accuracy: float = 0.5,
-    work: Operations | Workload | None = None,
-    heads: tuple[str, ...] = (),
-    **files: dict[str, np.ndarray],
-) -> RunRecord:
+def published(folder, trial=0, repeat=0, accuracy=0.5, work=None, heads=(), **files):
     """Write a run with one read-out, after 4 ms, unless a file says otherwise; return its record."""
     columns = {"accuracy": accuracy, "accuracy_se": 0.1, "t_c_ms": 4.0, "itr_bits": 1.5, "n_weights": 28}
     read_out = {
@@ -68,14 +58,14 @@ def published(
     return loaded
 
 
-def evaluated(run: Path) -> None:
+def evaluated(run):
     """Write what stands for an evaluation of a run at another precision."""
     path = precision.file_of(run, (4, 0.0))
     path.parent.mkdir(parents=True)
     store.save_arrays(path, {"schema": np.array("none")})
 
 
-def test_full_read_outs_on_every_chip(space: SearchSpace, tmp_path: Path) -> None:
+def test_full_read_outs_on_every_chip(space, tmp_path):
     runs = [published(tmp_path, 0, r, 0.5 + 0.2 * r, counted(100.0 + 100 * r)) for r in (0, 1)]
     frame = points.points_table(space, tmp_path, {0: runs}, [OPERATIONS, LOIHI])
     assert list(frame["hardware"]) == ["op_4.6_0.9", "loihi1_silicon"]
@@ -86,27 +76,27 @@ def test_full_read_outs_on_every_chip(space: SearchSpace, tmp_path: Path) -> Non
     assert not {"phi", "theta"} & set(frame)
 
 
-def test_without_hardware_points_have_no_costs(space: SearchSpace, tmp_path: Path) -> None:
+def test_without_hardware_points_have_no_costs(space, tmp_path):
     accurate = dataclasses.replace(space, objectives=(("accuracy", "max"),))
     frame = points.points_table(accurate, tmp_path, {0: [published(tmp_path)]}, [])
     assert len(frame) == 1 and not {"hardware", "energy_uj"} & set(frame)
 
 
-def test_objectives_that_no_run_measures_are_columns(space: SearchSpace, tmp_path: Path) -> None:
+def test_objectives_that_no_run_measures_are_columns(space, tmp_path):
     searched = dataclasses.replace(space, objectives=(("accuracy", "max"), ("energy_uj", "min")))
     table = points.points_table(searched, tmp_path, {0: [published(tmp_path)]}, [LOIHI])
     assert table["energy_uj"].isna().all() and list(table["hardware"]) == ["loihi1_silicon"]
     assert points.points_table(searched, tmp_path, {}, [LOIHI]).empty
 
 
-def test_failed_trials_have_no_points(space: SearchSpace, tmp_path: Path) -> None:
+def test_failed_trials_have_no_points(space, tmp_path):
     good = published(tmp_path, 1)
     failed = RunRecord(trial=0, repeat=0, design=good.design, seed=0, reason="NaN loss")
     runs = {0: [failed], 1: [good, failed], 2: [good]}
     assert list(points.points_table(space, tmp_path, runs, [])["trial"]) == [2]
 
 
-def test_a_grid_is_averaged_point_by_point(space: SearchSpace, tmp_path: Path) -> None:
+def test_a_grid_is_averaged_point_by_point(space, tmp_path):
     grid = {"phi": np.array([0, 4]), "theta": np.array([0.5, 0.7, 1.0])}
     runs = []
     for repeat in (0, 1):
@@ -140,14 +130,14 @@ def test_a_grid_is_averaged_point_by_point(space: SearchSpace, tmp_path: Path) -
     assert frame["spikes_total"].dtype == np.int64
 
 
-def test_runs_share_the_settings_that_all_of_them_have(space: SearchSpace, tmp_path: Path) -> None:
-    def surface(*phi: int) -> dict[str, np.ndarray]:
+def test_runs_share_the_settings_that_all_of_them_have(space, tmp_path):
+    def surface(*phi):
         shape = len(phi), 2
         grid = {"phi": np.array(phi), "theta": np.array([0.5, 1.0])}
         values = np.arange(2.0 * len(phi)).reshape(shape) * len(phi)
         return grid | {"accuracy": values, **store.work_arrays(work_of(values))}
 
-    def work_of(additions: np.ndarray) -> Operations:
+    def work_of(additions):
         zeros = np.zeros_like(additions)
         return Operations(zeros, additions, zeros, zeros, zeros)
 
@@ -160,7 +150,7 @@ def test_runs_share_the_settings_that_all_of_them_have(space: SearchSpace, tmp_p
         assert rows["energy_uj"].tolist() == pytest.approx(expected)
 
 
-def test_read_outs_before_the_end_are_points(space: SearchSpace, tmp_path: Path) -> None:
+def test_read_outs_before_the_end_are_points(space, tmp_path):
     read_out = {
         "decision_latency_ms": np.array([2.0, 4.0]),
         "accuracy": np.array([0.25, 0.5]),
@@ -180,8 +170,8 @@ def test_read_outs_before_the_end_are_points(space: SearchSpace, tmp_path: Path)
     assert frame["read_out_ms"].isna().sum() == 2
 
 
-def test_earlier_read_outs_have_ranges_of_their_own(space: SearchSpace, tmp_path: Path) -> None:
-    def read_out(*t_p_ms: float) -> dict[str, np.ndarray]:
+def test_earlier_read_outs_have_ranges_of_their_own(space, tmp_path):
+    def read_out(*t_p_ms):
         return {
             "decision_latency_ms": np.array([2.0, 4.0]),
             "accuracy": np.array([0.25, 0.5]),
@@ -194,7 +184,7 @@ def test_earlier_read_outs_have_ranges_of_their_own(space: SearchSpace, tmp_path
     assert frame.loc[1, ["t_p_test_ms", "t_p_test_ms_min", "t_p_test_ms_max"]].tolist() == [2.0, 1.0, 3.0]
 
 
-def test_a_joint_net_has_points_of_each_head(space: SearchSpace, tmp_path: Path) -> None:
+def test_a_joint_net_has_points_of_each_head(space, tmp_path):
     surface = {
         **{"phi": np.array([0]), "theta": np.array([0.5]), "accuracy": np.array([[0.7]])},
         **store.work_arrays(counted(60.0).mapped(lambda x: x.reshape(1, 1))),
@@ -207,7 +197,7 @@ def test_a_joint_net_has_points_of_each_head(space: SearchSpace, tmp_path: Path)
     assert frame["energy_uj"].tolist() == pytest.approx([k * PER_ADDITION_UJ for k in (100, 60, 100)])
 
 
-def spiking(*spikes: float) -> Workload:
+def spiking(*spikes):
     """Return the work of a 3-5-2 network after so many input spikes."""
     n = len(spikes)
     counts = np.array([[s, s / 2, 1.0] for s in spikes])
@@ -215,7 +205,7 @@ def spiking(*spikes: float) -> Workload:
 
 
 @pytest.fixture
-def study(space: SearchSpace, tmp_path: Path) -> Path:
+def study(space, tmp_path):
     """A folder with two trials, one of them of two runs, with points on one chip."""
     folder = tmp_path / "study"
     trials = {
@@ -226,7 +216,7 @@ def study(space: SearchSpace, tmp_path: Path) -> Path:
     return folder
 
 
-def test_arrays_that_disagree_are_named_with_their_trial(space: SearchSpace, tmp_path: Path) -> None:
+def test_arrays_that_disagree_are_named_with_their_trial(space, tmp_path):
     runs = [published(tmp_path, work=spiking(10.0))]
     run = store.run_file(tmp_path, 0, 0)
     record, arrays = store.read_record(run), store.load_arrays(run / "read_out.npz")
@@ -236,7 +226,7 @@ def test_arrays_that_disagree_are_named_with_their_trial(space: SearchSpace, tmp
         points.points_table(space, tmp_path, {0: runs}, [LOIHI])
 
 
-def test_points_are_priced_on_other_hardware_without_training(study: Path) -> None:
+def test_points_are_priced_on_other_hardware_without_training(study):
     found = pricing.points(study, ["op_4.6_0.9", "loihi1_silicon"])
     assert found["hardware"].tolist() == ["op_4.6_0.9"] * 2 + ["loihi1_silicon"] * 2
     additions = np.array([10.5 * 5 + 5.25 * 2, 40 * 5 + 20 * 2])
@@ -247,7 +237,7 @@ def test_points_are_priced_on_other_hardware_without_training(study: Path) -> No
     pd.testing.assert_frame_equal(on_chip[before.columns], before, check_dtype=False)
 
 
-def test_a_study_keeps_the_figures_that_it_was_run_with(study: Path) -> None:
+def test_a_study_keeps_the_figures_that_it_was_run_with(study):
     pricing.keep([LOIHI], study)
     kept = study / "hardware" / "loihi1_silicon.yaml"
     cheap = store.read_text(kept).replace("value: 35.5, low: 30.175", "value: 31.0, low: 30.175")
@@ -260,7 +250,7 @@ def test_a_study_keeps_the_figures_that_it_was_run_with(study: Path) -> None:
         pricing.points(study, ["loihi1_silico"])
 
 
-def test_draws_are_the_same_for_every_design_and_every_call(study: Path) -> None:
+def test_draws_are_the_same_for_every_design_and_every_call(study):
     rows = pricing.points(study, ["loihi1_silicon"])
     drawn = pricing.drawn(study, rows, ("energy_uj",), 64)["energy_uj"]
     assert drawn.shape == (64, 2)
@@ -274,10 +264,8 @@ def test_draws_are_the_same_for_every_design_and_every_call(study: Path) -> None
     assert abs(np.mean(static < 104.0) - 0.5) < 0.03, "the value is the median"
 
 
-def test_a_table_is_priced_as_it_was_written(
-    space: SearchSpace, study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def evaluated(*settings: precision.Setting) -> None:
+def test_a_table_is_priced_as_it_was_written(space, study, monkeypatch):
+    def evaluated(*settings):
         for repeat in (0, 1):
             files = {"read_out.npz": {"decision_latency_ms": np.array([4.0]), "accuracy": np.array([0.4])}}
             for bits, pruned in settings:
@@ -288,7 +276,7 @@ def test_a_table_is_priced_as_it_was_written(
 
     found: dict[tuple[int, int], precision.Evaluation] = {}
 
-    def rows(folder: Path) -> list[precision.Evaluation]:
+    def rows(folder):
         trial, repeat = store.named(folder) or (1, 0)
         if trial:
             return []
@@ -312,7 +300,7 @@ def test_a_table_is_priced_as_it_was_written(
         pricing.points(study, ["loihi1_silicon"])
 
 
-def test_chips_of_one_name_do_not_mix(study: Path, tmp_path: Path) -> None:
+def test_chips_of_one_name_do_not_mix(study, tmp_path):
     (tmp_path / "a.yaml").write_text(LOIHI.text.replace("name: loihi1_silicon", "name: mine"))
     (tmp_path / "b.yaml").write_text(
         (tmp_path / "a.yaml").read_text().replace("value: 104.0", "value: 100.0")
@@ -323,7 +311,7 @@ def test_chips_of_one_name_do_not_mix(study: Path, tmp_path: Path) -> None:
         pricing.points(study, [one, other])
 
 
-def test_points_that_the_study_does_not_hold_any_more_are_named(study: Path) -> None:
+def test_points_that_the_study_does_not_hold_any_more_are_named(study):
     frame = pd.read_parquet(study / "points.parquet").assign(phi=7.0, theta=0.5)
     frame.to_parquet(study / "points.parquet")
     with pytest.raises(store.StoreError, match="points of trial 0 have changed; run the study again"):
@@ -332,13 +320,13 @@ def test_points_that_the_study_does_not_hold_any_more_are_named(study: Path) -> 
         pricing.drawn(study, frame, ["energy_uj"], 8)
 
 
-def answered(n: int, design: dict[str, object], **columns: list[float]) -> points.Answered:
+def answered(n, design, **columns):
     return points.Answered(
         design, {"accuracy": np.zeros(n)} | {k: np.array(x) for k, x in columns.items()}, []
     )
 
 
-def test_a_point_is_known_by_what_it_was_evaluated_at() -> None:
+def test_a_point_is_known_by_what_it_was_evaluated_at():
     at = {bits: {"weight_bits": bits, "pruned_after": 0.0} for bits in (8, 4)}
     answers = [
         piece
@@ -369,7 +357,7 @@ def test_a_point_is_known_by_what_it_was_evaluated_at() -> None:
     assert points.places(heads, joint).tolist() == [3, 1, 2]
 
 
-def test_work_is_written_and_read_back(tmp_path: Path) -> None:
+def test_work_is_written_and_read_back(tmp_path):
     pruned = dataclasses.replace(spiking(3.0, 4.0), synapses=(2.0, 1.5, 0.0), stored=(6, 4), weight_bits=4)
     for work in (pruned, spiking(1.0), counted(5.0), dataclasses.replace(spiking(1.0), updates=None)):
         store.save_arrays(tmp_path / "x.npz", store.work_arrays(work) | {"accuracy": np.zeros(1)})
@@ -381,14 +369,12 @@ def test_work_is_written_and_read_back(tmp_path: Path) -> None:
         store.work_of({"accuracy": np.zeros(1)})
 
 
-def digests(folder: Path, trials: Mapping[int, Sequence[RunRecord]]) -> dict[str, str]:
+def digests(folder, trials):
     return held.digests(folder, {trial: [run.repeat for run in runs] for trial, runs in trials.items()})
 
 
 @pytest.mark.parametrize("in_memory", [0, 10**6])
-def test_a_table_written_in_blocks_holds_the_same_points(
-    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_memory: int
-) -> None:
+def test_a_table_written_in_blocks_holds_the_same_points(space, tmp_path, monkeypatch, in_memory):
     zeros = np.zeros((2, 3))
     surface = {
         **{"phi": np.array([0, 4]), "theta": np.array([0.5, 0.7, 1.0])},
@@ -407,14 +393,12 @@ def test_a_table_written_in_blocks_holds_the_same_points(
     pd.testing.assert_frame_equal(written, whole)
 
 
-def test_a_table_is_written_again_only_where_it_would_differ(
-    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_table_is_written_again_only_where_it_would_differ(space, tmp_path, monkeypatch):
     path, chips = tmp_path / "points.parquet", [OPERATIONS, LOIHI]
     store.Book(tmp_path, writes=True).close()
     trials = {2: [published(tmp_path, trial=2)], 5: [published(tmp_path, trial=5)]}
 
-    def is_written() -> bool:
+    def is_written():
         before = path.stat().st_ino if path.exists() else None
         points.write_points(path, space, tmp_path, trials, chips, digests(tmp_path, trials))
         return path.stat().st_ino != before
@@ -440,9 +424,7 @@ def test_a_table_is_written_again_only_where_it_would_differ(
     assert pd.read_parquet(path)["accuracy"].tolist() == [0.75]
 
 
-def test_rows_of_unchanged_trials_are_taken_over(
-    space: SearchSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rows_of_unchanged_trials_are_taken_over(space, tmp_path, monkeypatch):
     path, chips = tmp_path / "points.parquet", [OPERATIONS, LOIHI]
     zeros = np.zeros((1, 2))
     surface = {
@@ -459,13 +441,13 @@ def test_rows_of_unchanged_trials_are_taken_over(
     read: list[int] = []
     of_trial = points._of_trial
 
-    def counted_trial(space: SearchSpace, folder: Path, trial: int, *rest: object) -> Iterator[points.Part]:
+    def counted_trial(space, folder, trial, *rest):
         read.append(trial)
-        yield from of_trial(space, folder, trial, *rest)  # type: ignore[arg-type]
+        yield from of_trial(space, folder, trial, *rest)
 
     monkeypatch.setattr(points, "_of_trial", counted_trial)
 
-    def read_again(searched: SearchSpace = space) -> list[int]:
+    def read_again(searched=space):
         read.clear()
         points.write_points(path, searched, tmp_path, trials, chips, digests(tmp_path, trials))
         trials_read = list(read)

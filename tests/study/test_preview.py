@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,17 +29,17 @@ SPACE: dict[str, Any] = {
 }
 
 
-def shown(folder: Path, **changes: Any) -> dict[str, Any]:
+def shown(folder, **changes):
     path = folder / "space.yaml"
     path.write_text(yaml.safe_dump({**SPACE, **changes}), encoding="utf-8")
     return preview(load_space(path, check_data=True))
 
 
 @pytest.fixture
-def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def scene(tmp_path, monkeypatch):
     """A folder with a scene that nobody may simulate."""
 
-    def never(*_: Any) -> None:
+    def never(*_):
         raise AssertionError("a preview simulates nothing")
 
     for name in ("events", "raster"):
@@ -49,7 +48,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_scene_is_counted_and_not_simulated(scene: Path) -> None:
+def test_a_scene_is_counted_and_not_simulated(scene):
     row = shown(scene)
     assert row["data"] == "fingertip.yaml"
     assert (row["recordings"], row["train"], row["validation"], row["test"]) == (40, 32, 8, 0)
@@ -59,21 +58,21 @@ def test_a_scene_is_counted_and_not_simulated(scene: Path) -> None:
     assert (row["n_weights_low"], row["n_weights_high"]) == (10 * (2 * 96 + 2), 20 * (2 * 384 + 4))
 
 
-def test_a_joint_net_has_an_output_per_class_of_each_head(scene: Path) -> None:
+def test_a_joint_net_has_an_output_per_class_of_each_head(scene):
     task = {"target": ["texture", "profile", "force_n"], "joint": True}
     row = shown(scene, task=task, model={"kind": "snn", "hidden": 10}, preprocessing={"bin_ms": 5, "pool": 8})
     assert len(row["classes"]) == 8
     assert row["n_weights_low"] == 10 * (2 * 96 + 2 + 2 + 2)
 
 
-def test_a_scene_knows_where_its_pins_are(scene: Path) -> None:
+def test_a_scene_knows_where_its_pins_are(scene):
     row = shown(scene, preprocessing={"bin_ms": 5, "pool": 1, "crop": "pins", "polarity": "merge"})
     width, height = Trials(load_scene(str(scene / "fingertip.yaml"))).pins()[2:]
     assert width < 96
     assert row["n_weights_low"] == 10 * (width * height + 2)
 
 
-def test_a_recording_without_events_is_refused_where_a_split_has_it(tmp_path: Path) -> None:
+def test_a_recording_without_events_is_refused_where_a_split_has_it(tmp_path):
     zeros = np.zeros(5, np.int32)
     arrays = {"t_us": 1000 * np.arange(5), "taxel": zeros, "offsets": np.array([0, 1, 2, 2, 3, 5])}
     labels = {"cloth": np.array(["felt", "silk", "felt", "felt", "silk"]), "part": np.array([0, 0, 2, 1, 1])}
@@ -88,7 +87,7 @@ def test_a_recording_without_events_is_refused_where_a_split_has_it(tmp_path: Pa
         shown(tmp_path, **design, split={**split, "test": {"part": [2]}})
 
 
-def test_event_files_are_counted_and_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_event_files_are_counted_and_not_read(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     for cloth in ("felt", "silk"):
         (tmp_path / "files" / cloth).mkdir(parents=True)
@@ -96,7 +95,7 @@ def test_event_files_are_counted_and_not_read(tmp_path: Path, monkeypatch: pytes
             arrays = {"t": np.sort(rng.integers(0, 1000, 20)), "x": rng.integers(0, 16, 20)}
             np.savez(tmp_path / "files" / cloth / f"{i}.npz", **arrays, y=arrays["x"], p=arrays["x"] % 2)
 
-    def never(*_: Any) -> None:
+    def never(*_):
         raise AssertionError("a preview reads no events")
 
     monkeypatch.setattr(FolderEvents, "blocks", never)

@@ -1,12 +1,8 @@
 """Hardware as a free axis on the command line: other chips, draws of their figures, sure picks."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +22,7 @@ Captured = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def results(tmp_path_factory):
     """The folder of a study of two designs on one chip."""
     folder = tmp_path_factory.mktemp("study")
     goals = "[accuracy:max, n_weights:min, energy_uj:min]"
@@ -36,13 +32,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "results" / "tiny"
 
 
-def answered(capsys: Captured, *arguments: str, code: int = 0) -> dict[str, Any]:
+def answered(capsys, *arguments, code=0):
     capsys.readouterr()
     assert main([*arguments, "--json"]) == code
     return dict(json.loads(capsys.readouterr().out))
 
 
-def test_a_front_on_hardware_that_the_study_was_not_run_with(results: Path, capsys: Captured) -> None:
+def test_a_front_on_hardware_that_the_study_was_not_run_with(results, capsys):
     own = answered(capsys, "skyline", str(results))["rows"]
     assert {row["hardware"] for row in own} == {"loihi1_silicon"}
     both = answered(
@@ -57,7 +53,7 @@ def test_a_front_on_hardware_that_the_study_was_not_run_with(results: Path, caps
     assert open_study(results).points()["hardware"].unique().tolist() == ["loihi1_silicon"]
 
 
-def test_a_front_on_a_chip_of_ones_own(results: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_a_front_on_a_chip_of_ones_own(results, tmp_path, capsys):
     text = load("loihi1_silicon").text.replace("name: loihi1_silicon", "name: mine")
     (tmp_path / "mine.yaml").write_text(text.replace("static_mw: {value: 104.0", "static_mw: {value: 50.0"))
     rows = answered(capsys, "skyline", str(results), "--hardware", str(tmp_path / "mine.yaml"))["rows"]
@@ -72,9 +68,7 @@ def test_a_front_on_a_chip_of_ones_own(results: Path, tmp_path: Path, capsys: Ca
     assert sure["hardware"] == "mine" and sure["front_share"] >= 0.9
 
 
-def test_a_copy_of_an_older_profile_is_one_line_and_is_repaired(
-    results: Path, tmp_path: Path, capsys: Captured
-) -> None:
+def test_a_copy_of_an_older_profile_is_one_line_and_is_repaired(results, tmp_path, capsys):
     folder = shutil.copytree(results, tmp_path / "old")
     own = answered(capsys, "skyline", str(folder))["rows"]
     stored = folder / "hardware" / "loihi1_silicon.yaml"
@@ -88,7 +82,7 @@ def test_a_copy_of_an_older_profile_is_one_line_and_is_repaired(
     assert answered(capsys, "skyline", str(folder))["rows"] == own
 
 
-def test_a_page_has_the_shares_of_the_skyline(results: Path, tmp_path: Path, capsys: Captured) -> None:
+def test_a_page_has_the_shares_of_the_skyline(results, tmp_path, capsys):
     rows = answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
     page = tmp_path / "page.html"
     assert main(["dashboard", str(results), "--html", str(page), "--draws", "50"]) == 0
@@ -115,7 +109,7 @@ def test_a_page_has_the_shares_of_the_skyline(results: Path, tmp_path: Path, cap
     assert 0 < max(held(page)["columns"]["front_probability"]["values"]) <= 1
 
 
-def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
+def test_a_pick_with_confidence(results, capsys):
     [plain] = answered(capsys, "pick", str(results))["rows"]
     budget = f"energy_uj <= {plain['energy_uj'] * 1.001}"
     [bold] = answered(capsys, "pick", str(results), "--budget", budget)["rows"]
@@ -153,9 +147,7 @@ def test_a_pick_with_confidence(results: Path, capsys: Captured) -> None:
         (["pick", "TABLE", "--confidence", "0.9"], "sampling needs the folder of a study"),
     ],
 )
-def test_what_cannot_be_asked(
-    results: Path, tmp_path: Path, capsys: Captured, arguments: list[str], message: str
-) -> None:
+def test_what_cannot_be_asked(results, tmp_path, capsys, arguments, message):
     table = tmp_path / "points.csv"
     table.write_text("trial,accuracy,energy_uj\n0,0.5,1\n")
     places = {"FOLDER": str(results), "TABLE": str(table)}
@@ -167,7 +159,7 @@ def test_what_cannot_be_asked(
     assert message in capsys.readouterr().err
 
 
-def test_a_wrong_chip_is_found_before_any_work(tmp_path: Path, capsys: Captured) -> None:
+def test_a_wrong_chip_is_found_before_any_work(tmp_path, capsys):
     text = load("loihi1_silicon").text.replace("name: loihi1_silicon", "name: mine")
     (tmp_path / "mine.yaml").write_text(text.replace("unit: mW", "unit: W"))
     space = write_space(tmp_path, ("hardware: [loihi1_silicon]", "hardware: [loihi1_silicon, mine.yaml]"))
@@ -177,7 +169,7 @@ def test_a_wrong_chip_is_found_before_any_work(tmp_path: Path, capsys: Captured)
     assert not (tmp_path / "results").exists()
 
 
-def test_mean_power_of_a_study_s_designs(results: Path, capsys: Captured) -> None:
+def test_mean_power_of_a_study_s_designs(results, capsys):
     asked = ("--contacts-per-hour", "60", "--hardware", "loihi1_silicon")
     goals = ("--objectives", "accuracy:max,power_mw:min")
     for row in answered(capsys, "skyline", str(results), *asked, *goals)["rows"]:
@@ -190,7 +182,7 @@ def test_mean_power_of_a_study_s_designs(results: Path, capsys: Captured) -> Non
     assert all(row["missed power_mw<=9"] > 89 for row in never["rows"])
 
 
-def test_mean_power_that_is_not_known(results: Path, capsys: Captured) -> None:
+def test_mean_power_that_is_not_known(results, capsys):
     notes = answered(
         capsys,
         *("skyline", str(results), "--contacts-per-hour", "60", "--hardware", "odin", "--oversize"),
@@ -201,7 +193,7 @@ def test_mean_power_that_is_not_known(results: Path, capsys: Captured) -> None:
     assert all(row["power_mw"] is None for row in crowded), "contacts overlap"
 
 
-def test_single_answers_of_a_run_average_to_the_accuracies_of_its_points(results: Path) -> None:
+def test_single_answers_of_a_run_average_to_the_accuracies_of_its_points(results):
     points = open_study(results).points()
     for trial, rows in points.groupby("trial"):
         [record] = load_records(results, int(str(trial)))
@@ -210,9 +202,7 @@ def test_single_answers_of_a_run_average_to_the_accuracies_of_its_points(results
         np.testing.assert_allclose(right.mean(axis=0), rows["accuracy"].to_numpy())
 
 
-def test_probabilities_of_the_front_and_the_corrected_accuracy_are_printed(
-    results: Path, capsys: Captured
-) -> None:
+def test_probabilities_of_the_front_and_the_corrected_accuracy_are_printed(results, capsys):
     rows = answered(capsys, "skyline", str(results), "--draws", "200")["rows"]
     assert all(0 <= row["front_probability"] <= 1 for row in rows)
     assert len({row["front_probability"] for row in rows}) > 1
@@ -241,9 +231,7 @@ def test_probabilities_of_the_front_and_the_corrected_accuracy_are_printed(
     assert 0.5 <= sure["confidence"] <= sure["front_share"]
 
 
-def test_a_study_without_its_answers_says_why_there_are_no_probabilities(
-    results: Path, tmp_path: Path, capsys: Captured
-) -> None:
+def test_a_study_without_its_answers_says_why_there_are_no_probabilities(results, tmp_path, capsys):
     shutil.copytree(results, tmp_path / "copy")
     for path in (tmp_path / "copy" / "runs").glob("*.npz"):
         damage_part(path, "response.npz")
@@ -253,7 +241,7 @@ def test_a_study_without_its_answers_says_why_there_are_no_probabilities(
     assert "front_probability" not in document["rows"][0]
 
 
-def test_a_profile_that_has_gained_numbers_says_what_costs_may_differ(tmp_path: Path) -> None:
+def test_a_profile_that_has_gained_numbers_says_what_costs_may_differ(tmp_path):
     chip = load("mcu_m4")
     kept = tmp_path / "hardware" / "mcu_m4.yaml"
     kept.parent.mkdir()

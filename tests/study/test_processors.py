@@ -1,20 +1,20 @@
 """Another processor's kernels of linear algebra: the same bits, of what is said to have the same."""
 
-from __future__ import annotations
-
+import contextlib
+import io
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
 from dse import store
+from dse.cli import main
 from tests.tiny_study import REAL, write_recordings
 
-KERNELS = ("Nehalem", "Haswell")
+KERNELS = "Nehalem"
 SPACE = REAL.replace("[loihi1_silicon]", "[loihi1_silicon, mcu_m4, spinnaker2, xylo_imu]").replace(
     "phi: [0, 2], theta: [0.4, 0.6]", "phi: {range: [0, 12]}, theta: [0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]"
 )
@@ -23,7 +23,7 @@ PRODUCT = (
 )
 
 
-def on(kernel: str, *command: str) -> str:
+def on(kernel, *command):
     """Return what a Python process prints with the kernels of a processor."""
     environment = {**os.environ, "OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": "1"}
     return subprocess.run(
@@ -31,24 +31,26 @@ def on(kernel: str, *command: str) -> str:
     ).stdout
 
 
-def test_integer_networks_and_prices_are_the_same_bits_with_the_kernels_of_another_processor(
-    tmp_path: Path,
-) -> None:
-    if len({on(kernel, "-c", PRODUCT) for kernel in KERNELS}) == 1:
+def test_integer_networks_and_prices_are_the_same_bits_with_the_kernels_of_another_processor(tmp_path):
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(PRODUCT, {})
+    if on(KERNELS, "-c", PRODUCT) == printed.getvalue():
         pytest.skip("numpy's linear algebra has no kernels that differ here")
     write_recordings(tmp_path / "tiny.npz")
     (tmp_path / "real.yaml").write_text(SPACE, encoding="utf-8")
-    studies = {kernel: tmp_path / kernel / "real" for kernel in KERNELS}
-    for kernel, study in studies.items():
-        on(kernel, "-m", "dse", "run", str(tmp_path / "real.yaml"), "--results", str(study.parent))
-    weights = [[arrays(run) for run in sorted(study.glob("runs/*.npz"))] for study in studies.values()]
+    studies = [tmp_path / name / "real" for name in ("other", "own")]
+    commands = [["run", str(tmp_path / "real.yaml"), "--results", str(study.parent)] for study in studies]
+    on(KERNELS, "-m", "dse", *commands[0])
+    assert main(commands[1]) == 0
+    weights = [[arrays(run) for run in sorted(study.glob("runs/*.npz"))] for study in studies]
     assert len(weights[0]) == 2 and weights[0] == weights[1]
-    tables = [pd.read_parquet(study / "points.parquet") for study in studies.values()]
+    tables = [pd.read_parquet(study / "points.parquet") for study in studies]
     points = [table.drop(columns="train_s") for table in tables]
     assert {"energy_uj", "power_w", "hardware_latency_ms", "accuracy_corrected"} <= set(points[0])
     assert_frame_equal(*points, check_exact=True)
 
 
-def arrays(path: Path) -> dict[str, bytes]:
+def arrays(path):
     """Return the weights of a run as bytes."""
     return {name: array.tobytes() for name, array in store.load_arrays(path / "weights.npz").items()}

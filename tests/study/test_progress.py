@@ -1,15 +1,13 @@
 """What is said while a study runs: nothing, lines, or a bar; never on stdout."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest
 
-from dse.study.progress import Progress, duration, shown
+from dse.study.progress import duration, shown
 
 
-def report(progress: Progress) -> None:
+def report(progress):
     progress.expect(1)
     progress.doing("preparing data: 1 of 9 recordings [soon]")
     progress.note("warning: [bold] resting level gives fabric away")
@@ -19,7 +17,7 @@ def report(progress: Progress) -> None:
     progress.advance("trial 1 failed: [red]")
 
 
-def test_lines(capsys: pytest.CaptureFixture[str]) -> None:
+def test_lines(capsys):
     with shown(True) as progress:
         report(progress)
     captured = capsys.readouterr()
@@ -31,9 +29,7 @@ def test_lines(capsys: pytest.CaptureFixture[str]) -> None:
     ]
 
 
-def test_work_in_progress_is_a_line_now_and_then(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_work_in_progress_is_a_line_now_and_then(capsys, monkeypatch):
     clock = [0.0]
     monkeypatch.setattr("dse.study.progress.time.monotonic", lambda: clock[0])
     with shown(True) as progress:
@@ -43,19 +39,19 @@ def test_work_in_progress_is_a_line_now_and_then(
     assert capsys.readouterr().err.splitlines() == ["at 11", "at 21"]
 
 
-def test_silence(capsys: pytest.CaptureFixture[str]) -> None:
+def test_silence(capsys):
     with shown(False) as progress:
         report(progress)
     assert capsys.readouterr() == ("", "")
 
 
-def on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def on_a_terminal(monkeypatch):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "120")
 
 
-def test_a_bar_on_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bar_on_a_terminal(capsys, monkeypatch):
     on_a_terminal(monkeypatch)
     with shown(True) as progress:
         report(progress)
@@ -68,9 +64,7 @@ def test_a_bar_on_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: py
 
 
 @pytest.mark.parametrize("is_terminal", [False, True])
-def test_the_time_left_is_shown_once_it_is_known(
-    is_terminal: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_time_left_is_shown_once_it_is_known(is_terminal, capsys, monkeypatch):
     clock = [0.0]
     monkeypatch.setattr("dse.study.progress.time.monotonic", lambda: clock[0])
     if is_terminal:
@@ -96,5 +90,5 @@ def test_the_time_left_is_shown_once_it_is_known(
         *((3599, "1 h"), (7260, "2 h"), (8000, "2 h 10 min")),
     ],
 )
-def test_a_duration_is_as_coarse_as_the_estimate(seconds: float, text: str) -> None:
+def test_a_duration_is_as_coarse_as_the_estimate(seconds, text):
     assert duration(seconds) == text

@@ -5,13 +5,10 @@ from __future__ import annotations
 import contextlib
 import math
 import shutil
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
@@ -32,7 +29,7 @@ RATES = [0.1, 0.2, 0.3, 0.4, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9]
 
 
 @pytest.fixture(scope="module", autouse=True)
-def fake_model() -> Iterator[None]:
+def fake_model():
     tiny_study.register()
     yield
     tiny_study.unregister()
@@ -41,7 +38,7 @@ def fake_model() -> Iterator[None]:
 RACING = {"racing": {"rungs": [2, 5], "audit": 2}}
 
 
-def space_of(folder: Path, jobs: int = 1, search: Any = RACING, **changes: Any) -> Any:
+def space_of(folder, jobs=1, search=RACING, **changes):
     model = {"kind": "curve", "true_rate": {"choice": RATES}, "hidden": {"choice": [[8], [9]]}}
     return tiny_study.make_space(
         folder,
@@ -52,32 +49,25 @@ def space_of(folder: Path, jobs: int = 1, search: Any = RACING, **changes: Any) 
     )
 
 
-def in_process(_: object, function: Callable[[Any], Iterable[Any]], jobs: Iterable[Any]) -> Iterator[Any]:
+def in_process(_, function, jobs):
     """Do the work of workers in this process."""
     yield from ((job, part) for job in jobs for part in function(job))
 
 
 @pytest.fixture(scope="module")
-def raced(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def raced(tmp_path_factory):
     folder = tmp_path_factory.mktemp("raced")
     return explore.run(space_of(folder, jobs=2), folder / "results", progress=False)
 
 
-def assert_same(one: Study, other: Study) -> None:
+def assert_same(one, other):
     for a, b in ((one.trials, other.trials), (one.points(), other.points())):
         assert_frame_equal(a.drop(columns="train_s"), b.drop(columns="train_s"), check_exact=True)
     for path in (one.folder / "racing").glob("*.json"):
         assert store.read_json(path) == store.read_json(other.folder / "racing" / path.name)
 
 
-def test_workers_of_a_dask_cluster_stop_the_same_designs(raced: Study, tmp_path: Path) -> None:
-    space = space_of(tmp_path, execution={"jobs": 2, "backend": "dask"})
-    assert_same(explore.run(space, tmp_path / "results", progress=False), raced)
-
-
-def test_one_in_three_goes_on_and_the_rest_is_as_without(
-    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_in_three_goes_on_and_the_rest_is_as_without(raced, tmp_path, monkeypatch):
     trials = raced.trials.set_index("trial")
     stopped = trials[trials["status"] == "stopped"]
     # Of 24 designs 8 go on to the second rung, and 4 of these, two per objective, to the end; 2 others are
@@ -106,7 +96,7 @@ def test_one_in_three_goes_on_and_the_rest_is_as_without(
     assert not list(raced.folder.glob("checkpoints/*"))
 
 
-def test_an_audit_trains_stopped_designs_on_and_says_what_was_lost(raced: Study) -> None:
+def test_an_audit_trains_stopped_designs_on_and_says_what_was_lost(raced):
     found = store.document(raced.folder, "racing/audit")
     stopped = {s["trial"] for one in store.document(raced.folder, "racing/00000") for s in one["stopped"]}
     assert len(found["trials"]) == 2 and set(found["trials"]) <= stopped
@@ -118,7 +108,7 @@ def test_an_audit_trains_stopped_designs_on_and_says_what_was_lost(raced: Study)
     assert lost == "racing: of 2 stopped designs, drawn at random and trained on, none is on the front"
 
 
-def test_optuna_has_the_intermediate_values(raced: Study) -> None:
+def test_optuna_has_the_intermediate_values(raced):
     loaded = as_optuna(raced.folder)
     entries = read_entries(raced.folder)
     states = [trial.state.name for trial in loaded.trials]
@@ -132,12 +122,10 @@ def test_optuna_has_the_intermediate_values(raced: Study) -> None:
 
 
 @pytest.mark.parametrize("n_ends", [27, 34])
-def test_who_stops_depends_neither_on_workers_nor_on_interruptions(
-    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_ends: int
-) -> None:
+def test_who_stops_depends_neither_on_workers_nor_on_interruptions(raced, tmp_path, monkeypatch, n_ends):
     left = n_ends
 
-    def interrupted(_: object) -> None:
+    def interrupted(_):
         nonlocal left
         left -= 1
         if not left:
@@ -152,16 +140,14 @@ def test_who_stops_depends_neither_on_workers_nor_on_interruptions(
     assert_same(explore.run(space, tmp_path / "results", progress=False), raced)
 
 
-def test_tables_are_written_while_an_audit_goes_on(
-    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tables_are_written_while_an_audit_goes_on(raced, tmp_path, monkeypatch):
     monkeypatch.setattr(Workers, "stream", in_process)
     monkeypatch.setattr(explore, "_REFRESH_S", 0.0)
     monkeypatch.setattr(explore, "_REFRESH_SHARE", math.inf)
     ended: list[str] = []
     written = explore.tables.trials_table
 
-    def noted(*arguments: Any) -> pd.DataFrame:
+    def noted(*arguments):
         table = written(*arguments)
         ended.append("".join(table["status"].str[0]))
         return table
@@ -174,13 +160,11 @@ def test_tables_are_written_while_an_audit_goes_on(
 
 @pytest.mark.parametrize("name", ["racing/00000", "racing/audit"])
 @pytest.mark.parametrize("n_ends", [27, 35, None])
-def test_a_lost_document_of_a_race_is_written_anew(
-    raced: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, n_ends: int | None
-) -> None:
+def test_a_lost_document_of_a_race_is_written_anew(raced, tmp_path, monkeypatch, name, n_ends):
     monkeypatch.setattr(Workers, "stream", in_process)
     space, left = space_of(tmp_path), n_ends or 0
 
-    def interrupted(_: object) -> None:
+    def interrupted(_):
         nonlocal left
         left -= 1
         if not left:
@@ -196,7 +180,7 @@ def test_a_lost_document_of_a_race_is_written_anew(
     assert sentences(study.folder) == sentences(raced.folder)
 
 
-def test_tables_know_a_run_that_its_file_had_before_they_were_written(raced: Study, tmp_path: Path) -> None:
+def test_tables_know_a_run_that_its_file_had_before_they_were_written(raced, tmp_path):
     folder = Path(shutil.copytree(raced.folder, tmp_path / "tiny"))
     trial = store.document(folder, "racing/audit")["trials"][0]
     trained_on, path = load_records(folder, trial)[0], store.run_file(folder, trial, 0)
@@ -214,7 +198,7 @@ def test_tables_know_a_run_that_its_file_had_before_they_were_written(raced: Stu
     assert_same(Study(folder), raced)
 
 
-def test_a_batch_competes_with_those_before_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_batch_competes_with_those_before_it(tmp_path, monkeypatch):
     monkeypatch.setattr(Workers, "stream", in_process)
     space = space_of(tmp_path, search={"racing": {"rungs": [2], "audit": 0}, "batch": 6})
     study = explore.run(space, tmp_path / "results", progress=False)
@@ -229,7 +213,7 @@ def test_a_batch_competes_with_those_before_it(tmp_path: Path, monkeypatch: pyte
     assert "of 18 designs there" in reasons[12] and "of 24 designs there" in reasons[18]
 
 
-def test_designs_beyond_the_limits_stop_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_designs_beyond_the_limits_stop_first(tmp_path, monkeypatch):
     monkeypatch.setattr(Workers, "stream", in_process)
     goals = {"objectives": ["accuracy:max", "n_weights:min", "energy_uj:min"]}
     whole = explore.run(space_of(tmp_path, search={}, **goals), tmp_path / "whole", progress=False)

@@ -45,14 +45,14 @@ FAILED: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("plain", [FINISHED, FAILED, {**FAILED, "needs_bytes": 12}])
-def test_a_record_survives(plain: dict[str, Any]) -> None:
+def test_a_record_survives(plain):
     record = RunRecord.from_plain({**plain, "files": {"weights.npz": "sum"}}, Path("record.json"))
     assert list(record.to_plain().items()) == list(plain.items())
     assert record.files == ("weights.npz",)
     assert record.failed is (plain["status"] == "failed")
 
 
-def test_what_a_run_measured() -> None:
+def test_what_a_run_measured():
     record = RunRecord.from_plain(FINISHED, Path("record.json"))
     assert record.measured.of_head("letter").columns["accuracy"] == 0.5
     assert record.measured.of_head("") is record.measured
@@ -62,7 +62,7 @@ def test_what_a_run_measured() -> None:
 
 
 @pytest.mark.parametrize("key", ["trial", "design", "status", "columns", "hardware"])
-def test_a_key_that_is_missing_is_named(key: str) -> None:
+def test_a_key_that_is_missing_is_named(key):
     plain = {name: value for name, value in FINISHED.items() if name != key}
     with pytest.raises(StoreError, match=rf"run/record.json: key '{key}' is missing or invalid"):
         RunRecord.from_plain(plain, Path("run/record.json"))
@@ -72,12 +72,12 @@ def test_a_key_that_is_missing_is_named(key: str) -> None:
     ("key", "value"),
     [("design", None), ("sections", []), ("seed", "7"), ("data", 3), ("hardware", 1), ("unseen", [])],
 )
-def test_a_key_of_another_type_is_damage(key: str, value: object) -> None:
+def test_a_key_of_another_type_is_damage(key, value):
     with pytest.raises(Damaged, match=rf"record.json: key '?'{key}'?' is missing or invalid; `dse doctor"):
         RunRecord.from_plain({**FINISHED, key: value}, Path("run/record.json"))
 
 
-def test_a_number_that_is_a_list_is_damage() -> None:
+def test_a_number_that_is_a_list_is_damage():
     columns = {**FINISHED["columns"], "accuracy": [0.5]}
     with pytest.raises(Damaged, match="'accuracy'"):
         RunRecord.from_plain({**FINISHED, "columns": columns}, Path("run/record.json"))

@@ -1,9 +1,5 @@
 """What `dse check` finds before `dse run` meets it, each fault with file and line."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -25,7 +21,7 @@ model: {kind: snn, hidden: [8]}
 
 
 @pytest.fixture
-def space(tmp_path: Path) -> Path:
+def space(tmp_path):
     signal = np.random.default_rng(0).normal(size=(95, 1))
     offsets = np.append(np.arange(0, 91, 10), 95)
     labels = {"fabric": np.arange(10) % 2, "one": np.zeros(10, int)}
@@ -53,9 +49,7 @@ def space(tmp_path: Path) -> Path:
         ("fabric: fabric", "cloth: fabric", ["7: task.target: no column 'fabric' among data.columns"]),
     ],
 )
-def test_all_faults_have_their_lines(
-    space: Path, before: str, after: str, faults: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_all_faults_have_their_lines(space, before, after, faults, capsys):
     space.write_text(SPACE.replace(before, after, 1))
     assert main(["check", str(space)]) == 2
     lines = capsys.readouterr().err.splitlines()
@@ -64,7 +58,7 @@ def test_all_faults_have_their_lines(
         assert line.startswith(f"{space}:{fault}"), line
 
 
-def test_a_network_that_no_machine_holds(space: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_network_that_no_machine_holds(space, capsys):
     space.write_text(SPACE.replace("at: middle", "n_steps: 5").replace("[8]", "[300000, 90000]"))
     assert main(["check", str(space)]) == 2
     assert (
@@ -74,7 +68,7 @@ def test_a_network_that_no_machine_holds(space: Path, capsys: pytest.CaptureFixt
     assert main(["check", str(space)]) == 0  # one of the designs can be trained
 
 
-def test_what_is_sound_stays_so(space: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_sound_stays_so(space, capsys):
     space.write_text(SPACE.replace("at: middle", "n_steps: 5"))
     assert main(["check", str(space)]) == 0 and capsys.readouterr().err == ""
     assert main(["check", str(space), "--set", "window.n_steps=6"]) == 2

@@ -1,11 +1,5 @@
 """Which recordings each run of a cross-validation sees, and what its runs have in common."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from dse import store
@@ -15,7 +9,6 @@ from dse.dataset.cache import usual_root
 from dse.dataset.files import read_meta
 from dse.recordings import RecordingError
 from dse.study import explore
-from dse.study.results import Study
 from tests import tiny_study
 from tests.tiny_study import make_space
 
@@ -24,30 +17,30 @@ SPLIT = {"k_fold": {"k": K, "test": 0.25}}
 
 
 @pytest.fixture(scope="module", autouse=True)
-def fake_model() -> Iterator[None]:
+def fake_model():
     tiny_study.register()
     yield
     tiny_study.unregister()
 
 
 @pytest.fixture(scope="module")
-def folded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Study]:
+def folded(tmp_path_factory):
     """Two designs, three folds each, and where their data sets are."""
     folder = tmp_path_factory.mktemp("folded")
     return folder, explore.run(space(folder), folder / "results", progress=False)
 
 
-def space(folder: Path, **changes: Any) -> Any:
+def space(folder, **changes):
     model = {"kind": "fake", "hidden": {"choice": [[4], [16]]}}
     return make_space(folder, **{"split": SPLIT, "model": model, "execution": {"jobs": 1}} | changes)
 
 
-def parts(record: dict[str, Any]) -> tuple[list[int], ...]:
+def parts(record):
     data = load(usual_root() / record["data"])
     return tuple(part.tolist() for part in (data.train, data.validation, data.test))
 
 
-def test_every_repeat_is_a_fold(folded: tuple[Path, Study]) -> None:
+def test_every_repeat_is_a_fold(folded):
     _, found = folded
     assert found.space["search"]["repeats"] == K
     assert set(found.trials["repeats"]) == {K} and set(found.trials["status"]) == {"finished"}
@@ -66,14 +59,14 @@ def test_every_repeat_is_a_fold(folded: tuple[Path, Study]) -> None:
             assert sorted(train + validation + test) == list(range(36))
 
 
-def test_folds_share_their_spikes_and_designs_their_folds(folded: tuple[Path, Study]) -> None:
+def test_folds_share_their_spikes_and_designs_their_folds(folded):
     _, found = folded
     keys = [[record["data"] for record in found.runs(trial)] for trial in (0, 1)]
     assert keys[0] == keys[1] and len(set(keys[0])) == K
     assert len({read_meta(usual_root() / key)["spikes"] for key in keys[0]}) == 1
 
 
-def test_folds_are_known_again(folded: tuple[Path, Study]) -> None:
+def test_folds_are_known_again(folded):
     folder, found = folded
     files = sorted((found.folder / "runs").glob("*.npz"))
     before = [(path, path.stat().st_mtime_ns) for path in files]
@@ -84,7 +77,7 @@ def test_folds_are_known_again(folded: tuple[Path, Study]) -> None:
     assert changed == {lost} and again.runs(1)[2]["sections"]["split"]["k_fold"]["fold"] == 2
 
 
-def test_more_repeats_go_through_the_folds_again(tmp_path: Path) -> None:
+def test_more_repeats_go_through_the_folds_again(tmp_path):
     twice = {"sampler": "grid", "repeats": 2 * K}
     found = explore.run(space(tmp_path, model={"kind": "fake"}, search=twice), tmp_path, progress=False)
     records = found.runs(0)
@@ -99,12 +92,12 @@ def test_more_repeats_go_through_the_folds_again(tmp_path: Path) -> None:
         ({"repeats": 3, "repeats_on_front": 5}, r"search\.repeats_on_front must be a multiple .* got 5"),
     ],
 )
-def test_folds_are_trained_equally_often(tmp_path: Path, search: dict[str, Any], message: str) -> None:
+def test_folds_are_trained_equally_often(tmp_path, search, message):
     with pytest.raises(ConfigError, match=message):
         space(tmp_path, search={"sampler": "grid", **search})
 
 
-def test_folds_that_cannot_be_are_named(tmp_path: Path) -> None:
+def test_folds_that_cannot_be_are_named(tmp_path):
     split = {"k_fold": {"k": 13}}
     with pytest.raises(RecordingError, match="class 'felt' has 12 recordings, too few for k = 13"):
         explore.run(space(tmp_path, split=split), tmp_path, progress=False)

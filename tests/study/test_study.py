@@ -6,12 +6,10 @@ import dataclasses
 import os
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
@@ -28,7 +26,6 @@ from dse.study import coordinators, explore, results, runs
 from dse.study import jobs as study_jobs
 from dse.study.executors.work import Failure
 from dse.study.ledger import read_entries
-from dse.study.results import Study
 from dse.study.workers import Workers
 from tests import spaces, tiny_study
 from tests.tiny_study import make_space
@@ -42,21 +39,21 @@ COLUMNS = [
 
 
 @pytest.fixture(scope="module", autouse=True)
-def fake_model() -> Iterator[None]:
+def fake_model():
     tiny_study.register()
     yield
     tiny_study.unregister()
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def finished(tmp_path_factory):
     """Six designs trained by two workers without interruption."""
     folder = tmp_path_factory.mktemp("finished")
     return explore.run(make_space(folder), folder / "results", progress=False)
 
 
 @pytest.fixture
-def copied(finished: Study, tmp_path: Path) -> Path:
+def copied(finished, tmp_path):
     """A folder with the search space, the recordings and the results of the finished study."""
     for name in ("tiny.npz", "tiny.yaml"):
         shutil.copy(finished.folder.parents[1] / name, tmp_path / name)
@@ -64,22 +61,22 @@ def copied(finished: Study, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def timeless(frame: pd.DataFrame) -> pd.DataFrame:
+def timeless(frame):
     return frame.drop(columns="train_s")
 
 
-def assert_same(one: Study, other: Study) -> None:
+def assert_same(one, other):
     assert_frame_equal(timeless(one.trials), timeless(other.trials), check_exact=True)
     assert_frame_equal(timeless(one.points()), timeless(other.points()), check_exact=True)
 
 
-def finished_runs(folder: Path) -> dict[str, tuple[int, int]]:
+def finished_runs(folder):
     """Return what tells a run's record from one written again."""
     records = (folder / "results" / "tiny" / "runs").glob("*.npz")
     return {str(path): (path.stat().st_ino, path.stat().st_mtime_ns) for path in records}
 
 
-def test_every_trial_has_its_record(finished: Study) -> None:
+def test_every_trial_has_its_record(finished):
     trials = finished.trials
     assert set(COLUMNS) <= set(trials)
     assert list(trials["trial"]) == list(range(6))
@@ -96,7 +93,7 @@ def test_every_trial_has_its_record(finished: Study) -> None:
     assert set(trials["family"]) == set(finished.points()["family"]) == {"fake"}
 
 
-def test_the_folder_says_what_was_explored_and_where(finished: Study) -> None:
+def test_the_folder_says_what_was_explored_and_where(finished):
     [session] = store.document(finished.folder, store.ENVIRONMENT)
     assert session["versions"]["numpy"] == np.__version__
     assert finished.space["model"]["hidden"] == {"choice": [4, 8, 16]}
@@ -106,7 +103,7 @@ def test_the_folder_says_what_was_explored_and_where(finished: Study) -> None:
     assert (finished.folder / store.BOOK).exists()
 
 
-def test_points_are_what_the_stored_spikes_say(finished: Study) -> None:
+def test_points_are_what_the_stored_spikes_say(finished):
     points = finished.points()
     assert len(points) == 6 * (1 + 2 * 3 + 19)  # the full read-out, the grid, earlier read-outs
     for number in (0, 5):
@@ -149,9 +146,7 @@ def test_points_are_what_the_stored_spikes_say(finished: Study) -> None:
         assert confusion.sum(axis=1).tolist() == [6, 6, 6]
 
 
-def test_one_worker_and_another_order_of_axes_give_the_same_designs(
-    finished: Study, tmp_path: Path, workers: None
-) -> None:
+def test_one_worker_and_another_order_of_axes_give_the_same_designs(finished, tmp_path, workers):
     model = {"kind": "fake", "true_rate": {"choice": [0.8, 0.2]}, "hidden": {"choice": [[16], [8], [4]]}}
     space = make_space(tmp_path, model=model, search={"sampler": "grid", "batch": 6})
     other = explore.run(space, tmp_path / "results", jobs=1, progress=False)
@@ -165,9 +160,7 @@ def test_one_worker_and_another_order_of_axes_give_the_same_designs(
 
 
 @pytest.mark.parametrize("damage", ["truncated", "missing"])
-def test_a_damaged_run_is_made_again_and_no_other(
-    finished: Study, copied: Path, capsys: pytest.CaptureFixture[str], damage: str
-) -> None:
+def test_a_damaged_run_is_made_again_and_no_other(finished, copied, capsys, damage):
     path = store.run_file(copied / "results" / "tiny", 3, 0)
     content = path.read_bytes()
     path.unlink()
@@ -184,14 +177,14 @@ def test_a_damaged_run_is_made_again_and_no_other(
     assert changed == {str(path)}
 
 
-def test_a_damaged_data_set_is_prepared_again(finished: Study, copied: Path) -> None:
+def test_a_damaged_data_set_is_prepared_again(finished, copied):
     spikes = usual_root() / read_meta(usual_root() / finished.runs(0)[0]["data"])["spikes"]
     (spikes / "channel.npy").write_bytes((spikes / "channel.npy").read_bytes()[:100])
     store.run_file(copied / "results" / "tiny", 0, 0).unlink()
     assert_same(explore.run(make_space(copied), copied / "results", jobs=1, progress=False), finished)
 
 
-def cached(root: Path) -> dict[str, list[Path]]:
+def cached(root):
     """Return the folders of a cache: data sets, and the spikes that they name."""
     found: dict[str, list[Path]] = {"spikes": [], "dataset": []}
     for path in sorted(root.glob("*/meta.json")):
@@ -199,14 +192,12 @@ def cached(root: Path) -> dict[str, list[Path]]:
     return found
 
 
-def test_tasks_share_spikes_with_each_other_and_with_another_study(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tasks_share_spikes_with_each_other_and_with_another_study(tmp_path, monkeypatch):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     preparations: list[study_jobs.Preparation] = []
     stream = Workers.stream
 
-    def watched(self: Workers, function: Any, given: Any) -> Any:
+    def watched(self, function, given):
         given = list(given)
         preparations.extend(given if function is study_jobs.prepare else [])
         return stream(self, function, given)
@@ -238,9 +229,7 @@ def test_tasks_share_spikes_with_each_other_and_with_another_study(
     assert [(len(job.designs), job.threads) for job in preparations[1:]] == [(2, 6), (2, 6)]
 
 
-def test_data_sets_that_somebody_removed_are_prepared_again(
-    finished: Study, copied: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_data_sets_that_somebody_removed_are_prepared_again(finished, copied, monkeypatch):
     monkeypatch.setenv("DSE_CACHE", str(copied / "cache"))
     before = finished_runs(copied)
     assert_same(explore.run(make_space(copied), copied / "results", progress=False), finished)
@@ -250,12 +239,10 @@ def test_data_sets_that_somebody_removed_are_prepared_again(
     assert [len(folders) for folders in cached(copied / "cache").values()] == [1, 1]
 
 
-def test_a_data_set_that_is_evicted_before_its_worker_asks_is_prepared_again(
-    finished: Study, copied: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_data_set_that_is_evicted_before_its_worker_asks_is_prepared_again(finished, copied, monkeypatch):
     stream = Workers.stream
 
-    def evicts(self: Workers, function: Any, jobs: Any) -> Any:
+    def evicts(self, function, jobs):
         if function is study_jobs.train:
             shutil.rmtree(copied / "cache")
         return stream(self, function, jobs)
@@ -267,7 +254,7 @@ def test_a_data_set_that_is_evicted_before_its_worker_asks_is_prepared_again(
     assert [len(folders) for folders in cached(copied / "cache").values()] == [1, 1]
 
 
-def test_a_target_that_is_not_there_fails_no_other(tmp_path: Path) -> None:
+def test_a_target_that_is_not_there_fails_no_other(tmp_path):
     task = {"target": {"choice": ["fabric", "absent"]}}
     space = make_space(tmp_path, task=task, model={"kind": "fake"})
     trials = explore.run(space, tmp_path / "results", progress=False).trials.set_index("task.target")
@@ -275,12 +262,10 @@ def test_a_target_that_is_not_there_fails_no_other(tmp_path: Path) -> None:
     assert trials.loc["absent", "reason"].startswith("RecordingError: task.target: no column 'absent'")
 
 
-def test_what_a_worker_had_prepared_before_it_died_is_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_worker_had_prepared_before_it_died_is_used(tmp_path, monkeypatch):
     stream, n_designs = Workers.stream, []
 
-    def dies(self: Workers, function: Any, jobs: Any) -> Any:
+    def dies(self, function, jobs):
         if function is not study_jobs.prepare:
             yield from stream(self, function, jobs)
             return
@@ -302,7 +287,7 @@ def test_what_a_worker_had_prepared_before_it_died_is_used(
     assert n_designs == [2, 1], "and the other is not"
 
 
-def test_nothing_is_evicted_that_a_study_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_evicted_that_a_study_needs(tmp_path, monkeypatch):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("DSE_CACHE_GIB", "0")
     space = make_space(tmp_path, window={"n_steps": {"choice": [10, 20]}}, model={"kind": "fake"})
@@ -314,9 +299,7 @@ def test_nothing_is_evicted_that_a_study_needs(tmp_path: Path, monkeypatch: pyte
     assert not any(cached(tmp_path / "cache").values()), "a day later they are evicted"
 
 
-def test_a_cache_that_cannot_be_written_is_replaced_by_the_studys_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_cache_that_cannot_be_written_is_replaced_by_the_studys_own(tmp_path, monkeypatch, capsys):
     (tmp_path / "file").touch()
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "file" / "cache"))
     found = explore.run(make_space(tmp_path, model={"kind": "fake"}), tmp_path / "results", jobs=1)
@@ -327,7 +310,7 @@ def test_a_cache_that_cannot_be_written_is_replaced_by_the_studys_own(
         explore.run(make_space(tmp_path), tmp_path / "more", progress=False)
 
 
-def test_warnings_stay_with_the_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_warnings_stay_with_the_study(tmp_path, capsys):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     with np.load(tmp_path / "tiny.npz") as file:
         arrays = dict(file)
@@ -345,9 +328,7 @@ def test_warnings_stay_with_the_study(tmp_path: Path, capsys: pytest.CaptureFixt
     assert capsys.readouterr().err.count("warning: resting level") == 1
 
 
-def test_failures_are_recorded_and_the_rest_goes_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_failures_are_recorded_and_the_rest_goes_on(tmp_path, capsys):
     moods = ["raise", "fine", "nan", "slow"]
     space = make_space(
         tmp_path,
@@ -374,9 +355,7 @@ def test_failures_are_recorded_and_the_rest_goes_on(
     assert_same(again, found)
 
 
-def test_what_the_machine_did_fails_no_design(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], forked: None
-) -> None:
+def test_what_the_machine_did_fails_no_design(tmp_path, capsys, forked):
     moods = ["memory", "fine", "killed_twice", "killed"]
     space = make_space(
         tmp_path,
@@ -413,19 +392,19 @@ def test_what_the_machine_did_fails_no_design(
     assert not [text for text in again.warnings if text.startswith(runs.UNTRAINED)]
 
 
-def well(fit: Any) -> Any:
+def well(fit):
     """Return a training in which nothing happens that the model's mood says."""
     return lambda model, *arguments: fit(dataclasses.replace(model, mood="fine"), *arguments)
 
 
-def in_this_process(_: Workers, function: Any, jobs: Any) -> Iterator[Any]:
+def in_this_process(_, function, jobs):
     return ((job, part) for job in jobs for part in function(job))
 
 
 TOGETHER: dict[str, Any] = {**tiny_study.plain()["model"], "kind": "together"}
 
 
-def sizes(found: Study) -> list[int]:
+def sizes(found):
     """Return how many runs were in the cohort of each finished run."""
     runs = [run for trial in store.runs_in(found.folder) for run in store.runs_of(found.folder, trial)]
     return [
@@ -435,12 +414,12 @@ def sizes(found: Study) -> list[int]:
     ]
 
 
-def gib(megabytes: int) -> float:
+def gib(megabytes):
     """Return a memory budget that leaves so much to models, and half a megabyte to their few samples."""
     return (study_jobs.PROCESS_BYTES + megabytes * 2**20 + 2**19) / 2**30
 
 
-def test_tables_do_not_depend_on_cohorts(tmp_path: Path) -> None:
+def test_tables_do_not_depend_on_cohorts(tmp_path):
     found = {}
     for name, execution, expected in (
         ("one", {"jobs": 1}, [6, 6, 6, 6, 6, 6]),
@@ -456,7 +435,7 @@ def test_tables_do_not_depend_on_cohorts(tmp_path: Path) -> None:
     assert found["one"].trials["first_sample"].nunique() == 1, "designs must share what orders the batches"
 
 
-def test_what_differs_in_data_repeat_or_share_trains_apart(tmp_path: Path) -> None:
+def test_what_differs_in_data_repeat_or_share_trains_apart(tmp_path):
     space = make_space(
         tmp_path,
         model={**TOGETHER, "hidden": {"choice": [[4], [8]]}, "true_rate": 0.8},
@@ -472,7 +451,7 @@ def test_what_differs_in_data_repeat_or_share_trains_apart(tmp_path: Path) -> No
     assert first[0][0] != first[0][1], "repeats must order batches differently"
 
 
-def test_a_guilty_member_fails_alone(tmp_path: Path, forked: None) -> None:
+def test_a_guilty_member_fails_alone(tmp_path, forked):
     moods = ["fine", "killed", "diverged", "misshapen", "forgotten", "raise", "crowded"]
     changes: dict[str, Any] = {
         "model": {**TOGETHER, "hidden": {"choice": [[4], [8]]}, "true_rate": 0.5, "mood": {"choice": moods}},
@@ -501,7 +480,7 @@ def test_a_guilty_member_fails_alone(tmp_path: Path, forked: None) -> None:
     assert_same(explore.run(apart, tmp_path / "apart", progress=False), found)
 
 
-def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path: Path) -> None:
+def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path):
     changes: dict[str, Any] = {
         "model": {**TOGETHER, "hidden": [4], "megabytes": {"choice": [1, 3]}},
         "search": {"sampler": "grid"},
@@ -531,7 +510,7 @@ def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path:
     assert set(kept) == set(finished_runs(tmp_path))
 
 
-def test_real_networks_do_not_depend_on_cohorts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_real_networks_do_not_depend_on_cohorts(tmp_path, monkeypatch):
     space = load_space(spaces.write_space(tmp_path, ("search: {sampler: grid, batch: 2}", "")))
     with monkeypatch.context() as patch:
         patch.setattr(runs, "_LONGEST_S", 0.0)
@@ -539,7 +518,7 @@ def test_real_networks_do_not_depend_on_cohorts(tmp_path: Path, monkeypatch: pyt
     counts: list[int] = []
     plain = runs.Runs._planned
 
-    def counted(self: runs.Runs, *arguments: Any) -> list[study_jobs.TrainingJob]:
+    def counted(self, *arguments):
         planned = plain(self, *arguments)
         counts.extend(len(cohort.runs) for cohort in planned)
         return planned
@@ -550,7 +529,7 @@ def test_real_networks_do_not_depend_on_cohorts(tmp_path: Path, monkeypatch: pyt
     assert_same(together, alone)
 
 
-def test_front_designs_are_repeated_and_averaged(tmp_path: Path) -> None:
+def test_front_designs_are_repeated_and_averaged(tmp_path):
     space = make_space(tmp_path, search={"sampler": "grid", "repeats": 1, "repeats_on_front": 3})
     found = explore.run(space, tmp_path / "results", progress=False)
     front = set(dse.open(found.folder).skyline().rows["trial"])
@@ -577,9 +556,7 @@ def test_front_designs_are_repeated_and_averaged(tmp_path: Path) -> None:
     assert_same(explore.run(space, tmp_path / "results", progress=False), found)
 
 
-def test_a_sampler_that_learns_asks_the_same_after_an_interruption(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sampler_that_learns_asks_the_same_after_an_interruption(tmp_path, monkeypatch):
     changes: dict[str, Any] = {
         "model": {"kind": "fake", "hidden": {"range": [1, 60]}, "true_rate": {"range": [0.0, 1.0]}},
         "execution": {"jobs": 1},
@@ -591,7 +568,7 @@ def test_a_sampler_that_learns_asks_the_same_after_an_interruption(
     space = make_space(tmp_path / "stopped", **changes)
     plain_stream, count = Workers.stream, 0
 
-    def stop_after_four(self: Workers, function: Any, jobs: Any) -> Any:
+    def stop_after_four(self, function, jobs):
         nonlocal count
         for found in plain_stream(self, function, jobs):
             yield found
@@ -607,7 +584,7 @@ def test_a_sampler_that_learns_asks_the_same_after_an_interruption(
     assert_same(explore.run(space, tmp_path / "stopped", progress=False), whole)
 
 
-def test_more_hardware_needs_no_training(finished: Study, copied: Path) -> None:
+def test_more_hardware_needs_no_training(finished, copied):
     before = finished_runs(copied)
     more = make_space(copied, hardware=["loihi1_silicon", "op_4.6_0.9"])
     found = explore.run(more, copied / "results", progress=False)
@@ -634,7 +611,7 @@ def test_more_hardware_needs_no_training(finished: Study, copied: Path) -> None:
         explore.run(more, copied / "results", progress=False)
 
 
-def test_more_trials_go_on_and_any_other_change_is_refused(finished: Study, copied: Path) -> None:
+def test_more_trials_go_on_and_any_other_change_is_refused(finished, copied):
     before = finished_runs(copied)
     shutil.move(copied / "tiny.npz", copied / "moved.npz")
     data = tiny_study.plain()["data"] | {"file": "moved.npz"}
@@ -664,7 +641,7 @@ def test_more_trials_go_on_and_any_other_change_is_refused(finished: Study, copi
         explore.run(cuda, copied / "results", progress=False)
 
 
-def test_fewer_trials_first_and_more_later(finished: Study, tmp_path: Path) -> None:
+def test_fewer_trials_first_and_more_later(finished, tmp_path):
     search = {"sampler": "grid", "batch": 4}
     first = explore.run(
         make_space(tmp_path, search={**search, "n_trials": 2}), tmp_path / "results", progress=False
@@ -676,13 +653,13 @@ def test_fewer_trials_first_and_more_later(finished: Study, tmp_path: Path) -> N
     assert_same(later, finished)
 
 
-def test_other_recordings_are_refused(copied: Path) -> None:
+def test_other_recordings_are_refused(copied):
     tiny_study.write_recordings(copied / "tiny.npz", seed=1)
     with pytest.raises(ConfigError, match="the recordings differ from those that trial 0 was trained on"):
         explore.run(make_space(copied), copied / "results", progress=False)
 
 
-def test_recordings_that_fit_no_design_stop_the_study_and_leave_it_open(tmp_path: Path) -> None:
+def test_recordings_that_fit_no_design_stop_the_study_and_leave_it_open(tmp_path):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     space = make_space(tmp_path, window={"n_steps": 99})
     with pytest.raises(RecordingError, match="99"):
@@ -693,9 +670,7 @@ def test_recordings_that_fit_no_design_stop_the_study_and_leave_it_open(tmp_path
     assert len(explore.run(good, tmp_path / "results", jobs=1, progress=False).trials) == 1
 
 
-def test_a_study_that_another_command_works_on_is_refused(
-    copied: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_that_another_command_works_on_is_refused(copied, monkeypatch):
     monkeypatch.setattr(coordinators, "_PATIENCE_S", 0)
     with (
         store.exclusive(copied / "results" / "tiny"),

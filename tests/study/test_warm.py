@@ -1,11 +1,5 @@
 """Warm start from earlier studies, and searches that stop: with models that take no time."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from dse import store
@@ -22,14 +16,13 @@ from dse.study.workers import Workers
 from tests.tiny_study import make_space, unregister
 
 COLUMNS = ["model.hidden", "model.true_rate", "accuracy", "n_weights", "energy_uj"]
-Explore = Callable[..., Study]
 
 
 @pytest.fixture
-def search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def search(tmp_path, monkeypatch):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
 
-    def run(study: str, **changes: Any) -> Study:
+    def run(study, **changes):
         space = make_space(tmp_path, study=study, execution={"jobs": 1}, **changes)
         return explore.run(space, tmp_path / "results", progress=False)
 
@@ -37,7 +30,7 @@ def search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     unregister()
 
 
-def model(*hidden: int) -> dict[str, Any]:
+def model(*hidden):
     return {
         "kind": "fake",
         "hidden": {"choice": [[n] for n in hidden]},
@@ -45,16 +38,16 @@ def model(*hidden: int) -> dict[str, Any]:
     }
 
 
-def rows(study: Study) -> list[Any]:
+def rows(study):
     return sorted(study.trials[COLUMNS].to_numpy().tolist())
 
 
-def taken(study: Study) -> list[Any]:
+def taken(study):
     records = (read_record(run_file(study.folder, trial, 0)) for trial in study.trials["trial"])
     return [record.get("taken_from") for record in records]
 
 
-def test_equal_designs_are_taken_over_and_not_trained_again(search: Explore, tmp_path: Path) -> None:
+def test_equal_designs_are_taken_over_and_not_trained_again(search, tmp_path):
     search("first", model=model(4, 8))
     warm = search("second", model=model(4, 16), search={"sampler": "grid", "from": ["results/first"]})
     assert [x and (x["study"], x["trial"]) for x in taken(warm)] == [("first", 0), ("first", 1), None, None]
@@ -63,10 +56,10 @@ def test_equal_designs_are_taken_over_and_not_trained_again(search: Explore, tmp
     assert rows(search("alone", model=model(4, 16))) == rows(warm)
 
 
-def test_what_is_not_equal_is_trained_again(search: Explore, tmp_path: Path) -> None:
+def test_what_is_not_equal_is_trained_again(search, tmp_path):
     search("first", model=model(4))
 
-    def taken_over(**changes: Any) -> int:
+    def taken_over(**changes):
         settings = {"sampler": "grid", "from": ["results/first"]}
         space = make_space(tmp_path, study="second", **{"model": model(4), "search": settings} | changes)
         takeover = Takeover(space, tmp_path / "second", earlier_trials(space))
@@ -86,7 +79,7 @@ def test_what_is_not_equal_is_trained_again(search: Explore, tmp_path: Path) -> 
         taken_over(search={"sampler": "grid", "from": ["results/none"]})
 
 
-def test_a_search_stops_and_goes_on(search: Explore, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_stops_and_goes_on(search, monkeypatch):
     monkeypatch.setattr(Runs, "train_s", lambda runs: 3600.0 * runs.count())
     settings = {"sampler": "grid", "batch": 2, "stop": {"cpu_hours": 1}}
     stopped = search("stopped", search=settings)
@@ -101,11 +94,11 @@ def test_a_search_stops_and_goes_on(search: Explore, monkeypatch: pytest.MonkeyP
     assert rows(whole) == rows(search("alone", search={"sampler": "grid", "batch": 2}))
 
 
-def test_time_ends_a_search_which_goes_on(search: Explore, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_ends_a_search_which_goes_on(search, monkeypatch):
     """No job begins that cannot end, and what ended is in the tables."""
     ended: list[object] = []
     clock = Runs._clock
-    settings: dict[str, Any] = {"sampler": "grid", "stop": {"minutes": 5}}
+    settings = {"sampler": "grid", "stop": {"minutes": 5}}
     with monkeypatch.context() as patch:
         patch.setattr(Runs, "_clock", lambda runs, job: (ended.append(job), clock(runs, job)))
         patch.setattr(Workers, "left_s", property(lambda _: 0.0 if len(ended) >= 2 else 100.0))

@@ -9,9 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from joblib.externals.loky.process_executor import _ExecutorManagerThread
@@ -25,22 +23,20 @@ from tests.waiting import PATIENCE_S, until
 WORKERS = True
 
 
-def mapped(
-    workers: Workers, function: Callable[[Any], Any], jobs: Iterable[Any]
-) -> Iterator[tuple[Any, Any]]:
+def mapped(workers, function, jobs):
     """Yield jobs with what a function returns for them."""
     return workers.stream(functools.partial(once, function), jobs)
 
 
-def once(function: Callable[[Any], Any], job: Any) -> Iterator[Any]:
+def once(function, job):
     yield function(job)
 
 
-def square(x: int) -> int:
+def square(x):
     return x * x
 
 
-def misbehave(job: str) -> str:
+def misbehave(job):
     if job.isdigit():
         os.kill(os.getpid(), int(job))
     if job == "exit":
@@ -52,26 +48,31 @@ def misbehave(job: str) -> str:
     if job == "print":
         print("a library's chatter")
     if job == "lambda":
-        return lambda: None  # type: ignore[return-value]
+        return lambda: None
     return job.upper()
 
 
-def environment(names: list[str]) -> list[str | None]:
+def environment(names):
     return [os.environ.get(name) for name in names]
 
 
-def sleep(seconds: float) -> int:
+def sleep(seconds):
     time.sleep(seconds)
     return os.getpid()
 
 
-def test_every_job_comes_back_once_with_its_result() -> None:
+@pytest.fixture(scope="module")
+def pool():
     with Workers(2) as workers:
-        assert sorted(mapped(workers, square, range(7))) == [(x, x * x) for x in range(7)]
-        assert list(mapped(workers, square, [])) == []
+        yield workers
 
 
-def test_a_dead_worker_costs_its_own_job_only() -> None:
+def test_every_job_comes_back_once_with_its_result(pool):
+    assert sorted(mapped(pool, square, range(7))) == [(x, x * x) for x in range(7)]
+    assert list(mapped(pool, square, [])) == []
+
+
+def test_a_dead_worker_costs_its_own_job_only():
     jobs = ["a", str(int(signal.SIGKILL)), "b", str(int(signal.SIGSEGV)), "c", "exit", "d"]
     with Workers(2) as workers:
         results = dict(mapped(workers, misbehave, jobs))
@@ -81,32 +82,29 @@ def test_a_dead_worker_costs_its_own_job_only() -> None:
     assert results["exit"] == Failure.died("exit code 3")
 
 
-def test_an_exception_is_a_failure_with_its_reason_and_its_traceback() -> None:
-    with Workers(1) as workers:
-        results = dict(mapped(workers, misbehave, ["raise", "memory", "lambda", "fine"]))
+def test_an_exception_is_a_failure_with_its_reason_and_its_traceback(pool):
+    results = dict(mapped(pool, misbehave, ["raise", "memory", "lambda", "fine"]))
     raised = results["raise"]
-    assert isinstance(raised, Failure)
     assert (raised.error, raised.reason) == ("ValueError", "ValueError: phi must be at least 0")
     assert "in misbehave" in raised.details
-    assert isinstance(results["memory"], Failure)
     assert results["memory"].reason == "MemoryError"
     assert isinstance(results["lambda"], Failure)
     assert results["fine"] == "FINE"
 
 
-def count_to(job: tuple[int, str]) -> Iterator[int]:
+def count_to(job):
     n, end = job
     yield from range(n)
     misbehave(end)
 
 
-def wait_for(path: str) -> Iterator[str]:
+def wait_for(path):
     yield "before"
     until(Path(path).exists, f"{path} to exist")
     yield "after"
 
 
-def test_parts_before_an_early_end_stand() -> None:
+def test_parts_before_an_early_end_stand():
     jobs = [(2, "fine"), (0, "fine"), (3, "raise"), (1, str(int(signal.SIGKILL))), (2, "fine")]
     with Workers(2) as workers:
         found = list(workers.stream(count_to, jobs))
@@ -120,18 +118,15 @@ def test_parts_before_an_early_end_stand() -> None:
     assert len(found) == 2 + 2 + 4 + 2
 
 
-def test_parts_arrive_while_the_job_goes_on(tmp_path: Path) -> None:
+def test_parts_arrive_while_the_job_goes_on(pool, tmp_path):
     path = tmp_path / "go on"
-    with Workers(1) as workers:
-        found = workers.stream(wait_for, [str(path)])
-        assert next(found) == (str(path), "before")
-        path.touch()
-        assert list(found) == [(str(path), "after")]
+    found = pool.stream(wait_for, [str(path)])
+    assert next(found) == (str(path), "before")
+    path.touch()
+    assert list(found) == [(str(path), "after")]
 
 
-def test_a_worker_may_take_what_is_stated_or_its_share(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_worker_may_take_what_is_stated_or_its_share(tmp_path, monkeypatch):
     assert Workers(4).memory_budget(1.5, "cpu") == 3 * 2**29
     machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     assert 0 < Workers(1).memory_budget(None, "cpu") <= 3 * machine // 4
@@ -142,13 +137,12 @@ def test_a_worker_may_take_what_is_stated_or_its_share(
     assert Workers(2).memory_budget(None, "cpu") == 3 * 2**20
 
 
-def test_workers_have_one_thread_each() -> None:
-    with Workers(1) as workers:
-        [(_, found)] = mapped(workers, environment, [list(THREADS)])
+def test_workers_have_one_thread_each(pool):
+    [(_, found)] = mapped(pool, environment, [list(THREADS)])
     assert found == ["1"] * len(THREADS)
 
 
-def test_what_a_job_prints_never_reaches_stdout(capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_a_job_prints_never_reaches_stdout(capfd):
     with Workers(1) as workers:
         list(mapped(workers, misbehave, ["print"]))
     captured = capfd.readouterr()
@@ -156,23 +150,16 @@ def test_what_a_job_prints_never_reaches_stdout(capfd: pytest.CaptureFixture[str
     assert "chatter" in captured.err
 
 
-def test_the_same_workers_serve_the_next_call() -> None:
+def test_the_same_worker_serves_the_next_call_and_one_that_dies_while_idle_costs_nothing():
     with Workers(1) as workers:
-        [(_, first)] = mapped(workers, sleep, [0.0])
-        [(_, second)] = mapped(workers, sleep, [0.0])
-    assert first == second
-
-
-def test_a_worker_that_dies_while_idle_costs_nothing() -> None:
-    with Workers(1) as workers:
-        [(_, pid)] = mapped(workers, sleep, [0.0])
-        assert isinstance(pid, int)
+        [(_, first)], [(_, pid)] = (mapped(workers, sleep, [0.0]) for _ in range(2))
+        assert first == pid and isinstance(pid, int)
         os.kill(pid, signal.SIGKILL)
         assert list(mapped(workers, square, [3])) == [(3, 9)], "whether its end is known by now or not"
         until(lambda: _gone(pid), "the worker to die")
 
 
-def test_leaving_the_block_ends_a_running_job_at_once() -> None:
+def test_leaving_the_block_ends_a_running_job_at_once():
     began = time.monotonic()
     with Workers(2) as workers:
         _, pid = next(mapped(workers, sleep, [0.0, 2 * PATIENCE_S]))
@@ -181,13 +168,11 @@ def test_leaving_the_block_ends_a_running_job_at_once() -> None:
     assert _gone(pid)
 
 
-def test_ctrl_c_while_a_task_is_submitted_leaves_no_worker(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_while_a_task_is_submitted_leaves_no_worker(tmp_path, monkeypatch):
     place = tmp_path / "pid"
     submit = loky._Slot.submit
 
-    def interrupted(self: loky._Slot, *task: Any) -> None:
+    def interrupted(self, *task):
         submit(self, *task)
         until(lambda: place.is_file() and place.read_text() != "", "the worker's process number")
         raise KeyboardInterrupt
@@ -198,10 +183,10 @@ def test_ctrl_c_while_a_task_is_submitted_leaves_no_worker(
     assert _gone(int(place.read_text()))
 
 
-def test_a_stop_before_a_worker_takes_its_task_ends_without_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_before_a_worker_takes_its_task_ends_without_error(monkeypatch):
     wait, is_late = _ExecutorManagerThread.wait_result_broken_or_wakeup, threading.Event()
 
-    def waited(self: Any) -> Any:
+    def waited(self):
         arrived = wait(self)
         if is_late.is_set():
             until(lambda: self.executor_flags.shutdown, "the workers to be stopped")
@@ -220,7 +205,7 @@ def test_a_stop_before_a_worker_takes_its_task_ends_without_error(monkeypatch: p
     assert errors == []
 
 
-def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+def test_workers_end_with_a_parent_that_is_killed(tmp_path):
     script = (
         "import os, pathlib, sys\n"
         "from dse.study.workers import OutOfTime, Workers\n"
@@ -237,17 +222,17 @@ def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     until(lambda: _gone(int(path.read_text())), "the worker to end")
 
 
-def announce(path: str) -> None:
+def announce(path):
     Path(path).write_text(str(os.getpid()))
     time.sleep(2 * PATIENCE_S)
 
 
-def test_jobs_below_one_are_refused() -> None:
+def test_jobs_below_one_are_refused():
     with pytest.raises(ValueError, match="jobs must be at least 1, got 0"):
         Workers(0)
 
 
-def _gone(pid: int) -> bool:
+def _gone(pid):
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
@@ -256,13 +241,11 @@ def _gone(pid: int) -> bool:
     return status.exists() and status.read_text().rpartition(")")[2].split()[0] == "Z"
 
 
-def kind_of(job: object) -> tuple[str, int]:
-    return type(job).__name__, job.order  # type: ignore[attr-defined]
+def kind_of(job):
+    return type(job).__name__, job.order
 
 
-def test_a_worker_loads_the_plugins_that_its_job_needs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_worker_loads_the_plugins_that_its_job_needs(tmp_path, monkeypatch):
     encoders = registry.known("encoders")
     monkeypatch.setattr(registry, "_plugins", {})
     monkeypatch.setattr(registry, "_components", {**registry._components, "encoders": encoders})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -115,13 +114,13 @@ SOURCES: dict[str, dict[str, Any]] = {
 }
 
 
-def names(section: str) -> list[str]:
+def names(section):
     components = list(registry.known(section))
     assert components, f"found no component of section {section}"
     return components
 
 
-def checked_family(family: Any) -> None:
+def checked_family(family):
     check_family(family, joint(n_steps=20) if registry.name_of("models", family) in OF_HEADS else None)
 
 
@@ -137,13 +136,13 @@ CHECKS: dict[str, tuple[Callable[[Any], object], dict[str, dict[str, Any]]]] = {
 
 
 @pytest.mark.parametrize(("section", "name"), [(x, name) for x in CHECKS for name in names(x)])
-def test_component(section: str, name: str) -> None:
+def test_component(section, name):
     check, keys = CHECKS[section]
     check(registry.known(section)[name](**keys.get(name, {})))
 
 
 @pytest.mark.parametrize("name", names("recordings"))
-def test_source(name: str, tmp_path: Path) -> None:
+def test_source(name, tmp_path):
     np.savez(tmp_path / "x.npz", **ARRAYS)
     (tmp_path / "x.csv").write_text("recording,left\n0,1.5\n0,2.5\n1,3.5\n")
     (tmp_path / "wide.csv").write_text("label,left_0,left_1\nsilk,1.5,2.5\nwool,3.5,\n")
@@ -158,25 +157,25 @@ def test_source(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("matching", ["nearest", "tolerance", "own_label", "none"])
-def test_threshold_that_knows_the_whole_window(matching: str) -> None:
+def test_threshold_that_knows_the_whole_window(matching):
     check_encoder(Threshold(matching=matching), causal=False)
 
 
 @pytest.mark.parametrize("name", names("figures"))
-def test_figure(name: str) -> None:
+def test_figure(name):
     study = STUDIES.get(name, SmallStudy)()
     check_figure(registry.known("figures")[name](**FIGURES.get(name, {})), study)
 
 
 @pytest.mark.parametrize("name", profile.names())
-def test_chip(name: str) -> None:
+def test_chip(name):
     check_chip_kind(profile.load(name))
 
 
-def test_every_kind_of_chip_has_a_profile() -> None:
+def test_every_kind_of_chip_has_a_profile():
     assert {type(profile.load(name)) for name in profile.names()} == set(profile.kinds().values())
 
 
 @pytest.mark.parametrize("path", sorted((sources() / "views").glob("*.js")), ids=lambda path: path.stem)
-def test_view(path: Path) -> None:
+def test_view(path):
     check_view(path.stem, path)

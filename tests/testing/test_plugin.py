@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +80,7 @@ class BarsFigure:
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def installed(tmp_path_factory):
     """Yield the results of a study; a distribution names the plugin as its entry point."""
     folder = tmp_path_factory.mktemp("plugin")
     (folder / "components_of_a_test.py").write_text(PLUGIN)
@@ -107,14 +106,14 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     sys.modules.pop("components_of_a_test", None)
 
 
-def rows(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[dict[str, Any]]:
+def rows(capsys, *arguments):
     capsys.readouterr()
     assert main([*arguments, "--json"]) == 0
     answer: list[dict[str, Any]] = json.loads(capsys.readouterr().out)["rows"]
     return answer
 
 
-def test_an_objective_is_a_column_and_selects(installed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_objective_is_a_column_and_selects(installed, capsys):
     front = rows(capsys, "skyline", str(installed))
     assert front
     assert all(0 <= row["recall_worst"] <= 1 for row in front)
@@ -124,13 +123,13 @@ def test_an_objective_is_a_column_and_selects(installed: Path, capsys: pytest.Ca
     assert any(row["phi"] is not None for row in costs), "every point has its own additions"
 
 
-def test_objectives_and_figures_are_described(installed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_objectives_and_figures_are_described(installed, capsys):
     described = {row["name"]: row for row in rows(capsys, "describe", "objectives")}
     assert described["recall_worst"]["direction"] == "max"
     assert "bars" in {row["name"] for row in rows(capsys, "describe", "figures")}
 
 
-def test_a_figure_is_drawn(installed: Path, tmp_path: Path) -> None:
+def test_a_figure_is_drawn(installed, tmp_path):
     out = tmp_path / "bars.json"
     assert main(["figure", str(installed), "bars", "--out", str(out)]) == 0
     [bars] = json.loads(out.read_text())["data"]
@@ -140,9 +139,7 @@ def test_a_figure_is_drawn(installed: Path, tmp_path: Path) -> None:
     assert "plotly" in out.read_text()
 
 
-def test_a_figure_for_print(
-    installed: Path, tmp_path: Path, chromium_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_figure_for_print(installed, tmp_path, chromium_path, monkeypatch):
     pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
     monkeypatch.setenv("DSE_CHROMIUM", str(chromium_path))
     out = tmp_path / "bars.pdf"
@@ -151,9 +148,7 @@ def test_a_figure_for_print(
     assert out.read_bytes().startswith(b"%PDF-")
 
 
-def test_a_figure_for_print_without_kaleido(
-    installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_figure_for_print_without_kaleido(installed, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(image, "find_spec", lambda name: None)
     assert main(["figure", str(installed), "bars", "--out", str(tmp_path / "bars.svg")]) == 2
     assert capsys.readouterr().err == (
@@ -162,7 +157,7 @@ def test_a_figure_for_print_without_kaleido(
     assert not list(tmp_path.iterdir())
 
 
-def test_its_components_keep_their_contracts(installed: Path) -> None:
+def test_its_components_keep_their_contracts(installed):
     check_objective(registry.known("objectives")["recall_worst"]())
     check_objective(registry.known("objectives")["additions_per_right"]())
     check_figure(registry.known("figures")["bars"](column="accuracy"))
@@ -186,14 +181,7 @@ def test_its_components_keep_their_contracts(installed: Path) -> None:
         (("bars", "--out", "x.json", "--plugin", "no.py"), "plugin 'no.py': cannot read"),
     ],
 )
-def test_what_cannot_be_drawn(
-    installed: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: tuple[str, ...],
-    text: str,
-) -> None:
+def test_what_cannot_be_drawn(installed, tmp_path, monkeypatch, capsys, arguments, text):
     monkeypatch.chdir(tmp_path)
     assert main(["figure", str(installed), *arguments]) == 2
     assert text in capsys.readouterr().err

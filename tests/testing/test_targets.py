@@ -20,11 +20,11 @@ from tests.plugins.arrays_target import Arrays
 
 
 @pytest.fixture(autouse=True)
-def targets(monkeypatch: pytest.MonkeyPatch) -> None:
+def targets(monkeypatch):
     with_targets.load(monkeypatch)
 
 
-def test_targets_that_keep_the_contract() -> None:
+def test_targets_that_keep_the_contract():
     known: dict[str, Any] = registry.known("targets")
     verdict = check_target(known["arrays"]())
     assert verdict is not None and (verdict.kind, verdict.n_recordings) == ("faithful", 5)
@@ -62,7 +62,7 @@ class Claims(Arrays):
     """It never runs what it wrote."""
 
     def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
-        return compare(reference, reference, run_by=["nothing"])  # type: ignore[arg-type]
+        return compare(reference, reference, run_by=["nothing"])
 
 
 @dataclass(frozen=True)
@@ -119,6 +119,6 @@ class Silent(Arrays):
         (Endless(), "Endless: ram_bytes must be a finite number, got inf"),
     ],
 )
-def test_broken_targets(target: Any, text: str) -> None:
+def test_broken_targets(target, text):
     with pytest.raises(AssertionError, match=text):
         check_target(target)

@@ -1,7 +1,5 @@
 """Whatever of somebody else is opened: nothing of it runs, unless the user has consented."""
 
-from __future__ import annotations
-
 import ast
 import io
 import json
@@ -10,7 +8,6 @@ import shutil
 import stat
 import sys
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -27,13 +24,13 @@ from dse.deploy import bundle
 from dse.deploy.verify import export_targets, target_named
 from dse.testing.targets import small_bundle, small_recordings
 from tests.serving import ask, served
-from tests.trust.others import Others, forgotten, made, poisoned
+from tests.trust.others import forgotten, made, poisoned
 
 Captured = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
-def original(tmp_path_factory: pytest.TempPathFactory, own_config: Path) -> Others:
+def original(tmp_path_factory, own_config):
     folder = tmp_path_factory.mktemp("others")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DSE_CONFIG", str(folder / "their_config"))
@@ -41,7 +38,7 @@ def original(tmp_path_factory: pytest.TempPathFactory, own_config: Path) -> Othe
 
 
 @pytest.fixture
-def others(original: Others, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Others]:
+def others(original, tmp_path, monkeypatch):
     """A copy of the files of others, on a machine that trusts nothing, in a process that knows nothing."""
     monkeypatch.setenv("DSE_CONFIG", str(tmp_path / "config"))
     monkeypatch.chdir(tmp_path)
@@ -95,7 +92,7 @@ CASES = [
 ]
 
 
-def called(others: Others, command: str, arguments: str) -> int:
+def called(others, command, arguments):
     """Run a command with arguments about files of others."""
     places = {name: getattr(others, name) for name in ("root", "study", "space", "bundle", "data")}
     try:
@@ -104,7 +101,7 @@ def called(others: Others, command: str, arguments: str) -> int:
         return int(left.code or 0)
 
 
-def prepared(others: Others) -> None:
+def prepared(others):
     (others.root / "designs.yaml").write_text("model.hidden: 4\n")
     (others.root / "page.yaml").write_text("plugins: [mine.py]\nviews: [table]\n")
     for name in ("again", "bare"):
@@ -112,14 +109,12 @@ def prepared(others: Others) -> None:
     (others.root / "bare" / "points.parquet").unlink()
 
 
-def test_every_command_is_tried() -> None:
+def test_every_command_is_tried():
     assert set(READ) == set(GROUP_OF)
 
 
 @pytest.mark.parametrize(("name", "command", "arguments", "code"), CASES)
-def test_nothing_of_a_folder_runs(
-    others: Others, capsys: Captured, name: str, command: str, arguments: str, code: int | None
-) -> None:
+def test_nothing_of_a_folder_runs(others, capsys, name, command, arguments, code):
     prepared(others)
     found = called(others, command, arguments)
     error = capsys.readouterr().err
@@ -135,13 +130,7 @@ def test_nothing_of_a_folder_runs(
 @pytest.mark.parametrize(
     "case", [case for case in CASES if case[1] in ("skyline", "figure", "dashboard", "run")]
 )
-def test_no_name_of_a_plugin_finds_code(
-    others: Others,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: Captured,
-    plugin: str,
-    case: tuple[str, str, str, int | None],
-) -> None:
+def test_no_name_of_a_plugin_finds_code(others, monkeypatch, capsys, plugin, case):
     """Paths are relative to the working folder, and modules may lie in it: `python -m dse` looks there."""
     prepared(others)
     here = Path.cwd()
@@ -159,7 +148,7 @@ def test_no_name_of_a_plugin_finds_code(
 
 
 @pytest.mark.parametrize("kind", ["pipe", "folder", "device", "huge"])
-def test_what_is_no_source_is_refused_at_once(others: Others, capsys: Captured, kind: str) -> None:
+def test_what_is_no_source_is_refused_at_once(others, capsys, kind):
     plugin = others.root / "mine.py"
     plugin.unlink()
     if kind == "pipe":
@@ -183,7 +172,7 @@ def test_what_is_no_source_is_refused_at_once(others: Others, capsys: Captured, 
     assert main(["skyline", str(others.study), "--json"]) == 0
 
 
-def test_a_server_runs_nothing(others: Others) -> None:
+def test_a_server_runs_nothing(others):
     shutil.copytree(others.bundle, others.study / "bundles" / "theirs")
     with served(page_server(others.study, "127.0.0.1", 0)) as server:
         for path in ("/", "/data.json", "/progress.json", "/design.json?trial=0"):
@@ -194,7 +183,7 @@ def test_a_server_runs_nothing(others: Others) -> None:
     assert not others.trace.exists()
 
 
-def test_the_token_of_a_page_is_the_users_own(others: Others, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_token_of_a_page_is_the_users_own(others, monkeypatch):
     """Open pages find their server again; nobody else knows where, and no other study has the same."""
     tokens = [trust.token(name) for name in ("a", "a", "b")]
     assert tokens[0] == tokens[1] != tokens[2]
@@ -206,7 +195,7 @@ def test_the_token_of_a_page_is_the_users_own(others: Others, monkeypatch: pytes
     assert trust.token("a") != trust.token("a")
 
 
-def test_consent_is_for_a_content_and_is_asked_once(others: Others, capsys: Captured) -> None:
+def test_consent_is_for_a_content_and_is_asked_once(others, capsys):
     check = ["check", str(others.space), "--json"]
     assert main(check) == 2
     assert main([*check, "--trust"]) == 0 and others.trace.exists()
@@ -231,9 +220,7 @@ def test_consent_is_for_a_content_and_is_asked_once(others: Others, capsys: Capt
 
 
 @pytest.mark.parametrize(("said", "code"), [("y\n", 0), ("yes\n", 0), ("\n", 2), ("n\n", 2), ("", 2)])
-def test_a_person_is_asked(
-    others: Others, monkeypatch: pytest.MonkeyPatch, capsys: Captured, said: str, code: int
-) -> None:
+def test_a_person_is_asked(others, monkeypatch, capsys, said, code):
     monkeypatch.setattr("sys.stdin", io.StringIO(said))
     monkeypatch.setattr("dse.cli.asking.is_person", lambda: True)
     assert main(["check", str(others.space)]) == code
@@ -246,7 +233,7 @@ def test_a_person_is_asked(
         assert sys.stdin.read() == "y\n" and others.trace.exists() == (code == 0)
 
 
-def test_a_list_that_cannot_be_kept_is_no_reason(others: Others, capsys: Captured) -> None:
+def test_a_list_that_cannot_be_kept_is_no_reason(others, capsys):
     Path(os.environ["DSE_CONFIG"]).write_text("a file where the folder should be")
     for _ in range(2):
         with forgotten():
@@ -254,7 +241,7 @@ def test_a_list_that_cannot_be_kept_is_no_reason(others: Others, capsys: Capture
             assert main(["check", str(others.space), "--trust"]) == 0
 
 
-def test_python_is_told_how_to_go_on(others: Others) -> None:
+def test_python_is_told_how_to_go_on(others):
     with pytest.raises(ConfigError, match=r"dse\.registry\.load_plugin"):
         load_space(others.space)
     assert not others.trace.exists()
@@ -268,7 +255,7 @@ def test_python_is_told_how_to_go_on(others: Others) -> None:
             assert isinstance(pool.submit(load_space, others.space).exception(), ConfigError)
 
 
-def test_changed_c_is_named_and_neither_compiled_nor_run(tmp_path: Path, capsys: Captured) -> None:
+def test_changed_c_is_named_and_neither_compiled_nor_run(tmp_path, capsys):
     bundle.write(small_bundle(), tmp_path / "b")
     data = small_recordings(tmp_path / "touch.npz")
     verify = ["verify", str(tmp_path / "b"), "--data", str(data), "--json"]
@@ -295,7 +282,7 @@ def test_changed_c_is_named_and_neither_compiled_nor_run(tmp_path: Path, capsys:
 
 
 @pytest.mark.parametrize("name", sorted(set(registry.known("targets")) - {"xylo"}))
-def test_a_target_is_written_the_same_again(tmp_path: Path, name: str) -> None:
+def test_a_target_is_written_the_same_again(tmp_path, name):
     target, net = target_named(name), small_bundle()
     if name == "torch":
         pytest.importorskip("torch")
@@ -309,7 +296,7 @@ def test_a_target_is_written_the_same_again(tmp_path: Path, name: str) -> None:
     assert contents[0] and contents[0] == contents[1]
 
 
-def test_code_is_run_in_one_place() -> None:
+def test_code_is_run_in_one_place():
     """What could run text or find code by a name that comes from outside."""
     risky = {
         "exec",

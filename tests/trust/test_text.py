@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ import pytest
 from dse import store, text
 from dse.cli import main
 from dse.deploy import bundle
-from dse.deploy.bundle import Bundle
 from dse.deploy.c.text import strings
 from dse.deploy.verify import export_targets
 from dse.testing.targets import small_bundle
@@ -48,7 +46,7 @@ LABELS = {
 RAW = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
-def named(*labels: str) -> Bundle:
+def named(*labels):
     """Return a bundle with other names of its classes, the first of which is that of its study too."""
     net = small_bundle()
     classes = (*labels, *(f"class {k}" for k in range(len(net.classes))))[: len(net.classes)]
@@ -58,7 +56,7 @@ def named(*labels: str) -> Bundle:
 
 
 @pytest.mark.parametrize("label", LABELS.values(), ids=list(LABELS))
-def test_c_holds_no_code_of_a_label_and_its_name(tmp_path: Path, label: str) -> None:
+def test_c_holds_no_code_of_a_label_and_its_name(tmp_path, label):
     net = named(label, "wool")
     bundle.write(net, tmp_path / "b")
     export_targets(tmp_path / "b", ["c99"])
@@ -93,13 +91,13 @@ def test_c_holds_no_code_of_a_label_and_its_name(tmp_path: Path, label: str) -> 
         assert INJECTED not in re.sub(r'"(\\.|[^"\\])*"', '""', code)
 
 
-def test_names_in_c_are_one_string_or_many_characters() -> None:
+def test_names_in_c_are_one_string_or_many_characters():
     assert strings(["a'?", "b"]) == '"a\\047\\077\\0"\n        "b\\0"'
     assert strings(["x" * 5000]).startswith("{\n    'x', 'x',")
 
 
 @pytest.mark.parametrize("label", LABELS.values(), ids=list(LABELS))
-def test_markdown_of_a_bundle_is_one_heading_and_whole_tables(tmp_path: Path, label: str) -> None:
+def test_markdown_of_a_bundle_is_one_heading_and_whole_tables(tmp_path, label):
     bundle.write(named(label, "wool"), tmp_path / "b")
     export_targets(tmp_path / "b", ["c99"])
     for path in (tmp_path / "b" / "README.md", tmp_path / "b" / "targets" / "c99" / "README.md"):
@@ -112,7 +110,7 @@ def test_markdown_of_a_bundle_is_one_heading_and_whole_tables(tmp_path: Path, la
 
 
 @pytest.mark.parametrize("label", LABELS.values(), ids=list(LABELS))
-def test_functions_of_text(label: str) -> None:
+def test_functions_of_text(label):
     one = text.one_line(label)
     assert one.isprintable() or not RAW.search(one)
     assert text.one_line(one) == one
@@ -124,7 +122,7 @@ def test_functions_of_text(label: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def hostile(tmp_path_factory):
     """A folder with a search space on recordings of hostile classes, its study and a bundle."""
     folder = tmp_path_factory.mktemp("labels")
     space = write_space(folder, ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"), ("[4, 8, 12]", "[4]"))
@@ -175,9 +173,7 @@ class Terminal(io.StringIO):
 
 @pytest.mark.parametrize("is_terminal", [False, True], ids=["piped", "terminal"])
 @pytest.mark.parametrize("command", SHOWN)
-def test_nothing_acts_in_a_terminal(
-    hostile: Path, monkeypatch: pytest.MonkeyPatch, command: str, is_terminal: bool
-) -> None:
+def test_nothing_acts_in_a_terminal(hostile, monkeypatch, command, is_terminal):
     out, err = (Terminal(), Terminal()) if is_terminal else (io.StringIO(), io.StringIO())
     monkeypatch.setenv("TERM", "dumb")  # our own bold headers are no matter here
     monkeypatch.setattr(sys, "stdout", out)
@@ -189,7 +185,7 @@ def test_nothing_acts_in_a_terminal(
     assert not RAW.search(shown.replace("\r\n", "\n")), ascii(shown)
 
 
-def test_data_keep_their_names(hostile: Path, capsys: Captured) -> None:
+def test_data_keep_their_names(hostile, capsys):
     evaluate = ["evaluate", str(hostile / "bundle"), "--data", str(hostile / "touch.npz"), "--each"]
     names = {LABELS["escape"] + LABELS["newline"], LABELS["bidi"] + LABELS["end"]}
     assert main([*evaluate, "--json"]) == 0
@@ -199,7 +195,7 @@ def test_data_keep_their_names(hostile: Path, capsys: Captured) -> None:
     assert set(record["classes"]) == names
 
 
-def test_no_label_is_markup_in_a_page(hostile: Path) -> None:
+def test_no_label_is_markup_in_a_page(hostile):
     page = hostile / "page.html"
     assert main(["dashboard", str(hostile / "results" / "tiny"), "--html", str(page)]) == 0
     content = page.read_text("utf-8")

@@ -1,19 +1,15 @@
 """Stored weights: the smallest form, and nothing lost in it; variables and text from templates."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from dse.deploy.c.arrays import Matrix, Member, Table, laid_out, members_of, stored, struct_bytes
+from dse.deploy.c.arrays import Member, Table, laid_out, members_of, stored, struct_bytes
 from dse.deploy.c.text import filled
-from dse.records import Array
 
 
-def read_back(matrix: Matrix) -> Array:
+def read_back(matrix):
     """Return the weights that C reads, (input, neuron)."""
     tables = {table.name: table.values for table in matrix.tables("w")}
     n_inputs, n = matrix.weights.shape
@@ -42,7 +38,7 @@ def read_back(matrix: Matrix) -> Array:
         (-8, 8, 0.1, "sparse", 4),
     ],
 )
-def test_weights_survive_their_form(low: int, high: int, kept: float, form: str, bits: int) -> None:
+def test_weights_survive_their_form(low, high, kept, form, bits):
     rng = np.random.default_rng(1)
     weights = rng.integers(low, high, (40, 33)) * (rng.random((40, 33)) < kept)
     weights[0, 0], weights[0, 1] = low, high - 1
@@ -51,20 +47,20 @@ def test_weights_survive_their_form(low: int, high: int, kept: float, form: str,
     assert np.array_equal(read_back(matrix), weights)
 
 
-def test_a_shared_exponent_saves_bits() -> None:
+def test_a_shared_exponent_saves_bits():
     matrix = stored(np.array([[-128, 64], [0, -64]] * 20))
     assert (matrix.exponent, matrix.bits) == (6, 2)
     assert np.array_equal(read_back(matrix), matrix.weights)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 1), (3, 300)])
-def test_nothing_but_zeros(shape: tuple[int, int]) -> None:
+def test_nothing_but_zeros(shape):
     matrix = stored(np.zeros(shape, np.int64))
     assert not read_back(matrix).any()
     assert all(isinstance(table, Table) and table.values.size for table in matrix.tables("w"))
 
 
-def test_a_template_walks_objects(tmp_path: Path) -> None:
+def test_a_template_walks_objects(tmp_path):
     each = "@each layers\n@if recurrent\n$k.$state.first;\n@else\n${k}u of $n\n@end\n@end\n"
     (tmp_path / "x").write_text(f"{each}@if not n\nnone\n@end\n")
     layers = [SimpleNamespace(k=k, recurrent=k == 2, state=SimpleNamespace(first=7)) for k in (1, 2)]
@@ -76,7 +72,7 @@ def test_a_template_walks_objects(tmp_path: Path) -> None:
         filled(tmp_path / "x", n=1)
 
 
-def test_variables_are_declared_once(tmp_path: Path) -> None:
+def test_variables_are_declared_once(tmp_path):
     (tmp_path / "x").write_text("uint8_t pushed; any: yes; no\n0 int32_t u[$n][2];\ndouble last[3]; of all\n")
     members = members_of(tmp_path / "x", n=5)
     assert members == [

@@ -1,14 +1,11 @@
 """Names of the C with another prefix: two classifiers in one program."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,13 +29,13 @@ pytestmark = nets.needs_compiler
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     bundle.write(small_bundle(recurrent=True, delays=(0, 2)), tmp_path / "bundle")
     small_recordings(tmp_path / "touch.npz")
     return tmp_path / "bundle"
 
 
-def test_the_prefix_is_kept_by_the_bundle_and_verified(folder: Path, capsys: Captured) -> None:
+def test_the_prefix_is_kept_by_the_bundle_and_verified(folder, capsys):
     touch = str(folder.parent / "touch.npz")
     command = ["export", str(folder), "--target", "c99", "--format", "json"]
     assert main([*command, "--prefix", "texture_", "--verify", touch]) == 0
@@ -55,14 +52,14 @@ def test_the_prefix_is_kept_by_the_bundle_and_verified(folder: Path, capsys: Cap
 
 
 @pytest.mark.parametrize("prefix", ["names_", "my_names_", "title_"])
-def test_a_prefix_may_be_a_word_of_the_templates(folder: Path, prefix: str, capsys: Captured) -> None:
+def test_a_prefix_may_be_a_word_of_the_templates(folder, prefix, capsys):
     touch = str(folder.parent / "touch.npz")
     command = ["export", str(folder), "--target", "c99", "--json", "--prefix", prefix, "--verify", touch]
     assert main(command) == 0
     assert json.loads(capsys.readouterr().out)["rows"][0]["verdict"] == "faithful"
 
 
-def test_without_a_prefix_names_are_those_of_dse(folder: Path) -> None:
+def test_without_a_prefix_names_are_those_of_dse(folder):
     export_targets(folder, ["c99"])
     assert read(folder).prefix == "dse_"
     document = json.loads((folder / "bundle.json").read_text())
@@ -74,7 +71,7 @@ def test_without_a_prefix_names_are_those_of_dse(folder: Path) -> None:
 @pytest.mark.parametrize(
     "prefix", ["texture", "Texture_", "1_", "_", "a b_", "../x_", "string_", "touch_", "tëxt_"]
 )
-def test_what_is_no_prefix_is_refused(prefix: str, folder: Path, capsys: Captured) -> None:
+def test_what_is_no_prefix_is_refused(prefix, folder, capsys):
     before = (folder / "bundle.json").read_bytes()
     assert main(["export", str(folder), "--target", "c99", "--prefix", prefix]) == 2
     assert "the prefix must" in capsys.readouterr().err and before == (folder / "bundle.json").read_bytes()
@@ -84,7 +81,7 @@ def test_what_is_no_prefix_is_refused(prefix: str, folder: Path, capsys: Capture
         read(folder)
 
 
-def test_a_prefix_is_of_all_c_in_a_bundle(folder: Path) -> None:
+def test_a_prefix_is_of_all_c_in_a_bundle(folder):
     if why := emulator.missing():
         pytest.skip(why)
     export_targets(folder, ["c99", "cortex_m4"])
@@ -98,7 +95,7 @@ def test_a_prefix_is_of_all_c_in_a_bundle(folder: Path) -> None:
     assert "src/speed.c" in (folder / "targets" / "cortex_m4" / "README.md").read_text()
 
 
-def test_two_classifiers_answer_in_one_program(tmp_path: Path) -> None:
+def test_two_classifiers_answer_in_one_program(tmp_path):
     parts = {"texture": of("samples", {"at": "start"}), "speed": of("samples", {"at": "start", "n_steps": 9})}
     named = ("dse_a", "DSE_B", "dse.c")  # what users name is not renamed
     parts["speed"] = replace(parts["speed"], phi=None, theta=None, classes=named)
@@ -108,7 +105,7 @@ def test_two_classifiers_answer_in_one_program(tmp_path: Path) -> None:
     expected = []
     for name, made in parts.items():
         design = made.sections
-        design = replace(design, data=replace(design.data, offsets="offsets"))  # type: ignore[type-var]
+        design = replace(design, data=replace(design.data, offsets="offsets"))
         bundle.write(replace(made, sections=design, prefix=f"{name}_"), tmp_path / name)
         C99().write(read(tmp_path / name), tmp_path / "libraries" / name)
         evaluation = evaluate(tmp_path / name, tmp_path / "touch.npz")
@@ -130,7 +127,7 @@ def test_two_classifiers_answer_in_one_program(tmp_path: Path) -> None:
         _built_by_cmake(tmp_path, list(parts), text, done.stdout)
 
 
-def _built_by_cmake(folder: Path, names: list[str], text: str, answers: str) -> None:
+def _built_by_cmake(folder, names, text, answers):
     """Build the program in a project of both folders."""
     (folder / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.10)\nproject(both C)\n"
@@ -144,7 +141,7 @@ def _built_by_cmake(folder: Path, names: list[str], text: str, answers: str) -> 
     assert run(str(folder / "build" / "both"), input=text) == answers
 
 
-def test_names_of_the_program_do_not_meet(tmp_path: Path) -> None:
+def test_names_of_the_program_do_not_meet(tmp_path):
     if (tool := host.compiler()[0]) and not tool.endswith(("gcc", "cc")):
         pytest.skip("nm comes with gcc")
     symbols = []

@@ -8,13 +8,12 @@ from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from dse.deploy import bundle
-from dse.deploy.bundle import Bundle, Input
+from dse.deploy.bundle import Input
 from dse.deploy.evaluate import evaluate
 from dse.deploy.stream import Stream
 from dse.deploy.targets.c99 import C99
@@ -113,7 +112,7 @@ class Board:
         ).splitlines()
 
 
-def of(front_end: str, window: dict[str, Any]) -> Bundle:
+def of(front_end, window):
     """Return a bundle of 4 sensors, 3 channels of spikes, or events of a frame of 20 x 6."""
     window = {"n_steps": N_STEPS, **window}
     if front_end == "samples":
@@ -134,7 +133,7 @@ def of(front_end: str, window: dict[str, Any]) -> Bundle:
     return replace(nets.bundle(network(n), N_STEPS, phi=3.0, theta=0.4), sections=design, input=taken)
 
 
-def touches(front_end: str, seed: int = 3) -> list[Array]:
+def touches(front_end, seed=3):
     """Return recordings, each of rest, a contact, and rest."""
     rng = np.random.default_rng(seed)
     recordings = []
@@ -162,7 +161,7 @@ def touches(front_end: str, seed: int = 3) -> list[Array]:
     return recordings
 
 
-def streamed(made: Bundle, rows: Array) -> list[str | None]:
+def streamed(made, rows):
     """Return the answers of the bundle itself, window by window; of events from time 0 on."""
     if made.input is not None and made.input.kind == "events":
         stream = Stream(made, t0_us=0)
@@ -193,7 +192,7 @@ RULES = {
     [*(("samples", rule) for rule in RULES), ("spikes", "onset"), ("spikes", "middle of recordings"),
      ("events", "restart"), ("events", "onset")],
 )  # fmt: skip
-def test_a_sketch_answers_as_the_bundle_on_a_stream(front_end: str, rule: str, tmp_path: Path) -> None:
+def test_a_sketch_answers_as_the_bundle_on_a_stream(front_end, rule, tmp_path):
     made = of(front_end, RULES[rule])
     C99().write(made, tmp_path / "dse_touch")
     recordings = touches(front_end)
@@ -208,7 +207,7 @@ def test_a_sketch_answers_as_the_bundle_on_a_stream(front_end: str, rule: str, t
 
 
 @pytest.mark.parametrize("front_end", ["samples", "spikes"])
-def test_a_board_at_rest_answers_a_contact_as_evaluate(front_end: str, tmp_path: Path) -> None:
+def test_a_board_at_rest_answers_a_contact_as_evaluate(front_end, tmp_path):
     made = of(front_end, {**RULES["onset"], "onset_threshold": 2.5 if front_end == "samples" else 2})
     bundle.write(made, tmp_path / "bundle")
     C99().write(made, tmp_path / "dse_touch")
@@ -226,7 +225,7 @@ def test_a_board_at_rest_answers_a_contact_as_evaluate(front_end: str, tmp_path:
     assert len(set(first)) > 1
 
 
-def test_the_folder_is_an_arduino_library(tmp_path: Path) -> None:
+def test_the_folder_is_an_arduino_library(tmp_path):
     C99().write(of("samples", {}), tmp_path)
     # What the Arduino library specification asks for: src is compiled, the sketch has its folder's name.
     properties = dict(x.split("=", 1) for x in (tmp_path / "library.properties").read_text().splitlines())

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,7 +38,7 @@ pytestmark = nets.needs_compiler
 
 
 @pytest.fixture(scope="module")
-def checked(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
+def checked(tmp_path_factory):
     """Options of the compiler: sanitizers where it has them."""
     source = tmp_path_factory.mktemp("sanitizers") / "empty.c"
     source.write_text("int main(void)\n{\n    return 0;\n}\n")
@@ -54,9 +53,7 @@ XYLO = ((nets.xylo_case, number) for number in (1, 2, 5, 7))
 
 
 @pytest.mark.parametrize(("case", "number"), [*((nets.case, number) for number in range(N_NETS)), *XYLO])
-def test_random_networks_spike_and_decide_alike(
-    case: Case, number: int, tmp_path: Path, checked: tuple[str, ...]
-) -> None:
+def test_random_networks_spike_and_decide_alike(case, number, tmp_path, checked):
     made, fired = case(number)
     C99().write(made, tmp_path)
     plan, reference = plan_of(made), nets.reference(made, fired)
@@ -66,7 +63,7 @@ def test_random_networks_spike_and_decide_alike(
     assert replay.same_input(played, reference)
 
 
-def test_the_nets_are_of_all_kinds() -> None:
+def test_the_nets_are_of_all_kinds():
     plans = [plan_of(nets.case(number)[0]) for number in range(N_NETS)]
     layers = [layer for plan in plans for layer in plan.layers]
     matrices = [layer.forward for layer in layers]
@@ -80,7 +77,7 @@ def test_the_nets_are_of_all_kinds() -> None:
     assert any(plan.rule.joint for plan in plans) and any(plan.rule.least_total for plan in plans)
 
 
-def test_a_delayed_weight_that_cancels_a_current_leaves_nothing(tmp_path: Path) -> None:
+def test_a_delayed_weight_that_cancels_a_current_leaves_nothing(tmp_path):
     # Neuron 0 fires at once, so v = 0; a step later its halved current meets a weight of the same size.
     layer = Layer(
         np.array([[2.0, -1.0], [0.25, 0.25]], np.float32),
@@ -116,11 +113,11 @@ EVENTS: dict[str, Any] = {
 }  # fmt: skip
 
 
-def network(n_channels: int, seed: int = 0) -> Network:
+def network(n_channels, seed=0):
     """Return a recurrent network with delays and two steps per sample that spikes a good deal."""
     rng = np.random.default_rng(seed)
 
-    def layer(n_inputs: int, n: int, recurrent: bool) -> Layer:
+    def layer(n_inputs, n, recurrent):
         weight = rng.normal(0.6, 1.0, (n, n_inputs)) * 3 / np.sqrt(n_inputs)
         ring = rng.normal(0, 1, (n, n)).astype(np.float32) if recurrent else None
         decays = (rng.integers(300, 3000, n).astype(np.int32) for _ in range(2))
@@ -130,7 +127,7 @@ def network(n_channels: int, seed: int = 0) -> Network:
     return Network((layer(2 * n_channels, 9, True), layer(9, 3, False)), n_channels, (0, 3), 2, "integer")
 
 
-def answers_of_main(folder: Path, text: str, *options: str) -> list[list[str]]:
+def answers_of_main(folder, text, *options):
     """Return what the program of a folder prints for recordings."""
     program = folder.parent / "touch"
     host.compiled([folder / "main.c", folder / "src" / "dse.c"], program, f"-I{folder / 'src'}", *options)
@@ -139,12 +136,12 @@ def answers_of_main(folder: Path, text: str, *options: str) -> list[list[str]]:
     return [line.split(",") for line in done.stdout.splitlines()[1:]]
 
 
-def csv(recordings: list[Array]) -> str:
+def csv(recordings):
     """Return recordings as rows of numbers, an empty line between two."""
     return "\n\n".join("\n".join(",".join(f"{x:.17g}" for x in row) for row in part) for part in recordings)
 
 
-def shipped(made: Bundle, folder: Path) -> Path:
+def shipped(made, folder):
     """Return the folder of the C in a bundle that was stored and read again."""
     bundle.write(made, folder / "bundle")
     target = folder / "c99"
@@ -170,9 +167,7 @@ def shipped(made: Bundle, folder: Path) -> Path:
           "method": "half_steps", "solver_ms": 0.7}, {"n_steps": 25, "at": "start"}, True),
     ],
 )  # fmt: skip
-def test_samples_are_encoded_and_answered_as_by_evaluate(
-    encoder: dict[str, Any], window: dict[str, Any], real: bool, tmp_path: Path, checked: tuple[str, ...]
-) -> None:
+def test_samples_are_encoded_and_answered_as_by_evaluate(encoder, window, real, tmp_path, checked):
     rng = np.random.default_rng(2)
     lengths = [25, 40, 31, 60]
     signal = np.concatenate([np.cumsum(rng.normal(0, 3, (n, 4)), axis=0) for n in lengths])
@@ -186,7 +181,6 @@ def test_samples_are_encoded_and_answered_as_by_evaluate(
         high[2] = low[2]
         ranges = {"low": tuple(low.tolist()), "high": tuple(high.tolist())}
         design = replace(design, encoder=replace(design.encoder, **ranges))
-    assert design.encoder is not None
     if design.encoder.learns and not isinstance(design.encoder, Receptors):
         design = replace(design, encoder=replace(design.encoder, means=(1.5, -3.0, 0.0, 12.0)))
     made = nets.bundle(network(design.encoder.n_channels(4)), window["n_steps"], phi=3.0, theta=0.4)
@@ -213,9 +207,7 @@ def test_samples_are_encoded_and_answered_as_by_evaluate(
          {"n_steps": 20, "at": "contact_onset", "onset_threshold": 6}),
     ],
 )  # fmt: skip
-def test_events_are_pooled_and_answered_as_by_evaluate(
-    preprocessing: dict[str, Any], window: dict[str, Any], tmp_path: Path, checked: tuple[str, ...]
-) -> None:
+def test_events_are_pooled_and_answered_as_by_evaluate(preprocessing, window, tmp_path, checked):
     rng = np.random.default_rng(4)
     n = 4
     parts = []
@@ -244,7 +236,7 @@ def test_events_are_pooled_and_answered_as_by_evaluate(
     assert_answers(answers_of_main(folder, csv(parts), *checked), tmp_path, tmp_path / "touch.npz")
 
 
-def test_times_of_a_sensor_are_no_times_of_simulated_trials(tmp_path: Path) -> None:
+def test_times_of_a_sensor_are_no_times_of_simulated_trials(tmp_path):
     (tmp_path / "tip.yaml").write_text(f"{FINGERTIP}forces_n: [1.0]\ntrials: 2\n")  # of 150 ms
     scene = {"kind": "scene", "scene": str(tmp_path / "tip.yaml")}
     window = {"n_steps": 10, "at": "middle"}
@@ -268,7 +260,7 @@ def test_times_of_a_sensor_are_no_times_of_simulated_trials(tmp_path: Path) -> N
         answers_of_main(tmp_path / "c99", csv([later]))
 
 
-def assert_answers(printed: list[list[str]], folder: Path, data_file: Path) -> None:
+def assert_answers(printed, folder, data_file):
     """Compare what a program printed with what `dse evaluate` answers."""
     evaluation = evaluate(folder / "bundle", data_file)
     assert [row[0] for row in printed] == [evaluation.classes[label] for label in evaluation.label]
@@ -276,7 +268,7 @@ def assert_answers(printed: list[list[str]], folder: Path, data_file: Path) -> N
     assert [row[2] == "true" for row in printed] == evaluation.decided.tolist()
 
 
-def test_spikes_are_answered_as_by_the_engine(tmp_path: Path, checked: tuple[str, ...]) -> None:
+def test_spikes_are_answered_as_by_the_engine(tmp_path, checked):
     made, fired = nets.case(10)
     C99().write(made, tmp_path / "c99")
     reference: Reference = nets.reference(made, fired)
@@ -295,7 +287,7 @@ def test_spikes_are_answered_as_by_the_engine(tmp_path: Path, checked: tuple[str
         ("1\n0\n", "line 2: the recording is shorter than the window"),
     ],
 )
-def test_bad_recordings_are_one_line(text: str, message: str, tmp_path: Path) -> None:
+def test_bad_recordings_are_one_line(text, message, tmp_path):
     made = nets.bundle(network(1), 3)
     C99().write(made, tmp_path / "c99")
     program = tmp_path / "touch"
@@ -309,7 +301,7 @@ def test_bad_recordings_are_one_line(text: str, message: str, tmp_path: Path) ->
 
 
 @pytest.mark.skipif(shutil.which("size") is None, reason="binutils are not installed")
-def test_flash_of_a_kind_that_is_compiled_once(tmp_path: Path) -> None:
+def test_flash_of_a_kind_that_is_compiled_once(tmp_path):
     for number in range(0, N_NETS, 6):
         made, _ = nets.case(number)
         C99().write(made, tmp_path / str(number))
@@ -321,7 +313,7 @@ def test_flash_of_a_kind_that_is_compiled_once(tmp_path: Path) -> None:
 # Refusals.
 
 
-def test_no_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_compiler_is_one_line(tmp_path, monkeypatch):
     c99._instructions.cache_clear()
     made, fired = nets.case(0)
     C99().write(made, tmp_path)
@@ -335,15 +327,15 @@ def test_no_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 # Builds.
 
 
-def run(*command: str, **options: str) -> str:
+def run(*command, **options):
     """Run a command that succeeds, and return what it prints."""
-    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)  # type: ignore[call-overload]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
     assert done.returncode == 0, done.stderr
     return str(done.stdout)
 
 
 @pytest.mark.skipif(find_spec("cmake") is None, reason="CMake is not installed")
-def test_cmake_builds_the_program(tmp_path: Path) -> None:
+def test_cmake_builds_the_program(tmp_path):
     made, fired = nets.case(10)
     C99().write(made, tmp_path / "c99")
     cmake = (sys.executable, "-c", "import sys, cmake; sys.exit(cmake.cmake())")

@@ -1,9 +1,6 @@
 """Verdicts of runs, by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +12,7 @@ from dse.deploy.verdict import Verdict
 NONE = np.zeros((0, 3), np.int32)
 
 
-def spikes(*rows: Any) -> Any:
+def spikes(*rows):
     return np.array(rows, np.int32).reshape(-1, 3)
 
 
@@ -24,12 +21,12 @@ OUTPUT = spikes((0, 1, 1), (0, 2, 1), (2, 3, 0))
 
 
 @pytest.fixture
-def reference() -> Reference:
+def reference():
     """Three recordings of four steps, of which the second is silent."""
     return Reference(
         inputs=None,
         first_step=np.zeros(3, np.int64),
-        dataset=None,  # type: ignore[arg-type]
+        dataset=None,
         spikes_in=NONE,
         fired=(HIDDEN, OUTPUT),
         label=np.array([1, 0, 0]),
@@ -41,11 +38,11 @@ def reference() -> Reference:
 
 
 @pytest.fixture
-def run(reference: Reference) -> Run:
+def run(reference):
     return Run(reference.label, reference.time_ms, reference.decided, reference.fired)
 
 
-def test_equal_decisions_and_spikes_are_faithful(reference: Reference, run: Run) -> None:
+def test_equal_decisions_and_spikes_are_faithful(reference, run):
     shuffled = replace(run, fired=[layer[::-1].astype(np.int64) for layer in run.fired])
     for each in (run, shuffled):
         verdict = compare(reference, each, {"ram_bytes": 12}, run_by=["gcc 1.2"])
@@ -62,9 +59,7 @@ def test_equal_decisions_and_spikes_are_faithful(reference: Reference, run: Run)
         ({"decided": np.array([True, True, False])}, 1),
     ],
 )
-def test_any_decision_that_differs_is_approximate(
-    reference: Reference, run: Run, changes: dict[str, Any], n_differ: int
-) -> None:
+def test_any_decision_that_differs_is_approximate(reference, run, changes, n_differ):
     verdict = compare(reference, replace(run, **changes))
     assert (verdict.kind, verdict.spikes_differ, verdict.largest_difference) == ("approximate", 0, 0)
     assert verdict.decisions_differ == n_differ / 3
@@ -85,9 +80,7 @@ def test_any_decision_that_differs_is_approximate(
         ((NONE, NONE), 2, 2, 0),
     ],
 )
-def test_equal_decisions_with_other_spikes_are_equivalent(
-    reference: Reference, run: Run, fired: Any, n_differ: int, largest: int, f1: float
-) -> None:
+def test_equal_decisions_with_other_spikes_are_equivalent(reference, run, fired, n_differ, largest, f1):
     verdict = compare(reference, replace(run, fired=fired))
     assert (verdict.kind, verdict.decisions_differ) == ("equivalent", 0)
     assert verdict.spikes_differ == n_differ / 3
@@ -105,26 +98,24 @@ def test_equal_decisions_with_other_spikes_are_equivalent(
         ((5,), (), 0),
     ],
 )
-def test_f1_of_trains_within_one_step(
-    reference: Reference, run: Run, first: Any, second: Any, f1: float
-) -> None:
+def test_f1_of_trains_within_one_step(reference, run, first, second, f1):
     trains = [spikes(*((1, step, 0) for step in steps)) for steps in (first, second)]
     long = replace(reference, n_steps=9, fired=(NONE, trains[0]))
     assert compare(long, replace(run, fired=(NONE, trains[1]))).output_f1 == f1
 
 
-def test_classifiers_without_layers_are_compared_by_their_decisions(reference: Reference, run: Run) -> None:
+def test_classifiers_without_layers_are_compared_by_their_decisions(reference, run):
     assert compare(replace(reference, fired=()), replace(run, fired=())).kind == "faithful"
 
 
-def test_a_run_of_another_size_is_refused(reference: Reference, run: Run) -> None:
+def test_a_run_of_another_size_is_refused(reference, run):
     with pytest.raises(ValueError, match="label must have 3 recordings, got 2"):
         compare(reference, replace(run, label=run.label[:2]))
     with pytest.raises(ValueError, match="fired must have 2 layers, got 0"):
         compare(reference, replace(run, fired=()))
 
 
-def test_no_recordings_verify_nothing(reference: Reference) -> None:
+def test_no_recordings_verify_nothing(reference):
     none = {name: getattr(reference, name)[:0] for name in ("label", "time_ms", "decided")}
     verdict = compare(replace(reference, **none, fired=(NONE, NONE)), Run(**none, fired=(NONE, NONE)))
     assert verdict == Verdict("not verified", "there are no recordings")

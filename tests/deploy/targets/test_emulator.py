@@ -1,14 +1,11 @@
 """Instructions and cycles of hand-written code, counted by hand."""
 
-from __future__ import annotations
-
 import sys
-from pathlib import Path
 
 import pytest
 
 from dse.deploy.targets import TargetError, emulator
-from dse.deploy.targets.emulator import Counts, Machine, Program, compiled
+from dse.deploy.targets.emulator import Counts, Machine, compiled
 from dse.deploy.targets.riscv import CORE
 from dse.deploy.targets.thumb import CORES
 
@@ -32,7 +29,7 @@ WIDE = {  # of ARMv7-M alone
 
 
 @pytest.fixture(scope="module")
-def programs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Program]:
+def programs(tmp_path_factory):
     if why := emulator.missing():
         pytest.skip(why)
     folder = tmp_path_factory.mktemp("program")
@@ -111,7 +108,7 @@ def test_cycles_of_a_core_without_published_tables():
     assert Counts(5, 2, 1, 1, 1).cycles(M7) == pytest.approx(8 * 3.40 / 5.01)
 
 
-def test_code_that_does_not_compile(tmp_path: Path, programs):
+def test_code_that_does_not_compile(tmp_path, programs):
     (tmp_path / "broken.c").write_text("int f(void) { return x; }\n")
     with pytest.raises(TargetError, match=r"broken.c does not compile for Cortex-M4: .*undeclared"):
         compiled([tmp_path / "broken.c"], M4)
@@ -155,7 +152,7 @@ RISCV = {
         ("computed", 9, Counts(5, 0, 0, 0, 1, 77), 84),
     ],
 )
-def test_riscv(function: str, argument: int, counts: Counts, cycles: int, tmp_path: Path) -> None:
+def test_riscv(function, argument, counts, cycles, tmp_path):
     if why := emulator.missing():
         pytest.skip(why)
     text = "int changed[4] = {1, 2, 3, 4};\n"

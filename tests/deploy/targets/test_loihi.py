@@ -1,21 +1,16 @@
 """Files for Loihi: run by the recorded integers of Lava's simulator and by brian2-loihi."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from dse.deploy import loihi_run
-from dse.deploy.bundle import Bundle
 from dse.deploy.run import interpreter
-from dse.deploy.targets import Verdict, loihi
+from dse.deploy.targets import loihi
 from dse.deploy.targets.loihi import Loihi
 from tests.deploy import bundles
 from tests.golden import FILE
@@ -28,24 +23,24 @@ needs_brian2 = pytest.mark.skipif(
 
 
 @pytest.fixture(autouse=True)
-def without_brian2(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def without_brian2(request, monkeypatch):
     """Start brian2-loihi, which takes seconds, only where a test is about it."""
     if "brian2" not in request.node.name:
         monkeypatch.setattr(loihi, "interpreter", lambda *names: None)
 
 
-def verified(made: Bundle, folder: Path, rng: np.random.Generator) -> Verdict:
+def verified(made, folder, rng):
     return bundles.verified(Loihi(), made, folder, rng)[0]
 
 
-def layer(weights: Any, q: dict[str, int]) -> loihi_run.Layer:
+def layer(weights, q):
     n = len(weights)
     decays = (np.full(n, q["d_u"]), np.full(n, q["d_v"]))
     return loihi_run.Layer(weights.astype(np.int64), np.zeros_like(weights), None, *decays, q["vth"])
 
 
 @pytest.mark.skipif(not TRACES.exists(), reason="shared/reference/lava_nc_traces.npz is absent")
-def test_the_integers_are_those_that_lavas_simulator_was_recorded_with() -> None:
+def test_the_integers_are_those_that_lavas_simulator_was_recorded_with():
     """Every state and spike of both layers of 25 cases; each layer was recorded one step later."""
     golden, traces = np.load(FILE), np.load(TRACES)
     index = json.loads(str(golden["index_json"]))
@@ -62,7 +57,7 @@ def test_the_integers_are_those_that_lavas_simulator_was_recorded_with() -> None
             spikes = loihi_run.later(np.array([fired for _, _, fired in steps]))
 
 
-def test_registers_of_24_bits_wrap_and_clip() -> None:
+def test_registers_of_24_bits_wrap_and_clip():
     one = layer(np.array([[254]]), {"d_u": 1, "d_v": 0, "vth": 2**17 - 1})
     states = zip(*loihi_run.states(one, np.ones((700, 1, 1), bool)), strict=True)
     u, v, fired = (np.array(x).ravel() for x in states)
@@ -80,14 +75,14 @@ def test_registers_of_24_bits_wrap_and_clip() -> None:
     ],
     ids=["plain", "deep, delayed, pruned and clipped", "recurrent"],
 )
-def test_it_spikes_as_the_engine_does(features: dict[str, Any], tmp_path: Path) -> None:
+def test_it_spikes_as_the_engine_does(features, tmp_path):
     rng = np.random.default_rng(3)
     verdict = verified(bundles.bundle(bundles.network(rng, decays=DECAYS, **features)), tmp_path, rng)
     assert verdict.kind == "faithful" and verdict.n_recordings == 12
 
 
 @needs_brian2
-def test_brian2_loihi_runs_every_recording_with_delays_of_synapses_too(tmp_path: Path) -> None:
+def test_brian2_loihi_runs_every_recording_with_delays_of_synapses_too(tmp_path):
     rng = np.random.default_rng(4)
     network = bundles.network(rng, (4, 7, 3), decays=DECAYS, recurrent=True)
     late = [rng.integers(0, 9, x.weight.shape).astype(np.int8) for x in network.layers]
@@ -98,7 +93,7 @@ def test_brian2_loihi_runs_every_recording_with_delays_of_synapses_too(tmp_path:
     assert verdict.run_by == ("run.py", "brian2-loihi 0.5.2")
 
 
-def test_the_layout_is_that_of_netx(tmp_path: Path) -> None:
+def test_the_layout_is_that_of_netx(tmp_path):
     import h5py
 
     network = bundles.network(np.random.default_rng(5), decays=DECAYS, recurrent=True)
@@ -123,7 +118,7 @@ def test_the_layout_is_that_of_netx(tmp_path: Path) -> None:
         assert json.loads(file.attrs["decision"])["phi"] == 2.0
 
 
-def test_the_script_runs_without_dse(tmp_path: Path) -> None:
+def test_the_script_runs_without_dse(tmp_path):
     """By hand: 2 * 64 reaches above 1 * 64 at once, and 64 arrives late by a delay of 2."""
     made = bundles.network(np.random.default_rng(0), (2, 2, 2))
     neurons = {"decay_current": np.array(4096), "decay_voltage": np.array(4095), "threshold": np.array(1)}

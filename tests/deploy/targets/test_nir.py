@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from tests.deploy import bundles
 
 
 @pytest.fixture(params=FRAMEWORKS)
-def framework(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+def framework(request, monkeypatch):
     """One framework, the other being absent."""
     name = str(request.param)
     if interpreter(name, "nir") is None:
@@ -27,11 +26,11 @@ def framework(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
     return name
 
 
-def verdict(folder: Path, made: Any, rng: np.random.Generator, n_steps: int = 40) -> Any:
+def verdict(folder, made, rng, n_steps=40):
     return bundles.verified(Nir(), made, folder, rng, n_steps)[0]
 
 
-def test_without_rounding_every_spike_is_equal(framework: str, tmp_path: Path) -> None:
+def test_without_rounding_every_spike_is_equal(framework, tmp_path):
     rng = np.random.default_rng(1)
     every_feature: dict[str, Any] = {
         "sizes": (4, 7, 6, 5, 3),
@@ -47,10 +46,10 @@ def test_without_rounding_every_spike_is_equal(framework: str, tmp_path: Path) -
     assert [name.split()[0] for name in found.run_by] == [framework]
 
 
-@pytest.mark.parametrize("copies", [(0,), (0, 3)])
-def test_delays_of_the_first_layer_are_copies_of_the_inputs(
-    framework: str, copies: tuple[int, ...], tmp_path: Path
-) -> None:
+@pytest.mark.parametrize(
+    ("framework", "copies"), [("norse", (0,)), ("snntorch", (0, 3))], indirect=["framework"]
+)
+def test_delays_of_the_first_layer_are_copies_of_the_inputs(framework, copies, tmp_path):
     rng = np.random.default_rng(8)
     network = bundles.network(rng, (4, 7, 3), decays=[0, 4096], delays=copies, recurrent=True)
     first = network.layers[0]
@@ -65,8 +64,12 @@ def test_delays_of_the_first_layer_are_copies_of_the_inputs(
     assert not np.array_equal(with_delays.fired[0], without.fired[0])
 
 
-@pytest.mark.parametrize(("seed", "kind"), [(2, "equivalent"), (4, "approximate")])
-def test_rounded_states_are_nearly_equal(framework: str, seed: int, kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("framework", "seed", "kind"),
+    [("norse", 2, "equivalent"), ("snntorch", 4, "approximate")],
+    indirect=["framework"],
+)
+def test_rounded_states_are_nearly_equal(framework, seed, kind, tmp_path):
     rng = np.random.default_rng(seed)
     network = bundles.network(rng, (6, 40, 4), decays=[3, 10, 30, 100], scale=0.1)
     found = verdict(tmp_path, bundles.bundle(network), rng, 150)
@@ -79,7 +82,7 @@ def test_rounded_states_are_nearly_equal(framework: str, seed: int, kind: str, t
     )
 
 
-def test_real_states_are_equal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_real_states_are_equal(tmp_path, monkeypatch):
     if interpreter("norse", "nir") is None:
         pytest.skip("norse is not installed: `make peers` installs it")
     monkeypatch.setattr(nir, "FRAMEWORKS", ("norse",))
@@ -88,7 +91,7 @@ def test_real_states_are_equal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert verdict(tmp_path, bundles.bundle(network), rng, 100).spikes_differ == 0
 
 
-def test_the_file_and_its_golden_spikes_are_read_by_both_versions_of_nir(tmp_path: Path) -> None:
+def test_the_file_and_its_golden_spikes_are_read_by_both_versions_of_nir(tmp_path):
     made = bundles.bundle(bundles.network(np.random.default_rng(3), delays=(0, 2), recurrent=True))
     Nir().write(made, tmp_path)
     code = """
@@ -131,7 +134,7 @@ print(json.dumps([nir.__version__, shapes, sorted(graph.edges), told, golden], d
     assert versions == ["1.0.4", "1.0.8"]
 
 
-def test_time_constants_by_hand() -> None:
+def test_time_constants_by_hand():
     assert nir.time_constant(np.array([4096, 2048, 1])).tolist() == [1e-4, 2e-4, 0.4096]
     keep = 1 - nir.DT / nir.time_constant(np.arange(1, 4097))
     assert np.allclose(keep, (4096 - np.arange(1, 4097)) / 4096, rtol=0, atol=2**-52)

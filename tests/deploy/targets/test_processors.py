@@ -1,9 +1,6 @@
 """C on emulated processors: every spike and decision of random networks equals the engine's."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +8,7 @@ import pytest
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, replay
 from dse.deploy.c.plan import plan_of
-from dse.deploy.targets import Target, emulator
+from dse.deploy.targets import emulator
 from dse.deploy.verify import target_named
 from dse.records import Array
 from tests.deploy.c import nets
@@ -31,7 +28,7 @@ Case = Callable[[int], tuple[Bundle, Array]]
         (target_named("riscv32"), nets.case, 1),
     ],
 )
-def test_spikes_and_decisions_equal(target: Target, case: Case, number: int, tmp_path: Path) -> None:
+def test_spikes_and_decisions_equal(target, case, number, tmp_path):
     if why := emulator.missing():
         pytest.skip(why)
     made, fired = case(number)
@@ -50,7 +47,7 @@ def test_spikes_and_decisions_equal(target: Target, case: Case, number: int, tmp
     assert 0 < figures["instructions_per_neuron_step"] < 100
 
 
-def test_an_inference_ends_with_its_answer() -> None:
+def test_an_inference_ends_with_its_answer():
     made, fired = nets.case(4)
     reference = nets.reference(made, fired)
     per_sample = reference.n_steps // reference.dataset.n_steps
@@ -65,7 +62,7 @@ def test_an_inference_ends_with_its_answer() -> None:
 
 
 @pytest.mark.parametrize("number", [1, 9, 14])
-def test_a_module_of_web_assembly_has_every_spike_and_no_imports(number: int, tmp_path: Path) -> None:
+def test_a_module_of_web_assembly_has_every_spike_and_no_imports(number, tmp_path):
     target = target_named("wasm")
     if why := emulator.missing({"ziglang": "cross-compiler", "wasmtime": "run time"}):
         pytest.skip(why)

@@ -1,27 +1,22 @@
 """What targets refuse, and what is said where something is not installed or a file is damaged."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from dse.deploy.bundle import Bundle, BundleError, Input
+from dse.deploy.bundle import BundleError, Input
 from dse.deploy.run import interpreter
 from dse.deploy.targets import TargetError, Verdict
 from dse.deploy.verify import target_named
 from dse.neurons import lif, parameters_of
-from dse.records import Layer, Network, Parameters
+from dse.records import Layer, Parameters
 from tests.deploy import bundles
 from tests.deploy.targets import test_loihi, test_xylo
 
 
-def made(network: Network | None = None, **features: Any) -> Bundle:
+def made(network=None, **features):
     """Return a bundle of a network, or of one that Loihi and C hold."""
     if network is None:
         features = {"decays": test_loihi.DECAYS, **features}
@@ -29,18 +24,17 @@ def made(network: Network | None = None, **features: Any) -> Bundle:
     return bundles.bundle(network, input=Input("spikes", network.n_channels, 0, 0, 10, 5.0))
 
 
-def xylo(**features: Any) -> Bundle:
+def xylo(**features):
     return made(test_xylo.network(np.random.default_rng(0), **features))
 
 
-def of(bundle: Bundle, arithmetic: Any) -> Bundle:
-    return replace(bundle, fitted=replace(bundle.fitted, arithmetic=arithmetic))  # type: ignore[type-var]
+def of(bundle, arithmetic):
+    return replace(bundle, fitted=replace(bundle.fitted, arithmetic=arithmetic))
 
 
-def last(numbers: Mapping[str, int] | None = None, **changes: Any) -> Bundle:
+def last(numbers=None, **changes):
     """Return a bundle whose last layer is another."""
     fitted = made().fitted
-    assert isinstance(fitted, Network)
     layer = fitted.layers[-1]
     given = {**layer.parameters, **{name: np.array(x) for name, x in (numbers or {}).items()}}
     layer = Layer(**{**vars(layer), "parameters": given, **changes})
@@ -76,7 +70,7 @@ REFUSED = (
 
 
 @pytest.mark.parametrize(("target", "bundle", "reason"), REFUSED, ids=[f"{x[0]}: {x[2]}" for x in REFUSED])
-def test_what_a_target_cannot_hold(target: str, bundle: Bundle, reason: str, tmp_path: Path) -> None:
+def test_what_a_target_cannot_hold(target, bundle, reason, tmp_path):
     assert reason in target_named(target).refusal(bundle)
     with pytest.raises(TargetError, match=re.escape(reason)):
         target_named(target).write(bundle, tmp_path)
@@ -94,9 +88,7 @@ ABSENT = (
 
 
 @pytest.mark.parametrize(("target", "name", "said"), ABSENT, ids=[x[0] for x in ABSENT])
-def test_without_what_runs_it_nothing_is_verified(
-    target: str, name: str, said: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_what_runs_it_nothing_is_verified(target, name, said, tmp_path, monkeypatch):
     bundle = xylo() if target == "xylo" else made()
     reference = bundles.reference(bundle, bundles.spikes(np.random.default_rng(3), 4), tmp_path)
     (folder := tmp_path / "target").mkdir()
@@ -112,9 +104,7 @@ def test_without_what_runs_it_nothing_is_verified(
 @pytest.mark.parametrize(
     ("target", "package", "extra"), [("loihi", "h5py", "h5"), ("torch", "torch", "torch")]
 )
-def test_without_what_writes_it_nothing_is_written(
-    target: str, package: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_what_writes_it_nothing_is_written(target, package, extra, tmp_path, monkeypatch):
     monkeypatch.setattr(RUN, lambda name: None)
     with pytest.raises(TargetError, match=rf"{package} is not installed: pip install 'dse\[{extra}\]'"):
         target_named(target).write(made(), tmp_path)
@@ -129,7 +119,7 @@ def test_without_what_writes_it_nothing_is_written(
         ("torch", "module.pt", r"module\.pt: must be a module of dse/module/1"),
     ],
 )
-def test_a_damaged_file_is_one_line(target: str, file: str, message: str, tmp_path: Path) -> None:
+def test_a_damaged_file_is_one_line(target, file, message, tmp_path):
     if target == "nir" and interpreter("norse", "nir") is None:
         pytest.skip("norse is not installed: `make peers` installs it")
     pytest.importorskip({"torch": "torch"}.get(target, "h5py"))

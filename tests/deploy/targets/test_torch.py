@@ -1,9 +1,5 @@
 """Modules in files: the same bytes, the same spikes, and what is refused."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,7 +9,7 @@ from dse.deploy.verdict import Verdict
 from tests.deploy import bundles
 
 
-def test_a_module_in_a_file_is_faithful(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_module_in_a_file_is_faithful(tmp_path, monkeypatch):
     torch = pytest.importorskip("torch")
     monkeypatch.setattr(target, "_MOST_RECORDINGS", 5)  # several batches
     rng = np.random.default_rng(1)

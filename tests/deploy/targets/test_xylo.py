@@ -1,7 +1,5 @@
 """Specifications of Xylo, run in the vendor's simulator."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import subprocess
@@ -9,14 +7,12 @@ import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from dse.deploy.bundle import Bundle
 from dse.deploy.form import net_of
-from dse.deploy.targets import Verdict, xylo
+from dse.deploy.targets import xylo
 from dse.deploy.targets.xylo import Xylo
 from dse.neurons import LayerSpec, parameters_of
 from dse.neurons.xylo_lif import XyloLif
@@ -29,23 +25,23 @@ needs_xylosim = pytest.mark.skipif(
 
 
 def network(
-    rng: np.random.Generator,
-    sizes: tuple[int, ...] = (4, 9, 3),
+    rng,
+    sizes=(4, 9, 3),
     *,
-    delays: tuple[int, ...] = (0,),
-    steps_per_sample: int = 1,
-    recurrent: bool = False,
-    pruned: float = 0.0,
-    scale: float = 1.0,
-    threshold: float = 1.0,
-) -> Network:
+    delays=(0,),
+    steps_per_sample=1,
+    recurrent=False,
+    pruned=0.0,
+    scale=1.0,
+    threshold=1.0,
+):
     neuron = XyloLif(threshold=threshold, current_shift=(1, 3), voltage_shift=(0, 4))
     layers = []
     for k, (n_in, n) in enumerate(pairwise((sizes[0] * len(delays), *sizes[1:]))):
         is_output = k == len(sizes) - 2
         population = neuron.population(LayerSpec(n, is_output, steps_per_sample, 1.0), rng)
 
-        def matrix(rows: int, columns: int, size: float) -> Any:
+        def matrix(rows, columns, size):
             kept = rng.random((rows, columns)) >= pruned
             return (rng.normal(size / 4, size, (rows, columns)) * kept).astype(np.float32)
 
@@ -54,7 +50,7 @@ def network(
     return Network(tuple(layers), sizes[0], delays, steps_per_sample, "integer")
 
 
-def verified(made: Bundle, folder: Path, rng: np.random.Generator) -> tuple[Verdict, int]:
+def verified(made, folder, rng):
     """Return the verdict, and the most spikes of a neuron in a step."""
     verdict, reference = bundles.verified(Xylo(), made, folder, rng)
     return verdict, max(int(np.unique(x, axis=0, return_counts=True)[1].max()) for x in reference.fired)
@@ -71,7 +67,7 @@ def verified(made: Bundle, folder: Path, rng: np.random.Generator) -> tuple[Verd
     ],
     ids=["plain", "deep, delayed and pruned", "recurrent and clipped", "low threshold"],
 )
-def test_it_spikes_as_the_engine_does(features: dict[str, Any], tmp_path: Path) -> None:
+def test_it_spikes_as_the_engine_does(features, tmp_path):
     rng = np.random.default_rng(7)
     verdict, most = verified(bundles.bundle(network(rng, **features)), tmp_path, rng)
     assert verdict.kind == "faithful" and verdict.n_recordings == 12
@@ -82,7 +78,7 @@ def test_it_spikes_as_the_engine_does(features: dict[str, Any], tmp_path: Path) 
 
 
 @needs_xylosim
-def test_currents_that_leave_16_bits_between_two_spikes_of_a_step_differ(tmp_path: Path) -> None:
+def test_currents_that_leave_16_bits_between_two_spikes_of_a_step_differ(tmp_path):
     """9 times 127 << 8 and 9 times -128 << 8: the sum is small, and the chip saturates on the way."""
     rng = np.random.default_rng(0)
     made = network(rng, (16, 2, 2), threshold=0.125)
@@ -92,7 +88,7 @@ def test_currents_that_leave_16_bits_between_two_spikes_of_a_step_differ(tmp_pat
     assert verdict.kind == "approximate" and verdict.spikes_differ > 0
 
 
-def test_the_specification_is_that_of_the_layers_by_hand() -> None:
+def test_the_specification_is_that_of_the_layers_by_hand():
     made = network(np.random.default_rng(1), (2, 2, 1, 2), recurrent=True)
     weights = [np.array(x, np.float32) / 32 for x in ([[1, 2], [3, 4]], [[5, 6]], [[7], [-200]])]
     rings = [np.array([[0, 9], [0, 0]], np.float32) / 32, np.zeros((1, 1), np.float32), None]
@@ -108,7 +104,7 @@ def test_the_specification_is_that_of_the_layers_by_hand() -> None:
 
 
 @needs_xylosim
-def test_the_script_runs_without_dse(tmp_path: Path) -> None:
+def test_the_script_runs_without_dse(tmp_path):
     """One input, one neuron, one output, by hand: 124 decays to 62, 31, 16; thresholds of 40."""
     spec = {
         **{"weights_in": [[124]], "weights_rec": [[0]], "weights_out": [[100]]},

@@ -102,6 +102,6 @@ def test_latency_is_that_of_the_queue(n, compute_us):
     assert latency_ms(n * 2.0, 2.0, compute_us) == pytest.approx(queue(n, 2.0, compute_us / 1e3))
 
 
-def test_memory_is_the_bits_of_every_stored_weight() -> None:
+def test_memory_is_the_bits_of_every_stored_weight():
     n, bits = np.array([0, 1, 84000, 84000]), np.array([8, 3, 8, 5])
     assert memory_bytes(n, bits).tolist() == [0.0, 0.375, 84000.0, 52500.0]

@@ -1,22 +1,19 @@
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 
 from dse.measure.confusion import confusion
-from dse.measure.objectives import FullReadOut
 from dse.measure.objectives.first_spike import FirstSpike, by_class, first_spike, first_spike_ms
 from dse.records import Outcome, Response
 from dse.testing import small
 
 
-def response(output: np.ndarray) -> Response:
+def response(output):
     counts = np.zeros((*output.shape[:2], 2), np.int32)
     return Response(output, counts, counts[..., :1], 20.0, 0)
 
 
-def outputs() -> np.ndarray:
+def outputs():
     output = np.zeros((4, 5, 3), np.uint8)
     output[0, [1, 2, 4], [0, 2, 2]] = 1  # the winner, 2, fires at step 2, after 0 did
     output[1, [0, 3], [2, 1]] = 1  # a tie: class 1
@@ -37,7 +34,7 @@ def test_times_by_class_leave_silent_samples_and_classes_out():
     assert np.isnan(by_class(np.full(2, np.nan), np.array([0, 1]), 2)).all()
 
 
-def full_read_out(output: np.ndarray, test: np.ndarray | None = None) -> FullReadOut:
+def full_read_out(output, test=None):
     """Return what a run answers whose samples are of the classes 0, 0, 1, 2."""
     target = np.array([0, 0, 1, 2])
     made = next(x for needs, x in _records() if needs == "full_read_out")

@@ -1,7 +1,5 @@
 """Accuracy on moved windows and on unseen groups: means and standard errors by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,7 @@ from dse.measure.objectives.accuracy_unseen import as_arrays, merged, unseen_col
 from dse.testing.small import records
 
 
-def test_several_columns_and_runs() -> None:
+def test_several_columns_and_runs():
     first = {"force": {"1": 0.5, "3": 0.7}, "fabric": {"a": 0.2}}
     second = {"force": {"1": 0.7, "2": 0.9}, "fabric": {"b": 0.4}}
     unseen = merged([as_arrays(first), as_arrays(second), {}])
@@ -30,13 +28,13 @@ def test_several_columns_and_runs() -> None:
     assert columns["accuracy_unseen_se"] == pytest.approx(np.hypot(of_force, 0.1) / 2)
 
 
-def test_one_fold_has_no_error_and_nothing_has_no_columns() -> None:
+def test_one_fold_has_no_error_and_nothing_has_no_columns():
     columns = unseen_columns(as_arrays({"force": {"1": 0.5}}))
     assert columns["accuracy_unseen"] == 0.5 and np.isnan(columns["accuracy_unseen_se"])
     assert unseen_columns({}) == {} == merged([])
 
 
-def test_shifts_of_several_points() -> None:
+def test_shifts_of_several_points():
     points = next(x for x in records()["points"] if isinstance(x, Points))
     shifted = np.array([[1.0, 0.5], [0.5, 0.5], [0.0, 0.2]])
     columns = AccuracyShifted().measure(replace(points, shifted=shifted, unshifted=shifted[0], n_shifted=10))

@@ -1,21 +1,18 @@
 """What the shipped objectives declare, and how they are called."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from dse import registry
-from dse.measure.objectives import FullReadOut, Points, measured
+from dse.measure.objectives import Points, measured
 from dse.records import Operations
 from dse.registry import Column, register
 
 
 @pytest.fixture(autouse=True)
-def registry_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+def registry_as_before(monkeypatch):
     registry.known("objectives")
     monkeypatch.setattr(registry, "_components", {s: dict(c) for s, c in registry._components.items()})
 
@@ -29,7 +26,7 @@ def test_the_columns_of_the_record_are_declared():
     assert set(columns.split()) <= set(registry.columns())
 
 
-def points() -> Points:
+def points():
     one = np.array([1.0])
     load = Operations(one, one, one, np.array([4]), one)
     return Points(
@@ -52,7 +49,7 @@ def test_an_objective_is_called_from_its_registration():
         needs = "points"
         columns = (Column("errors", "", "min", "Share of wrong answers."),)
 
-        def measure(self, points: Points) -> Mapping[str, np.ndarray]:
+        def measure(self, points):
             return {"errors": 1 - points.accuracy}
 
     columns = measured("points", points())
@@ -69,7 +66,7 @@ def test_a_column_that_is_not_declared_is_refused():
         needs = "points"
         columns = (Column("errors", "", "min", "Share of wrong answers."),)
 
-        def measure(self, points: Points) -> Mapping[str, np.ndarray]:
+        def measure(self, points):
             return {"error": 1 - points.accuracy}
 
     with pytest.raises(TypeError, match="objective 'errors' must declare its columns, got error as well"):
@@ -85,5 +82,5 @@ def test_a_column_is_declared_once():
             needs = "full_read_out"
             columns = (Column("accuracy", "", "max", "Accuracy."),)
 
-            def measure(self, answer: FullReadOut) -> Mapping[str, float]:
+            def measure(self, answer):
                 return {}

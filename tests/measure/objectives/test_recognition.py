@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from dse import registry
 from dse.measure.objectives.recognition import itr_bits, itr_bits_per_s, macro
 
 counts = arrays.arrays(np.int64, st.integers(2, 5).map(lambda n: (n, n)), elements=st.integers(0, 20))
@@ -14,11 +13,6 @@ counts = arrays.arrays(np.int64, st.integers(2, 5).map(lambda n: (n, n)), elemen
 def test_always_right_is_log2_of_the_classes(n):
     assert itr_bits(5 * np.eye(n)) == pytest.approx(np.log2(n))
     assert itr_bits(5 * np.roll(np.eye(n), 1, axis=0)) == pytest.approx(np.log2(n))  # always the same mistake
-
-
-def test_an_answer_that_does_not_depend_on_the_class_says_nothing():
-    assert itr_bits(np.full((4, 4), 3)) == pytest.approx(0.0, abs=1e-12)
-    assert itr_bits([[0, 9, 0], [0, 2, 0], [0, 5, 0]]) == 0.0
 
 
 def test_a_matrix_by_hand():
@@ -58,13 +52,7 @@ def test_per_second():
         itr_bits_per_s(1.0, 0.0)
 
 
-def test_both_are_objectives():
-    known = registry.columns()
-    assert (known["itr_bits"].unit, known["itr_bits"].direction) == ("bit", "max")
-    assert known["itr_bits_per_s"].unit == "bit/s"
-
-
-def test_three_classes_by_hand() -> None:
+def test_three_classes_by_hand():
     # recall 3/4, 1/2, 1; precision 3/4, 1/3, 2/2
     found = macro([[3, 1, 0], [1, 1, 0], [0, 1, 2]])
     assert found.recall == pytest.approx((3 / 4 + 1 / 2 + 2 / 3) / 3)
@@ -72,25 +60,17 @@ def test_three_classes_by_hand() -> None:
     assert found.f1 == pytest.approx((6 / 8 + 2 / 5 + 4 / 5) / 3)
 
 
-def test_a_class_never_answered_has_precision_0() -> None:
-    assert macro([[2, 0], [2, 0]]) == pytest.approx((1 / 2, 1 / 4, (4 / 6 + 0) / 2))
-
-
-def test_a_class_without_samples_is_left_out_but_answers_of_it_are_wrong() -> None:
+def test_a_class_without_samples_is_left_out_but_answers_of_it_are_wrong():
     assert macro([[1, 1], [0, 0]]) == pytest.approx((1 / 2, 1, 2 / 3))
 
 
-def test_answers_that_are_no_class_are_wrong() -> None:
+def test_answers_that_are_no_class_are_wrong():
     assert macro([[1, 0, 1], [0, 2, 0]]) == pytest.approx((3 / 4, 1, (2 / 3 + 1) / 2))
-
-
-def test_without_samples_there_is_no_mean() -> None:
-    assert np.isnan(macro(np.zeros((2, 2)))).all()
 
 
 @pytest.mark.parametrize(
     "counts", [[1, 2], [[1, 2], [3, 4], [5, 6]], [[1, -1], [0, 1]], [[np.nan, 0], [0, 1]]]
 )
-def test_what_is_no_confusion(counts: object) -> None:
+def test_what_is_no_confusion(counts):
     with pytest.raises(ValueError, match="confusion must be a matrix of counts >= 0"):
-        macro(counts)  # type: ignore[arg-type]
+        macro(counts)

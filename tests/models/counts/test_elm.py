@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse import registry, seeds
@@ -181,7 +181,6 @@ def in_blocks(h: np.ndarray, t: np.ndarray, size: int) -> np.ndarray:
 
 
 @given(seed=st.integers(0, 1000), n=st.integers(1, 40), hidden=st.integers(1, 12), block=st.integers(1, 40))
-@settings(max_examples=40)
 def test_solutions_are_those_of_the_normal_equations(seed, n, hidden, block):
     rng = np.random.default_rng(seed)
     h, t = rng.normal(size=(n, hidden)), rng.normal(size=(n, 2))

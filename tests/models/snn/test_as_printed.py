@@ -1,9 +1,6 @@
 """Axonal delays, learnt decays and the best epoch: what a design trains, keeps, stores and refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,18 +12,18 @@ from dse.models.training import FitRequest, Rung, Span, Training
 from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.lif import Lif
 from dse.neurons.resonator import Resonator
-from dse.records import Dataset, Network, Outcome
+from dse.records import Network, Outcome
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
 PRINTED = {"max_axonal_delay": 20, "delay_learning_rate": 1.0, "learnt_decays": "neuron"}
 
 
-def network_of(outcome: Outcome) -> Network:
+def network_of(outcome):
     assert isinstance(outcome.network, Network)
     return outcome.network
 
 
-def assert_same(a: Network, b: Network) -> None:
+def assert_same(a, b):
     for mine, other in zip(a.layers, b.layers, strict=True):
         np.testing.assert_array_equal(mine.weight, other.weight)
         np.testing.assert_array_equal(mine.delay, other.delay)
@@ -34,7 +31,7 @@ def assert_same(a: Network, b: Network) -> None:
             np.testing.assert_array_equal(values, other.parameters[name])
 
 
-def test_a_network_is_stored_and_answers_again() -> None:
+def test_a_network_is_stored_and_answers_again():
     data = toy()
     outcome = fit(data, SNN(hidden=(10, 9), **PRINTED), replace(SHORT, average_epochs=1), rngs())
     network = network_of(outcome)
@@ -52,7 +49,7 @@ def test_a_network_is_stored_and_answers_again() -> None:
     np.testing.assert_array_equal(answer.output, outcome.validation.output)
 
 
-def test_decays_of_a_layer_are_one_pair() -> None:
+def test_decays_of_a_layer_are_one_pair():
     network = network_of(fit(toy(), SNN(hidden=(10,), learnt_decays="layer"), SHORT, rngs()))
     for layer in network.layers:
         for name, printed in (("decay_current", 1024), ("decay_voltage", 123)):
@@ -60,7 +57,7 @@ def test_decays_of_a_layer_are_one_pair() -> None:
             assert layer.parameters[name][0] != printed
 
 
-def test_without_a_step_size_delays_and_decays_stay() -> None:
+def test_without_a_step_size_delays_and_decays_stay():
     settings = PRINTED | {"delay_learning_rate": 0.0, "decay_learning_rate": 0.0}
     plain = fit(toy(), SNN(hidden=(10,)), SHORT, rngs())
     resting = fit(toy(), SNN(hidden=(10,), **settings), SHORT, rngs())
@@ -74,7 +71,7 @@ def test_without_a_step_size_delays_and_decays_stay() -> None:
     )
 
 
-def test_they_train_the_same_alone_and_beside_others() -> None:
+def test_they_train_the_same_alone_and_beside_others():
     data = toy()
     models = [SNN(hidden=(10,)), SNN(hidden=(12,), **PRINTED), SNN(hidden=(8,), learnt_decays="layer")]
     trainings = [SHORT, replace(SHORT, keep="best", average_epochs=1), SHORT]
@@ -94,14 +91,14 @@ def test_they_train_the_same_alone_and_beside_others() -> None:
 BEST = Training(epochs=7, batch_size=9, learning_rate=1.0, dropout=0.2, keep="best")
 
 
-def span(data: Dataset, model: SNN, states: list[Any], until: int | None) -> Rung | Outcome:
+def span(data, model, states, until):
     request = FitRequest(model, BEST, rngs())
     ((_, ended),) = SNN.fit_span(data, [request], rngs(), span=Span(states, until))
     assert isinstance(ended, Rung | Outcome)
     return ended
 
 
-def test_the_best_epoch_is_kept_the_latest_of_equal_ones() -> None:
+def test_the_best_epoch_is_kept_the_latest_of_equal_ones():
     data = toy(rate=0.15)
     outcome = fit(data, SNN(hidden=(3,), **PRINTED), BEST, rngs())
     curve = outcome.history["accuracy_validation"]
@@ -118,7 +115,7 @@ def test_the_best_epoch_is_kept_the_latest_of_equal_ones() -> None:
     assert_same(network_of(outcome), network_of(stopped.outcome))
 
 
-def test_a_training_that_pauses_after_its_best_epoch_ends_with_the_same_bits() -> None:
+def test_a_training_that_pauses_after_its_best_epoch_ends_with_the_same_bits():
     data, model = toy(rate=0.15), SNN(hidden=(3,), **PRINTED)
     whole = fit(data, model, BEST, rngs())
     kept = int(whole.health["epoch_kept"])
@@ -127,19 +124,18 @@ def test_a_training_that_pauses_after_its_best_epoch_ends_with_the_same_bits() -
         assert isinstance(paused, Rung) and paused.outcome is not None
         assert paused.outcome.health["epoch_kept"] <= until
         ended = span(data, model, [lambda paused=paused: paused.state], None)
-        assert isinstance(ended, Outcome)
         assert ended.health["epoch_kept"] == kept
         assert_same(network_of(ended), network_of(whole))
 
 
-def test_an_epoch_before_the_pruning_is_not_kept() -> None:
+def test_an_epoch_before_the_pruning_is_not_kept():
     model = SNN(hidden=(6,), pruned=0.9, prune_epoch=0.75)
     outcome = fit(toy(), model, BEST, rngs())
     assert outcome.health["epoch_kept"] > int(0.75 * 7)
     assert network_of(outcome).n_weights < 0.2 * network_of(outcome).n_weights_dense
 
 
-def test_a_start_by_fan_in_is_drawn_as_torch_draws() -> None:
+def test_a_start_by_fan_in_is_drawn_as_torch_draws():
     training = replace(SHORT, epochs=1, average_epochs=1, learning_rate=1e-9)
     for scale in (1.0, 2.0):
         model = SNN(hidden=(40,), start="fan_in", weight_scale=scale, recurrent=True)
@@ -153,7 +149,7 @@ def test_a_start_by_fan_in_is_drawn_as_torch_draws() -> None:
         assert outcome.health["missed_initial_rates"] == 0  # there are no targets
 
 
-def test_what_is_not_possible_is_said_in_a_line() -> None:
+def test_what_is_not_possible_is_said_in_a_line():
     without = replace(toy(), validation=np.zeros(0, np.int64))
     with pytest.raises(ValueError, match=r"training.keep must be last where no sample validates, got best"):
         fit(without, SNN(hidden=(6,)), BEST, rngs())

@@ -1,9 +1,6 @@
 """Columns: which synapses share a weight, hard arrays of taxels, training alone and in cohorts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,18 +11,18 @@ from dse.models.snn.family import SNN
 from dse.models.snn.respond import respond
 from dse.models.training import FitRequest
 from dse.neurons.resonator import Resonator
-from dse.records import Dataset, Layer, Network
+from dse.records import Layer
 from tests.models.snn.toy import SHORT, rngs, toy
 
 GRID = np.array([(x, y, p) for p in (0, 1) for y in (0, 1) for x in (0, 1, 2)], np.int32)
 """3 x 2 taxels with two planes."""
 
 
-def data(positions: np.ndarray = GRID) -> Dataset:
+def data(positions=GRID):
     return replace(toy(n_channels=len(positions), n=30), positions=positions)
 
 
-def test_neighbours_are_ordered_by_distance_then_y_then_x() -> None:
+def test_neighbours_are_ordered_by_distance_then_y_then_x():
     places = taxels(GRID)
     np.testing.assert_array_equal(places, [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)])
     np.testing.assert_array_equal(
@@ -36,7 +33,7 @@ def test_neighbours_are_ordered_by_distance_then_y_then_x() -> None:
     assert nearest(places, 99).shape == (6, 6)
 
 
-def test_columns_number_their_inputs_by_delay_rank_and_plane() -> None:
+def test_columns_number_their_inputs_by_delay_rank_and_plane():
     number = of_columns(GRID, 2, 1)
     expected = np.full((24, 6), -1)
     for column, (own, next_one) in enumerate(nearest(taxels(GRID), 1)):
@@ -62,9 +59,7 @@ def test_columns_number_their_inputs_by_delay_rank_and_plane() -> None:
     ],
 )
 @pytest.mark.parametrize("read_out", ["dense", "shared"])
-def test_hard_arrays_train_and_count_their_weights(
-    positions: Any, neighbours: int, n_inputs: int, read_out: Any
-) -> None:
+def test_hard_arrays_train_and_count_their_weights(positions, neighbours, n_inputs, read_out):
     positions = np.array(positions, np.int32)
     number = of_columns(positions, 1, neighbours)
     np.testing.assert_array_equal(np.unique(number[number >= 0]), range(n_inputs))
@@ -75,7 +70,6 @@ def test_hard_arrays_train_and_count_their_weights(
     n_taxels = len(taxels(positions))
     expected = 5 * n_inputs + 5 * 3 * (1 if read_out == "shared" else n_taxels)
     assert placed(model, positions).n_weights(len(positions), 3) == expected
-    assert isinstance(outcome.network, Network)
     assert outcome.network.n_weights == outcome.network.n_weights_dense == expected
     assert outcome.health["n_synapses"] == sum(outcome.network.stored) >= expected - 5 * n_inputs
 
@@ -89,13 +83,10 @@ def test_hard_arrays_train_and_count_their_weights(
         Columns(features=4, neighbours=2, neuron=Resonator(share=0.5)),
     ],
 )
-def test_copies_are_equal_and_the_network_is_the_one_written_out_by_hand(
-    model: Columns,
-) -> None:
+def test_copies_are_equal_and_the_network_is_the_one_written_out_by_hand(model):
     of = data()
     outcome = model.fit(of, SHORT, rngs())
     network = outcome.network
-    assert isinstance(network, Network)
     first = network.layers[0]
     n_neighbours = 1 + min(model.neighbours, 5)
     places = [tuple(place) for place in taxels(GRID)]
@@ -130,7 +121,7 @@ def test_copies_are_equal_and_the_network_is_the_one_written_out_by_hand(
     assert (again.synapses is None) == (model.neighbours >= 5)  # each column then reads all taxels
 
 
-def test_a_design_is_the_same_alone_and_in_a_cohort() -> None:
+def test_a_design_is_the_same_alone_and_in_a_cohort():
     of = data()
     designs = [Columns(features=3), Columns(features=5, neighbours=1, read_out="shared")]
     whole = dict(SNN.fit_cohort(of, [FitRequest(m, SHORT, rngs(k)) for k, m in enumerate(designs)], rngs(9)))
@@ -142,7 +133,7 @@ def test_a_design_is_the_same_alone_and_in_a_cohort() -> None:
         assert whole[number].health == alone.health
 
 
-def test_a_neuron_without_kernel_trains_its_columns_as_well() -> None:
+def test_a_neuron_without_kernel_trains_its_columns_as_well():
     pytest.importorskip("torch")
     from dse.neurons.lif import Lif
 
@@ -153,6 +144,6 @@ def test_a_neuron_without_kernel_trains_its_columns_as_well() -> None:
         assert len(np.unique(weight[shared == number])) == 1
 
 
-def test_settings_that_contradict_are_refused() -> None:
+def test_settings_that_contradict_are_refused():
     with pytest.raises(ValueError, match=r"hidden must have 0 to 2 layers, got 3"):
         Columns(hidden=(1, 2, 3))

@@ -1,7 +1,5 @@
 """Networks with a delay per synapse: what they learn, how they are stored, and their place in a cohort."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +11,12 @@ from dse.models.snn.respond import respond
 from dse.models.training import FitRequest, Training, TrainingDiverged
 from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.lif import Lif
-from dse.records import Dataset, Network
+from dse.records import Network
 from dse.testing.small import spikes_of
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
 
-def lags() -> Dataset:
+def lags():
     """Return classes that only the lag from one channel to the other tells apart."""
     data, rng = toy(n_channels=2, n_steps=60), np.random.default_rng(4)
     x = np.zeros((60, 60, 2), bool)
@@ -28,7 +26,7 @@ def lags() -> Dataset:
     return replace(data, spikes=spikes_of(x, 5.0))
 
 
-def test_they_tell_lags_apart_that_undelayed_nets_do_not() -> None:
+def test_they_tell_lags_apart_that_undelayed_nets_do_not():
     data = lags()
     training = Training(epochs=30, batch_size=10, learning_rate=0.1, warmup_epochs=1, dropout=0.0)
     neuron = CubaLif(current_decay=(0.8, 1.0), voltage_decay=(0.6, 1.0))
@@ -38,7 +36,7 @@ def test_they_tell_lags_apart_that_undelayed_nets_do_not() -> None:
     assert accuracy(late, data) >= accuracy(plain, data) + 0.2
 
 
-def test_a_network_is_stored_and_answers_again() -> None:
+def test_a_network_is_stored_and_answers_again():
     data = toy()
     model = SNN(hidden=(10, 9), max_delay=12, delayed_layers="all", pruned=0.3)
     outcome = fit(data, model, SHORT, rngs())
@@ -56,13 +54,12 @@ def test_a_network_is_stored_and_answers_again() -> None:
     np.testing.assert_array_equal(answer.spikes[..., 0].sum(axis=1), starts[1] - starts[0])
 
 
-def test_delays_rest_while_weights_are_averaged() -> None:
+def test_delays_rest_while_weights_are_averaged():
     data = toy()
     model = SNN(hidden=(10,), max_delay=20, delay_learning_rate=1.0)
     delays = []
     for epochs in (SHORT.epochs, SHORT.epochs - SHORT.average_epochs):
         network = fit(data, model, replace(SHORT, epochs=epochs, average_epochs=1), rngs()).network
-        assert isinstance(network, Network)
         delays.append(network.layers[0].delay)
         assert network.layers[1].delay is None
     assert (delays[0] != delays[1]).any()
@@ -72,7 +69,7 @@ def test_delays_rest_while_weights_are_averaged() -> None:
     np.testing.assert_array_equal(averaged.layers[0].delay, fixed.layers[0].delay)
 
 
-def test_they_train_the_same_alone_and_beside_others() -> None:
+def test_they_train_the_same_alone_and_beside_others():
     data = toy()
     models = [SNN(hidden=(10,)), SNN(hidden=(10,), max_delay=9), SNN(hidden=(8,), max_delay=30)]
     requests = [FitRequest(model, SHORT, rngs(k)) for k, model in enumerate(models)]
@@ -87,7 +84,7 @@ def test_they_train_the_same_alone_and_beside_others() -> None:
         np.testing.assert_array_equal(alone.validation.output, beside.validation.output)
 
 
-def test_keys_that_do_not_go_together() -> None:
+def test_keys_that_do_not_go_together():
     with pytest.raises(
         ValueError, match=r"input_delays must be \[0\] where synapses have delays .* \[0, 5\]"
     ):

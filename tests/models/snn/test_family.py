@@ -1,9 +1,6 @@
 """Training CUBA-LIF classifiers: start, learning, determinism, hard cases."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +34,7 @@ FAST = Training(epochs=25, batch_size=8, learning_rate=0.1, warmup_epochs=1, dro
     ],
     ids=lambda m: ", ".join(f"{k}={v}" for k, v in m.items()),
 )
-def test_every_kind_of_network_learns_the_toy_task(model: dict[str, Any]) -> None:
+def test_every_kind_of_network_learns_the_toy_task(model):
     data = toy()
     outcome = fit(data, SNN(true_rate=0.5, output_tau_grad=0.3, **model), FAST, rngs())
     assert accuracy(outcome, data) >= 0.8
@@ -47,7 +44,7 @@ def test_every_kind_of_network_learns_the_toy_task(model: dict[str, Any]) -> Non
     assert outcome.validation.output.shape == (30, 40 * settings.steps_per_sample, 3)
 
 
-def test_the_same_seed_gives_the_same_network_and_another_seed_another() -> None:
+def test_the_same_seed_gives_the_same_network_and_another_seed_another():
     data, model, training = toy(margin=3), SNN(hidden=(10,)), Training(epochs=3, batch_size=7, dropout=0.3)
     first, second, other = (fit(data, model, training, rngs(k)) for k in (0, 0, 1))
     for a, b in zip(first.network.layers, second.network.layers, strict=True):
@@ -56,7 +53,7 @@ def test_the_same_seed_gives_the_same_network_and_another_seed_another() -> None
     assert not np.array_equal(first.network.layers[0].weight, other.network.layers[0].weight)
 
 
-def test_a_wide_input_does_not_start_silent() -> None:
+def test_a_wide_input_does_not_start_silent():
     # Uniform(-1/sqrt(C), 1/sqrt(C)) rounds to zero in 8 bits for C > 4096: no spikes, no gradient.
     data = toy(n_channels=6084, n_steps=20, n=12, rate=0.02)
     outcome = fit(data, SNN(hidden=(8,)), Training(epochs=1, batch_size=6), rngs())
@@ -65,7 +62,7 @@ def test_a_wide_input_does_not_start_silent() -> None:
     assert outcome.validation.spikes[..., 1].sum() > 0
 
 
-def test_an_unreachable_initial_rate_is_reported_and_does_not_run_away() -> None:
+def test_an_unreachable_initial_rate_is_reported_and_does_not_run_away():
     data = toy()
     nothing = Spikes(np.zeros_like(data.spikes.row_offsets), np.zeros(0, np.int32), 40, 12, 5.0)
     silent = replace(data, spikes=nothing)
@@ -75,12 +72,12 @@ def test_an_unreachable_initial_rate_is_reported_and_does_not_run_away() -> None
     assert np.isfinite(outcome.network.layers[0].weight).all()
 
 
-def test_divergence_is_raised_with_its_epoch() -> None:
+def test_divergence_is_raised_with_its_epoch():
     with pytest.raises(TrainingDiverged, match=r"not finite (in|after) epoch \d"):
         fit(toy(), SNN(hidden=(10,), arithmetic="ideal"), Training(epochs=9, learning_rate=1e40), rngs())
 
 
-def test_one_training_sample_and_a_batch_that_does_not_divide() -> None:
+def test_one_training_sample_and_a_batch_that_does_not_divide():
     data = toy()
     one = replace(data, train=data.train[:1])
     assert len(fit(one, SNN(hidden=(4,)), Training(epochs=2), rngs()).history["loss"]) == 2
@@ -89,7 +86,7 @@ def test_one_training_sample_and_a_batch_that_does_not_divide() -> None:
         fit(none, SNN(hidden=(4,)), Training(epochs=1), rngs())
 
 
-def test_responding_again_gives_what_training_recorded() -> None:
+def test_responding_again_gives_what_training_recorded():
     data = toy()
     outcome = fit(data, SNN(hidden=(10,)), Training(epochs=2), rngs())
     again = respond(outcome.network, data, data.validation)
@@ -98,7 +95,7 @@ def test_responding_again_gives_what_training_recorded() -> None:
     np.testing.assert_array_equal(again.updates, outcome.validation.updates)
 
 
-def test_input_spikes_of_the_response_count_every_delayed_copy() -> None:
+def test_input_spikes_of_the_response_count_every_delayed_copy():
     data = toy()
     outcome = fit(data, SNN(hidden=(4,), input_delays=(0, 1)), Training(epochs=1), rngs())
     i = data.validation[0]
@@ -107,7 +104,7 @@ def test_input_spikes_of_the_response_count_every_delayed_copy() -> None:
     np.testing.assert_array_equal(outcome.validation.spikes[0, :, 0], expected)
 
 
-def test_the_last_epochs_are_averaged() -> None:
+def test_the_last_epochs_are_averaged():
     data, model = toy(), SNN(hidden=(6,))
     runs = [fit(data, model, Training(epochs=n, batch_size=8), rngs()) for n in (2, 3)]
     mean = fit(data, model, Training(epochs=3, batch_size=8, average_epochs=2), rngs())
@@ -123,12 +120,12 @@ def test_the_last_epochs_are_averaged() -> None:
         ({"false_rate": 0.9}, r"false_rate must be below true_rate"),
     ],
 )
-def test_settings_that_contradict_are_refused(keys: dict[str, Any], message: str) -> None:
+def test_settings_that_contradict_are_refused(keys, message):
     with pytest.raises(ValueError, match=message):
         SNN(**keys)
 
 
-def test_time_constants_stay_within_their_bounds_and_spread() -> None:
+def test_time_constants_stay_within_their_bounds_and_spread():
     data = toy()
     model = SNN(hidden=(200,), neuron=CubaLif(current_decay=(0.1, 0.9), voltage_decay=(0.25,)))
     decays = fit(data, model, Training(epochs=1), rngs()).network.layers[0].parameters
@@ -137,7 +134,7 @@ def test_time_constants_stay_within_their_bounds_and_spread() -> None:
     assert set(decays["decay_voltage"].tolist()) == {1024}
 
 
-def test_the_learning_rate_rises_then_steps_down() -> None:
+def test_the_learning_rate_rises_then_steps_down():
     training = Training(learning_rate=1.0, warmup_epochs=2, lr_every=10, lr_factor=0.5)
     assert 0 < training.rate(0) < 0.01
     assert training.rate(1) == pytest.approx(0.5, abs=1e-3)
@@ -146,7 +143,7 @@ def test_the_learning_rate_rises_then_steps_down() -> None:
     assert training.rate(25.5) == 0.25
 
 
-def test_a_joint_network_learns_both_heads_with_one_hidden_layer() -> None:
+def test_a_joint_network_learns_both_heads_with_one_hidden_layer():
     data = joint()
     model = SNN(hidden=(20,), true_rate=0.5, output_tau_grad=0.3)
     outcome = fit(data, model, FAST, rngs())
@@ -162,7 +159,7 @@ def test_a_joint_network_learns_both_heads_with_one_hidden_layer() -> None:
     assert outcome.history["accuracy_train"][-1] == pytest.approx(both.mean(), abs=0.15)
 
 
-def test_a_single_head_trains_as_its_classes_alone() -> None:
+def test_a_single_head_trains_as_its_classes_alone():
     data = joint()
     profile = data.heads[1]
     one = replace(data, heads=(profile,))
@@ -174,7 +171,7 @@ def test_a_single_head_trains_as_its_classes_alone() -> None:
     np.testing.assert_array_equal(*(x.history["accuracy_train"] for x in outcomes))
 
 
-def test_neurons_that_cannot_be_made_are_refused() -> None:
+def test_neurons_that_cannot_be_made_are_refused():
     with pytest.raises(ValueError, match=r"one decay or two bounds, got 3"):
         CubaLif(current_decay=(0.1, 0.2, 0.3))
     with pytest.raises(ValueError, match=r"arithmetic must be float32 or ideal for neuron lif, got integer"):

@@ -1,11 +1,6 @@
 """A loss that a user wrote, in a file beside the search space: an axis with shipped ones, and trained."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 from dse.config import load_space
-from dse.models.snn.family import SNN
 from dse.testing import check_loss
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 from tests.spaces import write_space
@@ -38,7 +33,7 @@ class SquaredCounts:
 '''
 
 
-def test_a_users_loss_is_an_axis_and_trains(trusting: None, tmp_path: Path) -> None:
+def test_a_users_loss_is_an_axis_and_trains(trusting, tmp_path):
     (tmp_path / "my_loss.py").write_text(PLUGIN, encoding="utf-8")
     model = "{kind: snn, hidden: 8, loss: {choice: [spike_rate, squared_counts]}, spikes: {choice: [9, 12]}}"
     path = write_space(tmp_path, ("{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}", model))
@@ -47,7 +42,6 @@ def test_a_users_loss_is_an_axis_and_trains(trusting: None, tmp_path: Path) -> N
     assert [name for name in space.axes if name.startswith("model.")] == ["model.loss", "model.spikes"]
     design = {"encoder.thresholds": (1.0, 2.0), "model.loss": "squared_counts", "model.spikes": 12.0}
     trained = space.resolve(design).model
-    assert isinstance(trained, SNN)
     check_loss(trained.loss)
     outcome = fit(toy(), trained, SHORT, rngs())
     assert accuracy(outcome, toy()) > 0.6

@@ -43,16 +43,14 @@ search: {sampler: grid, n_trials: 1}
 """
 
 
-def run(*arguments: object, capsys: pytest.CaptureFixture[str]) -> list[dict[str, object]]:
+def run(*arguments, capsys):
     assert main([*map(str, arguments), "--json"]) == 0
     rows: list[dict[str, object]] = json.loads(capsys.readouterr().out)["rows"]
     return rows
 
 
 @pytest.mark.slow
-def test_a_users_neuron_goes_from_a_file_to_a_bundle(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_users_neuron_goes_from_a_file_to_a_bundle(tmp_path, capsys):
     shutil.copy(Path(__file__).parents[2] / "plugins" / "adaptive.py", tmp_path)
     space = tmp_path / "adaptive.yaml"
     space.write_text(SPACE, encoding="utf-8")

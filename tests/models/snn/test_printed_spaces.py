@@ -1,7 +1,5 @@
 """Spaces of the printed networks on their scenes: their first steps of training stay within 24 bits."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 
@@ -13,7 +11,6 @@ from dse.config import load_space
 from dse.models.snn.train import train
 from dse.models.training import FitRequest
 from dse.neurons.fixed_point import STATE_LIMIT
-from dse.records import Outcome
 from dse.search.space import corners
 
 SPACES = Path(__file__).parents[3] / "search_spaces"
@@ -25,12 +22,12 @@ FARTHEST = 32.0
 """Weight that one Adam step of all inputs together may move; 6084 inputs times the printed 0.01 is 61."""
 
 
-def generators(purpose: str) -> np.random.Generator:
+def generators(purpose):
     return np.random.default_rng([1, *purpose.encode()])
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_the_first_steps_of_a_printed_space_stay_within_24_bits(name: str, tmp_path: Path) -> None:
+def test_the_first_steps_of_a_printed_space_stay_within_24_bits(name, tmp_path):
     space = load_space(SPACES / name)
     sections = space.resolve(next(corners(space, (), 1)))
     of_split = dataset.split_of(dataset.recordings(sections, SPACES), sections)
@@ -50,7 +47,6 @@ def test_the_first_steps_of_a_printed_space_stay_within_24_bits(name: str, tmp_p
         training, epochs=n_epochs, output_epochs=alone, batch_size=2, average_epochs=1
     )
     [(_, outcome)] = train(data, [FitRequest(sections.model, training, generators)], generators)
-    assert isinstance(outcome, Outcome)
     health = outcome.health
     assert health["overflows_24_bit"] is (health["peak_state"] > STATE_LIMIT)
     free = getattr(sections.model, "start", "uniform") == "uniform" and training.step_unit == "weight"

@@ -1,9 +1,6 @@
 """Magnitude pruning: what stays, that what goes stays gone, and what that does to W_t and operations."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +15,7 @@ from dse.records import Outcome, Spikes
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
 
-def test_the_smallest_magnitudes_go_rounded_down_and_the_first_of_equal_ones() -> None:
+def test_the_smallest_magnitudes_go_rounded_down_and_the_first_of_equal_ones():
     w = np.array([[0.5, -0.1, 2.0], [-0.1, 0.0, -3.0]])
     assert largest(w, 0.0).all()
     assert largest(w, 0.49).tolist() == [[True, False, True], [True, False, True]]
@@ -26,7 +23,7 @@ def test_the_smallest_magnitudes_go_rounded_down_and_the_first_of_equal_ones() -
     assert largest(w, 0.99).tolist() == [[False, False, False], [False, False, True]]
 
 
-def test_what_8_bits_round_to_0_is_stored_as_0() -> None:
+def test_what_8_bits_round_to_0_is_stored_as_0():
     w, kept = np.array([0.01, 0.5, -0.015, 0.02], np.float32), np.array([True, False, True, True])
     assert remaining(w, kept, "integer").tolist() == [0, 0, 0, np.float32(0.02)]
     np.testing.assert_array_equal(remaining(w, kept, "float32"), w * kept)
@@ -34,9 +31,7 @@ def test_what_8_bits_round_to_0_is_stored_as_0() -> None:
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
 @pytest.mark.parametrize("recurrent", [False, True])
-def test_every_matrix_loses_its_share_through_all_updates_and_the_mean(
-    arithmetic: Any, recurrent: bool
-) -> None:
+def test_every_matrix_loses_its_share_through_all_updates_and_the_mean(arithmetic, recurrent):
     data = toy()
     model = SNN(hidden=(20, 9), arithmetic=arithmetic, recurrent=recurrent, pruned=0.8, prune_epoch=0.25)
     outcome = fit(data, model, SHORT, rngs())
@@ -53,7 +48,7 @@ def test_every_matrix_loses_its_share_through_all_updates_and_the_mean(
     assert outcome.health["n_weights_dense"] == outcome.network.n_weights_dense == model.n_weights(12, 3)
 
 
-def test_a_pruned_network_still_learns() -> None:
+def test_a_pruned_network_still_learns():
     data = toy()
     model = SNN(hidden=(20,), true_rate=0.5, output_tau_grad=0.3, pruned=0.7, prune_epoch=0.4)
     outcome = fit(data, model, Training(epochs=25, batch_size=8, learning_rate=0.1, dropout=0.0), rngs())
@@ -61,7 +56,7 @@ def test_a_pruned_network_still_learns() -> None:
     assert outcome.network.n_weights <= 0.31 * outcome.network.n_weights_dense
 
 
-def test_until_it_is_pruned_a_network_trains_as_if_it_never_were() -> None:
+def test_until_it_is_pruned_a_network_trains_as_if_it_never_were():
     data = toy()
     dense = fit(data, SNN(hidden=(20,)), SHORT, rngs())
     late = fit(data, SNN(hidden=(20,), pruned=0.5, prune_epoch=0.5), SHORT, rngs())
@@ -71,7 +66,7 @@ def test_until_it_is_pruned_a_network_trains_as_if_it_never_were() -> None:
     assert dense.validation.synapses is None
 
 
-def test_pruned_designs_and_others_share_a_cohort_and_change_nothing_for_each_other() -> None:
+def test_pruned_designs_and_others_share_a_cohort_and_change_nothing_for_each_other():
     data = toy()
     models = [SNN(hidden=(20,)), SNN(hidden=(30,), pruned=0.6, prune_epoch=0.0)]
     together = dict(train(data, [FitRequest(m, SHORT, rngs(k)) for k, m in enumerate(models)], rngs(9)))
@@ -83,7 +78,7 @@ def test_pruned_designs_and_others_share_a_cohort_and_change_nothing_for_each_ot
             np.testing.assert_array_equal(a.weight, b.weight)
 
 
-def test_synapses_are_those_that_the_spikes_reach() -> None:
+def test_synapses_are_those_that_the_spikes_reach():
     data = toy()
     model = SNN(hidden=(20,), recurrent=True, input_delays=(0, 2), pruned=0.6)
     outcome = fit(data, model, SHORT, rngs())
@@ -102,7 +97,7 @@ def test_synapses_are_those_that_the_spikes_reach() -> None:
     assert total @ np.array(response.synapses) == pytest.approx(operations, rel=1e-12)
 
 
-def test_a_network_without_input_has_the_mean_over_its_neurons() -> None:
+def test_a_network_without_input_has_the_mean_over_its_neurons():
     data = toy()
     outcome = fit(data, SNN(hidden=(20,), pruned=0.6), SHORT, rngs())
     nothing = Spikes(np.zeros_like(data.spikes.row_offsets), np.zeros(0, np.int32), 40, 12, 5.0)
@@ -111,7 +106,7 @@ def test_a_network_without_input_has_the_mean_over_its_neurons() -> None:
     assert response.synapses[0] == pytest.approx(np.count_nonzero(outcome.network.layers[0].weight) / 12)
 
 
-def test_respond_of_the_family_is_respond() -> None:
+def test_respond_of_the_family_is_respond():
     data, model = toy(), SNN(hidden=(10,))
     outcome = fit(data, model, SHORT, rngs())
     again = model.respond(outcome.network, data, data.validation)

@@ -1,9 +1,6 @@
 """Fewer bits and fewer weights after training: the grid, the exponent, what is stored, what runs."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +13,7 @@ from dse.models.snn.family import SNN
 from dse.models.snn.quantise import exponent, exponents, rounded
 from dse.models.snn.respond import respond
 from dse.neurons.fixed_point import quantise
-from dse.records import Array, Layer, Network
+from dse.records import Layer, Network
 from tests.layers import cuba_parameters
 from tests.models.snn.toy import SHORT, fit, rngs, toy
 
@@ -25,7 +22,7 @@ BITS = st.integers(2, 8)
 SHARES = st.sampled_from([0.0, 0.25, 0.5, 0.9])
 
 
-def network(*weights: Any, recurrent: Any = None, arithmetic: Any = "integer") -> Network:
+def network(*weights, recurrent=None, arithmetic="integer"):
     """Return a network of given matrices, the last layer with given recurrent weights."""
     layers = []
     for number, w in enumerate(weights, 1):
@@ -38,11 +35,11 @@ def network(*weights: Any, recurrent: Any = None, arithmetic: Any = "integer") -
     return Network(tuple(layers), layers[0].weight.shape[1], (0,), 1, arithmetic)
 
 
-def matrices(net: Network) -> list[Array]:
+def matrices(net):
     return [w for x in net.layers for w in (x.weight, x.recurrent) if w is not None]
 
 
-def deployed(net: Network) -> list[Array]:
+def deployed(net):
     """Return the 8-bit weights that run, in steps of 1/32."""
     return [quantise(w) / np.float32(STEP) for w in matrices(net)]
 
@@ -67,13 +64,13 @@ WEIGHTS = arrays(
         (2, [64, -64, 0, 0]),  # e = 6: -128 to 64, two's complement
     ],
 )
-def test_by_hand(bits: int, expected: list[int]) -> None:
+def test_by_hand(bits, expected):
     net = network([[100 * STEP, -37 * STEP, 5 * STEP, 2 * STEP]])
     [found] = deployed(rounded(net, bits, 0.0))
     assert found.tolist() == [expected]
 
 
-def test_the_exponent_trades_clipping_against_steps() -> None:
+def test_the_exponent_trades_clipping_against_steps():
     small = [np.full(99, 3 * STEP), np.array([9 * STEP])]
     assert exponent(small, 4) == 0  # 99 weights exact, one clipped from 9 to 7: 4, against 99 + 1 at e = 1
     assert exponent([np.array([3.0, 9.0]) * STEP], 4) == 1  # 1 + 1 against 4
@@ -81,7 +78,7 @@ def test_the_exponent_trades_clipping_against_steps() -> None:
     assert exponent([np.array([8.0, -16.0]) * STEP], 5) == 0  # exact at 0, 1, 2 and 3: the least
 
 
-def test_a_rounded_network_says_its_exponents() -> None:
+def test_a_rounded_network_says_its_exponents():
     net = rounded(network([[100 * STEP, -37 * STEP]], [[3 * STEP]], [[0.0]]), 5, 0.0)
     assert exponents(net, 5) == (3, 0, 0)
     for k, layer in enumerate(net.layers):
@@ -89,20 +86,20 @@ def test_a_rounded_network_says_its_exponents() -> None:
         assert (whole == np.rint(whole)).all() and (np.abs(whole + 0.5) < 16).all()
 
 
-def test_ties_go_to_even() -> None:
+def test_ties_go_to_even():
     net = network([[1.5 * STEP, 2.5 * STEP, -0.5 * STEP, -1.5 * STEP, 7 * STEP, -8 * STEP]])
     [found] = deployed(rounded(net, 4, 0.0))
     assert found.tolist() == [[2, 2, 0, -2, 7, -8]]
 
 
-def test_the_range_is_that_of_twos_complement() -> None:
+def test_the_range_is_that_of_twos_complement():
     net = network([[4.0, -4.0, 1e30, -1e30]])
     assert deployed(rounded(net, 8, 0.5))[0].tolist() == [[0, 0, 127, -128]]
     for bits, highest in ((2, 64), (3, 96), (4, 112), (7, 126)):
         assert deployed(rounded(net, bits, 0.0))[0].tolist() == [[highest, -128, highest, -128]], bits
 
 
-def test_tiny_weights_round_to_0_and_keep_their_place() -> None:
+def test_tiny_weights_round_to_0_and_keep_their_place():
     net = network([[1e-30, -1e-6, 0.4 * STEP, -1e-45]])
     found = rounded(net, 4, 0.0)
     assert not deployed(found)[0].any()
@@ -110,7 +107,7 @@ def test_tiny_weights_round_to_0_and_keep_their_place() -> None:
     assert rounded(net, 4, 0.5).n_weights == 0
 
 
-def test_layers_have_exponents_of_their_own_and_recurrent_weights_that_of_their_layer() -> None:
+def test_layers_have_exponents_of_their_own_and_recurrent_weights_that_of_their_layer():
     wide, narrow = [[100 * STEP, -96 * STEP]], [[3 * STEP]]
     apart = rounded(network(wide, narrow), 4, 0.0)
     assert [x.tolist() for x in deployed(apart)] == [[[96, -96]], [[3]]]
@@ -118,7 +115,7 @@ def test_layers_have_exponents_of_their_own_and_recurrent_weights_that_of_their_
     assert [x.tolist() for x in deployed(joint)] == [[[96, -96]], [[0]]]
 
 
-def test_pruning_ranks_each_matrix_by_magnitude_and_drops_what_rounds_to_0() -> None:
+def test_pruning_ranks_each_matrix_by_magnitude_and_drops_what_rounds_to_0():
     net = network([[8 * STEP, -4 * STEP, 0.2 * STEP, 6 * STEP]], recurrent=[[0.3 * STEP]])
     found = rounded(net, 8, 0.25)
     assert [x.tolist() for x in deployed(found)] == [[[8, -4, 0, 6]], [[0]]]
@@ -129,14 +126,14 @@ def test_pruning_ranks_each_matrix_by_magnitude_and_drops_what_rounds_to_0() -> 
 
 
 @pytest.mark.parametrize("bits", range(2, 9))
-def test_nothing_and_next_to_nothing(bits: int) -> None:
+def test_nothing_and_next_to_nothing(bits):
     zeros = rounded(network(np.zeros((3, 2)), recurrent=np.zeros((3, 3))), bits, 0.5)
     assert not any(w.any() for w in matrices(zeros)) and zeros.n_weights == 0
     one = rounded(network([[0.25]]), bits, 0.9)  # a share of one weight is none
     assert deployed(one)[0].tolist() == [[8]]
 
 
-def test_8_bits_and_nothing_pruned_is_the_network_itself() -> None:
+def test_8_bits_and_nothing_pruned_is_the_network_itself():
     net = network([[0.01, 2.0]], [[0.5]])
     assert rounded(net, 8, 0.0) is net
 
@@ -158,20 +155,20 @@ def test_8_bits_and_nothing_pruned_is_the_network_itself() -> None:
         ({}, (4, float("nan")), "got nan"),
     ],
 )
-def test_what_cannot_be_rounded(changes: dict[str, Any], settings: Any, message: str) -> None:
+def test_what_cannot_be_rounded(changes, settings, message):
     net = network([[1.0, 2.0]])
     with pytest.raises(ValueError, match=message):
         rounded(dataclasses.replace(net, **changes), *settings)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-def test_weights_that_are_no_numbers(wrong: float) -> None:
+def test_weights_that_are_no_numbers(wrong):
     with pytest.raises(ValueError, match=f"weights of layer 2 must be finite numbers, got {wrong}"):
         rounded(network([[1.0]], [[1.0]], recurrent=[[wrong]]), 8, 0.0)
 
 
 @given(WEIGHTS, BITS)
-def test_errors_are_half_a_step_inside_the_range_and_clipped_outside(weights: Array, bits: int) -> None:
+def test_errors_are_half_a_step_inside_the_range_and_clipped_outside(weights, bits):
     shared = exponent([weights], bits)
     step, limit = 2.0**shared, 2 ** (bits - 1)
     [found] = deployed(rounded(network(weights), bits, 0.0))
@@ -186,9 +183,7 @@ def test_errors_are_half_a_step_inside_the_range_and_clipped_outside(weights: Ar
 
 
 @given(WEIGHTS, WEIGHTS, BITS, SHARES)
-def test_rounding_again_changes_nothing_and_the_original_stays(
-    first: Array, second: Array, bits: int, pruned: float
-) -> None:
+def test_rounding_again_changes_nothing_and_the_original_stays(first, second, bits, pruned):
     net = network(first, second)
     copies = [w.copy() for w in matrices(net)]
     once = rounded(net, bits, pruned)
@@ -199,7 +194,7 @@ def test_rounding_again_changes_nothing_and_the_original_stays(
 
 
 @given(WEIGHTS)
-def test_the_squared_error_never_falls_with_fewer_bits(weights: Array) -> None:
+def test_the_squared_error_never_falls_with_fewer_bits(weights):
     clipped = np.clip(weights / np.float64(STEP), -128, 127)
     errors = [
         ((deployed(rounded(network(weights), b, 0.0))[0] - clipped) ** 2).sum() for b in range(8, 1, -1)
@@ -208,18 +203,16 @@ def test_the_squared_error_never_falls_with_fewer_bits(weights: Array) -> None:
 
 
 @given(WEIGHTS, BITS)
-def test_memory_falls_with_bits_and_with_what_is_pruned(weights: Array, bits: int) -> None:
+def test_memory_falls_with_bits_and_with_what_is_pruned(weights, bits):
     net = network(weights)
-    found = [memory_bytes(rounded(net, bits, p).n_weights, bits) for p in (0.0, 0.2, 0.4, 0.6, 0.8)]  # type: ignore[arg-type]
+    found = [memory_bytes(rounded(net, bits, p).n_weights, bits) for p in (0.0, 0.2, 0.4, 0.6, 0.8)]
     assert (np.diff(found) <= 0).all()
     if (weights != 0).all():
         assert found[0] == weights.size * bits / 8
 
 
 @pytest.mark.parametrize("recurrent", [False, True])
-def test_a_trained_network_answers_as_deployed_and_with_fewer_bits_like_its_own_8_bit_weights(
-    recurrent: bool,
-) -> None:
+def test_a_trained_network_answers_as_deployed_and_with_fewer_bits_like_its_own_8_bit_weights(recurrent):
     data = toy()
     trained = fit(data, SNN(hidden=(10,), recurrent=recurrent), SHORT, rngs())
     same = respond(rounded(trained.network, 8, 0.0), data, data.validation)

@@ -1,17 +1,14 @@
 """Regions: which channels share weights, and networks that train on counts per region."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
-from dse.engine.events import Rows, pooled
+from dse.engine.events import pooled
 from dse.engine.forward import prepare
 from dse.engine.layers import CompiledLayer, has_kernel, laid_out, weights
 from dse.engine.network import gradients
@@ -24,16 +21,16 @@ from dse.neurons.lif import Lif
 from dse.neurons.resonator import Resonator
 from dse.neurons.surrogate import exponential
 from dse.neurons.xylo_lif import XyloLif
-from dse.records import Dataset, Network, Outcome
+from dse.records import Network
 from tests.models.snn.toy import SHORT, rngs, toy
 
 
-def array(width: int, height: int, planes: int = 1) -> np.ndarray:
+def array(width, height, planes=1):
     """Return the positions of a full array of taxels."""
     return np.array([(x, y, p) for p in range(planes) for y in range(height) for x in range(width)], np.int32)
 
 
-def test_regions_of_a_camera_are_rings_of_quarters() -> None:
+def test_regions_of_a_camera_are_rings_of_quarters():
     positions = array(78, 78)
     region = regions_of(positions, 12)
     x, y = (positions[:, :2] - 38.5).T
@@ -46,13 +43,12 @@ def test_regions_of_a_camera_are_rings_of_quarters() -> None:
     assert middle.max() == pytest.approx(0.56, abs=0.01) == outer.min()
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     places=st.sets(st.tuples(st.integers(0, 30), st.integers(0, 30)), min_size=3, max_size=120),
     thirds=st.integers(1, 12),
     planes=st.integers(1, 3),
 )
-def test_every_place_has_a_region_and_every_region_a_place(places: Any, thirds: int, planes: int) -> None:
+def test_every_place_has_a_region_and_every_region_a_place(places, thirds, planes):
     positions = np.array([(x, y, 4 * p) for x, y in places for p in range(planes)], np.int32)
     n = 3 * thirds
     if len(places) < n:
@@ -68,20 +64,19 @@ def test_every_place_has_a_region_and_every_region_a_place(places: Any, thirds: 
     np.testing.assert_array_equal(regions_of(positions[shuffled], n), region[shuffled])
 
 
-def batch(n: int, n_steps: int, n_inputs: int, n_pools: int, seed: int) -> tuple[Rows, np.ndarray]:
+def batch(n, n_steps, n_inputs, n_pools, seed):
     """Return random rows, and the pool of each input; the first inputs see to it that none is empty."""
     rng = np.random.default_rng(seed)
     pool = np.concatenate([np.arange(n_pools), rng.integers(0, n_pools, n_inputs - n_pools)])
     return rows_of((rng.random((n, n_steps, n_inputs)) < rng.random()).astype(np.uint8)), pool
 
 
-@settings(deadline=None, max_examples=40)
 @given(
     sizes=st.tuples(st.integers(1, 5), st.integers(1, 40), st.integers(6, 300), st.integers(1, 6)),
     hidden=st.integers(1, 70),
     seed=st.integers(0, 2**30),
 )
-def test_counts_give_the_bits_of_the_full_matrix_in_integers(sizes: Any, hidden: int, seed: int) -> None:
+def test_counts_give_the_bits_of_the_full_matrix_in_integers(sizes, hidden, seed):
     """Forward: every spike and the loss. Backward: the gradient of a region is the sum over its channels."""
     n, n_steps, n_inputs, n_pools = sizes
     rows, pool = batch(n, n_steps, n_inputs, n_pools, seed)
@@ -110,7 +105,7 @@ def test_counts_give_the_bits_of_the_full_matrix_in_integers(sizes: Any, hidden:
 
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
-def test_inputs_of_equal_weights_are_counted_when_a_network_answers(arithmetic: Any) -> None:
+def test_inputs_of_equal_weights_are_counted_when_a_network_answers(arithmetic):
     """As rows of samples and step by step, bit for bit; in integers with the bits of every input alone."""
     rows, pool = batch(3, 50, 60, 5, 7)
     rng = np.random.default_rng(1)
@@ -130,15 +125,14 @@ def test_inputs_of_equal_weights_are_counted_when_a_network_answers(arithmetic: 
     np.testing.assert_array_equal(np.concatenate(sent), fired.index[: fired.offsets[50]])
 
 
-def placed(width: int = 4, height: int = 3, **keys: Any) -> Dataset:
+def placed(width=4, height=3, **keys):
     return replace(toy(n_channels=width * height, **keys), positions=array(width, height))
 
 
-def test_a_network_of_regions_is_stored_as_a_full_matrix_with_equal_weights() -> None:
+def test_a_network_of_regions_is_stored_as_a_full_matrix_with_equal_weights():
     data = placed()
     model = SNN(hidden=(20,), regions=6, input_delays=(0, 3), recurrent=True)
     network = model.fit(data, SHORT, rngs()).network
-    assert isinstance(network, Network)
     first, pool = network.layers[0], model.pool(data.positions)
     assert first.weight.shape == (20, 24) and first.shared is None and pool is not None
     np.testing.assert_array_equal(
@@ -151,21 +145,20 @@ def test_a_network_of_regions_is_stored_as_a_full_matrix_with_equal_weights() ->
 @pytest.mark.parametrize(
     "keys", [{"regions": 3}, {"regions": 3, "start": "contrasts", "arithmetic": "float32"}]
 )
-def test_a_design_of_regions_trains_alone_as_in_a_cohort_of_other_regions(keys: Any) -> None:
+def test_a_design_of_regions_trains_alone_as_in_a_cohort_of_other_regions(keys):
     data = placed()
     training = replace(SHORT, input_dropout=0.3)
     models = [SNN(hidden=(20,), **keys), SNN(hidden=(9,)), SNN(hidden=(20,), regions=12)]
     alone = models[0].fit(data, training, rngs())
     cohort = dict(SNN.fit_cohort(data, [FitRequest(m, training, rngs()) for m in models], rngs()))
     together = cohort[0]
-    assert isinstance(together, Outcome)
-    for a, b in zip(alone.network.layers, together.network.layers, strict=True):  # type: ignore[union-attr]
+    for a, b in zip(alone.network.layers, together.network.layers, strict=True):
         np.testing.assert_array_equal(a.weight, b.weight)
     assert alone.history["loss"].tolist() == together.history["loss"].tolist()
 
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32"])
-def test_regions_of_one_channel_each_are_free_weights(arithmetic: Any) -> None:
+def test_regions_of_one_channel_each_are_free_weights(arithmetic):
     data = placed(12, 1)
     tied, free = (
         SNN(hidden=(20,), regions=n, arithmetic=arithmetic).fit(data, SHORT, rngs()).network for n in (12, 0)
@@ -175,16 +168,15 @@ def test_regions_of_one_channel_each_are_free_weights(arithmetic: Any) -> None:
         np.testing.assert_allclose(a.weight, b.weight, atol=1e-4)
 
 
-def test_neurons_without_a_kernel_train_on_regions_too() -> None:
+def test_neurons_without_a_kernel_train_on_regions_too():
     pytest.importorskip("torch")
     data = placed(n=20)
     outcome = SNN(hidden=(8,), neuron=Lif(), arithmetic="float32", regions=3).fit(data, SHORT, rngs())
-    assert isinstance(outcome.network, Network)
     assert len(np.unique(outcome.network.layers[0].weight, axis=1).T) == 3
 
 
 @pytest.mark.parametrize("neuron", [Lif(), Resonator(), XyloLif()], ids=["lif", "resonator", "xylo_lif"])
-def test_any_neuron_whose_potential_has_a_limit_starts_by_contrasts(neuron: Any) -> None:
+def test_any_neuron_whose_potential_has_a_limit_starts_by_contrasts(neuron):
     if not has_kernel(neuron.Populations):
         pytest.importorskip("torch")
     model = SNN(hidden=(12,), neuron=neuron, arithmetic="float32", regions=3, start="contrasts")
@@ -200,6 +192,6 @@ def test_any_neuron_whose_potential_has_a_limit_starts_by_contrasts(neuron: Any)
         ({"regions": 3, "max_delay": 5}, "max_delay must be 0"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(keys: Any, sentence: str) -> None:
+def test_settings_that_do_not_fit_are_refused(keys, sentence):
     with pytest.raises(ValueError, match=sentence):
         SNN(**keys)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
@@ -27,12 +27,11 @@ from tests.models.snn.test_regions import array
 from tests.models.snn.toy import accuracy, rngs, toy
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     sizes=st.tuples(st.integers(1, 200), st.integers(1, 5), st.integers(1, 20)),
     seed=st.integers(0, 2**30),
 )
-def test_the_sum_over_a_pool_is_that_of_the_weight_rounded_once(sizes: Any, seed: int) -> None:
+def test_the_sum_over_a_pool_is_that_of_the_weight_rounded_once(sizes, seed):
     n_inputs, n_pools, n_neurons = sizes
     rng = np.random.default_rng(seed)
     pool = rng.integers(0, n_pools, n_inputs)
@@ -47,7 +46,7 @@ def test_the_sum_over_a_pool_is_that_of_the_weight_rounded_once(sizes: Any, seed
     assert (np.abs(totals - expected) <= 0.5 + 1e-3).all()
 
 
-def test_of_any_run_of_channels_the_right_share_is_rounded_up() -> None:
+def test_of_any_run_of_channels_the_right_share_is_rounded_up():
     of_pool = np.full((1, 50), 0.3 / 32, np.float32)
     up = quantise(dithered(of_pool, np.zeros(400, int))) > 0
     for first in range(0, 380, 7):
@@ -56,27 +55,24 @@ def test_of_any_run_of_channels_the_right_share_is_rounded_up() -> None:
     assert len(np.unique(up, axis=1).T) > 40  # neurons round different channels up
 
 
-def test_a_weight_that_rounds_to_0_everywhere_stays_a_weight() -> None:
+def test_a_weight_that_rounds_to_0_everywhere_stays_a_weight():
     few = dithered(np.array([[1e-4, -1e-4]], np.float32), np.zeros(9, int))
     assert (few > 0).all(axis=0).tolist() == [True, False] and (few < 0).all(axis=0).tolist() == [False, True]
     assert not quantise(few).any()
 
 
-def test_the_finest_exponent_holds_the_largest_weight() -> None:
+def test_the_finest_exponent_holds_the_largest_weight():
     assert finest(np.array([0.2, -0.24]), 8) == 4
     assert finest(np.array([127 / 32]), 8) == 0
     assert finest(np.array([100.0]), 8) == finest(np.array([-4.0]), 8) == 0
     assert finest(np.zeros(3), 8) == 8
 
 
-@settings(deadline=None, max_examples=25)
 @given(
     exponent=st.integers(0, 8), arithmetic=st.sampled_from(["float32", "ideal"]), seed=st.integers(0, 2**30)
 )
 @pytest.mark.parametrize("kind", ["cuba_lif", "resonator"])
-def test_thresholds_and_weights_of_a_finer_grid_are_the_same_network(
-    kind: str, exponent: int, arithmetic: Any, seed: int
-) -> None:
+def test_thresholds_and_weights_of_a_finer_grid_are_the_same_network(kind, exponent, arithmetic, seed):
     rng = np.random.default_rng(seed)
     rows = rows_of((rng.random((3, 60, 20)) < 0.2).astype(np.uint8))
     matrix = rng.normal(0, 0.3, (20, 9)).astype(np.float32)
@@ -92,7 +88,7 @@ def test_thresholds_and_weights_of_a_finer_grid_are_the_same_network(
     np.testing.assert_array_equal(plain.fired.index, fine.fired.index)
 
 
-def touched(n: int = 90, side: int = 12, n_steps: int = 60) -> Dataset:
+def touched(n=90, side=12, n_steps=60):
     """Return a small scene: many pools swing together, and classes differ in how strongly, by ring."""
     rng = np.random.default_rng(5)
     positions = array(side, side)
@@ -124,7 +120,7 @@ TRAINING = Training(
 LEVELS: dict[str, Any] = {"hidden": (48,), "regions": 12, "start": "contrasts", "true_rate": 0.5}
 
 
-def test_a_dithered_network_answers_nearly_as_the_real_one_and_holds_8_and_24_bits() -> None:
+def test_a_dithered_network_answers_nearly_as_the_real_one_and_holds_8_and_24_bits():
     data = touched()
     real = SNN(**LEVELS, arithmetic="float32").fit(data, TRAINING, rngs())
     eight = SNN(**LEVELS, rounding="dithered").fit(data, TRAINING, rngs())
@@ -145,28 +141,28 @@ def test_a_dithered_network_answers_nearly_as_the_real_one_and_holds_8_and_24_bi
     np.testing.assert_array_equal(again.output, eight.validation.output)
 
 
-def test_on_the_grid_of_the_threshold_itself_such_weights_are_lost() -> None:
+def test_on_the_grid_of_the_threshold_itself_such_weights_are_lost():
     """Why exponents are needed: 1/32 is more than all weights of a start by contrasts."""
     data = touched()
     coarse = SNN(**LEVELS).fit(data, TRAINING, rngs())
     assert coarse.health["dead_neurons"] > 12
     fine = SNN(**LEVELS, threshold_exponents=(8, 2)).fit(data, TRAINING, rngs())
     assert fine.health["dead_neurons"] < coarse.health["dead_neurons"] - 3
-    layers = fine.network.layers  # type: ignore[union-attr]
+    layers = fine.network.layers
     assert [int(x.parameters["threshold"]) for x in layers] == [80 * 256, 80 * 4]
 
 
 @pytest.mark.parametrize("given", [3, -1])
-def test_given_exponents_are_those_of_the_network(given: int) -> None:
+def test_given_exponents_are_those_of_the_network(given):
     data = touched(n=30)
     training = replace(TRAINING, epochs=2)
     model = SNN(**LEVELS, rounding="dithered", threshold_exponents=(given, 2))
-    layers = model.fit(data, training, rngs()).network.layers  # type: ignore[union-attr]
+    layers = model.fit(data, training, rngs()).network.layers
     thresholds = [int(x.parameters["threshold"]) for x in layers]
     assert thresholds[1] == 80 * 4 and (thresholds[0] == 80 * 8) == (given == 3)
 
 
-def test_a_start_moves_by_the_same_share_on_every_grid() -> None:
+def test_a_start_moves_by_the_same_share_on_every_grid():
     """Real states: weights, thresholds and steps are scaled alike."""
     data = toy(n=20)
     training = Training(
@@ -200,6 +196,6 @@ def test_a_start_moves_by_the_same_share_on_every_grid() -> None:
         ),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(keys: Any, sentence: str) -> None:
+def test_settings_that_do_not_fit_are_refused(keys, sentence):
     with pytest.raises(ValueError, match=sentence):
         SNN(**keys)

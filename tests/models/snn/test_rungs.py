@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,14 +16,14 @@ from dse.models.training import FitRequest, Rung, Span, Training
 from dse.neurons.lif import Lif
 from dse.neurons.resonator import Resonator
 from dse.neurons.xylo_lif import XyloLif
-from dse.records import Dataset, Network, Outcome
+from dse.records import Network, Outcome
 from tests.models.snn.test_train import SHARED, assert_same, own, settled
 from tests.models.snn.toy import toy
 
 Designs = dict[int, tuple[SNN, Training]]
 
 
-def base(**keys: Any) -> Training:
+def base(**keys):
     return Training(**{"epochs": 30, "batch_size": 20, "learning_rate": 0.1, "lr_every": 7, **keys})
 
 
@@ -72,14 +70,14 @@ WITHOUT_KERNEL: Designs = {
 }
 
 
-def span(data: Dataset, designs: Designs, states: dict[int, Any], until: int | None) -> dict[int, Any]:
+def span(data, designs, states, until):
     requests = [FitRequest(m.placed(data.positions), t, own(k)) for k, (m, t) in designs.items()]
     part = Span([partial(dict, states[k]) for k in designs if k in states], until)
     numbers = list(designs)
     return {numbers[k]: done for k, done in SNN.fit_span(data, requests, SHARED, span=part)}
 
 
-def whole(data: Dataset, designs: Designs) -> dict[int, Outcome]:
+def whole(data, designs):
     return {k: settled(outcome) for k, outcome in span(data, designs, {}, None).items()}
 
 
@@ -93,9 +91,7 @@ def whole(data: Dataset, designs: Designs) -> dict[int, Outcome]:
     ],
     ids=["kernels", "staged", "augmented", "without_kernel"],
 )
-def test_spans_through_files_give_the_bits_of_one_training(
-    designs: Designs, ends: tuple[int | None, ...], tmp_path: Path
-) -> None:
+def test_spans_through_files_give_the_bits_of_one_training(designs, ends, tmp_path):
     data = toy(n_channels=6, n_steps=24, n=30, margin=2)
     expected, ended = whole(data, designs), {}
     left, states = designs, {}
@@ -118,7 +114,7 @@ def test_spans_through_files_give_the_bits_of_one_training(
         assert_same(settled(outcome), expected[k])
 
 
-def test_a_rung_is_what_a_training_of_so_many_epochs_gives_and_on_the_way_states_are_the_same() -> None:
+def test_a_rung_is_what_a_training_of_so_many_epochs_gives_and_on_the_way_states_are_the_same():
     data, design = toy(), (SNN(hidden=(12,)), base(epochs=5))
     (rung,) = span(data, {0: design}, {}, 3).values()
     assert isinstance(rung, Rung) and rung.outcome is not None
@@ -130,19 +126,19 @@ def test_a_rung_is_what_a_training_of_so_many_epochs_gives_and_on_the_way_states
             data, [FitRequest(*design, own(0))], SHARED, span=Span(is_due=lambda: True)
         )
     ]
-    assert [each.epochs for each in on_the_way[:-1]] == [1, 2, 3, 4]  # type: ignore[union-attr]
-    state = on_the_way[2].state  # type: ignore[union-attr]
+    assert [each.epochs for each in on_the_way[:-1]] == [1, 2, 3, 4]
+    state = on_the_way[2].state
     assert state.keys() == rung.state.keys()
     for name in state.keys() - {"seconds"}:
         np.testing.assert_array_equal(state[name], rung.state[name])
-    assert_same(settled(on_the_way[-1]), whole(data, {0: design})[0])  # type: ignore[arg-type]
+    assert_same(settled(on_the_way[-1]), whole(data, {0: design})[0])
     # A rung that is reached already is given again, without a step.
     (again,) = span(data, {0: design}, {0: rung.state}, 3).values()
     assert_same(again.outcome, rung.outcome)
     assert isinstance(again.outcome.network, Network)
 
 
-def test_designs_at_different_epochs_cannot_go_on_together() -> None:
+def test_designs_at_different_epochs_cannot_go_on_together():
     data, design = toy(), (SNN(hidden=(12,)), base(epochs=5))
     states = {k: span(data, {k: design}, {}, k + 1)[k].state for k in (0, 1)}
     with pytest.raises(ValueError, match=r"go on from the same epoch, got \[1, 2\]"):

@@ -1,7 +1,5 @@
 """Bases of whitened weights: definition, hard counts, the same bits; effective rank."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
@@ -10,14 +8,14 @@ from dse.models.snn.whiten import basis, covariance, effective_rank, eigen
 from tests.study.test_processors import KERNELS, PRODUCT, on
 
 
-def counts(n_samples: int = 300, n: int = 40, seed: int = 0) -> np.ndarray:
+def counts(n_samples=300, n=40, seed=0):
     """Return counts of neurons that follow one common rate, and a little of their own."""
     rng = np.random.default_rng(seed)
     common = np.exp(rng.normal(0, 0.5, n_samples))[:, None] * rng.uniform(2, 90, n)
     return rng.poisson(np.maximum(common + rng.normal(0, 3, (n_samples, n)), 0))
 
 
-def test_a_basis_is_its_definition_and_makes_counts_white() -> None:
+def test_a_basis_is_its_definition_and_makes_counts_white():
     x = counts()
     scales = 1 / (x.std(axis=0) + 5)
     means = (x * scales).T @ (x * scales) / len(x)
@@ -54,7 +52,7 @@ HARD = {
 
 
 @pytest.mark.parametrize("name", HARD)
-def test_eigenvectors_of_hard_matrices_are_orthonormal_and_give_the_matrix_back(name: str) -> None:
+def test_eigenvectors_of_hard_matrices_are_orthonormal_and_give_the_matrix_back(name):
     matrix = HARD[name]
     values, vectors = eigen(matrix)
     rank = int(np.linalg.matrix_rank(matrix)) if matrix.size else 0
@@ -69,7 +67,7 @@ def test_eigenvectors_of_hard_matrices_are_orthonormal_and_give_the_matrix_back(
         assert (vectors[np.abs(vectors).argmax(axis=0), np.arange(rank)] > 0).all()
 
 
-def test_silent_neurons_have_a_direction_each_and_equal_ones_have_one() -> None:
+def test_silent_neurons_have_a_direction_each_and_equal_ones_have_one():
     x = counts(n=12)
     x[:, [2, 7]] = 0
     x[:, 9] = x[:, 4]
@@ -86,7 +84,7 @@ def test_silent_neurons_have_a_direction_each_and_equal_ones_have_one() -> None:
     np.testing.assert_array_equal(found[others][:, :-2], alone)
 
 
-def test_counts_of_nothing_and_of_one_sample_have_a_basis() -> None:
+def test_counts_of_nothing_and_of_one_sample_have_a_basis():
     nothing, length = basis(np.zeros((4, 3), np.int64))
     np.testing.assert_allclose(nothing * length, np.eye(3) / 5 / np.sqrt(0.1), rtol=1e-6)
     one, length = basis(np.array([[3, 0, 4]]))
@@ -96,7 +94,7 @@ def test_counts_of_nothing_and_of_one_sample_have_a_basis() -> None:
     assert not one[[0, 2], 1].any() and not one[1, 0]
 
 
-def test_neither_threads_nor_the_order_of_samples_change_a_bit() -> None:
+def test_neither_threads_nor_the_order_of_samples_change_a_bit():
     x = counts(500, 130)
     results = []
     for threads, order in ((1, np.arange(500)), (4, np.arange(500)[::-1]), (2, RNG.permutation(500))):
@@ -107,7 +105,7 @@ def test_neither_threads_nor_the_order_of_samples_change_a_bit() -> None:
         np.testing.assert_array_equal(matrix, results[0][0])
 
 
-def test_a_basis_has_the_same_bits_with_the_kernels_of_another_processor() -> None:
+def test_a_basis_has_the_same_bits_with_the_kernels_of_another_processor():
     if len({on(kernel, "-c", PRODUCT) for kernel in KERNELS}) == 1:
         pytest.skip("numpy's linear algebra has no kernels that differ here")
     program = (
@@ -117,7 +115,7 @@ def test_a_basis_has_the_same_bits_with_the_kernels_of_another_processor() -> No
     assert len({on(kernel, "-c", program) for kernel in KERNELS}) == 1
 
 
-def test_the_effective_rank_counts_directions() -> None:
+def test_the_effective_rank_counts_directions():
     rng = np.random.default_rng(1)
     apart = rng.poisson(20, (20_000, 8))
     assert effective_rank(apart) == pytest.approx(8, rel=0.01)

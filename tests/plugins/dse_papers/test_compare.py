@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,7 @@ import pytest
 
 from dse.recordings.scene import SceneTrials
 from dse.report import ReportError
-from dse.study.results import Study
-from dse_papers.report.compare import PaperReport, PaperRow, agrees, gap_of, paper_report, rounds_to
+from dse_papers.report.compare import agrees, gap_of, paper_report, rounds_to
 from dse_papers.report.papers import key_of, publication, publications
 from dse_papers.report.tables import TABLES
 from tests.report.made import write
@@ -19,9 +17,7 @@ from tests.report.made import write
 SAMPLES = {"train": 1008, "validation": 432, "test": 432}
 
 
-def on_scene(
-    folder: Path, scene: str, target: str, designs: list[dict[str, Any]], **sections: Mapping[str, Any]
-) -> Study:
+def on_scene(folder, scene, target, designs, **sections):
     """Write a study of a shipped scene, with the classes of one of its columns and 13 trials a cell."""
     classes = sorted(set(map(str, SceneTrials(scene=scene).read(Path()).columns[target])))
     own = {
@@ -34,7 +30,7 @@ def on_scene(
     return write(folder, [{"task": target, **x} for x in designs], own, classes=classes, samples=SAMPLES)
 
 
-def rows_of(found: PaperReport, *names: str) -> list[PaperRow]:
+def rows_of(found, *names):
     """Return the rows whose quantity and condition begin with these words."""
     return [
         row
@@ -45,12 +41,12 @@ def rows_of(found: PaperReport, *names: str) -> list[PaperRow]:
     ]
 
 
-def only(found: PaperReport, *names: str) -> PaperRow:
+def only(found, *names):
     [row] = rows_of(found, *names)
     return row
 
 
-def test_every_printed_number_has_a_place_and_something_of_ours_or_a_reason() -> None:
+def test_every_printed_number_has_a_place_and_something_of_ours_or_a_reason():
     assert [paper.name for paper in publications().values()] == list(TABLES)
     for key, paper in publications().items():
         assert key_of(paper.name) == key_of(paper.source) == key_of(key) == key
@@ -63,7 +59,7 @@ def test_every_printed_number_has_a_place_and_something_of_ours_or_a_reason() ->
     assert key_of("005") is None
 
 
-def test_ends_of_the_front_and_their_reductions(tmp_path: Path) -> None:
+def test_ends_of_the_front_and_their_reductions(tmp_path):
     designs = [
         {"accuracy": 0.8, "accuracy_test": 0.76, "n_weights": 152_000, "spikes_total_no_input": 43_200},
         {
@@ -93,7 +89,7 @@ def test_ends_of_the_front_and_their_reductions(tmp_path: Path) -> None:
     assert (profile.ours, profile.same, profile.differs) == ("", None, "no study of movement")
 
 
-def test_without_a_test_set_it_is_another_quantity(tmp_path: Path) -> None:
+def test_without_a_test_set_it_is_another_quantity(tmp_path):
     study = on_scene(tmp_path / "grid", "neurotac_dvxplorer", "profile", [{"accuracy": 0.8}])
     found = paper_report([study], "002")
     row = only(found, "accuracy", "movement, best accuracy")
@@ -107,7 +103,7 @@ def test_without_a_test_set_it_is_another_quantity(tmp_path: Path) -> None:
     assert "on test, most often taken for another: accelerating_35 for accelerating_42 (25%)" in errors
 
 
-def test_a_length_stands_beside_the_same_length_alone(tmp_path: Path) -> None:
+def test_a_length_stands_beside_the_same_length_alone(tmp_path):
     designs: list[dict[str, Any]] = [
         {
             **{"runs": [0.8, 0.9, 0.7], "decision_latency_ms": ms, "accuracy_test": 0.93},
@@ -138,7 +134,7 @@ def test_a_length_stands_beside_the_same_length_alone(tmp_path: Path) -> None:
     assert only(found, "force of people").differs == "quoted from another work"
 
 
-def test_power_is_of_our_design_or_quoted(tmp_path: Path) -> None:
+def test_power_is_of_our_design_or_quoted(tmp_path):
     on = {
         "loihi2_board": {"power_idle_w": 0.5, "power_w": 2.25, "n_cores": 1},
         "loihi1_silicon": {
@@ -165,7 +161,7 @@ def test_power_is_of_our_design_or_quoted(tmp_path: Path) -> None:
     assert only(found, "cores in use").ours == "30"
 
 
-def test_printed_pins_and_natural_textures(tmp_path: Path) -> None:
+def test_printed_pins_and_natural_textures(tmp_path):
     designs = [
         {"family": "knn", "accuracy": 0.9, "accuracy_test": 0.88, "t_c_ms": 500.0, "macs": 4.0},
         {"family": "hots", "accuracy": 0.7, "accuracy_test": 0.6, "model": {"layers": 1}, "macs": 4.0},
@@ -185,7 +181,7 @@ def test_printed_pins_and_natural_textures(tmp_path: Path) -> None:
     assert {row.study for row in rows_of(found, "peak accuracy", "natural textures, knn")} == {"natural"}
 
 
-def test_a_leak_as_printed_and_without(tmp_path: Path) -> None:
+def test_a_leak_as_printed_and_without(tmp_path):
     leaky = {
         "accuracy": 1.0,
         "family": "threshold_lif",
@@ -205,7 +201,7 @@ def test_a_leak_as_printed_and_without(tmp_path: Path) -> None:
     assert (row.ours, row.same) == ("0.7", False) and "0.3 below: means of the training set" in row.differs
 
 
-def test_the_rate_of_a_receptor_is_that_of_all_its_channels(tmp_path: Path) -> None:
+def test_the_rate_of_a_receptor_is_that_of_all_its_channels(tmp_path):
     encoder = {"encoder": {"kind": "receptors", "spikes_per_step": 2}}
     designs = [
         {"family": "elm", "accuracy": accuracy, "input_spike_rate_hz": rate, "macs": 4.0}
@@ -220,7 +216,7 @@ def test_the_rate_of_a_receptor_is_that_of_all_its_channels(tmp_path: Path) -> N
     assert only(found, "accuracy without the leak").ours == "0.9"
 
 
-def test_a_study_of_another_set_up_is_refused_in_a_line_each(tmp_path: Path) -> None:
+def test_a_study_of_another_set_up_is_refused_in_a_line_each(tmp_path):
     nets = write(tmp_path / "nets", [{"accuracy": 0.9}])
     letters = write(tmp_path / "letters", [{"accuracy": 0.9}], {"task": {"target": "letter"}})
     bad = write(tmp_path / "bad", [], failed=1)
@@ -242,7 +238,7 @@ def test_a_study_of_another_set_up_is_refused_in_a_line_each(tmp_path: Path) -> 
     )
 
 
-def test_agreement_is_to_the_printed_digits() -> None:
+def test_agreement_is_to_the_printed_digits():
     assert rounds_to(0.95, 0.9549) and not rounds_to(0.95, 0.9551)
     assert rounds_to(1, 0.996) and not rounds_to(1, 0.63), "1 is 100 %"
     assert rounds_to(2.59e6, 2_590_800) and rounds_to(0.15e6, 152_400) and not rounds_to(0.13e6, 136_000)

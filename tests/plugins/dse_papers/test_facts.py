@@ -1,16 +1,11 @@
 """What shipped search spaces hold, against the set-ups that the papers print."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 
 from dse.config import load_space, shipped_spaces
-from dse.recordings.scene import SceneTrials
 from dse.study.results import Study
 from dse_papers.report.compare import paper_report
 from tests.report.made import write
@@ -24,11 +19,10 @@ _HOTS = {
 LAYERS = {"model.kind": "hots", **{f"model.hots.{key}": value for key, value in _HOTS.items()}}
 
 
-def study_of(folder: Path, space: str, design: Mapping[str, Any], samples: tuple[int, int, int]) -> Study:
+def study_of(folder, space, design, samples):
     """Write a study of one design of a shipped search space."""
     loaded = load_space(shipped_spaces()[space])
     sections = loaded.resolve(design)
-    assert isinstance(sections.data, SceneTrials)
     columns = sections.data.read(folder).columns
     classes = sorted(set(map(str, columns[sections.task.target])))
     plain = yaml.safe_load(yaml.safe_dump(_lists(sections.to_plain())))
@@ -40,7 +34,7 @@ def study_of(folder: Path, space: str, design: Mapping[str, Any], samples: tuple
     return Study(study.folder)
 
 
-def _lists(value: Any) -> Any:
+def _lists(value):
     if isinstance(value, Mapping):
         return {key: _lists(x) for key, x in value.items()}
     return [_lists(x) for x in value] if isinstance(value, list | tuple) else value
@@ -56,14 +50,7 @@ def _lists(value: Any) -> Any:
         ("001", "artificial_pins", LAYERS, (792, 88, 220), {"τ of the first layer"}),
     ],
 )
-def test_shipped_spaces_are_set_up_as_printed(
-    tmp_path: Path,
-    paper: str,
-    space: str,
-    design: Mapping[str, Any],
-    samples: tuple[int, int, int],
-    others: set[str],
-) -> None:
+def test_shipped_spaces_are_set_up_as_printed(tmp_path, paper, space, design, samples, others):
     rows = paper_report([study_of(tmp_path, space, design, samples)], paper).rows
     differing = {
         row.quantity.split(",")[0]: row.differs for row in rows if row.kind == "set-up" and row.setup
@@ -71,17 +58,3 @@ def test_shipped_spaces_are_set_up_as_printed(
     assert set(differing) == others, differing
     alike = [row for row in rows if row.kind == "set-up" and row.ours]
     assert len(alike) > 15
-
-
-def test_a_smaller_study_says_so(tmp_path: Path) -> None:
-    space = "texture_profile_grid_small"
-    small = load_space(shipped_spaces()[space]).resolve(GRID)
-    assert isinstance(small.data, SceneTrials)
-    rows = paper_report([study_of(tmp_path, space, GRID, (864, 288, 288))], "002").rows
-    differs = {row.quantity: row.differs for row in rows if row.kind == "set-up" and row.setup}
-    assert differs["epochs"] == f"epochs: {small.training.epochs} instead of 100"
-    trials = "trials of each texture and profile"
-    assert differs[trials] == f"{trials}: {small.data.trials} instead of 100"
-    assert "pools" not in differs and "threshold of the neuron" not in differs
-    [step] = [row for row in rows if row.quantity == "step of the hidden sizes"]
-    assert (step.printed, step.ours) == ("25", "uneven")

@@ -6,7 +6,7 @@ from dse.testing.small import SmallStudy
 from dse_papers.figures.histograms import draw_histograms, gather_histograms
 
 
-def learnt(scale: float = 1.0) -> dict[str, np.ndarray]:
+def learnt(scale=1.0):
     """Two input lengths, three labelled histograms over two prototypes."""
     whole = [[0.25, 0.75], [0.75, 0.25], [0.0, 1.0]]
     signatures = np.array([[[9.0, 9.0]] * 3, whole], np.float32) * scale

@@ -1,19 +1,15 @@
 """HOTS: layers, histograms and signatures against a slow definition; hard cases; costs counted by hand."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
 
 from dse import seeds
 from dse.models.training import Training
-from dse.records import Answers, Array, Dataset, Outcome, Parameters, Spikes
-from dse_papers.models.hots import HOTS, _Inputs, _places, histograms, read_out_steps
+from dse.records import Answers, Dataset, Parameters, Spikes
+from dse_papers.models.hots import HOTS, histograms, read_out_steps
 from dse_papers.models.time_surfaces import Field, Stream, nearest, surface
 
 # A 4 x 3 grid of taxels without its corner, two planes of numbers of their own.
@@ -23,15 +19,15 @@ POSITIONS = np.concatenate(
 ).astype(np.int32)
 
 
-def rngs(repeat: int = 0) -> Callable[..., np.random.Generator]:
+def rngs(repeat=0):
     return partial(lambda purpose, *index: seeds.generator(1, {}, purpose, repeat, *index))
 
 
-def fit(data: Dataset, repeat: int = 0, **settings: Any) -> Outcome:
+def fit(data, repeat=0, **settings):
     return HOTS(**settings).fit(data, Training(), rngs(repeat))
 
 
-def dataset(raster: Array, target: Array, positions: Array = POSITIONS, start: int = 0) -> Dataset:
+def dataset(raster, target, positions=POSITIONS, start=0):
     """Return a data set of a (sample, step, channel) raster; even samples train, odd ones validate."""
     n, n_stored, n_channels = raster.shape
     flat = raster.reshape(-1, n_channels)
@@ -46,7 +42,7 @@ def dataset(raster: Array, target: Array, positions: Array = POSITIONS, start: i
     )  # fmt: skip
 
 
-def waves(n: int = 36, n_steps: int = 60, start: int = 0) -> Dataset:
+def waves(n=36, n_steps=60, start=0):
     """Return three classes with the same rates: a wave that runs right, left or down, amid noise."""
     rng = np.random.default_rng(3)
     target = np.arange(n) // 2 % 3
@@ -59,17 +55,16 @@ def waves(n: int = 36, n_steps: int = 60, start: int = 0) -> Dataset:
     return dataset(raster, target, start=start)
 
 
-def accuracy(outcome: Outcome, data: Dataset) -> Array:
-    assert isinstance(outcome.validation, Answers)
+def accuracy(outcome, data):
     return np.asarray((outcome.validation.label == data.target[data.validation][:, None]).mean(axis=0))
 
 
-def parameters(outcome: Outcome) -> Parameters:
+def parameters(outcome):
     assert isinstance(outcome.network, Parameters)
     return outcome.network
 
 
-def answers(outcome: Outcome) -> Answers:
+def answers(outcome):
     assert isinstance(outcome.validation, Answers)
     return outcome.validation
 
@@ -87,7 +82,7 @@ def answers(outcome: Outcome) -> Answers:
     ],
     ids=str,
 )
-def test_every_kind_learns_the_direction_of_a_wave(settings: dict[str, Any]) -> None:
+def test_every_kind_learns_the_direction_of_a_wave(settings):
     data = waves()
     outcome = fit(data, **{"tau_ms": 20.0} | settings)
     found = accuracy(outcome, data)
@@ -99,12 +94,7 @@ def test_every_kind_learns_the_direction_of_a_wave(settings: dict[str, Any]) -> 
     np.testing.assert_array_equal(answers(outcome).label, answers(again).label)
 
 
-def test_another_repeat_learns_other_prototypes() -> None:
-    first, other = (parameters(fit(waves(), repeat)).arrays["prototypes_1"] for repeat in (0, 1))
-    assert not np.array_equal(first, other)
-
-
-def test_two_layers_answer_as_the_definition_does() -> None:
+def test_two_layers_answer_as_the_definition_does():
     data = waves(n=8, n_steps=25, start=3)
     settings = HOTS(layers=2, radius=1, radius_factor=2.6, prototypes=3, prototypes_factor=1.5, tau_ms=7.0)
     outcome = settings.fit(data, Training(), rngs())
@@ -131,7 +121,7 @@ def test_two_layers_answer_as_the_definition_does() -> None:
             assert said.input_spikes[row, k] == (step < length).sum()
 
 
-def test_class_signatures_are_the_means_of_those_of_the_samples() -> None:
+def test_class_signatures_are_the_means_of_those_of_the_samples():
     data = waves()
     mean, each = (parameters(fit(data, signatures=kind)).arrays for kind in ("class", "sample"))
     np.testing.assert_array_equal(mean["prototypes_1"], each["prototypes_1"])
@@ -142,7 +132,7 @@ def test_class_signatures_are_the_means_of_those_of_the_samples() -> None:
     np.testing.assert_allclose(mean["signatures"], expected, atol=1e-7)
 
 
-def test_costs_by_hand() -> None:
+def test_costs_by_hand():
     # One plane of 4 x 3 places, radius 2: 5 x 5 numbers; radius 4 in the second layer: 7 x 5 x 2 planes.
     raster = np.zeros((4, 40, 12), dtype=bool)
     raster[:, ::4, 5] = True
@@ -166,7 +156,7 @@ def test_costs_by_hand() -> None:
     np.testing.assert_array_equal(filtered.input_spikes, said.input_spikes)
 
 
-def test_input_lengths_are_even_and_the_last_is_the_window() -> None:
+def test_input_lengths_are_even_and_the_last_is_the_window():
     assert read_out_steps(40, 20).tolist() == list(range(2, 41, 2))
     assert read_out_steps(3, 20).tolist() == [1, 2, 3]
     assert read_out_steps(1, 20).tolist() == [1]
@@ -174,26 +164,19 @@ def test_input_lengths_are_even_and_the_last_is_the_window() -> None:
     assert read_out_steps(5000, 50).tolist() == list(range(100, 5001, 100))
 
 
-def test_fewer_read_outs_are_some_of_the_many() -> None:
-    data = waves()
-    many, few = (answers(fit(data, read_outs=n)) for n in (20, 10))
-    assert few.time_ms.tolist() == many.time_ms[1::2].tolist()
-    np.testing.assert_array_equal(few.label, many.label[:, 1::2])
-
-
-def with_times(data: Dataset, t_us: Array) -> Dataset:
+def with_times(data, t_us):
     """Return the same spikes at times of their own within their steps of 5 ms."""
     return dataclasses.replace(data, spikes=dataclasses.replace(data.spikes, t_us=t_us.astype(np.int32)))
 
 
-def step_of(data: Dataset) -> Array:
+def step_of(data):
     return np.repeat(
         np.arange(len(data.spikes.row_offsets) - 1) % data.spikes.n_steps, np.diff(data.spikes.row_offsets)
     )
 
 
 @pytest.mark.parametrize("clustering", ["kmeans", "online"])
-def test_events_at_the_starts_of_their_steps_are_the_binned_spikes(clustering: str) -> None:
+def test_events_at_the_starts_of_their_steps_are_the_binned_spikes(clustering):
     data = waves(start=3)
     settings = {"clustering": clustering, "filter_radius": 3, "filter_neighbours": 2, "filter_ms": 10.0}
     binned, timed = fit(data, **settings), fit(with_times(data, 5000 * step_of(data)), **settings)
@@ -202,7 +185,7 @@ def test_events_at_the_starts_of_their_steps_are_the_binned_spikes(clustering: s
     np.testing.assert_array_equal(answers(binned).label, answers(timed).label)
 
 
-def test_microseconds_tell_apart_what_bins_do_not() -> None:
+def test_microseconds_tell_apart_what_bins_do_not():
     """In every step two neighbours fire, 40 us apart: which of them comes first is the class."""
     n, n_steps = 24, 30
     target = np.arange(n) // 2 % 2
@@ -226,21 +209,12 @@ def test_microseconds_tell_apart_what_bins_do_not() -> None:
         assert health["hots_events_kept"] == passed
 
 
-def test_times_count_from_the_start_of_the_window() -> None:
-    data = waves(start=3)
-    timed = with_times(data, 5000 * step_of(data) + 7)
-    inputs = _Inputs(timed, _places(POSITIONS), None)
-    step, events = inputs.events(4)
-    np.testing.assert_array_equal(events.t_us, 5000 * step + 7)
-    assert step[0] >= 0 and step[-1] < 57
-
-
-def test_histograms_count_what_came_within_each_length() -> None:
+def test_histograms_count_what_came_within_each_length():
     found = histograms(np.array([0, 1, 1, 4]), np.array([1, 0, 1, 2]), np.array([1, 3, 5]), 3)
     assert found.tolist() == [[0, 1, 0], [1, 2, 0], [1, 2, 1]]
 
 
-def test_answers_see_no_more_than_their_input_length() -> None:
+def test_answers_see_no_more_than_their_input_length():
     data = waves()
     outcome = fit(data)
     counts = np.diff(data.spikes.row_offsets).reshape(-1, 60)
@@ -255,13 +229,7 @@ def test_answers_see_no_more_than_their_input_length() -> None:
     assert (half.input_spikes[:, 10:] == half.input_spikes[:, 9:10]).all()
 
 
-def test_one_class_and_one_sample() -> None:
-    data = dataset(np.ones((2, 5, 22), dtype=bool), np.array([0, 0]))
-    outcome = fit(data, layers=3)
-    assert (answers(outcome).label == 0).all()
-
-
-def test_more_prototypes_than_events() -> None:
+def test_more_prototypes_than_events():
     raster = np.zeros((2, 5, 22), dtype=bool)
     raster[0, [1, 3], [0, 4]] = True
     raster[1, 2, 4] = True
@@ -270,7 +238,7 @@ def test_more_prototypes_than_events() -> None:
     assert (answers(outcome).label == 0).all()
 
 
-def test_a_class_absent_from_training_is_never_answered() -> None:
+def test_a_class_absent_from_training_is_never_answered():
     data = waves()
     target = data.target.copy()
     target[data.train[target[data.train] == 1]] = 2
@@ -280,7 +248,7 @@ def test_a_class_absent_from_training_is_never_answered() -> None:
 
 
 @pytest.mark.parametrize("clustering", ["kmeans", "online"])
-def test_no_events_at_all(clustering: str) -> None:
+def test_no_events_at_all(clustering):
     silent = dataset(np.zeros((6, 9, 22), dtype=bool), np.array([0, 0, 1, 1, 2, 2]))
     outcome = fit(silent, clustering=clustering, layers=3, filter_radius=2)
     assert (answers(outcome).label == 0).all()  # all signatures are equally near
@@ -288,37 +256,7 @@ def test_no_events_at_all(clustering: str) -> None:
     assert outcome.health["hots_events_kept"] == 1.0
 
 
-def test_a_silent_sample_among_others() -> None:
-    data = waves()
-    network = parameters(fit(data))
-    silent = dataset(np.zeros((1, 60, 22), dtype=bool), np.array([0]))
-    said = HOTS().respond(network, silent, np.array([0]))
-    assert set(said.label.ravel().tolist()) <= {0, 1, 2}
-    assert said.input_spikes.sum() == 0
-    nobody = HOTS().respond(network, silent, np.zeros(0, np.int64))
-    assert nobody.label.shape == (0, 20)
-    assert np.isfinite(nobody.macs).all()
-
-
-@pytest.mark.parametrize("tau_ms", [0.02, 1e9])
-def test_time_constants_as_printed_and_without_end(tau_ms: float) -> None:
-    data = waves(n=12, n_steps=20)
-    assert np.isfinite(parameters(fit(data, tau_ms=tau_ms, layers=2)).arrays["prototypes_2"]).all()
-
-
-def test_a_filter_that_nothing_passes() -> None:
-    outcome = fit(waves(n=8, n_steps=20), filter_radius=1, filter_neighbours=10_000)
-    assert outcome.health["hots_events_kept"] == 0.0
-    assert answers(outcome).additions[-1] == 5 * answers(outcome).input_spikes[:, -1].mean()
-
-
-def test_the_radius_is_capped() -> None:
-    arrays = parameters(fit(waves(), layers=2, radius=2, radius_max=1, prototypes=4)).arrays
-    assert arrays["prototypes_1"].shape == (4, 3 * 3 * 2)
-    assert arrays["prototypes_2"].shape == (8, 3 * 3 * 4)
-
-
-def test_responding_again_gives_what_training_recorded_and_the_test_part_is_answered() -> None:
+def test_responding_again_gives_what_training_recorded_and_the_test_part_is_answered():
     data = waves()
     tested = dataclasses.replace(data, test=data.validation[:5], validation=data.validation[5:])
     model = HOTS(signatures="sample")
@@ -326,11 +264,10 @@ def test_responding_again_gives_what_training_recorded_and_the_test_part_is_answ
     again = model.respond(parameters(outcome), tested, tested.validation)
     for field in dataclasses.fields(Answers):
         np.testing.assert_array_equal(getattr(again, field.name), getattr(answers(outcome), field.name))
-    assert isinstance(outcome.test, Answers)
     assert outcome.test.label.shape == (5, 20)
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_what_does_not_fit_is_refused():
     data = waves()
     with pytest.raises(ValueError, match="at least one training sample, got none"):
         fit(dataclasses.replace(data, train=data.train[:0]))
@@ -343,7 +280,7 @@ def test_what_does_not_fit_is_refused() -> None:
         HOTS().respond(network, short, np.array([0]))
 
 
-def test_held_out_samples_are_not_learnt_from() -> None:
+def test_held_out_samples_are_not_learnt_from():
     data = waves()
     flipped = data.target.copy()
     flipped[data.validation] = 0

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.records import Dataset, Spikes
@@ -18,7 +18,7 @@ from tests.saved_data import in_a_row
 NONE = np.zeros(0, np.int64)
 
 
-def of(x: np.ndarray, target: list[int], start: int = 0, classes: tuple[str, ...] = ("a", "<b>")) -> Dataset:
+def of(x, target, start=0, classes=("a", "<b>")):
     """Return a data set of spikes (sample, step, channel) at 10 ms, its windows from `start` on."""
     n, n_steps, m = x.shape
     flat = x.reshape(-1, m)
@@ -31,7 +31,7 @@ def of(x: np.ndarray, target: list[int], start: int = 0, classes: tuple[str, ...
     )
 
 
-def trains(*steps_of_channels: list[list[int]], n_steps: int = 12) -> np.ndarray:
+def trains(*steps_of_channels, n_steps=12):
     x = np.zeros((len(steps_of_channels), n_steps, len(steps_of_channels[0])), bool)
     for i, sample in enumerate(steps_of_channels):
         for c, steps in enumerate(sample):
@@ -108,7 +108,6 @@ def test_distances_of_all_spikes_so_far_by_hand():
     bin_ms=st.sampled_from([1.0, 30.0, 70.0, 1e4]),
     bins=st.integers(1, 4),
 )
-@settings(max_examples=40)
 def test_distances_are_those_of_all_pairs(seed, every_ms, bin_ms, bins):
     rng = np.random.default_rng(seed)
     x = rng.random((7, 12, 3)) < 0.4

@@ -1,18 +1,12 @@
 """Published designs beside a study: no number but what the report prints beside it, and that all of them."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 
 from dse.config import shipped_spaces
 from dse.report.gather import gather_marks, report
-from dse.report.rows import Row
-from dse.study.results import Study
 from dse_papers.report.papers import systems as published
 from tests import tiny_study
 from tests.report.made import write
@@ -32,7 +26,7 @@ FIGURES = {
 }
 
 
-def study_of(folder: Path, space: str) -> Study:
+def study_of(folder, space):
     """Return a made-up study of the families of a shipped search space."""
     model = yaml.safe_load(shipped_spaces()[space].read_text(encoding="utf-8"))["model"]
     kinds = [entry["kind"] for entry in model["choice"]] if "choice" in model else [model["kind"]]
@@ -46,7 +40,7 @@ def study_of(folder: Path, space: str) -> Study:
     return write(folder, designs)
 
 
-def printed(row: Row) -> set[float]:
+def printed(row):
     """Return the numbers that a row prints."""
     if isinstance(row.published, str):
         return {float(text) for text in re.findall(r"\d+(?:\.\d+)?", row.published)}
@@ -65,7 +59,7 @@ def printed(row: Row) -> set[float]:
         ("hardware_fabric_texture", "ABDG"),
     ],
 )
-def test_marks_are_what_the_report_prints(tmp_path: Path, space: str, systems: str) -> None:
+def test_marks_are_what_the_report_prints(tmp_path, space, systems):
     study = study_of(tmp_path / space, space)
     marks = gather_marks(study)
     rows = [row for row in report([study]).rows if row.system in published()]
@@ -83,11 +77,11 @@ def test_marks_are_what_the_report_prints(tmp_path: Path, space: str, systems: s
         )
 
 
-def named(study: Study) -> dict[str, dict[str, Any]]:
+def named(study):
     return {mark["name"]: mark for mark in gather_marks(study)}
 
 
-def test_lengths_are_those_that_the_report_sets_beside(tmp_path: Path) -> None:
+def test_lengths_are_those_that_the_report_sets_beside(tmp_path):
     designs = [
         {"accuracy": 0.7, "decision_latency_ms": ms, "t_p_ms": 40.0, "t_h_ms": 20.0} for ms in (100.0, 1000.0)
     ]
@@ -109,7 +103,7 @@ def test_lengths_are_those_that_the_report_sets_beside(tmp_path: Path) -> None:
     assert without["A, samples of 1000 ms"]["values"] == {"accuracy": 0.93}
 
 
-def test_ends_of_the_published_front(tmp_path: Path) -> None:
+def test_ends_of_the_published_front(tmp_path):
     profile = {"task": {"name": "profile", "target": "profile"}}
     marks = named(write(tmp_path / "profiles", [{"accuracy": 0.8, "task": "profile"}], profile))
     assert list(marks) == ["E, best accuracy", "E, least spikes", "E, least weights"]
@@ -121,14 +115,14 @@ def test_ends_of_the_published_front(tmp_path: Path) -> None:
     assert "hidden 450 and true_rate 0.3" in marks["E, best accuracy"]["caption"]
 
 
-def test_a_joint_net_stands_beside_the_nets_of_one_task(tmp_path: Path) -> None:
+def test_a_joint_net_stands_beside_the_nets_of_one_task(tmp_path):
     heads = {"texture": {"classes": ["a", "b", "c"], "of_class": [0, 1, 2]}}
     designs = [{"accuracy": 0.7}, {"accuracy": 0.6, "family": "cascade"}]
     marks = named(write(tmp_path / "joint", designs, heads=heads, of_heads={"texture": {}}))
     assert list(marks) == ["D, best accuracy", "D, least spikes", "D, least weights"]
 
 
-def test_a_leak_and_another_task_are_told(tmp_path: Path) -> None:
+def test_a_leak_and_another_task_are_told(tmp_path):
     profile = {"task": {"name": "profile", "target": "profile"}}
     designs = [
         {"accuracy": 0.8, "task": "profile", "family": "elm", "macs": 1.0, "model": {"hidden": 64}},
@@ -140,7 +134,7 @@ def test_a_leak_and_another_task_are_told(tmp_path: Path) -> None:
     assert marks["B, knn on natural textures"]["values"] == {"accuracy": 0.6875, "t_c_ms": 500}
 
 
-def test_an_unrelated_study_has_none(tmp_path: Path) -> None:
+def test_an_unrelated_study_has_none(tmp_path):
     designs = [{"accuracy": 0.9, "family": "fake"}, {"accuracy": 1.0, "transductive": True}]
     tiny_study.register()
     try:

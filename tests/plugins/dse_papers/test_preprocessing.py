@@ -10,7 +10,7 @@ from dse_papers.figures import preprocessing
 from dse_papers.figures.preprocessing import InputsFigure, draw_rasters, gather_pooled, gather_stages
 
 
-def stages() -> Stages:
+def stages():
     """Four events on 4 x 2 pixels, of which the two middle columns are kept; bins of 2 ms."""
     t_us, x, y = np.array([[0, 1000, 5000, 7999], [0, 1, 2, 2], [0, 0, 1, 1]])
     return Stages(

@@ -11,7 +11,7 @@ from tests.saved_data import in_a_row
 NONE = np.zeros(0, np.int64)
 
 
-def dataset(start: int = 1) -> Dataset:
+def dataset(start=1):
     """Four recordings of six steps of 10 ms and two channels; the window leaves the first step out."""
     fired = np.zeros((4, 6, 2), bool)
     fired[0, [0, 1, 2, 5]] = True  # both channels

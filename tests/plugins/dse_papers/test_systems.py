@@ -16,7 +16,7 @@ from tests.report.made import noted, rows_of, write
 from tests.rewriting import damage_part
 
 
-def test_every_printed_system_has_a_title_a_source_and_families() -> None:
+def test_every_printed_system_has_a_title_a_source_and_families():
     from dse import registry
 
     references = (Path(__file__).resolve().parents[3] / "REFERENCES.md").read_text(encoding="utf-8")
@@ -30,7 +30,7 @@ def test_every_printed_system_has_a_title_a_source_and_families() -> None:
     assert {tuple(lengths.table(name)) for name in settings} == {tuple(lengths.table("accuracy"))}
 
 
-def test_the_mean_of_several_runs_goes_before_a_lucky_one(tmp_path: Path) -> None:
+def test_the_mean_of_several_runs_goes_before_a_lucky_one(tmp_path):
     knn = {"family": "knn", "macs": 5.0}
     designs: list[dict[str, Any]] = [
         {"accuracy": 0.92, **knn, "accuracy_se": 0.04},
@@ -53,7 +53,7 @@ def test_the_mean_of_several_runs_goes_before_a_lucky_one(tmp_path: Path) -> Non
     assert noted(found, "no designs for these systems: A (snn), C (hots)")
 
 
-def test_runs_that_agree_leave_the_error_of_few_recordings(tmp_path: Path) -> None:
+def test_runs_that_agree_leave_the_error_of_few_recordings(tmp_path):
     designs = [
         {"runs": [0.6, 0.6], "family": "hots", "macs": 2.0, "accuracy_se": 0.0, "model": {"layers": 1}}
     ]
@@ -61,7 +61,7 @@ def test_runs_that_agree_leave_the_error_of_few_recordings(tmp_path: Path) -> No
     assert row.se == pytest.approx(float(wilson_se(6, 10)))
 
 
-def test_lengths_stand_beside_the_printed_ones(tmp_path: Path) -> None:
+def test_lengths_stand_beside_the_printed_ones(tmp_path):
     designs = [
         {
             "decision_latency_ms": ms,
@@ -93,7 +93,7 @@ def test_lengths_stand_beside_the_printed_ones(tmp_path: Path) -> None:
     assert rows["power of GPU, W: idle; beyond; in all"].published == "28; 18; 46.39"
 
 
-def test_a_single_length_is_compared_as_it_is(tmp_path: Path) -> None:
+def test_a_single_length_is_compared_as_it_is(tmp_path):
     rows = rows_of(
         report([write(tmp_path / "one", [{"accuracy": 0.5, "hardware": "chip", "n_cores": 4}])]), "A"
     )
@@ -103,7 +103,7 @@ def test_a_single_length_is_compared_as_it_is(tmp_path: Path) -> None:
     assert (cores.published, cores.ours) == (68, 4)
 
 
-def test_hots_by_its_layers(tmp_path: Path) -> None:
+def test_hots_by_its_layers(tmp_path):
     designs = [
         {"family": "hots", "macs": 9.0, "accuracy": accuracy, "model": {"layers": layers}}
         for layers, accuracy in ((1, 0.6), (1, 0.8), (3, 0.9))
@@ -115,7 +115,7 @@ def test_hots_by_its_layers(tmp_path: Path) -> None:
     }
 
 
-def test_ends_of_the_front_and_rank_correlations(tmp_path: Path) -> None:
+def test_ends_of_the_front_and_rank_correlations(tmp_path):
     designs = [
         {
             "accuracy": accuracy,
@@ -139,7 +139,7 @@ def test_ends_of_the_front_and_rank_correlations(tmp_path: Path) -> None:
     assert rows["Spearman of accuracy and spikes, 3 designs"].ours == 0.5
 
 
-def test_profiles_are_the_other_system_and_counted_by_kind(tmp_path: Path) -> None:
+def test_profiles_are_the_other_system_and_counted_by_kind(tmp_path):
     task = {"task": {"name": "profile", "target": "profile"}}
     found = report([write(tmp_path / "profiles", [{"accuracy": 0.8, "task": "profile"}] * 2, task)])
     rows = rows_of(found, "E")
@@ -154,7 +154,7 @@ def test_profiles_are_the_other_system_and_counted_by_kind(tmp_path: Path) -> No
     assert noted(found, "published figures are for textures, those of E for velocity profiles")
 
 
-def test_a_joint_net_is_marked_under_both_systems(tmp_path: Path) -> None:
+def test_a_joint_net_is_marked_under_both_systems(tmp_path):
     heads = {
         name: {"classes": ["constant 20", "b", "c"], "of_class": [0, 1, 2]} for name in ("texture", "profile")
     }
@@ -170,11 +170,11 @@ def test_a_joint_net_is_marked_under_both_systems(tmp_path: Path) -> None:
     assert noted(report([written]), "joint, texture: predicted by classifiers of several tasks")
 
 
-def leaky(accuracy: float, family: str, **more: Any) -> dict[str, Any]:
+def leaky(accuracy, family, **more):
     return {"accuracy": accuracy, "family": family, "transductive": True, **more}
 
 
-def test_the_size_of_a_leak_is_told_and_the_leak_nowhere_else(tmp_path: Path) -> None:
+def test_the_size_of_a_leak_is_told_and_the_leak_nowhere_else(tmp_path):
     designs = [
         leaky(1.0, "threshold_lif", first_spike_ms=30.0),
         {"accuracy": 0.7, "family": "threshold_lif", "first_spike_ms": 90.0},
@@ -196,7 +196,7 @@ def test_the_size_of_a_leak_is_told_and_the_leak_nowhere_else(tmp_path: Path) ->
     )
 
 
-def test_a_leak_of_the_split_is_measured_across_studies(tmp_path: Path) -> None:
+def test_a_leak_of_the_split_is_measured_across_studies(tmp_path):
     model = {"model": {"hidden": 64}, "itr_bits": 2.5, "itr_bits_per_s": 5.0, "t_c_ms": 400.0, "macs": 7.0}
     one = write(tmp_path / "apart", [{"accuracy": 0.8, "family": "elm", **model}])
     other = write(tmp_path / "mixed", [leaky(0.95, "elm", **model)])
@@ -223,7 +223,7 @@ def test_a_leak_of_the_split_is_measured_across_studies(tmp_path: Path) -> None:
     assert (rows["texture"].ours, rows["object"].ours) == (None, 0.99)
 
 
-def test_a_system_without_the_printed_leak_shows_the_printed_figure(tmp_path: Path) -> None:
+def test_a_system_without_the_printed_leak_shows_the_printed_figure(tmp_path):
     rows = rows_of(report([write(tmp_path / "honest", [{"accuracy": 0.8, "family": "threshold_lif"}])]), "F")
     assert {figure: (row.published, row.ours) for figure, row in rows.items()} == {
         "accuracy, as printed (transductive)": (1.0, None),
@@ -231,7 +231,7 @@ def test_a_system_without_the_printed_leak_shows_the_printed_figure(tmp_path: Pa
     }
 
 
-def test_what_is_damaged_is_one_line(tmp_path: Path) -> None:
+def test_what_is_damaged_is_one_line(tmp_path):
     written = write(tmp_path / "damaged", [{"accuracy": 0.9, "t_p_ms": 3.0}])
     damage_part(store.run_file(written.folder, 0, 0), "read_out.npz")
     with pytest.raises(store.StoreError, match=r"00000-0\.npz/read_out\.npz: cannot be read"):

@@ -43,11 +43,11 @@ def dataset(raster, target, n_classes, train, validation, test=(), *, n_steps=No
     )  # fmt: skip
 
 
-def fit(model: ThresholdLIF, data: Dataset):
+def fit(model, data):
     return model.fit(data, Training(), lambda purpose, *index: np.random.default_rng(0))
 
 
-def accuracy(outcome, data: Dataset) -> float:
+def accuracy(outcome, data):
     answers = outcome.validation.output.sum(axis=1, dtype=np.int64).argmax(axis=1)
     return float((answers == data.target[data.validation]).mean())
 

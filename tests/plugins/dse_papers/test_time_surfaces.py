@@ -1,7 +1,5 @@
 """Time surfaces: kernels against the definition, hard cases by hand, the online rule, the noise filter."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,17 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.records import Array
 from dse_papers.models import time_surfaces
 from dse_papers.models.time_surfaces import Field, Memory, Stream, nearest, neighbours, prepared, surface
 from tests.plugins.dse_papers.streams import HEIGHT, PLANES, WIDTH, drawn, stream
 
 
-def all_surfaces(events: Stream, field: Field) -> Array:
+def all_surfaces(events, field):
     return Memory(field).surfaces(events, np.arange(len(events.t_us)))
 
 
-def definition(events: Stream, field: Field) -> Array:
+def definition(events, field):
     found = [surface(events, i, field) for i in range(len(events.t_us))]
     return np.array(found).reshape(len(found), field.size)
 
@@ -35,13 +32,13 @@ fields = st.builds(
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(0, 40), field=fields)
-def test_the_kernel_gives_the_surfaces_of_the_definition(seed: int, n: int, field: Field) -> None:
+def test_the_kernel_gives_the_surfaces_of_the_definition(seed, n, field):
     events = drawn(seed, n)
     np.testing.assert_allclose(all_surfaces(events, field), definition(events, field), rtol=1e-15, atol=0)
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 40), field=fields, f=st.integers(1, 7))
-def test_the_kernel_assigns_as_the_definition_does(seed: int, n: int, field: Field, f: int) -> None:
+def test_the_kernel_assigns_as_the_definition_does(seed, n, field, f):
     events, rng = drawn(seed, n), np.random.default_rng(seed)
     surfaces = definition(events, field)
     once = rng.random((f, field.size)) * rng.choice([0.1, 1.0])
@@ -52,7 +49,7 @@ def test_the_kernel_assigns_as_the_definition_does(seed: int, n: int, field: Fie
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 60), field=fields, f=st.integers(1, 4))
-def test_the_kernel_learns_as_the_definition_does(seed: int, n: int, field: Field, f: int) -> None:
+def test_the_kernel_learns_as_the_definition_does(seed, n, field, f):
     events, rng = drawn(seed, n), np.random.default_rng(seed)
     start = rng.random((f, field.size))
     prototypes, chosen = prepared(start), np.ones(f)
@@ -63,7 +60,7 @@ def test_the_kernel_learns_as_the_definition_does(seed: int, n: int, field: Fiel
 
 
 @given(seed=st.integers(0, 10_000), cut=st.integers(0, 30))
-def test_blocks_of_a_recording_are_one_recording_until_it_is_forgotten(seed: int, cut: int) -> None:
+def test_blocks_of_a_recording_are_one_recording_until_it_is_forgotten(seed, cut):
     events, field = drawn(seed, 30), Field(WIDTH, HEIGHT, PLANES, 2, 5e4)
     prototypes = prepared(np.random.default_rng(seed).random((4, field.size)))
     memory = Memory(field)
@@ -73,27 +70,27 @@ def test_blocks_of_a_recording_are_one_recording_until_it_is_forgotten(seed: int
     np.testing.assert_array_equal(labels, memory.assign(events, prototypes))
 
 
-def test_one_event_sees_only_itself_at_age_0() -> None:
+def test_one_event_sees_only_itself_at_age_0():
     field = Field(WIDTH, HEIGHT, PLANES, 1, 20.0)
     found = all_surfaces(stream((7, 2, 2, 1)), field).reshape(3, 3, PLANES)
     assert found[1, 1].tolist() == [0, 1, 0]
     assert found.sum() == 1
 
 
-def test_no_event_has_no_surface() -> None:
+def test_no_event_has_no_surface():
     field = Field(WIDTH, HEIGHT, PLANES, 1, 20.0)
     assert all_surfaces(stream(), field).shape == (0, 27)
     assert Memory(field).assign(stream(), prepared(np.zeros((2, 27)))).shape == (0,)
     assert neighbours(stream(), 2, 10).shape == (0,)
 
 
-def test_simultaneous_events_see_those_before_them_in_the_list() -> None:
+def test_simultaneous_events_see_those_before_them_in_the_list():
     field = Field(3, 1, 1, 1, 20.0)
     found = all_surfaces(stream((5, 0, 0, 0), (5, 1, 0, 0), (5, 2, 0, 0)), field)
     assert found.tolist() == [[0, 1, 0], [1, 1, 0], [1, 1, 0]]
 
 
-def test_ages_are_exact() -> None:
+def test_ages_are_exact():
     field = Field(3, 1, 2, 2, 1000.0)
     events = stream((0, 0, 0, 0), (400, 0, 0, 0), (500, 2, 0, 1), (1700, 1, 0, 0))
     expected = np.zeros((5, 2))
@@ -101,7 +98,7 @@ def test_ages_are_exact() -> None:
     np.testing.assert_array_equal(all_surfaces(events, field)[3], expected.ravel())
 
 
-def test_places_outside_the_frame_are_0_and_never_part_of_every_surface() -> None:
+def test_places_outside_the_frame_are_0_and_never_part_of_every_surface():
     wide = Field(2, 1, 1, 5, 20.0)
     assert wide.reach == (1, 0)
     assert wide.size == 3
@@ -109,7 +106,7 @@ def test_places_outside_the_frame_are_0_and_never_part_of_every_surface() -> Non
     np.testing.assert_array_equal(corner, [[0, 1, 0], [0, 1, math.exp(-1 / 20)]])
 
 
-def test_all_events_at_one_place() -> None:
+def test_all_events_at_one_place():
     field = Field(1, 1, 1, 3, 20.0)
     events = stream(*((t, 0, 0, 0) for t in range(50)))
     np.testing.assert_array_equal(all_surfaces(events, field), np.ones((50, 1)))
@@ -117,7 +114,7 @@ def test_all_events_at_one_place() -> None:
 
 
 @pytest.mark.parametrize("tau_us", [20.0, 1e-300, 1e300])
-def test_tiny_and_huge_time_constants_are_exact_without_a_warning(tau_us: float) -> None:
+def test_tiny_and_huge_time_constants_are_exact_without_a_warning(tau_us):
     field = Field(2, 1, 1, 1, tau_us)
     events = stream((0, 0, 0, 0), (10**12, 1, 0, 0))
     found = all_surfaces(events, field)
@@ -129,7 +126,7 @@ def test_tiny_and_huge_time_constants_are_exact_without_a_warning(tau_us: float)
     seed=st.integers(0, 10_000),
     shift=st.tuples(st.integers(0, 4), st.integers(0, 4), st.integers(0, 10**9)),
 )
-def test_moved_events_have_the_same_surfaces(seed: int, shift: tuple[int, int, int]) -> None:
+def test_moved_events_have_the_same_surfaces(seed, shift):
     dx, dy, dt = shift
     events, field = drawn(seed, 25, 4, 4), Field(20, 20, PLANES, 3, 5e4)
     inside = events._replace(x=events.x + 6, y=events.y + 6)
@@ -137,7 +134,7 @@ def test_moved_events_have_the_same_surfaces(seed: int, shift: tuple[int, int, i
     np.testing.assert_array_equal(all_surfaces(inside, field), all_surfaces(moved, field))
 
 
-def test_the_online_rule_by_hand() -> None:
+def test_the_online_rule_by_hand():
     # Two places; the event sees S = (0, 1, 0). |C| = 5, so beta = 3 / 5 and alpha = 0.01 / (1 + 1 / 20000).
     field = Field(2, 1, 1, 1, 20.0)
     found, chosen = prepared(np.array([[4.0, 3.0, 0.0], [90.0, 90.0, 90.0]])), np.ones(2)
@@ -150,7 +147,7 @@ def test_the_online_rule_by_hand() -> None:
     assert chosen.tolist() == [2, 1]
 
 
-def test_a_prototype_of_zeros_learns_without_dividing_by_zero() -> None:
+def test_a_prototype_of_zeros_learns_without_dividing_by_zero():
     found = prepared(np.zeros((1, 3)))
     Memory(Field(2, 1, 1, 1, 20.0)).learn(stream((0, 0, 0, 0)), found, np.ones(1))
     assert found.columns.ravel().tolist() == [0, 0.01 / (1 + 1 / 20000), 0]
@@ -165,7 +162,7 @@ def test_a_prototype_of_zeros_learns_without_dividing_by_zero() -> None:
         ((1, 0, 0, 0), "times of events must never fall"),
     ],
 )
-def test_events_outside_the_field_are_refused(event: tuple[int, int, int, int], message: str) -> None:
+def test_events_outside_the_field_are_refused(event, message):
     memory = Memory(Field(WIDTH, HEIGHT, PLANES, 1, 20.0))
     with pytest.raises(ValueError, match=message):
         memory.assign(stream((2, 1, 1, 1), event), prepared(np.zeros((1, 27))))
@@ -173,7 +170,7 @@ def test_events_outside_the_field_are_refused(event: tuple[int, int, int, int], 
         memory.assign(stream(), prepared(np.zeros((1, 26))))
 
 
-def test_neighbours_are_earlier_events_near_in_place_and_time_of_any_plane() -> None:
+def test_neighbours_are_earlier_events_near_in_place_and_time_of_any_plane():
     events = stream(
         (0, 3, 3, 0),
         (0, 3, 3, 1),  # the same time, later in the list: sees the first
@@ -188,7 +185,7 @@ def test_neighbours_are_earlier_events_near_in_place_and_time_of_any_plane() -> 
 
 
 @given(seed=st.integers(0, 10_000), radius=st.integers(1, 6), span=st.sampled_from([0, 1, 700, 10**6]))
-def test_neighbours_are_those_of_the_definition(seed: int, radius: int, span: int) -> None:
+def test_neighbours_are_those_of_the_definition(seed, radius, span):
     t, x, y, _ = events = drawn(seed, 40)
     expected = [
         sum(t[i] - t[j] <= span and (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 <= radius**2 for j in range(i))

@@ -1,13 +1,11 @@
 """Event arrays in .npz, HDF5 and .csv files: where they are found, what their values mean, and damage."""
 
-from __future__ import annotations
-
 import sys
 
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.recordings import RecordingError
@@ -150,7 +148,6 @@ def test_files_cut_short(tmp_path, kind, n_bytes):
 
 
 @given(at=st.integers(0, 1400), junk=st.binary(max_size=9))
-@settings(max_examples=40)
 def test_damage_is_found_and_told_in_one_line(tmp_path_factory, at, junk):
     path = write(tmp_path_factory.mktemp("damage"), "compressed", **TYPED)
     data = path.read_bytes()

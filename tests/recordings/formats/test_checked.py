@@ -1,7 +1,5 @@
 """Every event that leaves `checked` is sound, and nothing is repaired without a note."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

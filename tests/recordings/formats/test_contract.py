@@ -1,7 +1,5 @@
 """What holds for every event file format: bad bytes are a sentence or a repair, and files are told apart."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -62,7 +60,6 @@ def test_an_empty_file_no_file_and_a_folder(folder, name):
 
 
 @pytest.mark.parametrize("name", FORMATS)
-@settings(max_examples=40)
 @given(mark=st.sampled_from(MARKS), content=st.binary(max_size=200), repair=st.booleans())
 def test_random_bytes(folder, name, mark, content, repair):
     path = folder / f"random{named(name).suffixes[0]}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 from unittest.mock import patch
 
@@ -29,7 +29,6 @@ from dse.recordings.formats import (
 from dse.recordings.formats.stmnist import N_ROWS
 from tests.recordings.formats import aedat_files as dv
 from tests.recordings.formats.encoders import (
-    Event,
     coded_es,
     dat,
     event_lists,
@@ -94,7 +93,7 @@ def path(tmp_path_factory):
     return tmp_path_factory.mktemp("formats") / "a.file"
 
 
-def found(name: str, path, content: bytes) -> list[Event]:
+def found(name, path, content):
     """Return the events of a file that is read without a note."""
     path.write_bytes(content)
     events, notes = read(named(name), path)
@@ -373,7 +372,7 @@ Fault = tuple[Any, ...]
 """Format, content, number of the events that repair leaves, parts of the fault and of the repair."""
 
 
-def cuts() -> Iterator[Fault]:
+def cuts():
     """Yield files that end within a word, an event, a packet or its header."""
     for name, size in WORD_BYTES.items():
         for cut in (1, size - 1):
@@ -393,7 +392,7 @@ def cuts() -> Iterator[Fault]:
     yield "aedat4", dv.head_4(end=len(GOOD_4) + 9) + dv.coded(BLOCK), 1000, "the table of packets", told
 
 
-def bad_headers() -> Iterator[Fault]:
+def bad_headers():
     """Yield files whose header, or that of a packet, lacks or contradicts something."""
     told = "must name the chip in a line '# AEChip: ...', but has none"
     yield "aedat2", dv.head_2(None) + dv.words(BLOCK[:5]), 5, told, "an unnamed camera as a DVS128"
@@ -419,7 +418,7 @@ def bad_headers() -> Iterator[Fault]:
         yield "aedat4", GOOD_4 + bad, 1000, told, f"({len(bad)} in all)"
 
 
-def bad_words() -> Iterator[Fault]:
+def bad_words():
     """Yield files with words that are none of the format, or come before others that they need."""
     told = f"at byte {len(dv.head_2()) + 8} must be valid for a DVS128, got 0x00040002"
     yield "aedat2", dv.head_2() + dv.stamped([2, 0x40002, 2, 0x40002], range(4)), 2, told, "(2 in all)"

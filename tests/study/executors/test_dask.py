@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +28,16 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")
-def workers() -> Iterator[Workers]:
+def workers():
     """Two workers of a cluster of ours, which end with it."""
     with Workers(2, Dask(2, None, None)) as started:
         yield started
-        assert isinstance(started._executor, Dask)
         processes = list(started._executor._client.run(os.getpid).values())
     assert len(processes) == 2
     until(lambda: not any(map(lives, processes)), "the workers to end")
 
 
-def lives(process: int) -> bool:
+def lives(process):
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -47,7 +45,7 @@ def lives(process: int) -> bool:
     return True
 
 
-def parts(job: str) -> Iterator[str]:
+def parts(job):
     yield f"begin {job}"
     if job == "raise":
         raise ValueError("phi must be at least 0")
@@ -59,9 +57,7 @@ def parts(job: str) -> Iterator[str]:
     yield job.upper()
 
 
-def test_every_job_comes_back_and_a_lost_worker_costs_its_own(
-    workers: Workers, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_every_job_comes_back_and_a_lost_worker_costs_its_own(workers, capfd):
     found: dict[str, list[Any]] = {}
     for job, part in workers.stream(parts, ["a", "killed", "raise", "b", "memory", "c"]):
         found.setdefault(job, []).append(part)
@@ -73,13 +69,13 @@ def test_every_job_comes_back_and_a_lost_worker_costs_its_own(
     assert capfd.readouterr().out == ""
 
 
-def wait_for(path: str) -> Iterator[str]:
+def wait_for(path):
     yield "before"
     until(Path(path).exists, f"{path} to exist")
     yield "after"
 
 
-def test_parts_arrive_while_the_job_goes_on(workers: Workers, tmp_path: Path) -> None:
+def test_parts_arrive_while_the_job_goes_on(workers, tmp_path):
     path = tmp_path / "go on"
     found = workers.stream(wait_for, [str(path)])
     assert next(found) == (str(path), "before")
@@ -87,9 +83,8 @@ def test_parts_arrive_while_the_job_goes_on(workers: Workers, tmp_path: Path) ->
     assert list(found) == [(str(path), "after")]
 
 
-def test_a_worker_that_does_not_fit_is_one_line(workers: Workers, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_that_does_not_fit_is_one_line(workers, monkeypatch):
     executor = workers._executor
-    assert isinstance(executor, Dask)
     with pytest.raises(Unusable, match=r"^the Dask worker tcp://\S+ does not see /nowhere; all"):
         executor._check([Path("/nowhere")])
     about = on_dask._of_this_process()
@@ -100,10 +95,10 @@ def test_a_worker_that_does_not_fit_is_one_line(workers: Workers, monkeypatch: p
         list(workers.stream(parts, ["a"]))  # one that has joined since
 
 
-def test_workers_that_end_while_they_start_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_that_end_while_they_start_are_one_line(monkeypatch):
     starts = []
 
-    def failing(**_: object) -> None:
+    def failing(**_):
         starts.append(1)
         raise RuntimeError("Nanny failed to start.")
 
@@ -115,14 +110,12 @@ def test_workers_that_end_while_they_start_are_one_line(monkeypatch: pytest.Monk
     assert len(starts) == 3
 
 
-def test_what_a_user_writes_about_a_cluster(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_user_writes_about_a_cluster(tmp_path, monkeypatch, capsys):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     space = {**tiny_study.plain(), "model": {"kind": "knn"}}
     path = tmp_path / "tiny.yaml"
 
-    def loaded(**execution: object) -> Any:
+    def loaded(**execution):
         path.write_text(yaml.safe_dump({**space, "execution": execution}, sort_keys=False))
         return load_space(path)
 
@@ -138,7 +131,7 @@ def test_what_a_user_writes_about_a_cluster(
 
 
 @pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+def cluster(tmp_path):
     """A scheduler with a worker, as on a cluster; the address, and both processes."""
     file = tmp_path / "scheduler.json"
     begin = [sys.executable, "-W", "ignore", "-m", "distributed.cli"]
@@ -164,9 +157,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
         process.wait()
 
 
-def test_a_lost_scheduler_loses_no_finished_run(
-    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lost_scheduler_loses_no_finished_run(cluster, tmp_path, monkeypatch):
     file, (scheduler, worker) = cluster
     model = tiny_study.plain()["model"]
     for name in ("whole", "lost"):
