@@ -8,6 +8,7 @@ too, unless the condition names the column `fits` or `transductive`.
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -27,6 +28,11 @@ class Skyline(NamedTuple):
 
     rows: pd.DataFrame
     notes: list[str]
+
+    def _repr_html_(self) -> str:
+        """Return the rows and the notes, for notebooks."""
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        return self.rows.to_html(index=False, border=0, na_rep="-", max_rows=20, max_cols=16) + notes
 
 
 class Draws(NamedTuple):

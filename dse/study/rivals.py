@@ -120,7 +120,8 @@ def _points(spread: rivals.Spread) -> str:
     """Return a difference of accuracies; infinite where one side has no design of such a cost."""
     if np.isinf(spread.median):
         return f"all: no {'spiking' if spread.median < 0 else 'other'} design costs as little"
-    return f"{spread.median:+.3f} ({spread.low:+.3f} to {spread.high:+.3f})"
+    low, high = ("all" if np.isinf(x) else f"{x:+.3f}" for x in (spread.low, spread.high))
+    return f"{spread.median:+.3f} ({low} to {high})"
 
 
 def _short(value: float) -> str:

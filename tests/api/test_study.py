@@ -68,6 +68,7 @@ def test_one_line_and_a_small_page(ran: Ran) -> None:
     assert repr(study).startswith("<Study study: 2 finished, accuracy up to ") and "\n" not in repr(study)
     page = study._repr_html_()
     assert page.count("<circle") >= 1 and "<table" in page and "n_weights" in page
+    assert "<table" in study.skyline()._repr_html_()
 
 
 def test_one_text_stands_for_a_list_of_one(ran: Ran) -> None:

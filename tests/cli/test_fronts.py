@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from dse.cli import main
-from dse.cli.fronts import MOST_COLUMNS, columns, front_answer
+from dse.cli.fronts import MOST_COLUMNS, RIVALS, columns, front_answer
 from dse.skyline.goals import Goal
 from tests.skyline.tables import NAMING_OTHERS, WORDS
 
@@ -140,3 +140,22 @@ def test_a_pick_across_tasks_says_so_unless_a_condition_names_the_column(
         assert main(["pick", str(path), "--budget", budget, "--json"]) == 0
         notes = json.loads(capsys.readouterr().out)["notes"]
         assert sum(note.startswith("this is the best over the tasks") for note in notes) == n_notes
+
+
+def test_a_pick_and_a_report_say_whether_to_spike(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ["pick", str(EXAMPLE), "--hardware", "mcu_m4", "--budget", "task == 'profile'"]
+    assert main([*asked, "--json"]) == 0
+    section = json.loads(capsys.readouterr().out)["sections"][RIVALS]
+    assert {row["family"]: row["spikes"] for row in section["rows"]} == {
+        "mlp": False,
+        "naive_bayes": False,
+        "snn": True,
+    }
+    assert {row["answer"] for row in section["rows"]} == {"do not spike"}
+    assert all(0 <= row["spiking_cheaper"] <= 1 and row["task"] == "profile" for row in section["rows"])
+    assert main([*asked, "--format", "csv"]) == 0
+    assert "profile on mcu_m4: do not spike" in capsys.readouterr().err
+    assert main([*asked, "--budget", "family == 'snn'", "--json"]) == 0  # it has no rival within the budgets
+    assert "sections" not in json.loads(capsys.readouterr().out)
+    assert main(["report", str(EXAMPLE), "--format", "table"]) == 0
+    assert capsys.readouterr().out.startswith("texture on mcu_m4: spike for accuracy, not for energy")
