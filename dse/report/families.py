@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from dse.report.designs import Chosen, StudyTask, best_of
 from dse.report.rows import FAMILIES, Row, measured
+from dse.skyline.rivals import spiking
 
 if TYPE_CHECKING:
     import pandas
@@ -147,9 +148,7 @@ def _side(parts: Sequence[StudyTask], *, is_spiking: bool) -> _Side:
     designs = []
     for part in parts:
         honest = part.table[~part.table["transductive"]]
-        # A spiking network adds, and multiplies nothing.
-        spikes = honest.groupby("family")["macs"].transform("max") == 0
-        rows = honest[spikes == is_spiking]
+        rows = honest[spiking(honest) == is_spiking]
         if not rows.empty:
             designs.append((part, rows))
     return _Side("spiking" if is_spiking else "not spiking", is_spiking, designs)

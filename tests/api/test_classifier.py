@@ -19,7 +19,10 @@ import dse
 from dse.study import workers
 from tests.in_process import InProcess
 
-FAST = {"training.epochs": 2, "model.hidden": [4], "encoder.thresholds": [0.2]}
+FAST = {
+    **{"training.epochs": 2, "model.hidden": [4], "encoder.thresholds": [0.2]},
+    **{"hardware": [], "objectives": ["accuracy:max"]},
+}
 
 
 @pytest.fixture(autouse=True)
@@ -136,5 +139,5 @@ def test_what_no_study_can_be_made_of_is_said_in_one_line(name: str) -> None:
 )
 def test_what_cannot_be_asked_for_is_said_in_one_line(keys: dict[str, Any], why: str) -> None:
     with pytest.raises(ValueError, match=why) as caught:
-        dse.Classifier(**{"settings": FAST, **keys}).fit(X, Y)
+        dse.Classifier(**{"settings": LEARNS, **keys}).fit(X, Y)
     assert "\n" not in str(caught.value)

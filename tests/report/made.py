@@ -59,7 +59,7 @@ def write(
             "accuracy_se": 0.01,
             "n_weights": 100,
             "spikes_per_inference": 50.0,
-            "spikes_per_inference_no_input": 20.0,
+            "spikes_per_inference_no_input": 0.0 if design.get("macs") else 20.0,
             "spikes_total": 5000,
             "spikes_total_no_input": 200,
             "macs": 0.0,

@@ -12,7 +12,7 @@ import pytest
 from dse.report.gather import report
 from dse.report.hardware import HOW
 from dse.report.rows import HARDWARE
-from dse.study import pricing
+from dse.study import pricing, rivals
 from tests.report.made import write
 
 Draws = Mapping[str, Sequence[Any]]
@@ -36,6 +36,7 @@ def priced(monkeypatch):
         return {name: np.stack([each[name] for each in both], axis=1) for name in columns}
 
     monkeypatch.setattr(pricing, "drawn", drawn)
+    monkeypatch.setattr(rivals, "sentences", lambda *_: [])  # has draws of its own
     return draws
 
 
