@@ -202,3 +202,9 @@ def test_both_stacks_are_tied_by_region_and_dithered():
         assert [int(x.parameters["threshold"]) for x in network.layers][1] == 320
     with pytest.raises(ValueError, match="first_hidden must then have as many layers as hidden, got 2 and 1"):
         Cascade(**{**keys, "first_hidden": (5, 6)})
+
+
+def test_without_cross_fit_its_accuracy_is_unknown(monkeypatch):
+    seen = watched(monkeypatch)
+    assert np.isnan(fit(Cascade(**SMALL, cross_fit=0), joint()).health["accuracy_cross_fit"])
+    assert len(seen) == 2
