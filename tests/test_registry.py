@@ -169,10 +169,7 @@ def test_neither_a_module_nor_a_file():
     ("last_line", "reason"),
     [
         ("gain = 1 / 0", "ZeroDivisionError in line 10 of {path}: division by zero"),
-        (
-            "import nowhere",
-            "ModuleNotFoundError in line 10 of {path}: No module named 'nowhere'",
-        ),
+        ("import nowhere", "ModuleNotFoundError in line 10 of {path}: No module named 'nowhere'"),
         ("gain = (", "SyntaxError in line 10 of {path}: '(' was never closed"),
         ("raise SystemExit(1)", "SystemExit in line 10 of {path}: 1"),
     ],
@@ -233,11 +230,7 @@ def test_the_name_of_another_plugin_is_taken(tmp_path):
         ("losses", "value = gradient = str", "lengths"),
         ("encoders", "n_channels = str", "positions, encode_all"),
         ("neurons", "label = ''; population = str", "Populations"),
-        (
-            "neurons",
-            "label = population = Populations = str",
-            "Populations.to_threshold, Populations.step",
-        ),
+        ("neurons", "label = population = Populations = str", "Populations.to_threshold, Populations.step"),
     ],
 )
 def test_a_component_that_lacks_what_its_section_calls_is_refused(tmp_path, section, members, lacks):

@@ -255,3 +255,12 @@ def test_power_between_contacts_that_nobody_knows_is_an_interval(net, capsys):
     assert 0 < row["power_mw_low"] < row["power_mw_high"] < 0.1
     assert row["battery_h_low"] < row["battery_h_high"]
     assert document["notes"] == ["odin: its power between contacts is unknown, so mean power is an interval"]
+
+
+def test_static_energy_is_that_of_the_chip_and_that_of_the_cores_in_use(net, capsys):
+    chip, other = rows(capsys, net, "--hardware", "loihi1_silicon", "--hardware", "odin")
+    for name in ("static", "static_throttled"):
+        for end in ("", "_low", "_high"):
+            whole, share = chip[f"energy_{name}_uj{end}"], chip[f"energy_{name}_share_uj{end}"]
+            assert share == pytest.approx(whole * 2 / 128)  # a core per layer, of 128
+            assert other[f"energy_{name}_share_uj{end}"] is None, "one core is the whole chip"

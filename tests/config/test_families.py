@@ -284,3 +284,11 @@ def test_the_schema_knows_choices_of_components(model, good):
     schema = json_schema()
     value = parse(model, "model").data
     assert accepts(schema["properties"]["model"], value, schema) is good
+
+
+def test_a_choice_of_one_keeps_plain_names_of_its_axes(tmp_path):
+    plain = "{kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
+    choice = load_space(write_space(tmp_path, (plain, f"{{choice: [{plain}]}}")))
+    before = load_space(write_space(tmp_path))
+    assert choice.to_yaml() == before.to_yaml()
+    assert grid(choice) == grid(before)

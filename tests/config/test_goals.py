@@ -39,15 +39,8 @@ def test_a_search_space_names_a_file(tmp_path):
     ("raw", "fault"),
     [
         (["loihi1_silicn"], "('hardware', 0): unknown hardware 'loihi1_silicn'; known: "),
-        (
-            ["loihi1_silicon", "none.yaml"],
-            "('hardware', 1): hardware 'none.yaml' must be a file, relative to the search space; there is "
-            "none",
-        ),
-        (
-            ["folder.yaml"],
-            "('hardware', 0): hardware 'folder.yaml' must be a file, relative to the search space",
-        ),
+        (["loihi1_silicon", "none.yaml"], "('hardware', 1): hardware 'none.yaml' must be a file, relative"),
+        (["folder.yaml"], "('hardware', 0): hardware 'folder.yaml' must be a file, relative to the search"),
         (["mine.yaml", "mine.yaml"], "('hardware', 1): hardware 'mine.yaml' is named twice"),
         (["loihi1_silicon"] * 2, "('hardware', 1): hardware 'loihi1_silicon' is named twice"),
         ({"name": "mine.yaml"}, "('hardware',): hardware must be a list of names"),

@@ -64,11 +64,7 @@ def test_a_written_search_space_loads_them_from_anywhere(tmp_path):
         ("[mine.py]", None, "plugin 'mine.py': cannot read "),
         ("[mine.py]", "1 / 0", "plugin 'mine.py': ZeroDivisionError in line 1 of "),
         ("[mine.py]", "x = 1", "plugin 'mine.py' must register a component, but it registers none"),
-        (
-            "[mine.py]",
-            FAMILY.replace("plugged_of_a_test", "snn"),
-            "'snn' is already registered by dse.",
-        ),
+        ("[mine.py]", FAMILY.replace("plugged_of_a_test", "snn"), "'snn' is already registered by dse."),
         ("[mine.py, ./mine.py]", FAMILY, "plugin './mine.py' is named twice"),
         ("[no_such_module_of_a_test]", None, "plugin 'no_such_module_of_a_test': no module "),
         ("{mine: py}", None, "plugins must be a list of texts, got {'mine': 'py'}"),

@@ -130,22 +130,10 @@ def _with(name, change):
     ("change", "message"),
     [
         (_without, r"w\.pt: must be a state of this bundle's module, but lacks layers\.1\.weight"),
-        (
-            _with("bias", lambda _: torch.zeros(3)),
-            "must be a state of this bundle's module, which has no bias",
-        ),
-        (
-            _with("layers.0.weight", lambda x: x[:, :-1]),
-            r"layers\.0\.weight must be \(12, 8\), got \(12, 7\)",
-        ),
-        (
-            _with("layers.1.weight", lambda x: x * np.nan),
-            r"layers\.1\.weight must hold finite numbers, got nan",
-        ),
-        (
-            _with("layers.0.neurons_threshold", lambda x: x + 1),
-            r"layers\.0\.neurons_threshold must be that of the bundle: it is a module of another network",
-        ),
+        (_with("bias", lambda _: torch.zeros(3)), "must be a state of this bundle's module, which has no"),
+        (_with("layers.0.weight", lambda x: x[:, :-1]), r"layers\.0\.weight must be \(12, 8\), got \(12"),
+        (_with("layers.1.weight", lambda x: x * np.nan), r"layers\.1\.weight must hold finite numbers, got"),
+        (_with("layers.0.neurons_threshold", lambda x: x + 1), r"layers\.0\.neurons_threshold must be that"),
         (
             _with("layers.0.weight", lambda _: "text"),
             r"must be written by torch\.save\(module\.state_dict\(\)",
@@ -239,10 +227,7 @@ def elsewhere(made):
         (lambda x: dataclasses.replace(x, evidence={**x.evidence, "data": "0"}), "on other recordings"),
         (lambda x: dataclasses.replace(x, evidence={**x.evidence, "seed": 9}), "has seed 3"),
         (lambda x: dataclasses.replace(x, evidence={**x.evidence, "imported": None}), "nothing to import"),
-        (
-            elsewhere,
-            "window.at is 'middle', and 'start' in the bundle",
-        ),
+        (elsewhere, "window.at is 'middle', and 'start' in the bundle"),
     ],
 )
 def test_weights_of_another_study_are_refused(study, change, message, tmp_path):

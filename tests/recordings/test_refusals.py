@@ -96,10 +96,7 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: placed(Window(9)), "a window of 9 steps does not fit recording 1: it has 8 steps"),
     (lambda: placed(Window(9, "start")), "a window of 9 steps does not fit recording 1: it has 8 steps"),
-    (
-        lambda: placed(Window(8, "contact_onset"), [3, 0]),
-        "not fit recording 0 from its contact onset at step 3",
-    ),
+    (lambda: placed(Window(8, "contact_onset"), [3, 0]), "not fit recording 0 from its contact onset at"),
     (lambda: placed(Window(8, "contact_onset"), [0, -1]), "1 has no contact onset at .*onset_threshold = 3"),
     (lambda: placed(Window(None)), "recording 0 has 10 steps, recording 1 has 8"),
     (lambda: target(COLUMNS, "fabrik"), r"task.target: no column 'fabrik' .*Did you mean 'fabric'\?"),
@@ -112,20 +109,11 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: heads(COLUMNS, "fabric", CODES), "task.joint needs at least two columns .*, got fabric"),
     (lambda: heads(COLUMNS, ("fabric",), CODES), "at least two columns in task.target, got fabric"),
     (lambda: heads(COLUMNS, ("velocity", ABS), CODES), "distinct columns .*, got 'velocity' twice"),
-    (
-        lambda: doubts.guard(("fabric", "velocity"), ("repetition", "fabric")),
-        "cannot use column 'fabric', which",
-    ),
-    (
-        lambda: by(train={"repetition": 0}, validation={"repetition": [0, 1]}),
-        "recording 0 is in train and in val",
-    ),
+    (lambda: doubts.guard(("fabric", "velocity"), ("repetition", "fabric")), "cannot use column 'fabric'"),
+    (lambda: by(train={"repetition": 0}, validation={"repetition": [0, 1]}), "recording 0 is in train and"),
     (lambda: by(train={"rep": 0}, validation={"repetition": 1}), "split.train: no column 'rep' .*; known: "),
     (lambda: by(train={"repetition": 0}, validation={"repetition": 7}), "no value 7; its values are 0, 1, 2"),
-    (
-        lambda: by(train={"part": "trian"}, validation={"part": "val"}),
-        "no value 'trian'; its values are train, val",
-    ),
+    (lambda: by(train={"part": "trian"}, validation={"part": "val"}), "no value 'trian'; its values are"),
     (lambda: by(leave_out=LeaveOut("force", 7)), "split.leave_out: column 'force' has no value 7"),
     (
         lambda: by(train={"repetition": 2, "part": "val"}, validation={"repetition": 1}),
@@ -137,36 +125,18 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: grouped("validation"), "class 'wool' is in validation but missing from train"),
     (lambda: grouped("test"), "class 'wool' is in test but missing from train"),
-    (
-        lambda: drawn(*[0] * 10, 1, 1, validation=0.2),
-        r"class 'wool' has 2 recordings, too few for validation 0\.2 and test 0",
-    ),
-    (
-        lambda: drawn(*[0] * 4, validation=0.5, test=0.5),
-        r"has 4 recordings, too few for validation 0\.5 and test 0\.5",
-    ),
-    (
-        lambda: by(stratified=Stratified(0.2, 0.2, group="force")),
-        "class 'silk' has 2 groups of column 'force', too few for validation",
-    ),
-    (
-        lambda: by(stratified=Stratified(0.5, 0.5, group="force")),
-        r"must leave recordings .*validation 0\.5 and test",
-    ),
+    (lambda: drawn(*[0] * 10, 1, 1, validation=0.2), r"class 'wool' has 2 recordings, too few for"),
+    (lambda: drawn(*[0] * 4, validation=0.5, test=0.5), r"has 4 recordings, too few for validation 0\.5"),
+    (lambda: by(stratified=Stratified(0.2, 0.2, group="force")), "class 'silk' has 2 groups of column"),
+    (lambda: by(stratified=Stratified(0.5, 0.5, group="force")), r"must leave recordings .*validation 0\.5"),
     (lambda: fold(k=4), "class 'silk' has 3 recordings, too few for k = 4"),
     (lambda: fold(k=3, group="force"), "class 'silk' has 2 groups of column 'force', too few for k = 3"),
     (lambda: fold(k=3, test=0.4), "class 'silk' has 2 recordings, too few for k = 3"),
     (lambda: fold(k=2, test=0.01), r"class 'silk' has too few recordings for test 0\.01"),
     (lambda: fold(k=2, group="plate"), r"split\.k_fold\.group: no column 'plate' among data\.columns"),
     (torn, "class 'wool' is missing from train in fold 1 of 2: all its"),
-    (
-        lambda: fold(FORCE, HALVES, k=2, test={"force": 7}),
-        r"split\.k_fold\.test: column 'force' has no value 7",
-    ),
-    (
-        lambda: fold(FORCE, HALVES, k=2, test={"force": 3}, group="plate"),
-        "group '0' is both in the test set and outside of it",
-    ),
+    (lambda: fold(FORCE, HALVES, k=2, test={"force": 7}), r"split\.k_fold\.test: column 'force' has no"),
+    (lambda: fold(FORCE, HALVES, k=2, test={"force": 3}, group="plate"), "group '0' is both in the test"),
 ]
 KEYS: list[tuple[Callable[[], Any], str]] = [
     (lambda: placed(Window(3, "contact_onset")), "place needs onset"),

@@ -90,14 +90,8 @@ def test_what_is_damaged_is_one_line(tmp_path):
             {"k_fold": {"k": 10, "group": None, "test": {"repetition": 1}, "seed": 1, "fold": 3}},
             "k-fold: k 10, test repetition 1 (train 20, validation 10)",
         ),
-        (
-            {"train": {"a": [0, 1, 2, 3, 4, 5]}, "validation": {"a": [6]}},
-            "train: a 0 to 5; validation: a 6 (train",
-        ),
-        (
-            {"train": {"a": ["x", "y", "z", "u", "v"]}, "validation": {"a": "w"}},
-            'train: a "x", "y", "z", ... (5); validation: a w (train',
-        ),
+        ({"train": {"a": [0, 1, 2, 3, 4, 5]}, "validation": {"a": [6]}}, "train: a 0 to 5; validation: a 6"),
+        ({"train": {"a": ["x", "y", "z", "u", "v"]}, "validation": {"a": "w"}}, 'train: a "x", "y", "z"'),
     ],
 )
 def test_splits_in_words(tmp_path, split, told):

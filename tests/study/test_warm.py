@@ -96,7 +96,7 @@ def test_a_search_stops_and_goes_on(search, monkeypatch):
 
 def test_time_ends_a_search_which_goes_on(search, monkeypatch):
     """No job begins that cannot end, and what ended is in the tables."""
-    ended: list[object] = []
+    ended = []
     clock = Runs._clock
     settings = {"sampler": "grid", "stop": {"minutes": 5}}
     with monkeypatch.context() as patch:

@@ -60,6 +60,11 @@ def test_three_classes_by_hand():
     assert found.f1 == pytest.approx((6 / 8 + 2 / 5 + 4 / 5) / 3)
 
 
+def test_a_class_never_answered_has_precision_0_and_without_samples_there_is_no_mean():
+    assert macro([[2, 0], [2, 0]]) == pytest.approx((1 / 2, 1 / 4, (4 / 6 + 0) / 2))
+    assert np.isnan(macro(np.zeros((2, 2)))).all()
+
+
 def test_a_class_without_samples_is_left_out_but_answers_of_it_are_wrong():
     assert macro([[1, 1], [0, 0]]) == pytest.approx((1 / 2, 1, 2 / 3))
 

@@ -268,15 +268,9 @@ def test_weight_norm_trains_norms_and_directions():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (
-            partial(SNN, whitened="output", pruned=0.3),
-            "pruned must be 0 where weights are learnt in a whitened",
-        ),
+        (partial(SNN, whitened="output", pruned=0.3), "pruned must be 0 where weights are learnt in a"),
         (partial(SNN, weight_norm=True, regions=3), "weight_norm must be false where channels share weights"),
-        (
-            partial(Columns, whitened="all", read_out="shared"),
-            "whitened must be none where read_out is shared",
-        ),
+        (partial(Columns, whitened="all", read_out="shared"), "whitened must be none where read_out is"),
         (partial(Training, epochs=3, output_epochs=4), r"output_epochs must be at most epochs \(3\), got 4"),
     ],
 )

@@ -202,3 +202,20 @@ def test_both_stacks_are_tied_by_region_and_dithered():
         assert [int(x.parameters["threshold"]) for x in network.layers][1] == 320
     with pytest.raises(ValueError, match="first_hidden must then have as many layers as hidden, got 2 and 1"):
         Cascade(**{**keys, "first_hidden": (5, 6)})
+
+
+def test_without_cross_fit_its_accuracy_is_unknown(monkeypatch):
+    seen = watched(monkeypatch)
+    assert np.isnan(fit(Cascade(**SMALL, cross_fit=0), joint()).health["accuracy_cross_fit"])
+    assert len(seen) == 2
+
+
+def test_further_channels_stand_after_the_others():
+    data = joint()
+    more = (np.random.default_rng(0).random((80, 40, 3)) < 0.2).astype(np.uint8)
+    found = beside(data.spikes, more)
+    own = arrays(data.spikes, np.zeros(80, int), 40)
+    np.testing.assert_array_equal(arrays(found, np.zeros(80, int), 40), np.concatenate([own, more], axis=2))
+    rows = np.repeat(np.arange(80 * 40), np.diff(found.row_offsets))
+    assert (np.diff(rows * 15 + found.channel) > 0).all()  # sorted, no duplicates
+    assert beside(data.spikes, more[..., :0]).channel.tolist() == data.spikes.channel.tolist()

@@ -287,3 +287,16 @@ def test_held_out_samples_are_not_learnt_from():
     first, second = fit(data), fit(dataclasses.replace(data, target=flipped))
     for name, x in parameters(first).arrays.items():
         np.testing.assert_array_equal(x, parameters(second).arrays[name])
+
+
+def test_fewer_read_outs_are_some_of_the_many():
+    data = waves()
+    many, few = (answers(fit(data, read_outs=n)) for n in (20, 10))
+    assert few.time_ms.tolist() == many.time_ms[1::2].tolist()
+    np.testing.assert_array_equal(few.label, many.label[:, 1::2])
+
+
+def test_the_radius_is_capped():
+    arrays = parameters(fit(waves(), layers=2, radius=2, radius_max=1, prototypes=4)).arrays
+    assert arrays["prototypes_1"].shape == (4, 3 * 3 * 2)
+    assert arrays["prototypes_2"].shape == (8, 3 * 3 * 4)

@@ -36,12 +36,7 @@ FAULTS = [
         1,
         "drops events bef",
     ),
-    (
-        [(4, 0, 0, 0), (5, 0, 0, 2)],
-        "event 1 must have polarity 0 or 1, got 2",
-        2,
-        "treats other polarities as ON",
-    ),
+    ([(4, 0, 0, 0), (5, 0, 0, 2)], "event 1 must have polarity 0 or 1, got 2", 2, "treats other polarities"),
     (
         [(4, 0, 0, 0), (3, 0, 0, 0)],
         "event 1 must not be earlier .*latest time before, got 3, 4",
