@@ -5,11 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dse.config import load_space
+from dse.data.given import from_arrays
 from dse.skyline.posterior import posterior_samples
 from dse.skyline.rivals import odds_of
-from dse.study import rivals
+from dse.study import rivals, workers
+from dse.study.explore import run
 from dse.study.question import Question
 from dse.study.results import Study
+from tests.in_process import InProcess
 from tests.study.test_resampling import Population
 
 EXAMPLE = Study(Path(__file__).resolve().parent.parent.parent / "results" / "example")
@@ -97,3 +101,31 @@ def test_a_chip_of_spiking_networks_runs_nothing_else():
     assert found.unable == ("mlp", "naive_bayes") and not found.odds
     (said,) = rivals.worded(found)
     assert said.endswith("mlp, naive_bayes do not run or fit")
+
+
+def test_moved_windows_and_unseen_groups_are_compared_too(tmp_path, monkeypatch):
+    """A study as it is trained, of which both sides are evaluated on moved windows and on sessions."""
+    monkeypatch.setattr(workers, "Loky", InProcess)
+    rng = np.random.default_rng(0)
+    label = np.tile([0, 1], 30)
+    phase = rng.uniform(0, 6, (60, 1))
+    signals = np.sin(np.arange(60) * (0.1 + 0.3 * label[:, None]) + phase)
+    columns = {"label": label, "session": np.arange(60) // 20}
+    data = from_arrays(signals, columns, step_ms=4, file=tmp_path / "waves")
+    space = {
+        "data": data,
+        "task": {"target": "label"},
+        "window": {"n_steps": 40, "at": "middle"},
+        "split": {"stratified": {"validation": 0.4}},
+        "evaluation": {"shifts": [-5, 5], "leave_out": "session"},
+        "encoder": {"kind": "send_on_delta", "thresholds": [0.2]},
+        "model": {"choice": [{"kind": "snn", "hidden": 8}, {"kind": "mlp", "hidden": 4}]},
+        "training": {"epochs": 4},
+        "hardware": "mcu_m4",
+    }
+    study = run(load_space(space), tmp_path, progress=False)
+    (found,) = rivals.of_study(study)
+    assert [odds.on for odds in found.odds] == ["accuracy", "accuracy_shifted", "accuracy_unseen"]
+    said = rivals.worded(found)
+    assert len(said) == 4 and "on moved windows" in said[2] and "in unseen groups" in said[3]
+    assert all(np.isfinite([odds.cheaper, odds.more_accurate, odds.best]).all() for odds in found.odds)
