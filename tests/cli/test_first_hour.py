@@ -136,11 +136,7 @@ def test_every_layout_gives_a_space_that_runs(tmp_path, monkeypatch, capsys):
     [
         ("absent.csv", [], "absent.csv: no such file or folder"),
         ("notes.txt", [], "notes.txt: must be a table"),
-        (
-            "touch.csv",
-            ["--label", "velvet"],
-            "--label velvet: must be a label column of touch.csv; there are fab",
-        ),
+        ("touch.csv", ["--label", "velvet"], "--label velvet: must be a label column of touch.csv; there"),
         ("touch.csv", ["--label", "fabric", "--group", "x"], "--group x: must be a label column"),
         ("touch.csv", ["--recording", "touch"], "touch.csv: no column 'touch'; there are trial, time_s"),
         ("touch.csv", ["--out", "taken.yaml"], "taken.yaml: exists already; --force replaces it"),
@@ -149,11 +145,7 @@ def test_every_layout_gives_a_space_that_runs(tmp_path, monkeypatch, capsys):
         ("signals", [], "signals: a folder must hold event files; sampled signals go into one table"),
         ("seconds", [], "seconds: the unit of the times is not known; state it with --time-unit"),
         ("cube.npz", [], "cube.npz: the sampling period is not in the file; state it with --step-ms N"),
-        (
-            "rows.csv",
-            ["--step-ms", "4"],
-            "rows_labels.csv: 'trial' must be as in rows.csv, in the same order",
-        ),
+        ("rows.csv", ["--step-ms", "4"], "rows_labels.csv: 'trial' must be as in rows.csv, in the same"),
     ],
 )
 def test_what_cannot_be_guessed_is_one_clear_line(name, arguments, message, folder, monkeypatch, capsys):

@@ -119,10 +119,7 @@ def test_the_reference_is_silent_without_current_and_agrees_with_itself():
     [
         (lambda s: step(s, np.array([np.nan]), SA), "current must be numbers, got NaN in 1 places"),
         (lambda s: step(s, np.zeros(1), SA, 0.0), "step_ms must be > 0, got 0"),
-        (
-            lambda s: step(s, np.zeros(1), SA, method="rk4"),
-            "method must be one of euler, half_steps, got",
-        ),
+        (lambda s: step(s, np.zeros(1), SA, method="rk4"), "method must be one of euler, half_steps, got"),
         (lambda s: reference(np.array([np.inf]), SA), "current must be finite, got 1 other values"),
     ],
 )

