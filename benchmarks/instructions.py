@@ -10,16 +10,19 @@ Networks are like those of search spaces: hidden neurons with decays of their ow
 share their decays, one to three hidden layers, recurrent or not, delayed inputs, delays of synapses, pruned,
 8 or 4 bits, both rules. Classifiers of spike counts take turns: nearest neighbours, naive Bayes, perceptrons,
 and extreme learning machines in double and in single precision, all trained on random spikes of classes whose
-channels differ in rate.
+channels differ in rate. Of integers: linear classifiers, perceptrons of 8 bits and kernels, whose counting
+costs what it costs the others: what the profile quotes is taken off, and the rest is fitted.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,16 +36,19 @@ from dse.deploy.targets.c99 import C99
 from dse.deploy.targets.emulated import Emulated
 from dse.deploy.targets.thumb import CORES
 from dse.hardware.kinds.processor import counts_of, network_work
+from dse.hardware.profile import load
 from dse.measure.run import load_of
 from dse.models.counts.elm import ELM
+from dse.models.counts.kernels import Kernels
 from dse.models.counts.knn import KNN
+from dse.models.counts.linear import Linear
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond, spikes_of_layers
 from dse.neurons import cuba_lif, parameters_of, resonator
 from dse.records import Array, Dataset, Layer, Network, Parameters, Workload
-from dse.registry import known
+from dse.registry import known, name_of
 from dse.testing.small import places, spikes_of
 
 STEP_MS = 5.0
@@ -51,19 +57,25 @@ STEP_MS = 5.0
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--core", choices=CORES, default="cortex_m4")
-    parser.add_argument("--of", choices=("networks", "counts"), default="networks", help="classifiers")
+    parser.add_argument("--of", choices=("networks", *FAMILIES), default="networks", help="classifiers")
     parser.add_argument("--fit", type=int, default=130, help="classifiers of the fit, after those to predict")
     parser.add_argument("--test", type=int, default=20, help="classifiers to predict")
     parser.add_argument("--csv", help="file for a row per classifier")
     options = parser.parse_args()
     target = known("targets")[options.core]()
-    make = made_network if options.of == "networks" else made_of_counts
-    rows = [counted(target, *make(seed)) for seed in range(options.test + options.fit)]
+    rows, names = [], []
+    for seed in range(options.test + options.fit):
+        made = made_network(seed) if options.of == "networks" else made_of_counts(seed, options.of)
+        rows.append(counted(target, *made))
+        names.append(made[0].sections.kinds["model"])
     kinds = list(dict.fromkeys(kind for of_kinds, _, _ in rows for kind in of_kinds))
     work = np.array([[of_kinds.get(kind, 0.0) for kind in kinds] for of_kinds, _, _ in rows])
     instructions, cycles = (np.array(column) for column in list(zip(*rows, strict=True))[1:])
     fit = slice(options.test, None)
-    costs = nnls((work / cycles[:, None])[fit], np.ones(options.fit))[0]
+    costs = quoted(target.core.profile, kinds) if options.of == "integers" else np.full(len(kinds), np.nan)
+    free = np.isnan(costs)
+    left = 1 - work[:, ~free] @ costs[~free] / cycles
+    costs[free] = nnls((work[:, free] / cycles[:, None])[fit], left[fit])[0]
     for kind, cost in zip(kinds, costs, strict=True):
         print(f"{kind}: {cost:.3g}")
     per_instruction = cycles / instructions
@@ -77,6 +89,9 @@ def main() -> None:
             f"{what}: {len(off)} classifiers, {within} within 5 %, error {off.mean():.1%} in the mean, "
             f"{off.max():.1%} at most"
         )
+    for name in dict.fromkeys(names):
+        off = np.abs(error[: options.test][[each == name for each in names[: options.test]]])
+        print(f"not used, {name}: {len(off)}, {off.mean():.1%} in the mean, {off.max(initial=0):.1%} at most")
     if options.csv:
         columns = dict(zip(kinds, work.T, strict=True))
         table = pd.DataFrame(columns | {"instructions": instructions, "cycles": cycles, "error": error})
@@ -101,7 +116,36 @@ def made_network(seed: int) -> tuple[Bundle, Reference, int]:
     return made, of_spikes(made, fired), bits
 
 
-def made_of_counts(seed: int) -> tuple[Bundle, Reference, int]:
+def quoted(profile: str, kinds: list[str]) -> Array:
+    """Return the cycles that a profile quotes per kind of counting spikes, NaN of other kinds."""
+    figures = load(profile).at("value")
+    return np.array([figures[kind] if kind.startswith("tally") else np.nan for kind in kinds], np.float64)
+
+
+FAMILIES: dict[str, Callable[[float, list[int], np.random.Generator], tuple[Any, ...]]] = {
+    "counts": lambda window_ms, hidden, rng: (
+        KNN(window_ms=window_ms, channels="each", k=int(rng.choice([1, 3, 5]))),
+        NaiveBayes(window_ms=window_ms, channels="each", var_smoothing=0.1),
+        MLP(window_ms=window_ms, channels="each", hidden=tuple(hidden), epochs=3, read_outs=1),
+        ELM(window_ms=window_ms, windows=int(rng.choice([2, 4])), hidden=8 + hidden[0]),
+        ELM(window_ms=window_ms, windows=3, hidden=8 + hidden[0], precision="float32"),
+    ),
+    "integers": lambda window_ms, hidden, rng: (
+        Linear(window_ms=window_ms, read_outs=1, epochs=20),
+        MLP(
+            window_ms=window_ms,
+            channels="each",
+            hidden=tuple(hidden),
+            epochs=3,
+            read_outs=1,
+            precision="int8",
+        ),
+        Kernels(window_ms=window_ms / 4, kernels=4 * hidden[0], places=int(rng.integers(1, 6)), read_outs=1),
+    ),
+}
+
+
+def made_of_counts(seed: int, of: str = "counts") -> tuple[Bundle, Reference, int]:
     """Return random classifier of counts `seed`, what it answers to four recordings, and bits per number."""
     rng = np.random.default_rng([80, seed])
     n_channels, n_steps = int(rng.choice([4, 12, 32, 64, 128, 400])), int(rng.choice([32, 64, 128, 200]))
@@ -111,13 +155,9 @@ def made_of_counts(seed: int) -> tuple[Bundle, Reference, int]:
     fired = (rng.random((n_samples, n_steps, n_channels)) < rate[target]).astype(np.uint8)
     window_ms = STEP_MS * int(rng.choice([4, 8, 16]))
     hidden = [int(n) for n in rng.integers(8, 101, int(rng.choice([1, 1, 2, 3])))]
-    model, kind = (
-        (KNN(window_ms=window_ms, channels="each", k=int(rng.choice([1, 3, 5]))), "knn"),
-        (NaiveBayes(window_ms=window_ms, channels="each", var_smoothing=0.1), "naive_bayes"),
-        (MLP(window_ms=window_ms, channels="each", hidden=tuple(hidden), epochs=3, read_outs=1), "mlp"),
-        (ELM(window_ms=window_ms, windows=int(rng.choice([2, 4])), hidden=8 + hidden[0]), "elm"),
-        (ELM(window_ms=window_ms, windows=3, hidden=8 + hidden[0], precision="float32"), "elm"),
-    )[seed % 5]
+    models = FAMILIES[of](window_ms, hidden, rng)
+    model = models[seed % len(models)]
+    kind = name_of("models", model)
     test = np.arange(n_samples - 4, n_samples)
     data = replace(
         _dataset(fired, tuple(f"class {k}" for k in range(n_classes))),

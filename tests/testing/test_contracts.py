@@ -38,6 +38,8 @@ FAMILIES: dict[str, dict[str, Any]] = {
     "hots": {},
     "elm": {"hidden": 12},
     "mlp": {"hidden": (6,)},
+    "linear": {},
+    "kernels": {"kernels": 12},
     "knn": {},
     "naive_bayes": {},
 }

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c.arrays import Member, Table, members_of
+from dse.deploy.c.arrays import Member, Table, index, members_of
 from dse.deploy.c.code import Code
 from dse.deploy.c.plan import plan_of
 from dse.deploy.c.text import filled
 from dse.deploy.form import ReceptorsForm, Unsupported, frame_of
 from dse.models.counts.elm import ELM, borders
+from dse.models.counts.integers import MOST_SUM, MOST_UNIT, IntegerLayers, largest_sum
+from dse.models.counts.kernels import TAPS, Kernels, ring_bins
 from dse.models.counts.knn import KNN
-from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
-from dse.models.counts.rate_windows import input_lengths, window_edges
+from dse.models.counts.rate_windows import input_lengths, most_spikes, window_edges
+from dse.models.counts.readouts import Readouts, layers_of
 from dse.records import Array, Floats, Ints, Network, Parameters
 
 
@@ -32,6 +34,8 @@ class Classifier:
     tables: constant data, in the precision of the engine. members: variables.
     arithmetic: what it computes in, a sentence.
     parts: of the code (dse.deploy.c.code_size), with how often each occurs.
+    slides: template of what is done at the end of every window, of what spikes have added up to; '': nothing,
+        they are counted by window.
     """
 
     template: str
@@ -40,6 +44,7 @@ class Classifier:
     tables: tuple[Table, ...] = ()
     members: tuple[Member, ...] = ()
     parts: Mapping[str, int] = field(default_factory=dict)
+    slides: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +88,14 @@ class CountingPlan(Code):
     @property
     def counter(self) -> str:
         """Type of a count."""
-        return "uint16_t" if _most(self.ends, self.per_window, self.n_channels) < 2**16 else "uint32_t"
+        return "uint16_t" if self.most < 2**16 else "uint32_t"
+
+    @property
+    def most(self) -> int:
+        """Return the most that a count can hold: spikes of a window, or windows."""
+        return (
+            len(self.ends) if self.classifier.slides else _most(self.ends, self.per_window, self.n_channels)
+        )
 
     def own_members(self) -> list[Member]:
         """Return its variables."""
@@ -94,7 +106,7 @@ class CountingPlan(Code):
         """Counting windows, answers, and what the classifier has learnt."""
         return [
             Table("uint32_t", "ends", np.array(self.ends)),
-            Table("int16_t", "rows", np.array(self.rows)),
+            *([] if self.classifier.slides else [Table("int16_t", "rows", np.array(self.rows))]),
             Table("int16_t", "labels", np.array(self.labels)),
             *self.classifier.tables,
         ]
@@ -112,10 +124,15 @@ class CountingPlan(Code):
         """Return what counting.c needs: where a spike is counted, and what looks at the counts."""
         row, each = "(uint32_t)rows[net.window]", self.per_window > 1 or self.n_channels == 1
         shared = {"n_places": len(self.labels), "count": self.counter}
+        values = {**shared, **self.classifier.values}
+        slides = self.classifier.slides
         return {
+            **self.classifier.values,
+            "slides": slides,
             "n_windows": len(self.ends),
             "place": f"{row} * {self.per_window}u + channel" if each else row,
-            "classify": filled(self.classifier.template, self, **shared, **self.classifier.values),
+            "classify": (filled(slides, self, **values) if slides else "")
+            + filled(self.classifier.template, self, **values),
         }
 
 
@@ -137,7 +154,7 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
     model: Any = bundle.sections.model
     fitted = bundle.fitted
     kind = bundle.sections.kinds["model"]
-    if not isinstance(fitted, Parameters) or not isinstance(model, KNN | NaiveBayes | MLP | ELM):
+    if not isinstance(fitted, Parameters) or not isinstance(model, KNN | NaiveBayes | Readouts | ELM):
         raise Unsupported(getattr(model, "no_c", f"family {kind} is not written in C"))
     if bundle.sections.preprocessing is not None and bundle.sections.preprocessing.every_event:
         raise Unsupported("preprocessing.every_event counts events, and C counts spikes of steps")
@@ -163,16 +180,18 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
     per_window = frame.n_channels
     if isinstance(model, ELM):  # the newest first
         rows = tuple(n - 1 - w if n - 1 - w < model.windows else -1 for w in range(n))
+    elif isinstance(model, Kernels):
+        rows, per_window = (0,) * n, len(fitted.arrays["taps"])
     elif model.channels == "sum":
         per_window = 1
     n_features = (max(rows) + 1) * per_window
     classes = np.unique(fitted.arrays["target"]) if isinstance(model, KNN) else fitted.arrays["classes"]
     ends = tuple(edges[1 : n + 1].tolist())
-    most = _most(ends, per_window, frame.n_channels)
+    most = n if isinstance(model, Kernels) else _most(ends, per_window, frame.n_channels)
     return CountingPlan(
         **vars(frame),
         family=kind,
-        classifier=_classifier(model, fitted.arrays, column, n_features, most),
+        classifier=_classifier(model, fitted.arrays, column, n_features, most, frame.n_steps),
         ends=ends,
         rows=rows,
         per_window=per_window,
@@ -182,21 +201,29 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
 
 def _most(ends: Sequence[int], per_window: int, n_channels: int) -> int:
     """Return the most spikes of a counting window that one count can hold."""
-    longest = max(np.diff([0, *ends]).tolist())
-    return int(longest) * (1 if per_window > 1 else n_channels)
+    return most_spikes([0, *ends], 1 if per_window > 1 else n_channels)
 
 
 def _classifier(
-    model: Any, arrays: Mapping[str, Array], column: int, n_features: int, most: int
+    model: Any, arrays: Mapping[str, Array], column: int, n_features: int, most: int, n_steps: int
 ) -> Classifier:
-    """Return what looks at counts of up to `most`, by the arrays of a family at a time of its answer."""
+    """Return what looks at counts of up to `most`, by the arrays of a family at a time of its answer.
+
+    Raises:
+        Unsupported: sums may exceed 32 bits.
+    """
     if isinstance(model, KNN):
         return _nearest(arrays["counts"], arrays["target"], model.k, n_features, most)
     if isinstance(model, NaiveBayes):
         return _bayes(arrays, column, n_features)
-    if isinstance(model, MLP):
-        depth = sum(name.startswith(f"{column}/") and name.endswith("/weight") for name in arrays)
-        layers = [(arrays[f"{column}/{k}/weight"], arrays[f"{column}/{k}/bias"]) for k in range(depth)]
+    if isinstance(model, Readouts):
+        layers = layers_of(arrays, column)
+        exact = f"{column}/scale" in arrays
+        readout = _integers(arrays, column, n_features, most) if exact else _SURE
+        if isinstance(model, Kernels):
+            return _sliding(readout, arrays, n_steps)
+        if exact or not layers:
+            return readout
         scaling = [Table("float", name, arrays[name][:n_features]) for name in ("mean", "scale")]
         given, positive = "((float)net.counts[j] - mean[j]) / scale[j]", "y[i]"
         return _units("perceptron", n_features, layers, scaling, given, positive)
@@ -245,6 +272,91 @@ def _bayes(arrays: Mapping[str, Array], column: int, n_features: int) -> Classif
     return Classifier("bayes.c", arithmetic, {}, tables, parts=parts)
 
 
+_SURE = Classifier("prior.c", "Integers only", {"best": 0})
+"""Where training held one class."""
+
+
+def _integers(arrays: Mapping[str, Array], column: int, n_features: int, most: int) -> Classifier:
+    """Return layers of integers on counts of up to `most`.
+
+    Raises:
+        Unsupported: sums may exceed 32 bits.
+    """
+    readout = IntegerLayers.of(arrays, column)
+    if largest_sum(readout, most) > MOST_SUM:
+        raise Unsupported("the sums of its integers may exceed 32 bits")
+    sizes = (n_features, *(bias.size for bias in readout.biases))
+    # Of two classes, one output > 0 says the second.
+    answer = "best" if sizes[-1] > 1 else "(uint32_t)(y[0] > 0)"
+    shifts = [Table("uint8_t", "shifts", np.array(readout.shifts))] if readout.shifts else []
+    tables = (
+        Table("uint32_t", "sizes", np.array(sizes)),
+        Table("int8_t", "weight", np.concatenate([x.ravel() for x in readout.weights])),
+        Table("int32_t", "bias", np.concatenate(readout.biases)),
+        *shifts,
+    )
+    units = Member("int32_t", "units", (sum(sizes[1:]),), "of all layers")
+    values = {"n_shifts": len(readout.shifts), "most": MOST_UNIT, "answer": answer}
+    return Classifier(
+        "integers.c",
+        "Integers only",
+        values,
+        tables,
+        (units,),
+        {"integers": 1, "integer_layers": int(bool(shifts))},
+    )
+
+
+def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
+    """Return the kernels before a readout.
+
+    Raises:
+        Unsupported: sums may exceed 32 bits.
+    """
+    groups, n_bins = arrays["groups"], ring_bins(arrays)
+    n_spikes = np.bincount(arrays["place"], minlength=groups.shape[1]) * n_steps  # of a place in a window
+    highest = int((np.abs(groups.astype(np.int64)) @ n_spikes).max())
+    if 2 * TAPS * highest > MOST_SUM:
+        raise Unsupported("the sums of its kernels may exceed 32 bits")
+    ring = "int16_t" if highest < 2**15 else "int32_t"
+    back = index(n_bins)
+    dilations = np.resize(arrays["dilations"], len(arrays["taps"]))
+    row, member = np.nonzero(groups)
+    first = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(groups)))])
+    tables = (
+        Table(index(groups.shape[1]), "place", arrays["place"]),
+        Table("int8_t", "sign", arrays["sign"]),
+        Table("uint16_t" if row.size < 2**16 else "uint32_t", "first", first),
+        Table(index(groups.shape[1]), "member", member),
+        Table("int8_t", "turn", groups[row, member]),
+        Table(back, "taps", (arrays["taps"] * dilations[:, None]).ravel()),
+        Table("int32_t", "threshold", arrays["thresholds"]),
+    )
+    n_ring = 2 * n_bins  # each sum twice, so that the last bins are a row wherever it begins
+    members = (
+        Member("int32_t", "levels", (groups.shape[1],), "what the spikes of each place add up to"),
+        Member(ring, "ring", (len(groups) * n_ring,), "sums of every group in the last bins, twice"),
+        Member("uint32_t", "at", (), "place of this bin in the rings"),
+    )
+    values = {
+        "n_groups": len(groups),
+        "longest": int(arrays["dilations"].max()),
+        "n_bins": n_bins,
+        "n_places": groups.shape[1],
+        "n_ring": n_ring,
+        "back": back,
+        "ring": ring,
+    }
+    return replace(
+        readout,
+        values={**readout.values, **values},
+        tables=(*readout.tables, *tables),
+        members=(*readout.members, *members),
+        parts={**readout.parts, "kernels": 1},
+        slides="kernels.c",
+    )
+
+
 def _units(
     kind: str,
     n_features: int,
@@ -258,15 +370,12 @@ def _units(
     Args:
         kind: perceptron or extreme.
         n_features: inputs.
-        layers: without any, there is one class.
+        layers: one or more.
         scaling: tables of the inputs' scaling.
         given: expression of input j; `(real)` stands for the type.
         positive: of what unit y[i] > 0 passes on.
     """
     real = "double" if any(weight.dtype == np.float64 for weight, _ in layers) else "float"
-    arithmetic = f"Counts are integers, weights and sums {real}"
-    if not layers:
-        return Classifier("prior.c", arithmetic, {"best": 0})
     weights, biases = zip(*layers, strict=True)
     sizes = (n_features, *(bias.size for bias in biases))
     values = {
@@ -286,4 +395,5 @@ def _units(
     )
     units = Member(real, "units", (sum(sizes[1:]),), "of all layers")
     part = f"{kind}_double" if real == "double" else kind
+    arithmetic = f"Counts are integers, weights and sums {real}"
     return Classifier("units.c", arithmetic, values, tables, (units,), {part: 1})

@@ -20,7 +20,10 @@ What an inference of each family does, of which all kinds of hardware price the 
     cascade        the same of both stacks      none                          the same of both stacks
     knn            training samples x features  one per number stored         one per input spike, to the
     naive_bayes    2 x features x classes                                     count of its window
-    mlp            matrices
+    mlp, linear    matrices
+    kernels        readout, thresholds          one per weight of the readout     the same, one per bin and
+                                                                                  place of a group, 12 per bin
+                                                                                  and kernel
     elm            W, b and beta in use
     hots           prototypes, signatures       f + 1 per number of a         one per event; with the filter
                                                 surface, event and layer (f   one per input event and place

@@ -30,7 +30,8 @@ layers as a whole: pruning leaves the same share of forward and recurrent weight
 wait_factor is 1 by the tables. Low: every load is hidden, and branches refill the pipeline in one cycle.
 High: three cycles per branch, and flash that makes weights wait where caches miss.
 
-Cores compute with floats of 32 bits in hardware; doubles, and division by them, are software.
+Cores compute with floats of 32 bits in hardware; doubles, and division by them, are software. Readouts in
+integers multiply a weight at a time; kernels are of additions alone.
 
 Multiply-accumulates of numbers of at most 8 bits are the measured integer kernels, those of longer ones
 float.
@@ -78,11 +79,15 @@ _SHORT_ROW = 16
 _NO_PROGRAM = "the program and its other variables take no memory"
 _WAKES = "the processor wakes once per step"
 _PROGRAM = {
-    "addition": ("tally_start", "tally_step", "tally_spike", "tally_add", "tally_word", "tally_count"),
+    "addition": (
+        *("tally_start", "tally_step", "tally_spike", "tally_add", "tally_word", "tally_count"),
+        *("kernel_place", "kernel"),
+    ),
     "mac": (
         *("neighbour", "sample", "feature", "difference", "deviation", "scale"),
         *("single", "single_row", "single_unit"),
         *("double", "double_input", "double_row", "double_unit"),
+        *("integer", "integer_input", "integer_row", "integer_unit"),
     ),
 }
 """Kinds of work of a classifier of counts, by cause of cost."""
@@ -142,6 +147,12 @@ class Processor(Profile):
     double_input_cycles: Number | None = optional("cycles per count that becomes a double")
     double_row_cycles: Number | None = optional("cycles per input of such units other than 0")
     double_unit_cycles: Number | None = optional("cycles per such unit")
+    integer_cycles: Number | None = optional("cycles per weight of a unit in integers")
+    integer_input_cycles: Number | None = optional("cycles per count that such units look at")
+    integer_row_cycles: Number | None = optional("cycles per input of such units other than 0")
+    integer_unit_cycles: Number | None = optional("cycles per such unit")
+    kernel_place_cycles: Number | None = optional("cycles per bin and place of a group of kernels")
+    kernel_cycles: Number | None = optional("cycles per bin and kernel")
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`); cores given by hand are ignored."""

@@ -33,7 +33,7 @@ class KNN(RateClassifier):
         "at distance 0 count if there are any",
     )
 
-    def learn(self, counts: Array, target: Array, lengths: Array, rngs: Generators) -> Learnt:
+    def learn(self, counts: Array, target: Array, lengths: Array, most: int, rngs: Generators) -> Learnt:
         """Store the training samples."""
         return Learnt({"counts": counts, "target": target})
 

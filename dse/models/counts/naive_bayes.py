@@ -35,7 +35,7 @@ class NaiveBayes(RateClassifier):
         1e-9, low=0, low_open=True, doc="fraction of the largest variance that is added to every variance"
     )
 
-    def learn(self, counts: Array, target: Array, lengths: Array, rngs: Generators) -> Learnt:
+    def learn(self, counts: Array, target: Array, lengths: Array, most: int, rngs: Generators) -> Learnt:
         """Estimate means and variances; only the smoothing depends on the input length."""
         features = as_features(counts)
         classes, n_of = np.unique(target, return_counts=True)

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -72,6 +73,11 @@ def window_counts(
     return _counted(spikes, spikes.row_offsets[(samples * spikes.n_steps + start)[:, None] + edges], channels)
 
 
+def most_spikes(edges: Sequence[int], n_channels: int) -> int:
+    """Return the most spikes of channels that count together in a window of `window_edges`."""
+    return max(end - begin for begin, end in pairwise(edges)) * n_channels
+
+
 def event_edges_us(duration_us: int, window_ms: float) -> Array:
     """Return the first microsecond of every window, and `duration_us`, as (window + 1,) int64.
 
@@ -84,7 +90,9 @@ def event_edges_us(duration_us: int, window_ms: float) -> Array:
     return np.append(np.arange(0, duration_us, window_us), duration_us).astype(np.int64)
 
 
-def event_counts(spikes: Spikes, samples: Array, start: Array, edges_us: Array, channels: Channels) -> Array:
+def event_counts(
+    spikes: Spikes, samples: Array, start: Array, edges_us: Array, channels: Channels | Ints
+) -> Array:
     """Return how many events fall into each window, as `window_counts` does for spikes without times.
 
     Args:
@@ -92,7 +100,7 @@ def event_counts(spikes: Spikes, samples: Array, start: Array, edges_us: Array, 
         samples: (n,) sample numbers.
         start: (n,) stored step at which the first window of each begins.
         edges_us: (window + 1,) of `event_edges_us`; the windows end with a step.
-        channels: 'sum' counts the events of all channels together.
+        channels: as of `window_counts`.
     """
     assert spikes.t_us is not None
     step_us = round(1000 * spikes.step_ms)
@@ -171,32 +179,39 @@ class Learnt:
     health: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class RateClassifier(ABC):
-    """A classifier of counts; every input length has a classifier of its own, trained on that length.
+class Windowed(ABC):
+    """A classifier of what spikes add up to in windows; every input length has a readout of its own.
 
-    Rules of cost: W_t and multiply-accumulates are the family's; every input spike is one addition, to the
-    count of its window. Training sees the evaluated window of `dataset.train` and no crops.
+    A subclass is a frozen dataclass with the keys `window_ms` and `read_outs`. Training sees the evaluated
+    window of `dataset.train`.
     """
 
     takes_events: ClassVar[bool] = True
 
-    window_ms: float = param(100.0, low=0, low_open=True, unit="ms", doc="counting window (Delta T)")
-    channels: Channels = param(  # noqa: RUF009
-        "sum", doc="sum: spikes of all channels are counted together, as published; each: per channel"
-    )
-    read_outs: int = param(
-        50, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
-    )
+    window_ms: float
+    read_outs: int
+
+    def wiring(self, dataset: Dataset) -> Mapping[str, Array]:
+        """Return arrays that say how channels add up; they are stored with what is learnt."""
+        return {}
 
     @abstractmethod
-    def learn(self, counts: Array, target: Array, lengths: Array, rngs: Generators) -> Learnt:
-        """Train one classifier per input length.
+    def counts(self, dataset: Dataset, samples: Array, wiring: Mapping[str, Array]) -> Array:
+        """Return what spikes add up to in each window, (n, window, number) int32."""
+
+    @abstractmethod
+    def most(self, dataset: Dataset) -> int:
+        """Return what no input of a readout can exceed, whatever a recording holds."""
+
+    @abstractmethod
+    def learn(self, counts: Array, target: Array, lengths: Array, most: int, rngs: Generators) -> Learnt:
+        """Train one readout per input length.
 
         Args:
-            counts: (n, window, channel) int32 of the training samples, n >= 1.
+            counts: (n, window, number) int32 of the training samples, n >= 1.
             target: (n,) class of each; classes may be missing.
-            lengths: (k,) windows that each classifier sees.
+            lengths: (k,) windows that each readout sees.
+            most: as of `most`; of events with times of their own, which it does not bound, the largest.
             rngs: random generators by purpose.
         """
 
@@ -219,10 +234,14 @@ class RateClassifier(ABC):
 
     @abstractmethod
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
-        """Return the stored numbers W_t of each length's classifier, (k,), given its input features, (k,).
+        """Return the stored numbers W_t of each length's readout, (k,), given its input features, (k,)."""
 
-        Every one of them takes part in one multiply-accumulate per inference.
+    def operations(self, arrays: Mapping[str, Array], n_features: Array) -> tuple[Array, Array | float]:
+        """Return multiply-accumulates per inference, (k,), and additions beside one per input spike.
+
+        Unless a family says otherwise, every stored number is multiplied once, and nothing more is added.
         """
+        return self.n_weights(arrays, n_features).astype(np.float64), 0.0
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
         """Train on `dataset.train`; answer on validation and, where there is one, on test.
@@ -238,11 +257,13 @@ class RateClassifier(ABC):
         if not dataset.train.size:
             raise ValueError("training needs at least one training sample, got none")
         begin_s = time.perf_counter()
-        counts = self._counts(dataset, dataset.train)
+        wiring = self.wiring(dataset)
+        counts = self.counts(dataset, dataset.train, wiring)
         lengths = input_lengths(counts.shape[1], self.read_outs)
-        learnt = self.learn(counts, dataset.target[dataset.train], lengths, rngs)
+        most = self.most(dataset) if dataset.spikes.t_us is None else int(counts.max(initial=0))
+        learnt = self.learn(counts, dataset.target[dataset.train], lengths, most, rngs)
         train_s = time.perf_counter() - begin_s
-        fitted = Parameters({**learnt.arrays, "lengths": lengths}, dataset.spikes.n_channels)
+        fitted = Parameters({**learnt.arrays, **wiring, "lengths": lengths}, dataset.spikes.n_channels)
         return Outcome(
             fitted,
             self.respond(fitted, dataset, dataset.validation),
@@ -266,10 +287,11 @@ class RateClassifier(ABC):
                 f"samples must have {fitted.n_channels} channels and {lengths[-1]} windows of "
                 f"{self.window_ms:g} ms as in training, got {shape[0]} and {shape[1]}"
             )
-        counts = self._counts(dataset, samples)
-        input_spikes = counts.sum(axis=2, dtype=np.int64).cumsum(axis=1)[:, lengths - 1]
+        counts = self.counts(dataset, samples, fitted.arrays)
+        of_all = self.counted(dataset, samples, "sum")[:, :, 0]
+        input_spikes = of_all.cumsum(axis=1, dtype=np.int64)[:, lengths - 1]
         n_features = lengths * counts.shape[2]
-        n_weights = self.n_weights(fitted.arrays, n_features)
+        macs, more = self.operations(fitted.arrays, n_features)
         program: dict[str, Array] = {}
         if dataset.spikes.t_us is None and (answering := self.program(fitted.arrays, counts, lengths)):
             edges = window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)
@@ -278,9 +300,9 @@ class RateClassifier(ABC):
         return Answers(
             label=self.label(fitted.arrays, counts, lengths),
             time_ms=ends_ms[lengths - 1],
-            n_weights=n_weights,
-            macs=n_weights.astype(np.float64),
-            additions=input_spikes.sum(axis=0) / max(1, len(input_spikes)),
+            n_weights=self.n_weights(fitted.arrays, n_features),
+            macs=macs,
+            additions=input_spikes.sum(axis=0) / max(1, len(input_spikes)) + more,
             input_spikes=input_spikes,
             program=program,
             stored_bits=self.stored_bits(fitted.arrays) if program else None,
@@ -296,9 +318,36 @@ class RateClassifier(ABC):
     def _edges_us(self, dataset: Dataset) -> Array:
         return event_edges_us(dataset.n_steps * round(1000 * dataset.spikes.step_ms), self.window_ms)
 
-    def _counts(self, dataset: Dataset, samples: Array) -> Array:
+    def counted(self, dataset: Dataset, samples: Array, channels: Channels | Ints) -> Array:
+        """Return the spikes of each window by channel or group of channels (`window_counts`)."""
         spikes, start = dataset.spikes, dataset.start[samples]
         if spikes.t_us is not None:
-            return event_counts(spikes, samples, start, self._edges_us(dataset), self.channels)
+            return event_counts(spikes, samples, start, self._edges_us(dataset), channels)
         edges = window_edges(dataset.n_steps, spikes.step_ms, self.window_ms)
-        return window_counts(spikes, samples, start, edges, self.channels)
+        return window_counts(spikes, samples, start, edges, channels)
+
+
+@dataclass(frozen=True)
+class RateClassifier(Windowed):
+    """A classifier of counts in windows.
+
+    Rules of cost: W_t and multiply-accumulates are the family's; every input spike is one addition, to the
+    count of its window.
+    """
+
+    window_ms: float = param(100.0, low=0, low_open=True, unit="ms", doc="counting window (Delta T)")
+    channels: Channels = param(  # noqa: RUF009
+        "sum", doc="sum: spikes of all channels are counted together, as published; each: per channel"
+    )
+    read_outs: int = param(
+        50, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
+    )
+
+    def counts(self, dataset: Dataset, samples: Array, wiring: Mapping[str, Array]) -> Array:
+        """Return the counts of each window, (n, window, channel); one channel for 'sum'."""
+        return self.counted(dataset, samples, self.channels)
+
+    def most(self, dataset: Dataset) -> int:
+        """Return the steps of the longest window, in each of which a channel spikes at most once."""
+        edges = window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)
+        return most_spikes(edges.tolist(), dataset.spikes.n_channels if self.channels == "sum" else 1)

@@ -23,7 +23,9 @@ from dse.hardware.cost import cost
 from dse.hardware.kinds.processor import Processor
 from dse.hardware.profile import load as profile_named
 from dse.models.counts.elm import ELM
+from dse.models.counts.kernels import Kernels
 from dse.models.counts.knn import KNN
+from dse.models.counts.linear import Linear
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.records import Operations
@@ -100,6 +102,9 @@ def test_answers_are_those_of_the_engine(model: Any, read_out_ms: float | None, 
         MLP(window_ms=20, channels="each", hidden=(12, 9, 8, 5), epochs=20, read_outs=2),
         ELM(window_ms=20, windows=3, hidden=30),
         ELM(window_ms=20, windows=3, hidden=30, precision="float32"),
+        Linear(window_ms=20),
+        MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2, precision="int8"),
+        Kernels(window_ms=5, kernels=40, read_outs=3),
     ],
 )
 def test_answers_on_a_core_without_hardware_for_doubles(model: Any, tmp_path: Path) -> None:
@@ -117,10 +122,12 @@ def test_answers_on_a_core_without_hardware_for_doubles(model: Any, tmp_path: Pa
     assert _predicted(made, reference) == pytest.approx(cycles, rel=0.1)  # of small ones; benchmarks: 5 %
 
 
-def test_a_perceptron_on_a_core_without_hardware_for_floats(tmp_path: Path) -> None:
+@pytest.mark.parametrize("precision", ["float32", "int8"])
+def test_a_perceptron_on_a_core_without_hardware_for_floats(precision: Any, tmp_path: Path) -> None:
     if why := emulator.missing():
         pytest.skip(why)
-    made, reference = fitted(MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2))
+    model = MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2, precision=precision)
+    made, reference = fitted(model)
     target_named("cortex_m0plus").write(made, tmp_path)
     assert target_named("cortex_m0plus").verify(made, tmp_path, reference).kind == "faithful"
 
@@ -134,6 +141,7 @@ def test_a_perceptron_on_a_core_without_hardware_for_floats(tmp_path: Path) -> N
         (MLP(window_ms=20, channels="each", hidden=(12,), epochs=20, read_outs=2), "float"),
         (ELM(window_ms=20, windows=3, hidden=30), "double"),
         (ELM(window_ms=20, windows=3, hidden=30, precision="float32"), "float"),
+        (Linear(window_ms=20), "int8_t"),
     ],
 )
 def test_flash_is_counted_in_the_numbers_that_the_c_stores(model: Any, table: str) -> None:
@@ -177,6 +185,24 @@ def test_tables_larger_than_the_flash_are_refused() -> None:
     made = replace(made, fitted=replace(made.fitted, arrays=arrays))
     assert "the chip of profile mcu_m4 has 2097152" in target_named("cortex_m4").refusal(made)
     assert target_named("cortex_m0plus").refusal(made) == ""  # no profile: up to the memory of the emulator
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "reason"),
+    [
+        (Linear(window_ms=20), "0/0/bias", "the sums of its integers may exceed 32 bits"),
+        (Kernels(window_ms=5, kernels=4), "groups", "the sums of its kernels may exceed 32 bits"),
+    ],
+)
+def test_integers_that_may_pass_32_bits_are_refused(model: Any, name: str, reason: str) -> None:
+    made, _ = fitted(replace(model, read_outs=1))
+    assert C99().refusal(made) == ""
+    arrays: Any = made.fitted.arrays  # type: ignore[union-attr]
+    arrays = {**arrays, name: np.full_like(arrays[name], np.iinfo(arrays[name].dtype).max)}
+    if name == "groups":  # a place of very many channels
+        arrays |= {"place": np.zeros(10**6, np.int64), "sign": np.ones(10**6, np.int8)}
+    changed = replace(made, fitted=replace(made.fitted, arrays=arrays))  # type: ignore[type-var]
+    assert reason in C99().refusal(changed)
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,7 @@ def test_every_length_is_scikit_learn_on_that_length():
     family = KNN(window_ms=50.0, channels="each", k=30)  # all vote: no tie is left open
     outcome = family.fit(data, Training(), rngs)
     stored = outcome.network.arrays["counts"].reshape(30, -1).astype(float)
-    queries = family._counts(data, data.validation).reshape(24, -1).astype(float)
+    queries = family.counts(data, data.validation, {}).reshape(24, -1).astype(float)
     for j in range(5):
         seen = slice(0, 4 * (j + 1))
         known = KNeighborsClassifier(30, algorithm="brute").fit(stored[:, seen], data.target[data.train])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dse import registry
-from dse.models.counts.mlp import MLP, _scaled, forward
+from dse.models.counts.mlp import MLP, _scaled
+from dse.models.counts.readouts import forward
 from dse.models.training import Training, TrainingDiverged
 from tests.models.counted import data_of, rngs, textures
 
@@ -22,7 +23,7 @@ def test_every_length_is_scikit_learn_on_that_length(monkeypatch, n_classes, hid
     data = textures(n_classes=n_classes)
     family = MLP(**FAST | {"hidden": hidden, "epochs": 20})
     outcome = family.fit(data, Training(), rngs)
-    x = _scaled(family._counts(data, data.validation).reshape(24, -1), outcome.network.arrays)
+    x = _scaled(family.counts(data, data.validation, {}).reshape(24, -1), outcome.network.arrays)
     assert len(trained) == 5 and x.dtype == np.float32
     for j, net in enumerate(trained):
         assert np.array_equal(outcome.validation.label[:, j], net.predict(x[:, : 4 * (j + 1)]))
@@ -36,14 +37,14 @@ def test_forward_by_hand():
         (np.array([[1.0], [3.0]]), np.array([-5.0])),
     ]
     # (2, 1): hidden (2, -2 + 2 + 1 = 1), output 2 + 3 - 5; (-1, -3): hidden (0, 0)
-    assert forward(np.array([[2.0, 1.0], [-1.0, -3.0]]), layers).tolist() == [[0.0], [-5.0]]
+    assert forward(np.array([[2.0, 1.0], [-1.0, -3.0]]), layers)[-1].tolist() == [[0.0], [-5.0]]
 
 
 def test_features_are_scaled_by_what_training_saw():
     data = textures()
     family = MLP(**FAST | {"epochs": 1})
     arrays = family.fit(data, Training(), rngs).network.arrays
-    x = _scaled(family._counts(data, data.train).reshape(30, -1), arrays)
+    x = _scaled(family.counts(data, data.train, {}).reshape(30, -1), arrays)
     assert x.mean(axis=0) == pytest.approx(0, abs=1e-6) and x.std(axis=0) == pytest.approx(1, rel=1e-5)
 
 

@@ -21,7 +21,7 @@ def test_every_length_is_scikit_learn_on_that_length(channels, var_smoothing):
     data = textures()
     family = NaiveBayes(window_ms=50.0, channels=channels, var_smoothing=var_smoothing)
     outcome = family.fit(data, Training(), rngs)
-    counts = [family._counts(data, part) for part in (data.train, data.validation)]
+    counts = [family.counts(data, part, {}) for part in (data.train, data.validation)]
     for j in range(5):
         train, validation = (each[:, : j + 1].reshape(len(each), -1) for each in counts)
         known = GaussianNB(var_smoothing=var_smoothing).fit(train, data.target[data.train])

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.models.counts.knn import KNN
+from dse.models.counts.linear import Linear
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.rate_windows import (
@@ -30,6 +31,8 @@ FAMILIES = [
     KNN(window_ms=50.0, channels="each"),
     NaiveBayes(window_ms=50.0),
     MLP(window_ms=50.0, channels="each", hidden=(8,), epochs=60, learning_rate=0.05),
+    MLP(window_ms=50.0, channels="each", hidden=(8,), epochs=60, learning_rate=0.05, precision="int8"),
+    Linear(window_ms=50.0),
 ]
 every_family = pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)
 
@@ -250,6 +253,7 @@ def test_times_and_spikes_by_hand(family):
         (KNN(window_ms=50.0, channels="each"), [120, 240, 360, 480, 600]),
         (NaiveBayes(window_ms=50.0, channels="each"), [24, 48, 72, 96, 120]),  # 2 x 3 classes
         (MLP(window_ms=50.0, hidden=(8, 5), epochs=2), [63, 71, 79, 87, 95]),  # 8 T + 8 x 5 + 5 x 3
+        (Linear(window_ms=50.0), [12, 24, 36, 48, 60]),
     ],
 )
 def test_weights_by_hand(family, expected):

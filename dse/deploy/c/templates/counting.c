@@ -37,9 +37,15 @@ void dse_push_spike(uint16_t channel)
     net.spikes[0][channel >> 5] |= bit;
     net.pushed = 1;
     SPIKE(0, channel);
+@if slides
+    if (net.window < ${n_windows}u) {
+        net.levels[place[channel]] += sign[channel];
+    }
+@else
     if (net.window < ${n_windows}u && rows[net.window] >= 0) {
         net.counts[$place]++;
     }
+@end
 }
 
 $classify
@@ -57,6 +63,9 @@ void dse_step(void)
     net.step++;
     if (net.window < ${n_windows}u && net.step == ends[net.window]) {
         net.window++;
+@if slides
+        slide();
+@end
         if (net.window == ${n_windows}u) {
             net.answer = (int16_t)(labels[classify()] + 1);
             net.answered = net.step;
@@ -82,6 +91,15 @@ void dse_reset(void)
     for (i = 0; i < ${n_features}u; i++) {
         net.counts[i] = 0;
     }
+@if slides
+    for (i = 0; i < ${n_places}u; i++) {
+        net.levels[i] = 0;
+    }
+    for (i = 0; i < ${n_groups}u * ${n_ring}u; i++) {
+        net.ring[i] = 0;
+    }
+    net.at = 0;
+@end
     for (i = 0; i < ${channel_words}u; i++) {
         net.spikes[0][i] = 0;
     }

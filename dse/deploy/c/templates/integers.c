@@ -1,0 +1,57 @@
+/* y += v w */
+static APART void add(int32_t v, const int8_t *w, int32_t *y, uint32_t n)
+{
+    uint32_t i;
+    for (i = 0; i < n; i++) {
+        y[i] += v * w[i];
+    }
+}
+
+/* The class of the largest output. Sizes are read, not known: loops take the same time whatever they are. */
+static APART uint32_t classify(void)
+{
+    const volatile uint32_t *size = sizes;
+    const int8_t *w = weight;
+    const int32_t *b = bias;
+    int32_t *y = net.units;
+    uint32_t i, j, n = size[1], best = 0;
+@if n_shifts
+    uint32_t k;
+@end
+    for (i = 0; i < n; i++) {
+        y[i] = b[i];
+    }
+    for (j = 0; j < size[0]; j++) {
+        const $count v = net.counts[j];
+        if (v != 0) {
+            add((int32_t)v, w, y, n);
+        }
+        w += n;
+    }
+@if n_shifts
+    for (k = 0; k < ${n_shifts}u; k++) {
+        const int32_t *x = y;
+        const uint32_t n_inputs = n;
+        b += n;
+        y += n;
+        n = size[k + 2u];
+        for (i = 0; i < n; i++) {
+            y[i] = b[i];
+        }
+        for (j = 0; j < n_inputs; j++) {
+            const int32_t v = x[j] > 0 ? x[j] >> shifts[k] : 0;
+            if (v != 0) {
+                add(v < $most ? v : $most, w, y, n);
+            }
+            w += n;
+        }
+    }
+@end
+    for (i = 1; i < n; i++) {
+        if (y[i] > y[best]) {
+            best = i;
+        }
+    }
+    return $answer;
+}
+

@@ -1,0 +1,35 @@
+/* At the end of a bin: what each group sums enters its ring, and kernels above their thresholds are counted. */
+static APART void slide(void)
+{
+    $ring *row = net.ring + net.at;
+    const $ring *now = row + ${n_bins}u; /* the last bins lie before it in a row */
+    const $back *tap = taps;
+    uint32_t i, j, dilation = 1;
+    for (i = 0; i < ${n_groups}u; i++) {
+        int32_t z = 0;
+        for (j = first[i]; j < first[i + 1u]; j++) {
+            z += turn[j] * net.levels[member[j]];
+        }
+        row[0] = row[${n_bins}u] = ($ring)z;
+        row += ${n_ring}u;
+    }
+    for (i = 0; i < ${n_features}u; i++) {
+        const $ring *then = now;
+        int32_t sum = 0;
+        for (j = 0; j < 9u; j++) {
+            sum += *then;
+            then -= j < 8u ? dilation : 0u;
+        }
+        if (3 * (*(now - tap[0]) + *(now - tap[1]) + *(now - tap[2])) - sum > threshold[i]) {
+            net.counts[i]++;
+        }
+        tap += 3;
+        dilation <<= 1;
+        if (dilation > ${longest}u) {
+            dilation = 1;
+            now += ${n_ring}u;
+        }
+    }
+    net.at = net.at + 1u < ${n_bins}u ? net.at + 1u : 0u;
+}
+

@@ -1,0 +1,189 @@
+"""Random dilated kernels over levels of spikes: how often each is above its threshold, and a linear readout.
+
+    level[p](t) = spikes of place p up to bin t; those of even planes as -1 where planes come in pairs
+    z[g](t)     = sum over the places p of group g of s[g, p] level[p](t),     s = 1 or -1
+    c[k](t)     = 3 sum over 3 of 9 taps j of z[g](t - j d)  -  sum over all 9 taps of z[g](t - j d)
+    x[k]        = bins t with c[k](t) > b[k]
+
+Before the window a level is 0. What ON and OFF spikes (planes 1 and 0, 3 and 2, ...) of a place add up to is
+the signal that they are changes of; kernels, whose weights -1 and 2 sum to 0, see its shape and not where it
+starts. Kernel k has dilation d = 2^(k mod D), the D powers of 2 whose nine taps the window holds, and group
+k // D: up to `places` places and their signs, drawn. Its 3 taps are drawn; b is a drawn quantile, 0.1 to 0.9,
+of its values on some training recordings.
+
+All numbers are integers, and the state is a ring of 8 d + 1 bins per group. The readout is that of `linear`:
+on three sets of touch it is as accurate as the ridge classifier of the source, or more.
+Source: [Dempster et al., MiniRocket in REFERENCES.md]: kernels, dilations, quantiles, of the signal itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from dse.models.counts.integers import rounded
+from dse.models.counts.linear import logistic
+from dse.models.counts.rate_windows import Learnt, window_edges
+from dse.models.counts.readouts import Readouts
+from dse.models.training import Generators
+from dse.records import Array, Dataset, Ints, Parameters
+from dse.registry import param, register
+
+TAPS = 9
+_TRIPLES = np.array(list(combinations(range(TAPS), 3)))
+_OF_A_QUANTILE = 32  # recordings
+_BATCH = 256
+
+
+@register("models", "kernels")
+@dataclass(frozen=True)
+class Kernels(Readouts):
+    """Random dilated kernels over levels of spikes, and a linear readout, in integers.
+
+    Cost: W_t = weights of the readout and a threshold per kernel; which places and taps a kernel sums is not
+    counted. Every weight of the readout is one multiply-accumulate; an addition is one spike, one place of a
+    group in a bin, and twelve of a kernel in a bin.
+    Health: converged, whether every readout ended before `epochs`.
+    """
+
+    window_ms: float = param(20.0, low=0, low_open=True, unit="ms", doc="bin in which spikes add up")
+    kernels: int = param(300, low=1, doc="number of kernels")
+    places: int = param(4, low=1, doc="largest number of places (taxels, pools) of a kernel")
+    read_outs: int = param(
+        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
+    )
+    alpha: float = param(0.01, low=0, low_open=True, doc="L2 penalty of the readout, as of linear")
+    epochs: int = param(1000, low=1, doc="largest number of steps of the solver of the readout")
+
+    def wiring(self, dataset: Dataset) -> Mapping[str, Array]:
+        """Return the place of each channel, and what its spike adds: 1, or -1 of even planes in pairs."""
+        positions = dataset.positions
+        place = np.unique(positions[:, :2], axis=0, return_inverse=True)[1].ravel()
+        planes = np.unique(positions[:, 2])
+        is_pair = len(planes) % 2 == 0 and np.array_equal(planes, np.arange(len(planes)))
+        sign = np.where(positions[:, 2] % 2 == 0, -1, 1) if is_pair else np.ones(len(place))
+        return {"place": place.astype(np.int32), "sign": sign.astype(np.int8)}
+
+    def counts(self, dataset: Dataset, samples: Array, wiring: Mapping[str, Array]) -> Array:
+        """Return what the level of each place rises by in each bin, (n, bin, place) int32."""
+        place, n_places = wiring["place"].astype(np.int64), int(wiring["place"].max()) + 1
+        found = self.counted(dataset, samples, place + n_places * (wiring["sign"] < 0))
+        rises = found[:, :, :n_places]
+        rises[:, :, : found.shape[2] - n_places] -= found[:, :, n_places:]
+        return rises
+
+    def most(self, dataset: Dataset) -> int:
+        """Return the bins, in each of which a kernel is above its threshold or not."""
+        return len(window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)) - 1
+
+    def learn(self, counts: Array, target: Array, lengths: Array, most: int, rngs: Generators) -> Learnt:
+        """Draw kernels, set their thresholds, train and round a readout per input length."""
+        arrays = self._drawn(counts, rngs("kernels")) | {"classes": np.unique(target)}
+        converged = True
+        for j, x in enumerate(self._inputs(arrays, counts, lengths)):
+            weight, bias, ended = logistic(x, target, self.alpha, self.epochs)
+            converged &= ended
+            arrays |= rounded([(weight, bias)], x, counts.shape[1]).stored(j)
+        return Learnt(arrays, {}, {"converged": converged})
+
+    def _drawn(self, counts: Array, rng: np.random.Generator) -> dict[str, Array]:
+        """Return the kernels: what each group sums, dilations, taps and thresholds."""
+        n, n_bins, n_places = counts.shape
+        n_dilations = max(1, ((n_bins - 1) // (TAPS - 1)).bit_length())
+        groups = np.zeros((-(-self.kernels // n_dilations), n_places), np.int8)
+        for group in groups:
+            chosen = rng.choice(n_places, rng.integers(1, min(self.places, n_places) + 1), replace=False)
+            group[chosen] = rng.choice([-1, 1], len(chosen))
+        arrays = {
+            "groups": groups,
+            "dilations": 2 ** np.arange(n_dilations),
+            "taps": _TRIPLES[rng.integers(len(_TRIPLES), size=self.kernels)].astype(np.uint8),
+        }
+        thresholds = np.zeros(self.kernels, np.int32)
+        for k, taps in enumerate(arrays["taps"]):
+            group, dilation = groups[k // n_dilations], 1 << k % n_dilations
+            some = counts[rng.choice(n, min(n, _OF_A_QUANTILE), replace=False)]
+            values = convolved(np.cumsum(some @ group.astype(np.int32), axis=1), dilation, taps)
+            thresholds[k] = np.floor(np.quantile(values, rng.uniform(0.1, 0.9)))
+        return arrays | {"thresholds": thresholds}
+
+    def inputs(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Iterator[Array]:
+        """Yield how often each kernel is above its threshold in each input length, (n, kernel)."""
+        groups, dilations = arrays["groups"].astype(np.int32), arrays["dilations"].tolist()
+        above = np.empty((len(lengths), len(counts), len(arrays["taps"])), np.int32)
+        for first in range(0, len(counts), _BATCH):
+            part = slice(first, first + _BATCH)
+            z = np.cumsum(counts[part] @ groups.T, axis=1, dtype=np.int32)
+            for k, (taps, threshold) in enumerate(zip(arrays["taps"], arrays["thresholds"], strict=True)):
+                values = convolved(z[:, :, k // len(dilations)], dilations[k % len(dilations)], taps)
+                above[:, part, k] = np.cumsum(values > threshold, axis=1, dtype=np.int32).T[lengths - 1]
+        yield from above
+
+    def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
+        """Return the weights of the readout and the thresholds."""
+        return super().n_weights(arrays, n_features) + len(arrays["thresholds"])
+
+    def operations(self, arrays: Mapping[str, Array], n_features: Array) -> tuple[Array, Array | float]:
+        """Return the weights of the readout, and the additions of groups and kernels in all bins."""
+        in_bin = np.count_nonzero(arrays["groups"]) + 12 * len(arrays["taps"])
+        return super().n_weights(arrays, n_features).astype(np.float64), arrays["lengths"] * float(in_bin)
+
+    def program(
+        self, arrays: Mapping[str, Array], counts: Array, lengths: Array
+    ) -> Mapping[str, Array | list[float]]:
+        """Return the work of the readout, and in all bins that of places and kernels."""
+        return {
+            **super().program(arrays, counts, lengths),
+            "kernel_place": lengths * np.count_nonzero(arrays["groups"]),
+            "kernel": lengths * len(arrays["taps"]),
+        }
+
+    def check_fitted(self, fitted: Parameters, n_outputs: int) -> None:
+        """Check arrays that index others (`dse.config.contracts.Family`).
+
+        Raises:
+            ValueError: one has a wrong shape or range.
+        """
+        super().check_fitted(fitted, n_outputs)
+        arrays, n = fitted.arrays, fitted.n_channels
+        n_places = arrays["groups"].shape[1]
+        n_dilations = len(arrays["dilations"])
+        is_right = (
+            arrays["place"].shape == arrays["sign"].shape == (n,)
+            and arrays["taps"].shape == (len(arrays["thresholds"]), 3)
+            and len(arrays["groups"]) == -(-len(arrays["taps"]) // n_dilations)
+            and arrays["dilations"].tolist() == [1 << k for k in range(n_dilations)]
+            and n_dilations < 32
+            and set(arrays["place"].tolist()) == set(range(n_places))
+            and np.isin(arrays["sign"], (-1, 1)).all()
+            and np.isin(arrays["groups"], (-1, 0, 1)).all()
+            and (arrays["taps"] < TAPS).all()
+        )
+        if not is_right:
+            raise ValueError("its kernels must fit its places, groups, taps and dilations")
+
+
+def ring_bins(arrays: Mapping[str, Array]) -> int:
+    """Return the bins that the longest kernel sees."""
+    return (TAPS - 1) * int(arrays["dilations"].max()) + 1
+
+
+def convolved(z: Ints, dilation: int, taps: Array) -> Ints:
+    """Return what a kernel makes of each bin, (n, bin): 3 times three taps less all nine.
+
+    Args:
+        z: (n, bin) levels; before the first bin they are 0.
+        dilation: bins from tap to tap, tap 0 is the bin itself.
+        taps: (3,) those that count 3 times.
+    """
+    n_bins = z.shape[1]
+    before = np.zeros((len(z), (TAPS - 1) * dilation), z.dtype)
+    padded = np.concatenate([before, z], axis=1)
+    ends = [before.shape[1] - j * dilation for j in range(TAPS)]
+    found = np.zeros_like(z)
+    for j, first in enumerate(ends):
+        found += padded[:, first : first + n_bins] * (2 if j in taps else -1)
+    return found

@@ -1,0 +1,71 @@
+"""A linear classifier of counts in integers: logistic regression, then weights of 8 bits."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from dse.models.counts.integers import rounded
+from dse.models.counts.rate_windows import Channels, Learnt, RateClassifier
+from dse.models.counts.readouts import Readouts, scaling, unscaled
+from dse.models.training import Generators
+from dse.records import Array, Floats
+from dse.registry import param, register
+
+
+@register("models", "linear")
+@dataclass(frozen=True)
+class Linear(Readouts, RateClassifier):
+    """Linear classifier of spike counts, in integers: a weight of 8 bits per count and class.
+
+    Multinomial logistic regression of counts that are scaled to mean 0 and variance 1 in training, in double;
+    scales then go into weights and biases, which are rounded (`dse.models.counts.integers`). What is measured
+    is the classifier of integers. Where training holds one class, it is answered.
+
+    Cost: W_t = counts x classes (of two classes one), each one multiply-accumulate; biases are not counted.
+    Health: converged, whether every input length ended before `epochs`.
+    """
+
+    channels: Channels = param(  # noqa: RUF009
+        "each", doc="each: spikes are counted per channel; sum: spikes of all channels are counted together"
+    )
+    read_outs: int = param(
+        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
+    )
+    alpha: float = param(
+        0.01, low=0, low_open=True, doc="L2 penalty: mean loss + alpha / 2 times the sum of squared weights"
+    )
+    epochs: int = param(1000, low=1, doc="largest number of steps of the solver")
+
+    def learn(self, counts: Array, target: Array, lengths: Array, most: int, rngs: Generators) -> Learnt:
+        """Train and round a readout per input length; nothing is random."""
+        arrays, converged = {"classes": np.unique(target)}, True
+        for j, x in enumerate(self._inputs(arrays, counts, lengths)):
+            weight, bias, ended = logistic(x, target, self.alpha, self.epochs)
+            converged &= ended
+            arrays |= rounded([(weight, bias)], x, most).stored(j)
+        return Learnt(arrays, {}, {"converged": converged})
+
+
+def logistic(x: Array, target: Array, alpha: float, epochs: int) -> tuple[Floats, Floats, bool]:
+    """Return weights (input, output) and biases (output,) of a logistic regression, and whether it converged.
+
+    Args:
+        x: (n, input), scaled inside; the weights are of x as it is.
+        target: (n,) with two classes or more; of two there is one output, which says the second where > 0.
+        alpha: L2 penalty of weights of scaled inputs.
+        epochs: most steps.
+    """
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.linear_model import LogisticRegression
+    from threadpoolctl import threadpool_limits
+
+    mean, scale = scaling(x)
+    model = LogisticRegression(C=1 / (alpha * len(x)), max_iter=epochs)
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit((x - mean) / scale, target)
+    ((weight, bias),) = unscaled([(model.coef_.T, model.intercept_)], mean, scale)
+    return weight, bias, bool(model.n_iter_.max() < epochs)
