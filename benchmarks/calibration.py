@@ -24,7 +24,7 @@ from rich.table import Table
 import dse
 from dse.skyline.front import comparable, front_draws, skyline
 from dse.skyline.table import group_numbers
-from dse.study.fronts import GROUPS
+from dse.study.precision import GROUPS
 from dse.study.resampling import draws
 
 BINS = (0.0, 0.05, 0.4, 0.6, 0.85, 0.95, 1.0)

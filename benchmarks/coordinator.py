@@ -183,7 +183,7 @@ def run(path: Path, stub: bool = True) -> tuple[float, float, float | None]:
     with contextlib.ExitStack() as patched:
         if stub:
             patched.enter_context(mock.patch.object(jobs, "train", importlib.import_module(NAME).train))
-        patched.enter_context(mock.patch("dse.study.progress.Silent.plan", plan))
+        patched.enter_context(mock.patch("dse.study.progress.Progress.plan", plan))
         explore.run(load_space(path), path.parent / "results", progress=False)
     return _cpu_s() - began_s, time.perf_counter() - wall_s, to_first[0] if to_first else None
 

@@ -1,7 +1,7 @@
 """Non-dominated filtering beside moocore, paretoset and pymoo: CPU milliseconds over n, d and kind of data.
 
     python benchmarks/pareto.py [--n 10000 100000 ...] [--d 2 3 5] [--data uniform anti corr] [--limit 20]
-                                [--python paretoset=VENV/bin/python ...] [--stream 100000000]
+                                [--python paretoset=VENV/bin/python ...]
 
 Everything is minimised. uniform: independent. anti: uniform noise projected to the plane sum = d / 2 plus
 N(0, 0.02), a thin slab. corr: a common value plus N(0, 0.05). A peer is looked for in this Python unless
@@ -9,9 +9,6 @@ N(0, 0.02), a thin slab. corr: a common value plus N(0, 0.05). A peer is looked 
 process, all threads together, the smallest of up to five; `wall` is the elapsed time of dse. `x best` is the
 time of dse over that of the fastest peer. A system is left out (-) where its time at the smaller n predicts
 more than `--limit` seconds. `same` says that all masks are equal.
-
-`--stream N` passes N points of three goals through `dse.skyline.blocks` instead, which holds a block at a
-time, and prints CPU seconds, those of drawing the points included, and the peak of memory.
 """
 
 from __future__ import annotations
@@ -107,28 +104,6 @@ def rows_of(python: str, system: str, arguments: Sequence[str]) -> dict[tuple[An
     return {tuple(row["case"]): row for row in rows}
 
 
-def stream(n: int) -> None:
-    """Print what the front of n points costs that are made block by block."""
-    import resource
-
-    import pandas as pd
-
-    from dse.skyline.blocks import BLOCK, skyline_of_blocks
-
-    rng = np.random.default_rng(0)
-    began_mb, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, time.process_time()
-    blocks = (
-        pd.DataFrame(points("anti", min(BLOCK, n - start), 3, rng), columns=["a", "b", "c"])
-        for start in range(0, n, BLOCK)
-    )
-    rows = skyline_of_blocks(blocks, [("a", "min"), ("b", "min"), ("c", "min")]).rows
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(
-        f"{n} points in blocks of {BLOCK}: front {len(rows)}, {time.process_time() - began:.1f} CPU s, "
-        f"peak {peak_mb:.0f} MB ({began_mb:.0f} MB before)"
-    )
-
-
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -139,14 +114,10 @@ def main() -> None:
     parser.add_argument("--data", nargs="+", default=["uniform", "anti", "corr"])
     parser.add_argument("--limit", type=float, default=20.0, help="seconds that a system may take for a case")
     parser.add_argument("--python", action="append", default=[], metavar="SYSTEM=PATH")
-    parser.add_argument("--stream", type=int, metavar="N")
     parser.add_argument("--measure", choices=SYSTEMS, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.measure:
         measure(chosen.measure, chosen.n, chosen.d, chosen.data, chosen.limit)
-        return
-    if chosen.stream:
-        stream(chosen.stream)
         return
     pythons = dict(pair.split("=", 1) for pair in chosen.python)
     arguments = ["--n", *map(str, chosen.n), "--d", *map(str, chosen.d), "--data", *chosen.data]

@@ -31,12 +31,12 @@ from dse import store
 from dse.config import SearchSpace, load_space
 from dse.config.search import Racing
 from dse.hardware.profile import load_all
-from dse.skyline.goals import checked_goals, costs_of
 from dse.skyline.pareto import hypervolume
+from dse.skyline.table import checked_goals, costs_of
 from dse.study import checkpoints, explore
-from dse.study.fronts import GROUPS
 from dse.study.ledger import Entry, read_entries
-from dse.study.progress import Silent
+from dse.study.precision import GROUPS
+from dse.study.progress import Progress
 from dse.study.racing import Race
 from dse.study.record import RunRecord, load_records
 
@@ -138,7 +138,7 @@ def replayed(space: SearchSpace, folder: Path, entries: Sequence[Entry], racing:
     runs: Any = Replay(
         folder / KEPT, {entry.trial: finished(folder, entry.trial) for entry in entries}, epochs
     )
-    race = Race(space, folder / KEPT, load_all(space.hardware, space.source.parent), runs, Silent())
+    race = Race(space, folder / KEPT, load_all(space.hardware, space.source.parent), runs, Progress())
     for number in sorted({entry.batch for entry in entries}):
         race.complete(number, [e for e in entries if e.batch == number], lambda: None)
     ended = {trial for trial, of in runs.ended.items() if of[0].finished}

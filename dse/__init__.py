@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from dse import figures as figures
     from dse.api.classifier import Classifier as Classifier
     from dse.api.first import init as init
-    from dse.api.run import run as run
     from dse.api.study import Study as Study
     from dse.api.study import open as open
+    from dse.api.study import run as run
     from dse.config import ConfigError as ConfigError
     from dse.config import load_space as load_space
     from dse.deploy.evaluate import evaluate as evaluate
@@ -38,7 +38,7 @@ _home = {
     "init": "dse.api.first",
     "load_space": "dse.config",
     "open": "dse.api.study",
-    "run": "dse.api.run",
+    "run": "dse.api.study",
     "verify": "dse.deploy.verify",
 }
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
-import pickle
 import signal
 import threading
 import warnings
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import NoReturn
 
-from dse.study.executors import Lost, Post
 from dse.study.executors.loky import memory_bytes
-from dse.study.executors.work import Failure, Message, perform
+from dse.study.executors.work import Failure, perform
+
+
+class Died(Exception):
+    """A fork was killed; the text says how."""
 
 
 @dataclass
@@ -24,13 +27,21 @@ class InProcess:
     def memory_bytes(self, device: str) -> int:
         return 3 * memory_bytes(device) // (4 * self.n)
 
-    def submit(self, task: bytes, post: Post, lost: Lost) -> None:
+    def submit(self, task: bytes) -> Future[bytes]:
+        future: Future[bytes] = Future()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # as in a worker, which has no filters of pytest
-            self._perform(task, post, lost)
+            try:
+                future.set_result(self._perform(task))
+            except Died as error:
+                future.set_exception(error)
+        return future
 
-    def _perform(self, task: bytes, post: Post, lost: Lost) -> None:
-        perform(task, post)
+    def why(self, error: Exception) -> Failure:
+        return Failure.died(str(error)) if isinstance(error, Died) else Failure.of(error)
+
+    def _perform(self, task: bytes) -> bytes:
+        return perform(task)
 
     def close(self) -> None:
         pass
@@ -39,7 +50,7 @@ class InProcess:
 class Forked(InProcess):
     """The same in a fork of this process, which may be killed, and which ends when this process does."""
 
-    def _perform(self, task: bytes, post: Post, lost: Lost) -> None:
+    def _perform(self, task: bytes) -> bytes:
         ours, theirs = os.pipe()
         of_parent, held = os.pipe()  # at its end, the parent has ended
         if not (child := os.fork()):
@@ -49,8 +60,7 @@ class Forked(InProcess):
         os.close(of_parent)
         try:
             with os.fdopen(ours, "rb") as pipe:
-                while pipe.peek(1):
-                    post(pickle.load(pipe))
+                result = pipe.read()
             _, status = os.waitpid(child, 0)
         except BaseException:
             os.kill(child, signal.SIGKILL)
@@ -59,7 +69,8 @@ class Forked(InProcess):
         finally:
             os.close(held)
         if os.WIFSIGNALED(status):
-            lost(Failure.died(f"signal {os.WTERMSIG(status)}"))
+            raise Died(f"signal {os.WTERMSIG(status)}")
+        return result
 
 
 def _work(task: bytes, results: int, of_parent: int) -> NoReturn:
@@ -70,11 +81,6 @@ def _work(task: bytes, results: int, of_parent: int) -> NoReturn:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         threading.Thread(target=lambda: os._exit(len(os.read(of_parent, 1))), daemon=True).start()
         with os.fdopen(results, "wb") as pipe:
-
-            def send(message: Message) -> None:
-                pickle.dump(message, pipe)
-                pipe.flush()
-
-            perform(task, send)
+            pipe.write(perform(task))
     finally:
         os._exit(0)

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dse.config import ConfigError, Sections, load_space
+from dse.config import ConfigError, SearchSpace, Sections, load_space
 from dse.config.contracts import Family
 from dse.config.settings import Training
+from dse.config.space import Design
+from dse.search.space import design_at
 
 SPACE = """\
 study: tiny
@@ -100,3 +102,9 @@ def faults_of(path: Path, overrides: dict[str, str] | None = None, *, check_data
         load_space(path, overrides, check_data=check_data)
     assert str(caught.value) == "\n".join(map(str, caught.value.faults))
     return [str(fault).removeprefix(f"{path}:") for fault in caught.value.faults]
+
+
+def grid(space: SearchSpace) -> list[Design]:
+    """Return every design, row-major: the last axis changes fastest."""
+    assert space.n_designs is not None
+    return [design_at(space, index) for index in range(space.n_designs)]

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from dse.api.front import measured
 from dse.skyline.constraints import ExpressionError, named_columns
-from dse.skyline.goals import Goal
 from dse.skyline.pick import budgeted, pick, sure_pick
+from dse.skyline.table import Goal
 from dse.store import StoreError, runs_of
 from dse.study import corrected, health, held, pricing, resampling
 from dse.study.question import DRAWS, Question

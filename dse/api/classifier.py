@@ -17,7 +17,7 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, column_or_1d, validate_data
 
 from dse.api.first import init
-from dse.api.run import run
+from dse.api.study import run
 from dse.config import ConfigError, load_space
 from dse.data.given import from_arrays
 from dse.deploy.predict import predicted

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse import registry
 from dse.api.choice import Choice, choose
 from dse.api.front import front_of
-from dse.api.plots import Plots
+from dse.config import SearchSpace, load_space
+from dse.config.faults import known_names
+from dse.figures import Results, draw
 from dse.skyline import front
 from dse.skyline.front import Skyline
 from dse.study import results
@@ -20,6 +24,7 @@ from dse.study.question import Question, texts
 if TYPE_CHECKING:
     import optuna
     import pandas
+    import plotly.graph_objects
 
     from dse.deploy.bundle import Bundle
     from dse.skyline.compare import Comparison
@@ -276,3 +281,94 @@ def _picture(rows: pandas.DataFrame, goals: Sequence[tuple[str, str]]) -> str:
 def _scaled(values: Any) -> Any:
     low, high = values.min(), values.max()
     return (values - low) / (high - low) if high > low else np.full(len(values), 0.5)
+
+
+def run(
+    space: SearchSpace | str | Path | Mapping[str, Any],
+    results: str | Path = "results",
+    *,
+    jobs: int | None = None,
+    progress: bool = True,
+    on_trial: Callable[[dict[str, Any]], object] | None = None,
+) -> Study:
+    """Train the missing runs of a study and return it; this also resumes an interrupted study.
+
+    Args:
+        space: what to explore: the name of a shipped search space, a YAML file, its sections as a mapping, or
+            what `load_space` returns.
+        results: the study's folder is made in here, named as the study.
+        jobs: number of worker processes; None: that of the search space.
+        progress: show it on stderr.
+        on_trial: called with the row of each trial that ends here, in the order in which they end; an
+            exception of its own ends the run, which the same call resumes.
+
+    Raises:
+        ConfigError: faults of the search space; the folder holds a study of another one, or of other
+            recordings; or the device is missing.
+        RecordingError: the recordings do not fit the search space.
+        StoreError: the folder is in use or cannot be written; nothing finished is lost.
+        TypeError: an argument of another kind.
+        KeyboardInterrupt: after Ctrl-C; finished runs and the tables are written.
+
+    >>> study = dse.run("my_touch.yaml", progress=False)
+    >>> study.trials[["family", "status"]].values.tolist()
+    [['snn', 'finished']]
+    """
+    from dse.study import explore
+
+    given: Mapping[str, object] = {"results": results, "jobs": jobs, "on_trial": on_trial}
+    if not isinstance(given["results"], str | Path):
+        raise TypeError(f"results must be the path of a folder, got {results!r}")
+    if jobs is not None and (isinstance(jobs, bool) or not isinstance(given["jobs"], int) or jobs < 1):
+        raise TypeError(f"jobs must be an integer >= 1, got {jobs!r}")
+    if on_trial is not None and not callable(given["on_trial"]):
+        raise TypeError(f"on_trial must be a function of a row, got {on_trial!r}")
+    loaded = space if isinstance(space, SearchSpace) else load_space(space, check_data=True)
+    study = explore.run(loaded, results, jobs=jobs, progress=progress, on_trial=on_trial)
+    return Study(study.folder)
+
+
+class Plots:
+    """The figures of a study; a figure's keys (`dse describe figures NAME`) are arguments of its method.
+
+    A first argument without a name is the design: a trial's number or a row with one, such as `study.best()`.
+    """
+
+    def __init__(self, results: Results) -> None:
+        """Draw figures of these results."""
+        self._results = results
+
+    def __getattr__(self, name: str) -> functools.partial[plotly.graph_objects.Figure]:
+        """Return what draws a figure.
+
+        Raises:
+            AttributeError: there is no such figure.
+        """
+        figures = registry.known("figures")
+        if name not in figures:
+            where = registry.elsewhere("figures", name)
+            raise AttributeError(f"unknown figure '{name}'{where}; {known_names(name, figures)}")
+        return functools.partial(self._drawn, name)
+
+    def _drawn(self, name: str, design: Any = None, **keys: Any) -> plotly.graph_objects.Figure:
+        """Draw a figure.
+
+        Raises:
+            ValueError: the figure has no such key, needs another one, or has nothing to show.
+            TypeError: the design is something else.
+        """
+        return draw(self._results, name, **({} if design is None else {"trial": _trial(design)}), **keys)
+
+    def __dir__(self) -> list[str]:
+        return sorted(registry.known("figures"))
+
+    def __repr__(self) -> str:
+        return f"<figures: {', '.join(dir(self))}>"
+
+
+def _trial(design: Any) -> int:
+    """Return the number of a trial, given as such or by a row of a table."""
+    try:
+        return int(design["trial"] if isinstance(design, Mapping) or hasattr(design, "items") else design)
+    except (TypeError, ValueError, KeyError):
+        raise TypeError(f"design must be a trial's number or a row of a table, got {design!r}") from None

@@ -10,8 +10,8 @@ from dse.cli.answer import MOST_ROWS, Answer, wrapped
 if TYPE_CHECKING:
     import pandas
 
-    from dse.skyline.goals import Goal
     from dse.skyline.rivals import Rivals
+    from dse.skyline.table import Goal
 
 RIVALS = "Should it spike?"
 """Title of the section that says whether to spike."""
@@ -52,9 +52,8 @@ def front_answer(
         beside: columns that were asked for, where rows have them.
     """
     from dse.skyline.front import front_columns
-    from dse.skyline.goals import costs_of
     from dse.skyline.pareto import most_telling
-    from dse.skyline.table import group_numbers
+    from dse.skyline.table import costs_of, group_numbers
 
     if rows.empty:
         return Answer([], [*notes, "no design point is left"], columns(rows, objectives, beside))

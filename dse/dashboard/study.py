@@ -23,7 +23,7 @@ from dse.measure.on_chips import DRAWN
 from dse.report.gather import gather_marks
 from dse.skyline import front
 from dse.skyline.compare import STUDY, Comparison
-from dse.skyline.goals import Goal
+from dse.skyline.table import Goal
 from dse.store import StoreError
 from dse.study import health, held, notes, pricing, resampling, rivals
 from dse.study.question import Question

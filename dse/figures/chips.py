@@ -14,8 +14,8 @@ from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, label
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import fitting, honest
-from dse.skyline.goals import Goal
 from dse.skyline.pick import pick
+from dse.skyline.table import Goal
 
 if TYPE_CHECKING:
     import plotly.graph_objects

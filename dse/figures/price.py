@@ -18,8 +18,8 @@ from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, label, sh
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import admissible
-from dse.skyline.goals import Goal
 from dse.skyline.pick import economy, pick
+from dse.skyline.table import Goal
 
 if TYPE_CHECKING:
     import plotly.graph_objects

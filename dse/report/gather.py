@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 
 from dse import registry
 from dse.audit import Audit
-from dse.report import Published, known
+from dse.report import Published
 from dse.report.designs import StudyTask, alike, record, tasks_of
 from dse.report.families import WITHIN, compared
 from dse.report.hardware import on_chips
-from dse.report.rows import FAMILIES, Row
+from dse.report.rows import FAMILIES, Row, of_readers
 from dse.study import health, held, pricing, rivals
 from dse.study.question import Question
 from dse.study.results import Study
@@ -78,7 +78,7 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     notes += [
         f"{part.name}, {part.task}: predicted by classifiers of several tasks" for part in parts if part.joint
     ]
-    notes += [*known.notes(parts), *(text for part in parts for text in _leaks(part))]
+    notes += [*of_readers(parts), *(text for part in parts for text in _leaks(part))]
     for study in studies:
         notes += _failures(study)
         notes += [f"{study.folder.name}: {text}" for text in health.faults(study.trials)]

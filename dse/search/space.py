@@ -122,16 +122,3 @@ def position(axis: Axis, value: object) -> int:
         if known == sought and isinstance(known, bool) == isinstance(sought, bool):
             return place
     raise ValueError(f"{axis.name} must be one of {list(axis.values or ())}, got {value!r}")
-
-
-def grid(space: SearchSpace) -> list[Design]:
-    """Return every design, row-major: the last axis changes fastest.
-
-    Raises:
-        ValueError: an axis is a range without steps.
-    """
-    total = space.n_designs
-    if total is None:
-        open_axes = ", ".join(axis.name for axis in space.axes.values() if axis.values is None)
-        raise ValueError(f"a grid needs axes with a choice or a step, got ranges without a step: {open_axes}")
-    return [design_at(space, index) for index in range(total)]

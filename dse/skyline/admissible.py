@@ -21,6 +21,9 @@ from dse.skyline.table import group_numbers, numbers
 COST = "energy_uj_high"
 """Column that has a number for each row that its hardware can run: also where only intervals are known."""
 
+DECIDING = ("trial", "hardware", "task", "transductive", "fits", COST)
+"""Columns that decide which rows may be compared, or that notes name."""
+
 _NAMED_IN_NOTE = 5  # rows that a note names; it only counts the others
 
 
@@ -90,7 +93,9 @@ def candidates(
         notes.append(f"points on {first}: no objective depends on hardware")
     if "transductive" not in named:
         leaky = keep & ~honest(frame)
-        notes += _note_on_leaky(int(leaky.sum()))
+        if n := int(leaky.sum()):
+            whose = "its classifier has" if n == 1 else "their classifiers have"
+            notes.append(f"{n} transductive {'row' if n == 1 else 'rows'} excluded: {whose} seen the labels")
         keep &= ~leaky
     chips = _chips(frame)
     for chip in dict.fromkeys(chips[keep & ~(runs & fits)].tolist()):
@@ -115,12 +120,6 @@ def candidates(
             )
     keep &= runs
     return frame[keep if oversize or "fits" in named else keep & fits], notes
-
-
-def leave_out_leaky(rows: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """Return the honest rows and a note on the others."""
-    keep = honest(rows)
-    return rows[keep], _note_on_leaky(int((~keep).sum()))
 
 
 def leave_out_unmeasured(frame: pd.DataFrame, names: Sequence[str]) -> tuple[pd.DataFrame, list[str]]:
@@ -171,11 +170,6 @@ def _only_hardware(rows: pd.DataFrame, fits: Bools, named: AbstractSet[str]) -> 
     if rows["hardware"].nunique() < 2 or named & registry.columns("hardware").keys():
         return None
     return rows["hardware"].iloc[int(fits.argmax())]
-
-
-def _note_on_leaky(n: int) -> list[str]:
-    whose = "its classifier has" if n == 1 else "their classifiers have"
-    return [f"{n} transductive {'row' if n == 1 else 'rows'} excluded: {whose} seen the labels"] if n else []
 
 
 def _rows(n: int) -> str:

@@ -11,9 +11,8 @@ import pandas as pd
 
 from dse.records import Floats
 from dse.skyline.front import comparable
-from dse.skyline.goals import Goal, checked_goals, costs_of
 from dse.skyline.pareto import hypervolume, non_dominated_by_group
-from dse.skyline.table import group_numbers, numbers
+from dse.skyline.table import Goal, checked_goals, costs_of, group_numbers, numbers
 
 STUDY = "study"
 """Column with the name of the table that a row is from."""

@@ -18,9 +18,8 @@ import pandas as pd
 from dse.records import Bools, Floats, Ints
 from dse.skyline.admissible import candidates, leave_out_unmeasured, meeting
 from dse.skyline.constraints import column, named_columns, split_budgets
-from dse.skyline.goals import Goal, checked_goals, costs_of
 from dse.skyline.pareto import members_of, non_dominated, non_dominated_by_group
-from dse.skyline.table import group_numbers, numbers
+from dse.skyline.table import Goal, checked_goals, costs_of, group_numbers, numbers
 
 
 class Skyline(NamedTuple):

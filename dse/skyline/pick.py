@@ -12,8 +12,7 @@ from dse.records import Bools, Floats
 from dse.skyline.admissible import candidates, leave_out_unmeasured, meeting
 from dse.skyline.constraints import Budget, named_columns, split_budgets
 from dse.skyline.front import Drawn, Draws, comparable, front_draws
-from dse.skyline.goals import Goal, checked_goals, costs_of
-from dse.skyline.table import numbers
+from dse.skyline.table import Goal, checked_goals, costs_of, numbers
 
 ECONOMY = (("latency_ms", "decision_latency_ms", "hardware_latency_ms"), ("energy_uj",), ("n_weights",))
 """What decides between equally good points, less being better: the first of each group with numbers."""

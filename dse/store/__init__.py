@@ -8,7 +8,7 @@
         precision/<trial>-<repeat>/   what it measured at other precisions (dse.study.precision)
         trials.parquet, points.parquet, page.html
         plugins/            copies of its plugins' files    hardware/   its hardware profiles
-        coordinators/       who works on it now (dse.study.coordinators)
+        coordinators/       who works on it now (dse.study.claim)
         checkpoints/        where unfinished trainings stand (dse.study.checkpoints)
         bundles/<name>/     exported designs: the page shows their verdicts (dse.dashboard.verdicts)
         *.damaged           what `dse doctor --repair` has moved aside, laid out as it was

@@ -23,7 +23,7 @@ from dse.store.plain import plain
 TEMPORARY = ".writing-"
 """Begins the names of files and folders that are being written."""
 COORDINATORS = "coordinators"
-"""Folder of a study that has a folder of each coordinator, which it locks (`dse.study.coordinators`)."""
+"""Folder of a study that has a folder of each coordinator, which it locks (`dse.study.claim`)."""
 _GLANCES, _GLANCE_S = 4, 0.05  # times that a lock is asked for, and between them
 _DEEPEST = 3  # folders of a study above a file that its book knows
 _DIFFERS = "is not what was written (its checksum differs)"

@@ -1,9 +1,24 @@
-"""The claim of a study folder: it belongs to the search space that it was started with."""
+"""Whose a study folder is: the search space that it was started with, its sessions, its coordinators.
+
+Each `dse run` on the folder is a coordinator, and they share its trainings. The first one begins the study,
+and others join it. All propose the same designs, which they find in the book where another one was first, and
+tell their samplers the same results. A run is trained by the coordinator that has claimed it in the book; a
+claim holds while its coordinator lives, which the system knows: each has locked a folder of its own,
+`coordinators/<name>`. One of them holds the lock of the study. It writes the tables, and does what comes
+after the search; when it ends, another one takes the lock.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import importlib.metadata
 import math
-from collections.abc import Mapping
+import os
+import platform
+import secrets
+import time
+from collections.abc import Iterable, Mapping, Set
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +27,7 @@ import yaml
 from dse import store
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.recordings import PLACES
-from dse.study import environment
+from dse.store import Book, InUse
 from dse.study.results import plain_space
 
 _HINT = "change it back, or use another study name or --results folder"
@@ -89,7 +104,7 @@ def claim(space: SearchSpace, book: store.Book) -> list[str]:
         ]
         if faults:
             raise ConfigError(faults)
-    environment.begin(book)
+    begin(book)
     store.write_text(path, space.to_yaml())
     for file, copy in copies.items():
         store.write_text(copy, _text(file))
@@ -158,3 +173,126 @@ def changes(before: Any, now: Any, name: str = "") -> list[tuple[str, Any, Any]]
 
 def _count(n_trials: int | None) -> float:
     return math.inf if n_trials is None else n_trials
+
+
+PACKAGES = ("dse", "numpy", "numba", "torch", "optuna", "pandas", "pyarrow", "scikit-learn", "moocore")
+
+
+def describe() -> dict[str, object]:
+    """Return the interpreter, the machine and the versions of the packages that compute results."""
+    return {
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+        "process": os.getpid(),
+        "versions": {name: version for name in PACKAGES if (version := _version(name)) is not None},
+    }
+
+
+def sessions(folder: Path) -> list[Any]:
+    """Return the sessions of a study, first to last; none where nothing is written yet.
+
+    Raises:
+        Damaged: its book is not what was written.
+        StoreError: it cannot be read now.
+    """
+    return list(store.document(folder, store.ENVIRONMENT, []))
+
+
+def begin(book: store.Book) -> None:
+    """Write that a session begins."""
+    book.keep(store.ENVIRONMENT, [*book.document(store.ENVIRONMENT, []), describe()])
+
+
+def process_before(folder: Path) -> int | None:
+    """Return the process of the session before the one that has begun; None: none is known."""
+    process = sessions(folder)[-2:][0].get("process")
+    return process if type(process) is int and process != os.getpid() else None
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+_PATIENCE_S, _GLANCE_S = 10.0, 0.2  # for who has the lock of a study and is no coordinator
+
+Key = tuple[int, int]
+"""Trial and repeat of a run."""
+
+
+class Coordinator:
+    """This process among the coordinators of a study, until `at_the_end` is closed.
+
+    Attributes:
+        is_first: whether it is the only one so far.
+
+    Raises:
+        InUse: another process has the lock, and is no coordinator.
+        StoreError: the folder cannot be written, or locked.
+    """
+
+    def __init__(self, folder: Path, at_the_end: contextlib.ExitStack) -> None:
+        self._folder, self._at_the_end = folder, at_the_end
+        self._name = secrets.token_hex(4)
+        self._book: Book | None = None
+        until_s = time.monotonic() + _PATIENCE_S
+        self.is_first = self._has_lock = False
+        while not self.is_first and not store.living(folder):
+            try:
+                at_the_end.enter_context(store.exclusive(folder))
+                self.is_first = self._has_lock = True
+            except InUse:  # who has the lock may begin soon, or end
+                if time.monotonic() > until_s:
+                    raise
+                time.sleep(_GLANCE_S)
+
+    @property
+    def leads(self) -> bool:
+        """Whether it holds the lock of the study, which it takes where nobody does."""
+        if not self._has_lock:
+            with contextlib.suppress(InUse):
+                self._at_the_end.enter_context(store.exclusive(self._folder, is_alone=False))
+                self._has_lock = True
+        return self._has_lock
+
+    def begin(self, book: Book) -> None:
+        """Let others join; what a coordinator that has died has claimed is free."""
+        self._book = book
+        if self.is_first:
+            store.remove(self._folder / store.COORDINATORS)
+            book.drop("claim")
+        own = self._folder / store.COORDINATORS / self._name
+        self._at_the_end.callback(store.remove, own)
+        self._at_the_end.enter_context(store.exclusive(own))
+
+    def claim(self, runs: Iterable[Key], beside: Set[Key]) -> set[Key]:
+        """Claim runs beside those that it trains now; return those that no other one has claimed before."""
+        assert self._book is not None  # it has begun
+        with self._book.together():
+            ours = set(self.unclaimed(runs))
+            self.free()
+            rows = [{"trial": x, "repeat": n, "coordinator": self._name} for x, n in sorted(ours | beside)]
+            self._book.put("claim", rows)
+        return ours
+
+    def unclaimed(self, runs: Iterable[Key]) -> list[Key]:
+        """Return those runs that no other coordinator has claimed, in their order."""
+        assert self._book is not None  # it has begun
+        living = {self._name: False}  # name -> whether its claims hold against us
+        held = {}
+        for row in self._book.rows("claim"):
+            name = row["coordinator"]
+            if name not in living:
+                living[name] = store.is_held(self._folder / store.COORDINATORS / name) is not False
+            held[row["trial"], row["repeat"]] = living[name]
+        return [run for run in runs if not held.get(run)]
+
+    def free(self) -> None:
+        """Give back what it has claimed."""
+        assert self._book is not None  # it has begun
+        self._book.drop("claim", "coordinator = ?", self._name)

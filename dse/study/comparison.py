@@ -11,7 +11,7 @@ import numpy as np
 from dse import registry
 from dse.skyline.compare import Comparison, compare
 from dse.skyline.constraints import ExpressionError
-from dse.skyline.goals import Goal
+from dse.skyline.table import Goal
 from dse.study import held
 from dse.study.question import Question
 from dse.study.results import open as open_study

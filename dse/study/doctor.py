@@ -24,7 +24,7 @@ from dse import seeds, store
 from dse.config import ConfigError
 from dse.hardware.profile import load, names
 from dse.store import StoreError
-from dse.study import checkpoints, convert, held, imported, mended, precision, pricing, racing, tables
+from dse.study import checkpoints, held, imported, mended, precision, pricing, racing, tables
 from dse.study.ledger import Entry, read_entries
 from dse.study.record import IMPORTED, RunRecord, load_record
 from dse.study.results import plain_space
@@ -154,7 +154,7 @@ def examine(folder: Path) -> list[Damage]:
     if not any(os.path.lexists(folder / name) for name in (store.SPACE, store.BOOK, store.RUNS)):
         raise StoreError(f"{folder}: is not the folder of a study: there is no {store.SPACE}")
     study, found = _Study(folder), dict[str, Damage]()
-    for check in (_book,) if convert.is_earlier(folder) else _CHECKS:
+    for check in (_book,) if mended.is_earlier(folder) else _CHECKS:
         for damage in check(study):
             found.setdefault(damage.file, damage)  # what a later check says follows from it
     return list(found.values())
@@ -213,8 +213,8 @@ def _access(study: _Study) -> Iterator[Damage]:
 
 
 def _book(study: _Study) -> Iterator[Damage]:
-    if convert.is_earlier(study.folder):
-        for run, fault in convert.damaged_runs(study.folder).items():
+    if mended.is_earlier(study.folder):
+        for run, fault in mended.damaged_runs(study.folder).items():
             remedy = f"it is moved aside, to artefacts.damaged; {AGAIN} trains it again"
             yield Damage(study.name(run), fault, "one run", remedy, partial(_mend, study))
         fault = "is missing: an earlier version of dse wrote the study"

@@ -18,22 +18,20 @@ from dse.dataset import cache
 from dse.hardware.profile import Profile, load_all
 from dse.recordings import PLACES, RecordingError
 from dse.recordings.files import locate
-from dse.study import decisions, environment, imported, points, precision, pricing, warm
+from dse.study import health, imported, points, precision, pricing, warm
 from dse.study import tables as both
 from dse.study import trials as tables
-from dse.study.batches import Batches, n_trials
-from dse.study.claim import claim, join
-from dse.study.coordinators import Coordinator
+from dse.study.claim import Coordinator, claim, join, process_before
 from dse.study.executors import loky
-from dse.study.fronts import fronts
 from dse.study.known import KnownBefore
 from dse.study.ledger import Ledger
 from dse.study.mended import opened
+from dse.study.precision import fronts
 from dse.study.progress import shown
 from dse.study.racing import Audit, Race
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
-from dse.study.searches import FrontRepeats, Search, WarmStart
+from dse.study.searches import Batches, FrontRepeats, Search, WarmStart, n_trials
 from dse.study.workers import OutOfTime, Workers
 
 if TYPE_CHECKING:
@@ -55,7 +53,7 @@ def run(
 ) -> Study:
     """Train the missing runs of a study and return it; this also resumes an interrupted study.
 
-    Where another process runs the study, this one shares its trainings (`dse.study.coordinators`).
+    Where another process runs the study, this one shares its trainings (`dse.study.claim`).
 
     Args:
         space: what to explore.
@@ -137,7 +135,7 @@ def run(
         results_tables.write()
         runs.remark(runs.untrained(), UNTRAINED)
         runs.remark([f"{_STOPPED}{stopped}"] if stopped else [], _STOPPED)
-        runs.remark(decisions.remarks(space.decision, runs.trials()), decisions.PREFIX)
+        runs.remark(health.remarks(space.decision, runs.trials()), health.PREFIX)
     return Study(folder)
 
 
@@ -159,7 +157,7 @@ def _workers(
     """
     execution = space.execution
     if execution.backend == "loky":
-        if coordinator.is_first and (dead := environment.process_before(folder)) is not None:
+        if coordinator.is_first and (dead := process_before(folder)) is not None:
             loky.clear(dead)
         return Workers(n, until_s=until_s)
     from dse.study.executors.dask import Dask, Unusable

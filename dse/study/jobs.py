@@ -5,15 +5,16 @@ A job holds paths and settings only; spikes are read from the prepared data set 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import json
 import math
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,8 @@ from dse.dataset.files import read_meta
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes, head_slices
 from dse.measure.run import Measurement, OfTargets, UnseenTargets, accuracies, measure
+from dse.models.snn.quantise import rounded
+from dse.neurons.fixed_point import STATE_LIMIT
 from dse.recordings.crops import with_crops
 from dse.records import (
     Answers,
@@ -48,9 +51,10 @@ from dse.records import (
     Workload,
 )
 from dse.search.cohorts import Demand
-from dse.study import checkpoints
+from dse.study import checkpoints, precision
 from dse.study.checkpoints import Checkpoint
 from dse.study.executors.work import Failure
+from dse.study.precision import Setting
 from dse.study.record import Numbers, RunRecord, is_stopped, plain_rungs
 
 PROCESS_BYTES = 320 * 2**20
@@ -74,12 +78,14 @@ class Preparation:
 
     designs: key of the data set -> sections of its design. base: folder that recordings are relative to.
     cache: root of the cache. threads: number of threads that simulate trials.
+    said: file in which the work in progress is written, now and then.
     """
 
     designs: Mapping[str, Sections]
     base: Path
     cache: Path
     threads: int = 1
+    said: Path | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -221,27 +227,25 @@ def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
     """Make the data sets that are not in the cache.
 
     Yields:
-        Messages about the work in progress; the key of a data set that cannot be made, and why.
+        The key of a data set that cannot be made, and why; a text is work in progress (`Workers.stream`).
     """
+    is_due = _timer(_MESSAGE_S)
+
+    def say(text: str) -> None:
+        if job.said is not None and is_due():
+            with contextlib.suppress(OSError):
+                job.said.write_text(text, "utf-8")
+
     for key, sections in job.designs.items():
         try:
             with store.explained(job.cache):
-                yield from _prepared(job, sections)
+                dataset.prepare(sections, job.base, job.cache, job.threads, say)
         except store.StoreError:
             raise  # a full disk is not the data set's fault
         except Exception as error:
             yield key, Failure.of(error)
-
-
-def _prepared(job: Preparation, sections: Sections) -> Iterator[str]:
-    """Prepare a data set on a thread; yield the latest message at intervals."""
-    latest: deque[str] = deque(maxlen=1)
-    with ThreadPoolExecutor(1) as pool:
-        made = pool.submit(dataset.prepare, sections, job.base, job.cache, job.threads, latest.append)
-        while not wait([made], _MESSAGE_S).done:
-            if latest:
-                yield latest.pop()
-        made.result()
+    if job.said is not None:
+        job.said.unlink(missing_ok=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -568,3 +572,62 @@ def arrays_of(job: Run, measurement: Measurement, suffix: str) -> dict[str, dict
 def _work(load: Workload | Operations | None) -> dict[str, Array]:
     assert load is not None  # every answer has a workload
     return store.work_arrays(load)
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """Evaluate a trained run at some settings."""
+
+    run: Run
+    settings: tuple[Setting, ...]
+
+
+def evaluate(job: Rounding) -> Iterator[tuple[Setting, Failure | None]]:
+    """Evaluate a run at its settings, one after the other; each result is stored at once.
+
+    Yields:
+        A setting, and None after it is stored, or why it failed. An error that fails all settings is raised.
+    """
+    loaded = load(job.run)
+    network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
+    record = store.read_record(job.run.folder)
+    trained = RunRecord.from_plain(record, job.run.folder).measured.columns
+    run = job.run
+    if run.phi_step is not None:  # the same settings as in training
+        surface = next(x for x in record["files"] if x.startswith("surface"))
+        phi = store.load_arrays(run.folder / surface)["phi"]
+        run = dataclasses.replace(run, phi=tuple(phi.tolist()))
+    for setting in job.settings:
+        why = None
+        try:
+            _evaluate(run, setting, network, loaded, trained)
+        except (store.StoreError, MemoryError):
+            raise  # a full disk is not the run's fault
+        except Exception as error:
+            why = Failure.of(error)
+        yield setting, why
+
+
+def _evaluate(
+    run: Run, setting: Setting, network: object, loaded: Loaded, trained: Mapping[str, Any]
+) -> None:
+    """Measure a run at a setting and publish its file."""
+    if not isinstance(network, Network):
+        raise TypeError(f"only a Network can be rounded, got {type(network).__name__}")
+    data = loaded.data
+    fewer = rounded(network, *setting)
+    validation = run.sections.model.respond(fewer, data, data.validation)
+    test = run.sections.model.respond(fewer, data, data.test) if data.test.size else None
+    assert isinstance(validation, Response)  # a network answers with spikes
+    health = {
+        "peak_state": validation.peak_state,
+        "overflows_24_bit": validation.peak_state > STATE_LIMIT,
+        "n_weights_dense": fewer.n_weights_dense,
+    }
+    reported = {name: x for name, x in health.items() if name in trained}  # not every family reports all
+    outcome = Outcome(fewer, validation, test, {}, reported, trained.get("train_s", 0.0))
+    measurement = run.measured(outcome, data, setting[0])
+    files = arrays_of(run, measurement, "")
+    for name, head in measurement.heads.items():
+        files |= arrays_of(run, head, f"_{name}")
+    precision.save(run.folder, setting, Numbers.of(measurement, loaded.leak), files)

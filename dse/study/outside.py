@@ -1,8 +1,9 @@
-"""A study driven from outside: designs that the sampler proposes, and values that are measured elsewhere.
+"""A study driven from outside: designs that a user wants trained, or asks for and measures elsewhere.
 
-A design that is asked for is on the disk, with its number, before it is returned. Values that are told become
-the record of a run without files (`dse.study.record.TOLD`), and the tables mark them. A design that is never
-told is trained by the next `dse run`.
+A running search reads what is enqueued at each batch. A design that is asked for is on the disk, with its
+number, before it is returned. Values that are told become the record of a run without files
+(`dse.study.record.TOLD`), and the tables mark them. A design that is never told is trained by the next
+`dse run`.
 """
 
 from __future__ import annotations
@@ -10,24 +11,30 @@ from __future__ import annotations
 import contextlib
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from dse import registry, store
 from dse.config import ConfigError, Fault, SearchSpace, load_space
+from dse.config.faults import known_names
 from dse.config.space import Design
+from dse.config.values import echo
+from dse.config.yaml_lines import Document, in_file_order, read_document
 from dse.hardware.profile import load_all
+from dse.seeds import design_key
+from dse.store import Book, back_up, explained
 from dse.study import tables, warm
-from dse.study.batches import Batches, values_of
 from dse.study.claim import claim
 from dse.study.known import KnownBefore
 from dse.study.ledger import Entry, Ledger
 from dse.study.mended import opened
-from dse.study.progress import Silent
+from dse.study.progress import Progress
 from dse.study.record import Numbers, RunRecord, load_record
 from dse.study.results import plain_space
 from dse.study.runs import Runs
+from dse.study.searches import Batches, values_of
+from dse.study.warm import axis_value, on_axes
 from dse.study.workers import Workers
 
 
@@ -50,10 +57,10 @@ def ask(space: SearchSpace, results: str | Path, n: int) -> tuple[list[tuple[int
         book, notes = at_the_end.enter_context(opened(folder, space.search.batch))
         notes += claim(space, book)
         ledger = Ledger(book)
-        runs = Runs(space, book, profiles, workers, Silent())
+        runs = Runs(space, book, profiles, workers, Progress())
         runs.recall(ledger.entries)
         before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
-        batches = Batches(space, ledger, runs, before, earlier, Silent())
+        batches = Batches(space, ledger, runs, before, earlier, Progress())
         number = 1 + max((entry.batch for entry in ledger.entries), default=-1)
         for batch in range(number):
             batches.learn(batch)
@@ -151,3 +158,66 @@ def _numbers(space: SearchSpace, told: Mapping[str, float]) -> Numbers:
     columns = {name: value for name, value in told.items() if name not in of_chips}
     first = [profile.name for profile in load_all(space.hardware, space.source.parent)][:1]
     return Numbers(columns, {name: chip for name in first})
+
+
+def read_designs(space: SearchSpace, path: Path) -> list[Design]:
+    """Return the designs of a YAML file: a mapping of axes to values, or a list of these.
+
+    Raises:
+        ConfigError: every design that is none of the search space, with its line.
+    """
+    document = read_document(path, {})
+    if document.faults:
+        raise in_file_order(document.faults)
+    written = document.data if isinstance(document.data, list) else [document.data]
+    designs: list[Design] = []
+    faults: list[Fault] = []
+    for index, one in enumerate(written):
+        where = (index,) if isinstance(document.data, list) else ()
+        design = on_axes(space, one) if isinstance(one, dict) else None
+        if design is not None:
+            designs.append(design)
+        else:
+            faults += _faults(space, one, document, where)
+    if not written:
+        faults.append(document.fault((), "must hold at least one design, got none"))
+    if faults:
+        raise in_file_order(faults)
+    return designs
+
+
+def _faults(space: SearchSpace, one: object, document: Document, where: tuple[int, ...]) -> list[Fault]:
+    if not isinstance(one, dict):
+        return [document.fault(where, f"a design must be a mapping of axes to values, got {echo(one)}")]
+    faults = []
+    for name, value in one.items():
+        axis = space.axes.get(name)
+        if axis is None:
+            text = f"unknown axis '{name}'; {known_names(name, space.axes)}"
+            faults.append(document.fault((*where, name), text))
+        elif axis_value(axis, value) is None:
+            text = f"{name} must be on its axis {axis.to_plain()}, got {echo(value)}"
+            faults.append(document.fault((*where, name), text))
+    if not faults:
+        needed = list(space.active(one))
+        text = f"a design must have the axes {', '.join(needed)}, got {', '.join(map(str, one)) or 'none'}"
+        faults.append(document.fault(where, text))
+    return faults
+
+
+def enqueue(folder: Path, designs: Sequence[Design]) -> None:
+    """Append designs to the queue of a study's folder; a design that waits already keeps its place.
+
+    Raises:
+        StoreError: the folder cannot be written.
+    """
+    with explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    with Book(folder, writes=True) as book:
+        with book.together():
+            rows = book.rows("queue")
+            known = {design_key(row["design"]) for row in rows}
+            place = 1 + max((row["place"] for row in rows), default=0)
+            new = [dict(design) for design in designs if design_key(design) not in known]
+            book.put("queue", [{"place": place + n, "design": design} for n, design in enumerate(new)])
+        back_up(book)

@@ -34,9 +34,6 @@ from dse.study.record import Numbers, RunRecord
 if TYPE_CHECKING:
     import pandas
 
-BLOCK = 1 << 18
-"""Points of a trial that are expanded at a time."""
-
 IN_MEMORY = 4_000_000
 """Rows of a table that is written in one piece."""
 
@@ -67,7 +64,7 @@ def points_table(
     Raises:
         StoreError: an artefact is damaged.
     """
-    parts = [*_parts(space, folder, trials, profiles, None, {})]
+    parts = [*_parts(space, folder, trials, profiles, {})]
     names, asked = corrected.names(space), corrected.asked(space, trials)
     counted = sum((corrected.tally(part, names, asked) for part in parts), Counter())
     known = corrected.values(counted)
@@ -85,7 +82,7 @@ def write_points(
     """Write the table of `points_table` as Parquet, unless the file is that table already.
 
     Rows of the file that follow from unchanged runs are taken over. More rows than `IN_MEMORY` are written
-    block by block, in memory for a block and the answers of a trial.
+    trial by trial and chip by chip.
 
     Args:
         path: the file.
@@ -168,7 +165,7 @@ def _write(
     n_rows = 0
     names, asked = corrected.names(space), corrected.asked(space, trials)
     counted: Counter[corrected.Key] = Counter()
-    for part in _parts(space, folder, trials, profiles, BLOCK, kept):
+    for part in _parts(space, folder, trials, profiles, kept):
         counted += corrected.tally(part, names, asked)
         kind = tuple((k, x.dtype.str) for k, x in part.items())
         kinds.setdefault(kind, {k: x[:0] for k, x in part.items()})
@@ -186,7 +183,7 @@ def _write(
 
     with contextlib.ExitStack() as opened:
         writer = None
-        for part in _parts(space, folder, trials, profiles, BLOCK, kept):
+        for part in _parts(space, folder, trials, profiles, kept):
             whole = [*kinds.values(), corrected.with_corrected(part, names, asked, known)]
             frame = _table(whole, space)
             if writer is None:
@@ -203,13 +200,9 @@ def _parts(
     folder: Path,
     trials: Mapping[int, Sequence[RunRecord]],
     profiles: Sequence[Profile],
-    n_rows: int | None,
     kept: Mapping[int, list[Part]],
 ) -> Iterator[Part]:
-    """Yield the columns of n points of a trial at a time on every profile; None: of all its points.
-
-    Of the trials in `kept`, yield what is there.
-    """
+    """Yield the columns of the points of a trial on every profile; of the trials in `kept` what is there."""
     for trial, runs in sorted(trials.items()):
         if trial in kept:
             yield from kept[trial]
@@ -219,7 +212,7 @@ def _parts(
         if not all(record.finished for record in runs):
             continue
         try:
-            yield from _of_trial(space, folder, trial, runs, profiles, n_rows)
+            yield from _of_trial(space, folder, trial, runs, profiles)
         except (LookupError, ValueError, TypeError) as error:
             place = store.run_file(folder, trial, runs[0].repeat)
             text = f"its arrays cannot be evaluated ({type(error).__name__}: {error})"
@@ -229,28 +222,20 @@ def _parts(
 
 
 def _of_trial(
-    space: SearchSpace,
-    folder: Path,
-    trial: int,
-    runs: Sequence[RunRecord],
-    profiles: Sequence[Profile],
-    n_rows: int | None,
+    space: SearchSpace, folder: Path, trial: int, runs: Sequence[RunRecord], profiles: Sequence[Profile]
 ) -> Iterator[Part]:
     answered = answers(folder, runs)
+    rows = columns_of(answered)
+    n = len(rows["accuracy"])
     about = tables.named(space, trial, runs[0].design, len(runs), runs[0].origin)
-    total = sum(map(len, answered))
-    step = n_rows or total
+    design = {name: _repeated(value, n) for name, value in about.items()} | {"point": np.arange(n)}
     chips: list[Profile | None] = [*profiles] or [None]
-    for chip, start in itertools.product(chips, range(0, total, step)):
-        some = _between(answered, start, min(start + step, total))
-        rows = columns_of(some)
-        n = len(rows["accuracy"])
-        design = {name: _repeated(value, n) for name, value in about.items()}
-        costs = {"hardware": _repeated(chip.name, n)} | priced(some, chip) if chip else {}
+    for chip in chips:
+        costs = {"hardware": _repeated(chip.name, n)} | priced(answered, chip) if chip else {}
         for name, column in (rows | costs).items():
             if column.shape != (n,) or column.dtype.kind == "c":
                 raise ValueError(f"{name} has shape {column.shape} of {column.dtype}, not {n} rows")
-        yield design | {"point": np.arange(start, start + n)} | rows | costs
+        yield design | rows | costs
 
 
 def _told(space: SearchSpace, record: RunRecord, chips: Sequence[str]) -> Iterator[Part]:
@@ -263,19 +248,6 @@ def _told(space: SearchSpace, record: RunRecord, chips: Sequence[str]) -> Iterat
         row |= {} if chip is None else {"hardware": chip}
         row |= {"phi": np.nan, "theta": np.nan, "read_out_ms": np.nan}
         yield {name: _repeated(value, 1) for name, value in row.items()}
-
-
-def _between(answered: Sequence[Answered], start: int, stop: int) -> list[Answered]:
-    """Return answers with the rows from start to stop alone; all of them stay, some without rows."""
-    pieces, first = [], 0
-    for piece in answered:
-        rows = np.arange(len(piece))[max(start - first, 0) : max(stop - first, 0)]
-        first += len(piece)
-        if len(rows) < len(piece):
-            columns = {k: x[rows] for k, x in piece.columns.items()}
-            piece = Answered(piece.design, columns, [_part(load, rows) for load in piece.work])
-        pieces.append(piece)
-    return pieces
 
 
 def _table(parts: Sequence[Mapping[str, Array]], space: SearchSpace) -> pandas.DataFrame:

@@ -1,4 +1,4 @@
-"""Trained networks at other precisions: the files of what was measured (`dse.study.rounding`).
+"""Fronts of a study, and the files of what the networks on them measured at other precisions.
 
 A setting is (weight_bits, pruned): it states how the weights of a trained network are rounded
 (`dse.models.snn.quantise`). The results at a setting are one file of the study,
@@ -14,7 +14,7 @@ which is written atomically: a setting is finished if its file exists.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -193,3 +193,39 @@ def _read(path: Path) -> Evaluation | None:
             file, name = key.split("/", 1)
             files.setdefault(file, {})[name] = array
     return Evaluation(*setting, numbers, files)
+
+
+GROUPS = ("task", "family", "hardware")
+"""Columns whose values have a front each: costs compare on one chip alone, and every family has its front."""
+
+
+def as_if_larger(points: pandas.DataFrame) -> pandas.DataFrame:
+    """Return points with hardware that holds none of them replaced by a larger one of its kind.
+
+    A search that finds nothing that fits goes on towards the best designs: at fewer bits, or pruned, they may
+    fit. What no hardware can run stays left out.
+    """
+    from dse.skyline.admissible import fitting
+
+    if not {"fits", "hardware"} <= set(points):
+        return points
+    held = points["hardware"].isin(points["hardware"][fitting(points)])
+    return points.assign(fits=points["fits"].mask(~held & points["fits"].notna(), True))
+
+
+def fronts(
+    points: pandas.DataFrame, goals: Sequence[tuple[str, str]]
+) -> Iterator[tuple[pandas.DataFrame, pandas.DataFrame]]:
+    """Yield the points of every task, family and chip as they were trained, and the front of these.
+
+    Hardware that holds no point counts as larger (`as_if_larger`). Other precisions are left out: if they
+    changed which designs are trained again, the result would depend on interruptions.
+    """
+    from dse.skyline.front import skyline
+
+    table = as_trained(as_if_larger(points))
+    if table.empty:
+        return
+    by = [name for name in GROUPS if name in table.columns]
+    for _, group in table.groupby(by, observed=True) if by else [((), table)]:
+        yield group, skyline(group, goals).rows

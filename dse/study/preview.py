@@ -1,29 +1,38 @@
-"""The preview of a study: number of designs, sizes of networks, and the data."""
+"""What `dse check` says of a search space before any work: faults of a run, number of designs, and data."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from dse import dataset, registry
 from dse.config import SearchSpace
 from dse.config.chips import chips
-from dse.config.contracts import placed, trains_in_cohorts
-from dse.config.resolved import Sections
+from dse.config.contracts import check_channels, placed, trains_in_cohorts
+from dse.config.resolved import LeftOut, Sections
+from dse.config.settings import Evaluation
+from dse.config.yaml_lines import Path as Keys
+from dse.config.yaml_lines import error_of
 from dse.dataset import cache
+from dse.dataset.shape import Shape, announced
+from dse.dataset.shifts import shifts_described
+from dse.recordings import RecordingError, Recordings, doubts, splits
+from dse.recordings.cutting import cut
 from dse.recordings.files import locate
+from dse.recordings.splits import split
+from dse.recordings.targets import heads, in_use, target, target_columns
+from dse.recordings.windows import chosen, place, signal_onset
+from dse.records import Array, Events, Ints, Rasters, Signals
 from dse.registry import Plugin
 from dse.search.space import corners, design_at, n_designs_of_each
-
-if TYPE_CHECKING:
-    from dse.dataset.shape import Shape
-    from dse.recordings import Recordings
-    from dse.records import Ints
+from dse.study.workers import Workers
 
 # Larger files are not read just to count their channels and classes.
 _MOST_BYTES = 200_000_000
@@ -33,6 +42,37 @@ _MOST_ENCODERS = 16  # that are tried on some training recordings, `_FEW`
 _FEW = 8
 _MOST_WEIGHTS = 10_000_000
 _SIZING = ("task", "preprocessing", "encoder", "model")
+_MOST_CORNERS = 256
+_MOST_TASKS = 100
+
+
+class _Look:
+    """The recordings of a search space, as they lie in their files.
+
+    Raises:
+        RecordingError: they cannot be read.
+    """
+
+    def __init__(self, space: SearchSpace) -> None:
+        self.space = space
+        self.read: Recordings = space.data.read(space.source.parent)
+        self._shapes: dict[str, Shape | None] = {}
+
+    @functools.cached_property
+    def positions(self) -> Ints | None:
+        """Where channels lie, by the files."""
+        return self.space.data.channel_positions(self.space.source.parent)
+
+    def cut(self, sections: Sections) -> Recordings:
+        """Return the recordings as a design cuts them."""
+        return cut(self.read, sections.window.cut_steps, sections.window.every_steps)
+
+    def shape(self, sections: Sections) -> Shape | None:
+        """Return the shape of a design's data set; None where the data decide."""
+        key = repr((sections.task, sections.window, sections.preprocessing, sections.encoder))
+        if key not in self._shapes:
+            self._shapes[key] = announced(sections, self.cut(sections), self.positions)
+        return self._shapes[key]
 
 
 def preview(space: SearchSpace) -> dict[str, object]:
@@ -103,7 +143,6 @@ def _unpriced(space: SearchSpace) -> dict[str, object]:
 def _audited(space: SearchSpace) -> dict[str, object]:
     """Return what the last audit of the search space has found; nothing without an audit."""
     from dse.audit import record
-    from dse.recordings import RecordingError
     from dse.store import StoreError
 
     with contextlib.suppress(OSError, RuntimeError, RecordingError, StoreError):
@@ -120,17 +159,9 @@ def _loaded(plugin: Plugin) -> str:
 
 def _from_data(space: SearchSpace) -> dict[str, object]:
     """Return recordings, classes and the range of the number of weights, if known before preprocessing."""
-    from dse.dataset.shape import announced
-    from dse.recordings import RecordingError, doubts
-    from dse.recordings.cutting import cut
-    from dse.recordings.splits import split
-    from dse.recordings.targets import heads, in_use, target, target_columns
-    from dse.records import Events
-    from dse.study.evaluation import previewed
-
     first = space.resolve(next(corners(space, (), 1)))
-    read = first.data.read(space.source.parent)
-    recordings = cut(read, first.window.cut_steps, first.window.every_steps)
+    look = _Look(space)
+    recordings = look.cut(first)
     codes, classes = target(recordings.columns, first.task.target)
     if first.task.joint:
         heads(recordings.columns, first.task.target, codes)
@@ -142,10 +173,9 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     row: dict[str, object] = {"recordings": len(codes)}
     row |= zip(("train", "validation", "test"), map(len, parts), strict=True)
     row["classes"] = list(classes)
-    row |= previewed(space, first, recordings)
+    row |= _of_evaluation(space, first, recordings)
     if notes := recordings.notes():
         row["repairs"] = notes
-    of_file = first.data.channel_positions(space.source.parent)
     used = np.zeros(len(codes), bool)
     used[np.concatenate(parts)] = True
     k_fold = first.split.k_fold
@@ -154,23 +184,15 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     row["doubts"] = said = [
         *doubts.few(len(parts[1]), 1 if k_fold is None else k_fold.k),
         *doubts.doubts(
-            doubts.Used(recordings, *labels, np.flatnonzero(used), first.window.n_steps, of_file, name)
+            doubts.Used(recordings, *labels, np.flatnonzero(used), first.window.n_steps, look.positions, name)
         ),
-        *_without_spikes(space, recordings, of_file, parts[0]),
+        *_without_spikes(space, recordings, look.positions, parts[0]),
     ]
-    shapes: dict[str, Shape | None] = {}
-
-    def shape(sections: Sections) -> Shape | None:
-        key = repr((sections.task, sections.window, sections.preprocessing, sections.encoder))
-        if key not in shapes:
-            shapes[key] = announced(sections, recordings, of_file)
-        return shapes[key]
-
-    row |= _excluded(space, shape)
+    row |= _excluded(space, look.shape)
     weights: set[int] = set()
     for design in corners(space, _SIZING, _MOST_COMBINATIONS):
         sections = space.resolve(design)
-        model, known = sections.model, shape(sections)
+        model, known = sections.model, look.shape(sections)
         if known is None or not trains_in_cohorts(model):  # other families have weights only after training
             return row
         weights.add(placed(model, known.positions).n_weights(len(known.positions), known.n_outputs))
@@ -188,9 +210,6 @@ def _without_spikes(
     """Return a sentence for each encoder that makes no spikes of some training recordings."""
     from dse.audit.gather import values_of
     from dse.dataset.parts import placed as windows_of
-    from dse.recordings.doubts import silent_windows
-    from dse.recordings.windows import chosen
-    from dse.records import Signals
 
     if not isinstance(recordings, Signals):
         return []
@@ -205,7 +224,7 @@ def _without_spikes(
             n_spikes = np.array([row.counts.sum() for row in part.rows(1)])
             values = {name: x for name, x in design.items() if name.startswith("encoder.")}
             at = f" (at {values_of(values)})" if values else ""
-            sentences += [f"{text}{at}" for text in silent_windows(n_spikes) if not n_spikes.any()]
+            sentences += [f"{text}{at}" for text in doubts.silent_windows(n_spikes) if not n_spikes.any()]
     return sentences
 
 
@@ -221,9 +240,7 @@ def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None])
     if not space.limits or total is None:
         return {}
 
-    from dse.dataset.shape import Shape
     from dse.hardware.profile import load_all
-    from dse.recordings import RecordingError
     from dse.study.known import KnownBefore
 
     shapes: dict[str, Shape | None] = {}
@@ -250,3 +267,187 @@ def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None])
         together = sum(not x.limits for x in excluded)
         row["excluded_by"] = by_limit | ({"all limits together": together} if together else {})
     return row
+
+
+class Refusal(NamedTuple):
+    """A fault: the keys of the search space that it is about, and a sentence."""
+
+    path: Keys
+    message: str
+
+
+def refusals(space: SearchSpace) -> list[Refusal]:
+    """Return every fault that a run of a valid search space would meet in its recordings, each once.
+
+    Designs at the ends of all axes are looked at. Events are read, but their windows are not placed, as these
+    follow from the events of every file.
+    """
+    faults: dict[Refusal, None] = {}
+    try:
+        look = _Look(space)
+    except RecordingError as error:
+        return [Refusal(("data", "file"), str(error))]
+    seen: set[str] = set()
+    for design in corners(space, ("task", "window"), _MOST_CORNERS):
+        sections = space.resolve(design)
+        key = repr((sections.task, sections.window))
+        if key not in seen:
+            seen.add(key)
+            faults |= dict.fromkeys(_of_labels_and_windows(sections, look))
+    if not faults:
+        faults |= dict.fromkeys(_of_channels(look))
+    if not faults and (fault := _too_large(look)) is not None:
+        faults[fault] = None
+    return list(faults)
+
+
+def _of_labels_and_windows(design: Sections, look: _Look) -> Iterator[Refusal]:
+    """Yield what is wrong with cutting, classes, split and windows of a design."""
+    try:
+        recordings = look.cut(design)
+    except RecordingError as error:
+        yield Refusal(("window", "cut_steps"), str(error))
+        return
+    try:
+        codes, classes = target(recordings.columns, design.task.target)
+        if design.task.joint:
+            heads(recordings.columns, design.task.target, codes)
+    except RecordingError as error:
+        yield Refusal(("task", "target"), str(error))
+        return
+    used = np.ones(len(codes), dtype=bool)
+    try:
+        used[:] = False
+        used[np.concatenate(split(recordings.columns, codes, classes, design.split))] = True
+    except RecordingError as error:
+        yield Refusal(("split",), str(error))
+        used[:] = True
+    n_classes = len(in_use(codes, classes, used)[1])
+    if n_classes < 2:
+        yield Refusal(
+            ("task", "target"),
+            f"task.target must have two classes or more in the recordings of the split, got {n_classes}",
+        )
+    if isinstance(recordings, Signals | Rasters):
+        try:
+            place(design.window, recordings.lengths, used, _onset(design, recordings))
+        except RecordingError as error:
+            yield Refusal(("window", "n_steps"), str(error))
+
+
+def _onset(design: Sections, recordings: Signals | Rasters) -> Ints | None:
+    """Return the first step of contact of each recording, where windows begin there."""
+    window = design.window
+    if window.at != "contact_onset":
+        return None
+    if isinstance(recordings, Signals):
+        return signal_onset(recordings, window.onset_threshold)
+    spikes = recordings.spikes
+    enough = np.diff(spikes.row_offsets).reshape(recordings.lengths.size, -1) >= window.onset_threshold
+    return np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
+
+
+def _shapes(look: _Look) -> Iterator[tuple[Sections, Shape]]:
+    """Yield designs at the ends of all axes and the shapes of their data, up to one that the data decide."""
+    for design in corners(look.space, _SIZING, _MOST_CORNERS):
+        sections, shape = look.space.resolve(design), None
+        with contextlib.suppress(RecordingError, ValueError):
+            shape = look.shape(sections)
+        if shape is None:
+            return
+        yield sections, shape
+
+
+def _of_channels(look: _Look) -> Iterator[Refusal]:
+    """Yield why designs cannot train on channels where they lie."""
+    for sections, shape in _shapes(look):
+        try:
+            check_channels(sections.model, shape.positions)
+        except ValueError as error:
+            yield Refusal(("model",), str(error))
+
+
+def _too_large(look: _Look) -> Refusal | None:
+    """Return the fault of a search space in which no design fits the memory of a worker."""
+    execution = look.space.execution
+    budget = Workers(execution.jobs).memory_budget(execution.memory_gib, execution.device)
+    least: tuple[int, int] | None = None
+    for sections, shape in _shapes(look):
+        if not trains_in_cohorts(sections.model):
+            return None
+        family, sizes = placed(sections.model, shape.positions), (len(shape.positions), shape.n_outputs)
+        needed = family.memory_bytes(*sizes, shape.n_steps or 1, sections.training)
+        least = min(filter(None, (least, (needed, family.n_weights(*sizes)))))
+        if needed <= budget:
+            return None
+    if least is None:
+        return None
+    needed, n_weights = least
+    return Refusal(
+        ("model",),
+        f"model: the smallest design has {n_weights} weights, and its training needs "
+        f"{needed / 2**30:.3g} GiB, "
+        f"more than the {budget / 2**30:.3g} GiB of a process (execution.memory_gib)",
+    )
+
+
+def _of_evaluation(space: SearchSpace, first: Sections, recordings: Recordings) -> dict[str, object]:
+    """Return the entries of `dse check`: sentences about moved windows, and the number of trainings.
+
+    Args:
+        space: search space.
+        first: a design of it; only its target is varied.
+        recordings: of the design.
+
+    Raises:
+        ConfigError: windows have no room for the shifts, or a class cannot be trained without a fold.
+    """
+    evaluation = first.evaluation
+    if evaluation is None:
+        return {}
+    sentences: list[str] = []
+    folds: list[LeftOut] = []
+    faults: dict[str, None] = {}
+    for design in corners(space, ("task",), _MOST_TASKS):
+        codes, classes = target(recordings.columns, space.resolve(design).task.target)
+        train, validation, test = split(recordings.columns, codes, classes, first.split)
+        try:
+            columns = recordings.columns
+            folds = [y for x in evaluation.groups for y in splits.folds(columns, x, codes, train, validation)]
+            lost = (splits.untrained(columns, x, codes, classes, train, validation) for x in folds)
+            faults |= dict.fromkeys(filter(None, lost))
+            used = np.concatenate([train, validation, test])
+            sentences += _of_shifts(first, evaluation, recordings, used, validation, codes, classes)
+        except RecordingError as error:
+            faults[str(error)] = None
+    if faults:
+        raise error_of(space.source, faults)
+    row: dict[str, object] = {"evaluation": list(dict.fromkeys(sentences))} if sentences else {}
+    if folds:
+        n_trials = space.search.n_trials or space.n_designs or 0
+        row["trainings"] = n_trials * (space.search.repeats + len(folds))
+    return row
+
+
+def _of_shifts(
+    first: Sections,
+    evaluation: Evaluation,
+    recordings: Recordings,
+    used: Ints,
+    validation: Ints,
+    codes: Ints,
+    classes: tuple[str, ...],
+) -> list[str]:
+    """Return what is worth saying about moved windows; of events nothing, whose lengths are not known yet."""
+    if evaluation.shifts is None or not isinstance(recordings, Signals | Rasters):
+        return []
+    window, onset = first.window, None
+    if window.at == "contact_onset":
+        if isinstance(recordings, Rasters):
+            return []
+        onset = signal_onset(recordings, window.onset_threshold)
+    wide = replace(window, jitter_steps=max(window.jitter_steps, evaluation.reach))
+    mask: Array = np.isin(np.arange(recordings.n_recordings), used)
+    start, low, high, _ = place(wide, recordings.lengths, mask, onset)
+    room = low, high
+    return shifts_described(start, room, codes, classes, validation, evaluation.shifts, window.jitter_steps)

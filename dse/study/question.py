@@ -13,7 +13,7 @@ from dse.registry import Rule, param
 if TYPE_CHECKING:
     import pandas
 
-    from dse.skyline.goals import Goal
+    from dse.skyline.table import Goal
 
 CERTAINTY = ("front_share", "front_probability")
 """Columns of what is sampled (`dse.study.resampling.certainty`)."""
@@ -105,8 +105,7 @@ class Question:
             TableError: there is no such table.
         """
         from dse.skyline.constraints import ExpressionError
-        from dse.skyline.goals import parse_goals
-        from dse.skyline.table import TableError
+        from dse.skyline.table import TableError, parse_goals
         from dse.study.results import open as open_study
 
         if self.objectives is not None:

@@ -33,8 +33,8 @@ from dse.records import Floats
 from dse.search.racing import best
 from dse.study import checkpoints, points
 from dse.study import trials as tables
-from dse.study.fronts import fronts
 from dse.study.ledger import Entry, Ledger
+from dse.study.precision import fronts
 from dse.study.progress import Progress
 from dse.study.record import Numbers, RunRecord
 from dse.study.runs import Runs
@@ -268,8 +268,8 @@ class Race:
         if not audited:
             return
         from dse.skyline.front import skyline
-        from dse.skyline.goals import checked_goals, costs_of
         from dse.skyline.pareto import hypervolume
+        from dse.skyline.table import checked_goals, costs_of
 
         goals, share, members = checked_goals(self._space.objectives), 0.0, set()
         for table, front in fronts(points_now(), self._space.objectives):

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from dse.hardware.profile import Profile
     from dse.preprocessing.stages import Stages
     from dse.records import Array, Dataset
-    from dse.skyline.goals import Goal
+    from dse.skyline.table import Goal
 
 
 EARLIER = ("journal.log", "environment.json", "artefacts")
-"""What folders of earlier versions hold (`dse.study.convert`)."""
+"""What folders of earlier versions hold (`dse.study.mended`)."""
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C, where PyYAML has it: ten times as fast
 
@@ -44,7 +44,7 @@ class Study:
     @property
     def objectives(self) -> list[Goal]:
         """The objectives of the search space: (column, 'max' or 'min') each."""
-        from dse.skyline.goals import Goal
+        from dse.skyline.table import Goal
 
         pairs = (text.split(":") for text in self.space["objectives"])
         return [Goal(name, direction) for name, direction in pairs]

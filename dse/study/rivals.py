@@ -12,8 +12,7 @@ from dse.search.racing import best
 from dse.skyline import rivals
 from dse.skyline.admissible import COST, fitting, honest, meeting
 from dse.skyline.front import front_mask
-from dse.skyline.goals import Goal, costs_of
-from dse.skyline.table import group_numbers, numbers
+from dse.skyline.table import Goal, costs_of, group_numbers, numbers
 from dse.store import StoreError
 from dse.study import resampling
 from dse.study.question import DRAWS, Question

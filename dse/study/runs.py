@@ -32,8 +32,8 @@ from dse.records import Dataset
 from dse.registry import PluginError
 from dse.search import cohorts
 from dse.store import Damaged, StoreError
-from dse.study import checkpoints, jobs, precision, rounding
-from dse.study.coordinators import Coordinator, Key
+from dse.study import checkpoints, jobs, precision
+from dse.study.claim import Coordinator, Key
 from dse.study.executors.work import Failure
 from dse.study.ledger import Entry
 from dse.study.progress import Progress
@@ -430,10 +430,10 @@ class Runs:
             else:
                 folder = self._cache / data.keys[member]
                 run = self._run(entry, repeat, data.sections[member], folder)
-                evaluations.append(rounding.Job(run, lacking[entry.trial, repeat]))
+                evaluations.append(jobs.Rounding(run, lacking[entry.trial, repeat]))
         for attempt in range(_ATTEMPTS):
             again = []
-            for job, ended in self._attempted(rounding.evaluate, evaluations, attempt == _ATTEMPTS - 1):
+            for job, ended in self._attempted(jobs.evaluate, evaluations, attempt == _ATTEMPTS - 1):
                 if isinstance(ended, Failure):
                     _stop_if_blameless(ended)
                     left = precision.missing(job.run.folder, job.settings)
@@ -730,7 +730,13 @@ class Runs:
         threads = max(1, self._workers.n // len(groups)) * self._space.execution.threads
         base = self._space.source.parent
         return [
-            jobs.Preparation({key: needed[key] for key in keys}, base, self._cache, threads)
+            jobs.Preparation(
+                {key: needed[key] for key in keys},
+                base,
+                self._cache,
+                threads,
+                self._folder / f"{store.TEMPORARY}{keys[0]}",
+            )
             for keys in groups.values()
         ]
 

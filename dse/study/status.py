@@ -20,17 +20,17 @@ from dse.config import ConfigError, load_space
 from dse.records import Floats
 from dse.skyline.admissible import COST
 from dse.store import StoreError, is_held, read_record, run_file, runs_in, verify
-from dse.study import environment
-from dse.study.fronts import GROUPS, fronts
+from dse.study import claim
 from dse.study.ledger import Entry, read_entries
+from dse.study.precision import GROUPS, fronts
+from dse.study.progress import seconds_left
 from dse.study.record import STOPPED
 from dse.study.results import Study
-from dse.study.time_left import seconds_left
 
 if TYPE_CHECKING:
     import pandas
 
-    from dse.skyline.goals import Goal
+    from dse.skyline.table import Goal
 
 ENDED_EARLY = ("failed", STOPPED)
 
@@ -60,7 +60,7 @@ class Status:
     n_runs: number of all runs, including those that repeat the front; None if unknown.
     n_runs_done: runs that have ended.
     hours: total length of all sessions, without the time between them.
-    time_left_s: None if there is no estimate (`dse.study.time_left`) or no run is missing.
+    time_left_s: None if there is no estimate (`dse.study.progress`) or no run is missing.
     sign_s: the last that was heard of a session, in seconds since 1970: its start, a proposal, the end of a
         run; None before the first.
     is_running: whether a process holds the study; None if nobody can tell.
@@ -286,7 +286,7 @@ def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessi
     happened += [entry.reported_s for entry in entries.values() if entry.reported_s is not None]
     events = np.sort(np.array(happened))
     try:
-        moments = (session["started"] for session in environment.sessions(folder))
+        moments = (session["started"] for session in claim.sessions(folder))
         starts = sorted(datetime.fromisoformat(moment).timestamp() for moment in moments)
     except (StoreError, ValueError, KeyError, TypeError, OverflowError):
         starts = []

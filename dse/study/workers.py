@@ -1,30 +1,27 @@
 """A function over jobs, in worker processes: one job at a time and one thread each.
 
-A job may yield its result in parts, which arrive at once: parts that arrived before the job ended early stay
-valid. A worker that dies (killed for memory, segmentation fault) costs the job that it was running and
-nothing else: the job's result is a `Failure` that says how it died.
+A job yields its result in parts, which arrive when it ends. A worker that dies (killed for memory,
+segmentation fault) costs the job that it was running and nothing else: the job's result is a `Failure` that
+says how it died. What the job has finished before is on the disk.
 """
 
 from __future__ import annotations
 
+import contextlib
 import itertools
-import pickle
-import queue
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from typing import Generic, TypeVar
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from typing import Any, TypeVar
 
 from dse.store import StoreError
-from dse.study.executors import Executor
 from dse.study.executors.loky import Loky
-from dse.study.executors.work import Failure, Message, pack
+from dse.study.executors.work import Executor, Failure, pack, unpack
 
 Job = TypeVar("Job")
 Part = TypeVar("Part")
 
-_STARTS = 3
-"""Workers that may die one after the other before they begin a job."""
+_GLANCE_S = 0.5  # between looks at what running jobs say
 
 
 class OutOfTime(Exception):
@@ -48,7 +45,6 @@ class Workers:
             raise ValueError(f"jobs must be at least 1, got {n}")
         self._executor = executor or Loky(n)
         self._until_s = until_s
-        self._numbers = itertools.count()
 
     @property
     def n(self) -> int:
@@ -73,10 +69,10 @@ class Workers:
     def stream(
         self, function: Callable[[Job], Iterable[Part]], jobs: Iterable[Job]
     ) -> Iterator[tuple[Job, Part | Failure]]:
-        """Yield every part that the function yields for a job, with its job, as soon as it arrives.
+        """Yield every part that the function yields for a job, with its job, when the job has ended.
 
-        A job that ends early, by an exception or by its worker's death, ends with a `Failure`; earlier parts
-        stay valid.
+        A job that ends early, by an exception or by its worker's death, ends with a `Failure`. What a running
+        job writes to the file `said` that it names is yielded meanwhile.
 
         Args:
             function: importable by name; it is called in a worker.
@@ -87,51 +83,42 @@ class Workers:
             StoreError: the executor is lost.
         """
         waiting = iter(jobs)
-        inbox: queue.SimpleQueue[Message | tuple[int, Failure | StoreError]] = queue.SimpleQueue()
-        running: dict[int, _Task[Job]] = {}
-
-        def start(job: Job, n_starts: int) -> None:
-            number = next(self._numbers)
-            running[number] = _Task(job, n_starts)
-            self._executor.submit(
-                pack(number, function, job), inbox.put, lambda why: inbox.put((number, why))
-            )
-
+        running: dict[Future[bytes], Job] = {}
+        heard = ""
         try:
             while True:
                 for job in itertools.islice(waiting, max(0, self.n - len(running))):
-                    start(job, 1)
+                    running[self._executor.submit(pack(function, job))] = job
                 if not running:
                     return
-                try:
-                    arrived = inbox.get(timeout=self.left_s)
-                except queue.Empty:
-                    raise OutOfTime from None
-                if isinstance(arrived, Message):
-                    if (sender := running.get(arrived.task)) is None:  # it has ended
-                        continue
-                    sender.has_begun = True
-                    if arrived.is_last:
-                        del running[arrived.task]
-                    if arrived.part:
-                        yield sender.job, pickle.loads(arrived.part)
-                elif (task := running.pop(arrived[0], None)) is not None:
-                    why = arrived[1]
-                    if isinstance(why, StoreError):
-                        raise why
-                    if task.has_begun or task.n_starts == _STARTS:
-                        yield task.job, why
-                    else:  # no job is blamed for a worker that died before it began
-                        start(task.job, task.n_starts + 1)
+                left_s = self.left_s
+                glance_s = _GLANCE_S if left_s is None else min(_GLANCE_S, left_s)
+                ended = wait(running, glance_s, FIRST_COMPLETED).done
+                if not ended and left_s == 0:
+                    raise OutOfTime
+                for future in ended:
+                    job = running.pop(future)
+                    yield from ((job, part) for part in self._parts(future))
+                for job in running.values():
+                    with contextlib.suppress(OSError, AttributeError):
+                        text: Any = job.said.read_text("utf-8")  # type: ignore[attr-defined]
+                        if text and text != heard:
+                            heard = text
+                            yield job, text
         finally:
             if running:  # the caller has stopped: nobody reads the results of running jobs
                 self._executor.close()
 
+    def _parts(self, ended: Future[bytes]) -> list[Any]:
+        """Return the parts of a task that has ended.
 
-@dataclass
-class _Task(Generic[Job]):
-    """A job that runs; n_starts: workers that have begun or died with it."""
-
-    job: Job
-    n_starts: int
-    has_begun: bool = False
+        Raises:
+            StoreError: the executor is lost.
+        """
+        try:
+            return unpack(ended.result())
+        except Exception as error:
+            why = self._executor.why(error)
+            if isinstance(why, StoreError):
+                raise why from error
+            return [why]

@@ -12,7 +12,7 @@ import pytest
 
 from dse.cli import main
 from dse.cli.fronts import MOST_COLUMNS, RIVALS, columns, front_answer
-from dse.skyline.goals import Goal
+from dse.skyline.table import Goal
 from tests.skyline.tables import NAMING_OTHERS, WORDS
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"

@@ -11,8 +11,8 @@ from dse import registry
 from dse.config import ConfigError, Sections, load_space
 from dse.config.values import dotted, plain, read_object
 from dse.registry import param
-from dse.search.space import corners, grid
-from tests.spaces import write_space
+from dse.search.space import corners
+from tests.spaces import grid, write_space
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,8 @@ import pytest
 from dse.config import ConfigError, load_space
 from dse.config.schema import json_schema
 from dse.config.yaml_lines import parse
-from dse.search.space import grid
 from tests import families, tiny_study
-from tests.spaces import SPACE, write_space
+from tests.spaces import SPACE, grid, write_space
 
 
 @pytest.fixture(autouse=True)

@@ -24,7 +24,7 @@ from dse import store
 from dse.cli import main
 from dse.config import SearchSpace, load_space
 from dse.store import book
-from dse.study import environment, explore, results
+from dse.study import claim, explore, results
 from dse.study.doctor import examine
 from dse.study.results import Study
 
@@ -203,7 +203,7 @@ def jumping(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             return cls.fromtimestamp(jump(), tz)
 
     monkeypatch.setattr(time, "time", jump)
-    monkeypatch.setattr(environment, "datetime", Jumping)
+    monkeypatch.setattr(claim, "datetime", Jumping)
     yield
 
 

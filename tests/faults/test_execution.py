@@ -26,7 +26,7 @@ import pytest
 from dse.cli import main
 from dse.study import results
 from dse.study import workers as study_workers
-from dse.study.executors import Executor, Lost, Post
+from dse.study.executors.work import Executor
 from dse.study.results import Study
 from tests import tiny_study
 from tests.in_process import Forked, InProcess
@@ -262,7 +262,7 @@ class Swallowing(InProcess):
 
     number: signal.Signals = signal.SIGTERM
 
-    def _perform(self, task: bytes, post: Post, lost: Lost) -> None:
+    def _perform(self, task: bytes) -> bytes:
         Dying(self.number)
         until(lambda: False, "the signal to come again")
         raise AssertionError

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.report.chips import (
+from dse.report.designs import StudyTask
+from dse.report.hardware import (
     AT_PERIOD,
     FLAT_OUT,
     Chip,
@@ -20,7 +21,6 @@ from dse.report.chips import (
     ratio,
     reached,
 )
-from dse.report.designs import StudyTask
 
 # 20 draws: the 5 % quantile is the smallest, the 95 % quantile the second largest.
 STEADY = np.full(20, 10.0)

@@ -14,9 +14,9 @@ from dse.config import Design, load_space
 from dse.search import proposals
 from dse.search.limits import Exclusion
 from dse.search.proposals import Sampler, Values, limited
-from dse.search.space import design_at, grid, index_of
+from dse.search.space import design_at, index_of
 from tests import families
-from tests.spaces import write_space
+from tests.spaces import grid, write_space
 
 NAMES = sorted(registry.known("search.samplers"))
 # The Gaussian process takes seconds per design; it has a test of its own below.

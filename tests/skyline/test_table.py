@@ -4,8 +4,7 @@ import pandas as pd
 import pytest
 
 from dse.skyline.constraints import ExpressionError
-from dse.skyline.goals import parse_goals
-from dse.skyline.table import TableError, read
+from dse.skyline.table import TableError, parse_goals, read
 from tests.skyline.tables import OBJECTIVES, table
 
 

@@ -10,7 +10,7 @@ import pytest
 from dse import store
 from dse.cli.command_line import main
 from dse.skyline.constraints import ExpressionError
-from dse.skyline.goals import Goal
+from dse.skyline.table import Goal
 from dse.study.comparison import compare_studies
 from dse.study.question import Question
 from tests.dashboard.page import Page

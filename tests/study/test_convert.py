@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from dse import store
-from dse.study.convert import convert
 from dse.study.doctor import examine
+from dse.study.mended import convert
 from dse.study.results import plain_space
 
 ZEROS = "0" * 64

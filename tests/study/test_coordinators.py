@@ -11,7 +11,7 @@ from pandas.testing import assert_frame_equal
 
 from dse import store
 from dse.config import ConfigError, load_space
-from dse.study import coordinators, doctor, explore, workers
+from dse.study import claim, doctor, explore, workers
 from dse.study.ledger import read_entries
 from tests import tiny_study
 from tests.in_process import InProcess
@@ -103,11 +103,11 @@ def test_what_a_killed_coordinator_leaves_is_trained_by_another(tmp_path):
 
 def test_a_claim_holds_while_its_coordinator_lives(tmp_path):
     with contextlib.ExitStack() as of_both:
-        one = coordinators.Coordinator(tmp_path, of_both)
+        one = claim.Coordinator(tmp_path, of_both)
         book = of_both.enter_context(store.Book(tmp_path, writes=True))
         one.begin(book)
         with contextlib.ExitStack() as of_other:
-            other = coordinators.Coordinator(tmp_path, of_other)
+            other = claim.Coordinator(tmp_path, of_other)
             other.begin(of_other.enter_context(store.Book(tmp_path, writes=True)))
             assert (one.is_first, one.leads, other.is_first, other.leads) == (True, True, False, False)
             assert one.claim([(0, 0), (1, 0)], set()) == {(0, 0), (1, 0)}

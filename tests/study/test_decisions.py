@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dse.config.space import DecisionGrid
-from dse.study.decisions import remarks
+from dse.study.health import remarks
 from dse.study.record import Numbers, RunRecord
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from dse.study.fronts import fronts
+from dse.study.precision import fronts
 
 GOALS = [("accuracy", "max"), ("n_weights", "min")]
 POINTS = pd.DataFrame(

@@ -383,7 +383,6 @@ def test_a_table_written_in_blocks_holds_the_same_points(space, tmp_path, monkey
     }
     trials = {2: [published(tmp_path, trial=2, surface=surface)], 5: [published(tmp_path, trial=5)]}
     whole = points.points_table(space, tmp_path, trials, [OPERATIONS, LOIHI])
-    monkeypatch.setattr(points, "BLOCK", 2)
     monkeypatch.setattr(points, "IN_MEMORY", in_memory)
     points.write_points(
         tmp_path / "points.parquet", space, tmp_path, trials, [OPERATIONS, LOIHI], digests(tmp_path, trials)

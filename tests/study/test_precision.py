@@ -23,11 +23,10 @@ from dse.models.snn.family import SNN
 from dse.models.snn.quantise import rounded
 from dse.models.training import Training
 from dse.records import Dataset, Network, Outcome
-from dse.study import explore, jobs, precision, rounding
-from dse.study.fronts import fronts
-from dse.study.precision import AS_TRAINED, common, missing, near, refusal, rows
+from dse.study import explore, jobs, precision
+from dse.study.jobs import Job, evaluate
+from dse.study.precision import AS_TRAINED, common, fronts, missing, near, refusal, rows
 from dse.study.results import Study
-from dse.study.rounding import Job, evaluate
 from dse.study.workers import Workers
 from tests.joint_data import joint
 from tests.models.snn.toy import toy
@@ -181,7 +180,7 @@ def test_a_setting_that_fails_stops_no_other(run: jobs.Run, monkeypatch: pytest.
             raise ValueError("weights must be kind")
         return rounded(network, weight_bits, pruned)
 
-    monkeypatch.setattr(rounding, "rounded", moody)
+    monkeypatch.setattr(jobs, "rounded", moody)
     ended = dict(evaluate(Job(run, SETTINGS)))
     assert [setting for setting, why in ended.items() if why is None] == [(4, 0.0), (4, 0.5)]
     failed = ended[2, 0.0]
@@ -262,7 +261,7 @@ def test_a_study_evaluates_its_front_and_goes_on_where_it_was_stopped(
     front = set(dse.open(found.folder).skyline().rows["trial"])
 
     space = load_space(write_space(tmp_path, SMALL, PRECISION))  # no other study: nothing is trained for it
-    evaluate, count = rounding.evaluate, 0
+    evaluate, count = jobs.evaluate, 0
 
     def stream(self: Workers, function: Any, jobs: Any) -> Any:
         nonlocal count

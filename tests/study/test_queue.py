@@ -8,7 +8,7 @@ import pytest
 
 from dse.config import ConfigError, SearchSpace
 from dse.store import Book
-from dse.study import explore, queue
+from dse.study import explore, outside
 from dse.study.ledger import read_entries
 from tests.tiny_study import make_space, unregister
 
@@ -34,9 +34,9 @@ def written(folder: Path, text: str) -> Path:
 def test_enqueued_designs_are_trained_first_and_once(space: SearchSpace, tmp_path: Path) -> None:
     folder = tmp_path / "results/tiny"
     both = "- {model.hidden: [16], model.true_rate: 0.8}\n- {model.hidden: 4, model.true_rate: 0.2}\n"
-    designs = queue.read_designs(space, written(tmp_path, both))
-    queue.add(folder, designs)
-    queue.add(folder, designs[:1])  # waits already
+    designs = outside.read_designs(space, written(tmp_path, both))
+    outside.enqueue(folder, designs)
+    outside.enqueue(folder, designs[:1])  # waits already
     study = explore.run(space, tmp_path / "results", progress=False)
     entries = read_entries(folder)
     assert [e.design["model.hidden"] for e in entries] == [16, 4, 4, 8, 8, 16]
@@ -45,7 +45,7 @@ def test_enqueued_designs_are_trained_first_and_once(space: SearchSpace, tmp_pat
     with Book(folder) as book:
         assert book.rows("queue") == []
     assert study.trials["status"].eq("finished").all()
-    queue.add(folder, designs)  # both are trained
+    outside.enqueue(folder, designs)  # both are trained
     again = explore.run(space, tmp_path / "results", progress=False)
     assert len(again.trials) == 6
     with Book(folder) as book:
@@ -74,7 +74,7 @@ def test_enqueued_designs_are_trained_first_and_once(space: SearchSpace, tmp_pat
 def test_every_fault_has_its_line(space: SearchSpace, tmp_path: Path, text: str, faults: list[str]) -> None:
     path = written(tmp_path, text)
     with pytest.raises(ConfigError) as caught:
-        queue.read_designs(space, path)
+        outside.read_designs(space, path)
     lines = str(caught.value).splitlines()
     assert len(lines) == len(faults)
     for line, fault in zip(lines, faults, strict=True):

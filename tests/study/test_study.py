@@ -22,7 +22,7 @@ from dse.dataset.files import read_meta
 from dse.measure import decision
 from dse.measure.run import read_out
 from dse.recordings import RecordingError
-from dse.study import coordinators, explore, results, runs
+from dse.study import claim, explore, results, runs
 from dse.study import jobs as study_jobs
 from dse.study.executors.work import Failure
 from dse.study.ledger import read_entries
@@ -671,7 +671,7 @@ def test_recordings_that_fit_no_design_stop_the_study_and_leave_it_open(tmp_path
 
 
 def test_a_study_that_another_command_works_on_is_refused(copied, monkeypatch):
-    monkeypatch.setattr(coordinators, "_PATIENCE_S", 0)
+    monkeypatch.setattr(claim, "_PATIENCE_S", 0)
     with (
         store.exclusive(copied / "results" / "tiny"),
         pytest.raises(store.StoreError, match="another process is running this study"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dse.study.time_left import TimeLeft, seconds_left
+from dse.study.progress import TimeLeft, seconds_left
 
 # Seconds after the start at which runs ended; shipped spaces on two workers.
 QUICKSTART = (

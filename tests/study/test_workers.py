@@ -9,6 +9,8 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import Future
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,7 @@ from joblib.externals.loky.process_executor import _ExecutorManagerThread
 
 from dse import registry
 from dse.study.executors import loky
-from dse.study.executors.work import THREADS, Failure, Message, pack
+from dse.study.executors.work import THREADS, Failure, pack
 from dse.study.workers import OutOfTime, Workers
 from tests.waiting import PATIENCE_S, until
 
@@ -98,32 +100,39 @@ def count_to(job):
     misbehave(end)
 
 
-def wait_for(path):
-    yield "before"
-    until(Path(path).exists, f"{path} to exist")
-    yield "after"
-
-
-def test_parts_before_an_early_end_stand():
+def test_parts_before_an_exception_stand():
     jobs = [(2, "fine"), (0, "fine"), (3, "raise"), (1, str(int(signal.SIGKILL))), (2, "fine")]
     with Workers(2) as workers:
         found = list(workers.stream(count_to, jobs))
     parts = {job: [part for one, part in found if one == job] for job in jobs}
-    assert parts[2, "fine"] in ([0, 1, 0, 1], [0, 0, 1, 1])
+    assert parts[2, "fine"] == [0, 1, 0, 1]
     assert parts[0, "fine"] == []
     assert parts[3, "raise"][:3] == [0, 1, 2]
     assert isinstance(failure := parts[3, "raise"][3], Failure)
     assert failure.reason == "ValueError: phi must be at least 0"
-    assert parts[1, "9"] == [0, Failure.died("signal 9")]
-    assert len(found) == 2 + 2 + 4 + 2
+    assert parts[1, "9"] == [Failure.died("signal 9")]
+    assert len(found) == 2 + 2 + 4 + 1
 
 
-def test_parts_arrive_while_the_job_goes_on(pool, tmp_path):
-    path = tmp_path / "go on"
-    found = pool.stream(wait_for, [str(path)])
-    assert next(found) == (str(path), "before")
-    path.touch()
-    assert list(found) == [(str(path), "after")]
+@dataclass(frozen=True)
+class Told:
+    """A job that says what it does."""
+
+    said: Path
+
+
+def tell(job):
+    job.said.write_text("half of it")
+    until(lambda: not job.said.exists(), "somebody to hear it")
+    yield 1
+
+
+def test_what_a_running_job_says_is_heard(pool, tmp_path):
+    job = Told(tmp_path / "said")
+    found = pool.stream(tell, [job])
+    assert next(found) == (job, "half of it")
+    job.said.unlink()
+    assert list(found) == [(job, 1)]
 
 
 def test_a_worker_may_take_what_is_stated_or_its_share(tmp_path, monkeypatch):
@@ -155,8 +164,8 @@ def test_the_same_worker_serves_the_next_call_and_one_that_dies_while_idle_costs
         [(_, first)], [(_, pid)] = (mapped(workers, sleep, [0.0]) for _ in range(2))
         assert first == pid and isinstance(pid, int)
         os.kill(pid, signal.SIGKILL)
-        assert list(mapped(workers, square, [3])) == [(3, 9)], "whether its end is known by now or not"
-        until(lambda: _gone(pid), "the worker to die")
+        until(lambda: not loky._lives(pid), "the worker to die")
+        assert list(mapped(workers, square, [3])) == [(3, 9)], "whether loky knows its end or not"
 
 
 def test_leaving_the_block_ends_a_running_job_at_once():
@@ -170,14 +179,14 @@ def test_leaving_the_block_ends_a_running_job_at_once():
 
 def test_ctrl_c_while_a_task_is_submitted_leaves_no_worker(tmp_path, monkeypatch):
     place = tmp_path / "pid"
-    submit = loky._Slot.submit
+    submit = loky.Loky.submit
 
-    def interrupted(self, *task):
-        submit(self, *task)
+    def interrupted(self, task):
+        submit(self, task)
         until(lambda: place.is_file() and place.read_text() != "", "the worker's process number")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(loky._Slot, "submit", interrupted)
+    monkeypatch.setattr(loky.Loky, "submit", interrupted)
     with pytest.raises(KeyboardInterrupt), Workers(1) as workers:
         list(mapped(workers, announce, [str(place)]))
     assert _gone(int(place.read_text()))
@@ -195,12 +204,11 @@ def test_a_stop_before_a_worker_takes_its_task_ends_without_error(monkeypatch):
     errors: list[threading.ExceptHookArgs] = []
     monkeypatch.setattr(_ExecutorManagerThread, "wait_result_broken_or_wakeup", waited)
     monkeypatch.setattr(threading, "excepthook", errors.append)
-    executor, arrived = loky.Loky(1), list[Message]()
-    task = pack(0, environment, [])
-    executor.submit(task, arrived.append, lambda _: None)
-    until(lambda: bool(arrived) and arrived[-1].is_last, "the first task")
+    executor = loky.Loky(1)
+    task = pack(environment, [])
+    executor.submit(task).result(PATIENCE_S)
     is_late.set()
-    executor.submit(task, arrived.append, lambda _: None)
+    executor.submit(task)
     executor.close()
     assert errors == []
 
@@ -277,8 +285,8 @@ def test_jobs_that_run_when_time_is_over_are_ended() -> None:
     class Slow:
         n, closed = 1, 0
 
-        def submit(self, task: bytes, post: object, lost: object) -> None:
-            pass  # it never ends
+        def submit(self, task: bytes) -> Future[bytes]:
+            return Future()  # it never ends
 
         def close(self) -> None:
             self.closed += 1

@@ -69,8 +69,7 @@ def check(space: str, *, set: Texts = (), repair: bool = False, format: str | No
         ConfigError: the faults; with `--json` they are the answer, and printed on stderr.
     """
     from dse.config.yaml_lines import in_file_order, read_document
-    from dse.study.preview import is_large, preview
-    from dse.study.refusals import refusals
+    from dse.study.preview import is_large, preview, refusals
 
     try:
         loaded = load(space, set, repair)
@@ -136,11 +135,11 @@ def enqueue(
         results (DIR): folder for studies (default: results).
     """
     loaded = load(space, set, repair)
-    from dse.study import queue
+    from dse.study import outside
 
-    read = queue.read_designs(loaded, Path(designs))
+    read = outside.read_designs(loaded, Path(designs))
     folder = Path(results) / loaded.study
-    queue.add(folder, read)
+    outside.enqueue(folder, read)
     n = f"{len(read)} design{'s' if len(read) > 1 else ''}"
     return Answer(read, [f"{n} enqueued in {folder}; `dse run` trains them"])
 

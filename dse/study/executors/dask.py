@@ -1,9 +1,9 @@
 """Workers of a Dask cluster: one that runs at an address, or one on this machine that ends with the study.
 
 A task runs alone in its worker's process, from the folder that the coordinator runs in. What it finishes is
-on the disk that coordinator and workers share, and its messages go to the coordinator at once: nothing stays
-on a worker. A task whose worker is lost ends; whether it is begun again is decided by `dse.study.runs`,
-within its bound, so a cluster of ours has Dask begin none again by itself.
+on the disk that coordinator and workers share: nothing stays on a worker. A task whose worker is lost ends;
+whether it is begun again is decided by `dse.study.runs`, within its bound, so a cluster of ours has Dask
+begin none again by itself.
 """
 
 from __future__ import annotations
@@ -13,9 +13,7 @@ import importlib.metadata
 import itertools
 import logging
 import os
-import pickle
 import platform
-import secrets
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -26,9 +24,8 @@ from typing import TYPE_CHECKING, Any
 
 from dse.native.extras import MissingExtra
 from dse.store import StoreError
-from dse.study.executors import Lost, Post
 from dse.study.executors.loky import memory_bytes, without_ctrl_c
-from dse.study.executors.work import THREADS, Failure, Message, perform, stdout_to_stderr
+from dse.study.executors.work import THREADS, Failure, perform, stdout_to_stderr
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
@@ -36,7 +33,6 @@ if TYPE_CHECKING:
 _CONNECT_S = 20.0
 _STARTS = 3
 _REFRESH_S = 5.0
-_WATCH_S = 0.5
 _OF_RESULTS = ("dse", "numpy", "numba")
 """Packages whose versions must be those of the coordinator: results are the same on all workers."""
 
@@ -74,10 +70,7 @@ class Dask:
         self._where = address or (f"scheduler file {scheduler_file}" if scheduler_file else "this machine")
         self._n_local = n
         self._cluster: LocalCluster | None = None
-        self._topic = f"dse-{secrets.token_hex(8)}"
-        self._post: Post = _ignore
-        self._running: dict[Future[None], Lost] = {}
-        self._is_lost = False
+        self._futures: list[Future[bytes]] = []
         self._counted_s, self._counted = -_REFRESH_S, 0
         settings = {
             "distributed.scheduler.allowed-failures": 0,
@@ -107,10 +100,7 @@ class Dask:
                             "runs are kept: run the same command again"
                         ) from error
             self._client = self._connected(Client, address, scheduler_file)
-        self._client.subscribe_topic(self._topic, lambda event: self._post(pickle.loads(event[1])))
         self._executor = self._client.get_executor(pure=False)
-        self._is_closed = threading.Event()
-        threading.Thread(target=self._watch, daemon=True).start()
         try:
             self._check([Path.cwd(), *shared])
         except BaseException:
@@ -133,21 +123,18 @@ class Dask:
 
     @property
     def n(self) -> int:
-        """Number of workers, at least 1: those that are lost may come back."""
+        """Number of workers, at least 1: those that are lost may come back.
+
+        Raises:
+            StoreError: the scheduler is lost: a client that connects again does not find its tasks.
+        """
+        if self._client.status != "running":
+            raise self._lost()
         if self._cluster is not None:
             return self._n_local
         if time.monotonic() - self._counted_s > _REFRESH_S:
             self._counted, self._counted_s = len(self._workers()), time.monotonic()
         return max(1, self._counted)
-
-    def _watch(self) -> None:
-        """End all tasks when the scheduler is lost: a client that connects again does not find them."""
-        while not self._is_closed.wait(_WATCH_S):
-            if self._client.status != "running":
-                self._is_lost = True
-                for future in list(self._running):
-                    self._end(future, self._lost())
-                return
 
     def _workers(self) -> dict[str, Any]:
         with self._answering():
@@ -205,49 +192,33 @@ class Dask:
             if missing:
                 raise Unusable(f"the Dask worker {worker} does not see {missing[0]}; all must share it")
 
-    def submit(self, task: bytes, post: Post, lost: Lost) -> None:
+    def submit(self, task: bytes) -> Future[bytes]:
         """Start a task on a free worker, or on the first that becomes free.
 
         Raises:
             StoreError: the scheduler is lost.
         """
-        self._post = post
-        data = os.environ.get("DSE_DATA", "")
+        about = _of_this_process(), os.getcwd(), os.environ.get("DSE_DATA", ""), self._cluster is not None
         with self._answering():
-            future = self._executor.submit(
-                _run, task, self._topic, _of_this_process(), os.getcwd(), data, self._cluster is not None
-            )
-        self._running[future] = lost
-        if self._is_lost:
-            raise self._lost()
-        future.add_done_callback(self._ended)
+            future: Future[bytes] = self._executor.submit(_run, task, *about)
+        self._futures = [future, *(x for x in self._futures if not x.done())]
+        return future
 
-    def _ended(self, future: Future[None]) -> None:
-        """Say why a task has failed; another version of a worker that has joined fails all."""
+    def why(self, error: Exception) -> Failure | StoreError:
+        """Return why a task has failed; another version of a worker that has joined fails all."""
         from distributed import KilledWorker
 
-        error = CancelledError() if future.cancelled() else future.exception()
         if isinstance(error, CancelledError):
-            self._end(future, self._lost())
-        elif isinstance(error, KilledWorker):
-            self._end(future, Failure.died(f"Dask lost {getattr(error.last_worker, 'address', 'it')}"))
-        elif isinstance(error, Unusable):
-            self._end(future, StoreError(str(error)))
-        else:
-            self._end(future, None if error is None else Failure.of(error))
-
-    def _end(self, future: Future[None], why: Failure | StoreError | None) -> None:
-        """Forget a task, and say why it is lost, unless that is said already."""
-        lost = self._running.pop(future, None)
-        if lost is not None and why is not None:
-            lost(why)
+            return self._lost()
+        if isinstance(error, Unusable):
+            return StoreError(str(error))
+        if isinstance(error, KilledWorker):
+            return Failure.died(f"Dask lost {getattr(error.last_worker, 'address', 'it')}")
+        return Failure.of(error)
 
     def close(self) -> None:
         """Cancel what waits, and end a cluster of ours at once; other workers end the task they have."""
-        self._post = _ignore
-        self._is_closed.set()
-        for future in list(self._running):
-            self._running.pop(future, None)
+        for future in self._futures:
             future.cancel()
         with contextlib.suppress(Exception):
             if self._cluster is not None:
@@ -266,10 +237,6 @@ async def _kill(cluster: LocalCluster) -> None:
             await nanny.process.process.kill()
 
 
-def _ignore(message: Message) -> None:
-    pass
-
-
 def _of_this_process() -> dict[str, str]:
     """Return name -> version of what results depend on."""
     versions = {name: importlib.metadata.version(name) for name in _OF_RESULTS}
@@ -283,7 +250,7 @@ def _another(worker: str, name: str, version: str, here: str) -> Unusable:
 _alone = threading.Lock()  # the threads of a worker take turns
 
 
-def _run(task: bytes, topic: str, about: dict[str, str], folder: str, data: str, is_ours: bool) -> None:
+def _run(task: bytes, about: dict[str, str], folder: str, data: str, is_ours: bool) -> bytes:
     """Perform a task in a worker, from the coordinator's folder and with its recordings.
 
     The output of workers of ours is that of the coordinator, whose stdout is an answer.
@@ -298,4 +265,4 @@ def _run(task: bytes, topic: str, about: dict[str, str], folder: str, data: str,
         stdout_to_stderr()  # here, for a worker that is lost comes again as another process
     with _alone, contextlib.chdir(folder):
         os.environ["DSE_DATA"] = data
-        perform(task, lambda message: worker.log_event(topic, pickle.dumps(message)))
+        return perform(task)

@@ -1,14 +1,13 @@
-"""Worker processes on this machine: joblib's loky, one executor of one worker per slot.
+"""Worker processes on this machine: joblib's loky, one executor of one worker per task.
 
 A shared pool ends every running job when one worker dies, and hides which. Here a dead worker breaks its own
-executor, which is replaced. The worker and its parent share a socket: it brings messages, and when the
-parent ends, however it ends, the worker reads its end and ends too. Ctrl-C reaches the parent alone. POSIX.
+executor, which is replaced. A worker ends when its parent does, however that ends. Ctrl-C reaches the parent
+alone. POSIX.
 """
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
 import queue
 import re
@@ -18,15 +17,16 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from dse.study.executors import Lost, Post
-from dse.study.executors.work import THREADS, Failure, Message, perform, stdout_to_stderr
+from dse.study.executors.work import THREADS, Failure, perform, stdout_to_stderr
 
-_GRACE_S = 0.2
+if TYPE_CHECKING:
+    from joblib.externals.loky import ProcessPoolExecutor
+
+_GRACE_S = _WATCH_S = 0.2
 _EXIT_CODE = re.compile(r"\((-?\d+)\)")
 # Where Linux states the memory limit of a container: cgroup v2, then v1.
 _CONTAINER_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
@@ -37,8 +37,7 @@ class Loky:
 
     def __init__(self, n: int) -> None:
         self._n = n
-        self._slots: list[_Slot] = []
-        self._idle: list[_Slot] = []
+        self._slots: dict[ProcessPoolExecutor, Future[bytes] | None] = {}  # of one worker each -> its task
 
     @property
     def n(self) -> int:
@@ -49,84 +48,57 @@ class Loky:
         """Return a worker's equal part of three quarters of the memory."""
         return 3 * memory_bytes(device) // (4 * self._n)
 
-    def submit(self, task: bytes, post: Post, lost: Lost) -> None:
+    def submit(self, task: bytes) -> Future[bytes]:
         """Start a task in an idle worker or a new one."""
-        for slot in [slot for slot in self._slots if slot.is_lost]:
-            slot.close()
-            self._slots.remove(slot)
         while True:
-            if not self._idle:
-                self._slots.append(_Slot(self._idle))
-            slot = self._idle.pop() if self._idle else self._slots[-1]
+            slot = self._idle()
             try:
-                slot.submit(task, post, lost)
-                return
+                with without_ctrl_c():
+                    future: Future[bytes] = slot.submit(perform, task)
+                self._slots[slot] = future
+                return future
             except BrokenProcessPool:  # it died while idle
-                slot.close()
-                self._slots.remove(slot)
+                self._end(slot)
+
+    def _idle(self) -> ProcessPoolExecutor:
+        for slot in [slot for slot, task in self._slots.items() if task is None or task.done()]:
+            if all(map(_lives, slot._processes)):
+                return slot
+            self._end(slot)
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        # faulthandler, which loky would enable, writes a stack among the lines of progress.
+        env = {**THREADS, "PYTHONFAULTHANDLER": os.environ.get("PYTHONFAULTHANDLER", "")}
+        slot = ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),), env=env)
+        self._slots[slot] = None
+        return slot
+
+    def why(self, error: Exception) -> Failure:
+        """Return how a worker died, or what its task raised."""
+        if not isinstance(error, BrokenProcessPool):
+            return Failure.of(error)
+        time.sleep(_GRACE_S)  # whoever kills a process tree may reach the worker first: blame no job then
+        return Failure.died(_how(error))
+
+    def _end(self, slot: ProcessPoolExecutor) -> None:
+        self._slots.pop(slot)
+        with contextlib.suppress(queue.Empty):  # loky would look for tasks that `kill_workers` has dropped
+            while True:
+                slot._work_ids.get_nowait()
+        slot.shutdown(wait=True, kill_workers=True)
 
     def close(self) -> None:
         """End all workers at once."""
-        for slot in self._slots:
-            slot.close()
-        self._slots.clear()
-        self._idle.clear()
+        for slot in list(self._slots):
+            self._end(slot)
 
 
-class _Slot:
-    """An executor of one worker, which it starts with its first task; it is among `idle` after each task."""
-
-    def __init__(self, idle: list[_Slot]) -> None:
-        from joblib.externals.loky import ProcessPoolExecutor
-
-        self.is_lost = False
-        self._free = partial(idle.append, self)
-        self._ours, self._theirs = multiprocessing.Pipe()
-        self._post: Post = _ignore
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-        # faulthandler, which loky would enable, writes a stack among the lines of progress.
-        env = {**THREADS, "PYTHONFAULTHANDLER": os.environ.get("PYTHONFAULTHANDLER", "")}
-        self._executor = ProcessPoolExecutor(1, initializer=_begin, initargs=(self._theirs,), env=env)
-
-    def submit(self, task: bytes, post: Post, lost: Lost) -> None:
-        """Start a task, after that which sends its last message now."""
-        self._post = post
-
-        def end(future: Future[None]) -> None:
-            error = future.exception()
-            if isinstance(error, BrokenProcessPool):
-                # Whoever kills a process tree may reach the worker first: blame no job if we die too.
-                time.sleep(_GRACE_S)
-                self._theirs.close()  # the last copy: the reader takes what is left, and the end
-                self._reader.join()
-                self.is_lost = True
-                lost(Failure.died(_how(error)))
-            elif error is not None:
-                self._free()
-                lost(Failure.of(error))
-
-        with without_ctrl_c():
-            self._executor.submit(_run, task).add_done_callback(end)
-
-    def close(self) -> None:
-        self._post = _ignore
-        with contextlib.suppress(queue.Empty):  # loky would look for tasks that `kill_workers` has dropped
-            while True:
-                self._executor._work_ids.get_nowait()
-        self._executor.shutdown(wait=True, kill_workers=True)
-        self._theirs.close()
-        self._reader.join()
-        self._ours.close()
-
-    def _read(self) -> None:
-        with contextlib.suppress(EOFError, OSError):
-            while True:
-                message: Message = self._ours.recv()
-                post = self._post  # not as it was when the wait began
-                if message.is_last:
-                    self._free()
-                post(message)
+def _lives(process: int) -> bool:
+    """Return whether a child lives; it is not waited for."""
+    try:
+        return os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None
+    except ChildProcessError:
+        return False
 
 
 def _how(error: BrokenProcessPool) -> str:
@@ -136,10 +108,6 @@ def _how(error: BrokenProcessPool) -> str:
         return str(error).partition("\n")[0]
     number = int(code[1])
     return f"signal {-number}" if number < 0 else f"exit code {number}"
-
-
-def _ignore(message: Message) -> None:
-    pass
 
 
 @contextlib.contextmanager
@@ -153,12 +121,8 @@ def without_ctrl_c() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-_to_parent: list[Connection] = []  # of a worker: one
-
-
-def _begin(connection: Connection) -> None:
+def _begin(parent: int) -> None:
     """Prepare a worker: its output goes to stderr, and it ends when its parent does."""
-    _to_parent.append(connection)
     stdout_to_stderr()
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
@@ -167,17 +131,13 @@ def _begin(connection: Connection) -> None:
     from joblib.externals.loky import process_executor
 
     process_executor._USE_PSUTIL = False
-    threading.Thread(target=_watch, args=(connection,), daemon=True).start()
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
 
 
-def _watch(connection: Connection) -> None:
-    with contextlib.suppress(EOFError, OSError):
-        connection.recv_bytes()
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_WATCH_S)
     os._exit(0)
-
-
-def _run(task: bytes) -> None:
-    perform(task, _to_parent[0].send)
 
 
 def clear(process: int) -> None:

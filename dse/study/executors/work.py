@@ -1,6 +1,7 @@
-"""What a worker process does: load the plugins, run a job, send its parts as they come.
+"""What a worker process does: load the plugins, run a job, return its parts. What runs such tasks.
 
-A job is a function that yields parts. Each part is a message, sent at once, as are its begin and its end.
+A job is a function that yields parts. What it finishes is on the disk before it yields; nothing else is lost
+with a worker.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ import pickle
 import sys
 import traceback
 from collections.abc import Callable, Iterable
+from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 from dse import registry
 from dse.store import StoreError
@@ -69,23 +71,35 @@ class Failure:
         return f"{self.error}: {self.message}" if self.message else self.error
 
 
-@dataclass(frozen=True)
-class Message:
-    """That a task has begun, a part of its job, or its end.
+class Executor(Protocol):
+    """Runs tasks in processes; a task that loses its process ends, and the others go on."""
 
-    task: its number. part: pickled; of the end, a `Failure`; b'': none.
-    """
+    @property
+    def n(self) -> int:
+        """Number of tasks that run at a time."""
 
-    task: int
-    part: bytes = b""
-    is_last: bool = False
+    def memory_bytes(self, device: str) -> int:
+        """Return the memory of a device that a task may use."""
+
+    def submit(self, task: bytes) -> Future[bytes]:
+        """Start a task of `pack`; the result is that of `perform`.
+
+        Raises:
+            StoreError: no task has a result any more.
+        """
+
+    def why(self, error: Exception) -> Failure | StoreError:
+        """Return why a task has no result; a StoreError: no other will have one."""
+
+    def close(self) -> None:
+        """End all processes at once, whatever they do."""
 
 
-def pack(number: int, function: Callable[[Job], Iterable[Part]], job: Job) -> bytes:
+def pack(function: Callable[[Job], Iterable[Part]], job: Job) -> bytes:
     """Return a task for `perform`; the job is pickled apart, for it may hold components of plugins."""
     own = registry.interactive()
     content = _dumps((own, function, job), by_value=bool(own))
-    return pickle.dumps((number, registry.loaded_plugins(), content))
+    return pickle.dumps((registry.loaded_plugins(), content))
 
 
 def _dumps(value: object, *, by_value: bool) -> bytes:
@@ -98,21 +112,25 @@ def _dumps(value: object, *, by_value: bool) -> bytes:
     return dumped
 
 
-def perform(task: bytes, post: Callable[[Message], object]) -> None:
-    """Run a task, and post each message; an exception that ends the job is the part of the last one."""
-    number, plugins, content = pickle.loads(task)
-    post(Message(number))
-    failure = b""
+def perform(task: bytes) -> bytes:
+    """Run a task, and return its parts, which `unpack` reads; an exception that ends it is the last part."""
+    plugins, content = pickle.loads(task)
+    parts = []
     try:
         registry.load_the_same(plugins)
         own, function, job = pickle.loads(content)
         for section, name, cls in own:  # classes of a notebook go along by value
             registry.register(section, name)(cls)
         for part in function(job):
-            post(Message(number, _dumps(part, by_value=bool(own))))
+            parts.append(_dumps(part, by_value=bool(own)))
     except Exception as error:
-        failure = pickle.dumps(Failure.of(error))
-    post(Message(number, failure, is_last=True))
+        parts.append(pickle.dumps(Failure.of(error)))
+    return pickle.dumps(parts)
+
+
+def unpack(result: bytes) -> list[Any]:
+    """Return the parts of a task, of which the last may be a `Failure`."""
+    return [pickle.loads(part) for part in pickle.loads(result)]
 
 
 def stdout_to_stderr() -> None:

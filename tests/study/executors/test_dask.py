@@ -69,20 +69,6 @@ def test_every_job_comes_back_and_a_lost_worker_costs_its_own(workers, capfd):
     assert capfd.readouterr().out == ""
 
 
-def wait_for(path):
-    yield "before"
-    until(Path(path).exists, f"{path} to exist")
-    yield "after"
-
-
-def test_parts_arrive_while_the_job_goes_on(workers, tmp_path):
-    path = tmp_path / "go on"
-    found = workers.stream(wait_for, [str(path)])
-    assert next(found) == (str(path), "before")
-    path.touch()
-    assert list(found) == [(str(path), "after")]
-
-
 def test_a_worker_that_does_not_fit_is_one_line(workers, monkeypatch):
     executor = workers._executor
     with pytest.raises(Unusable, match=r"^the Dask worker tcp://\S+ does not see /nowhere; all"):

@@ -1,6 +1,6 @@
 """One paper: every number that it prints beside ours, how large ours was run, and how the set-ups differ.
 
-How set-ups differ need not be why a result differs: `dse.report.known` has the causes that measurements show.
+How set-ups differ need not be why a result differs: `dse.report.rows` has the causes that measurements show.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dse.config.sections import front_end
 from dse.recordings.scene import SceneTrials
 from dse.report import ReportError
 from dse.report.designs import StudyTask, described, sections_of, tasks_of
-from dse.report.known import shown_causes
+from dse.report.rows import shown_causes
 from dse.study.results import Study
 from dse_papers.report.facts import Fact
 from dse_papers.report.ours import Measure, Ours, Side, missing

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.skyline.admissible import leave_out_leaky, leave_out_unmeasured
-from dse.skyline.goals import Goal, costs_of
+from dse.skyline.admissible import honest, leave_out_unmeasured
+from dse.skyline.table import Goal, costs_of
 
 if TYPE_CHECKING:
     import pandas
@@ -31,7 +31,7 @@ def front_ends(designs: pandas.DataFrame, spikes: str) -> dict[str, Any]:
     Raises:
         ExpressionError: a column is missing, or holds no numbers.
     """
-    rows, _ = leave_out_unmeasured(leave_out_leaky(designs)[0], ["accuracy", spikes, "n_weights"])
+    rows, _ = leave_out_unmeasured(designs[honest(designs)], ["accuracy", spikes, "n_weights"])
     goals = Goal("accuracy", "max"), Goal(spikes, "min"), Goal("n_weights", "min")
     costs = costs_of(rows, goals).T
     order = [np.lexsort((*costs[::-1], cost)) for cost in costs]
