@@ -24,7 +24,7 @@ from dse.models.snn.quantise import rounded
 from dse.models.training import Training
 from dse.records import Dataset, Network, Outcome
 from dse.study import explore, jobs, precision
-from dse.study.jobs import Job, evaluate
+from dse.study.jobs import Rounding, evaluate
 from dse.study.precision import AS_TRAINED, common, fronts, missing, near, refusal, rows
 from dse.study.results import Study
 from dse.study.workers import Workers
@@ -73,7 +73,7 @@ def run(made: jobs.Run, tmp_path: Path) -> jobs.Run:
 
 
 def done(run: jobs.Run, *settings: precision.Setting) -> None:
-    assert list(evaluate(Job(run, settings))) == [(setting, None) for setting in settings]
+    assert list(evaluate(Rounding(run, settings))) == [(setting, None) for setting in settings]
 
 
 def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run: jobs.Run) -> None:
@@ -153,7 +153,7 @@ def test_what_is_damaged_is_no_row_and_is_made_again(run: jobs.Run, damage: str)
 
 
 def test_what_was_measured_before_a_stop_stays(run: jobs.Run) -> None:
-    going = evaluate(Job(run, SETTINGS))
+    going = evaluate(Rounding(run, SETTINGS))
     assert next(going) == (SETTINGS[0], None)
     going.close()
     assert missing(run.folder, SETTINGS) == SETTINGS[1:]
@@ -169,7 +169,7 @@ def test_a_file_is_there_whole_or_not_at_all(run: jobs.Run, monkeypatch: pytest.
         with pytest.raises(
             store.StoreError, match=r"precision/00000-0/4_0\.0\.npz: cannot be written: No space left"
         ):
-            list(evaluate(Job(run, SETTINGS)))
+            list(evaluate(Rounding(run, SETTINGS)))
     assert precision.files_of(run.folder) == []
     assert missing(run.folder, SETTINGS) == SETTINGS
 
@@ -181,7 +181,7 @@ def test_a_setting_that_fails_stops_no_other(run: jobs.Run, monkeypatch: pytest.
         return rounded(network, weight_bits, pruned)
 
     monkeypatch.setattr(jobs, "rounded", moody)
-    ended = dict(evaluate(Job(run, SETTINGS)))
+    ended = dict(evaluate(Rounding(run, SETTINGS)))
     assert [setting for setting, why in ended.items() if why is None] == [(4, 0.0), (4, 0.5)]
     failed = ended[2, 0.0]
     assert failed is not None and failed.reason == "ValueError: weights must be kind"
@@ -295,7 +295,7 @@ def test_a_study_evaluates_its_front_and_goes_on_where_it_was_stopped(
     assert {name for name in after if after[name] != repaired[name]} == {damaged}
 
 
-def dies_after_one(job: Job) -> Iterator[Any]:
+def dies_after_one(job: Rounding) -> Iterator[Any]:
     """Do as `evaluate` does, in a worker that is killed after its first setting."""
     yield next(evaluate(job))
     os.kill(os.getpid(), signal.SIGKILL)
