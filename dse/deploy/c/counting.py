@@ -21,7 +21,7 @@ from dse.models.counts.integers import MOST_SUM, MOST_UNIT, IntegerLayers, large
 from dse.models.counts.kernels import TAPS, Kernels, ring_bins
 from dse.models.counts.knn import KNN
 from dse.models.counts.naive_bayes import NaiveBayes
-from dse.models.counts.rate_windows import input_lengths, most_spikes, window_edges
+from dse.models.counts.rate_windows import RateClassifier, input_lengths, most_spikes, window_edges
 from dse.models.counts.readouts import Readouts, layers_of
 from dse.records import Array, Floats, Ints, Network, Parameters
 
@@ -182,7 +182,7 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
         rows = tuple(n - 1 - w if n - 1 - w < model.windows else -1 for w in range(n))
     elif isinstance(model, Kernels):
         rows, per_window = (0,) * n, len(fitted.arrays["taps"])
-    elif model.channels == "sum":
+    elif isinstance(model, RateClassifier) and model.channels == "sum":
         per_window = 1
     n_features = (max(rows) + 1) * per_window
     classes = np.unique(fitted.arrays["target"]) if isinstance(model, KNN) else fitted.arrays["classes"]
