@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.config.expressions import named_columns
 from dse.hardware.interval import is_open
 from dse.search.racing import best
 from dse.skyline import rivals
@@ -41,14 +42,16 @@ def of_study(
         study: finished, or not.
         question: hardware, contacts per hour, samples; on a duty cycle power is compared, else energy, and
             without a chip the number of weights.
-        budgets: conditions for the points that are compared, beside those of the question.
+        budgets: conditions for the points that are compared, beside those of the question; those on what
+            targets take, which is known of few points, are left out.
 
     Raises:
         ExpressionError: a condition cannot be read.
         StoreError: an artefact is missing or damaged.
     """
     whole = question.points([study.folder])[0].reset_index(drop=True)
-    points = whole[honest(whole) & meeting(whole, [*question.where, *budgets])]
+    known = [text for text in budgets if named_columns([text]) <= {*whole.columns}]
+    points = whole[honest(whole) & meeting(whole, [*question.where, *known])]
     by = group_numbers(points, [name for name in ("task", "hardware") if name in points])
     for number in np.unique(by):
         group = points[by == number]
