@@ -42,6 +42,8 @@ _MOST_STEPS = 1000  # of a window: longer ones train slowly
 _STEPS_OF_EVENTS = 100  # bins in the shortest recording of events
 _MOST_POOLS = 400  # pixels that events are pooled to
 _TRAINING_STEPS = 2000
+_MOST_BINS = 256  # of a window, in which random kernels are looked at
+_HIDDEN = {"hidden": {"choice": [20, 50]}}
 _NETWORK = {
     "loss": "count_cross_entropy",
     "threshold": 5.0,
@@ -139,23 +141,26 @@ def starter(
     ]
     known = _for_training(split, columns)
     held_out = sum(x for x in split.get("stratified", {}).values() if isinstance(x, float))
-    sections += _front_end(recordings, columns[label], known, assumed)
+    before = _front_end(recordings, columns[label], known, assumed)
+    sections += before
+    n_steps, step_ms = _whole(recordings, {name: keys for _, each in before for name, keys in each.items()})
     sections.append(
         (
-            "The network; what is a choice is explored: dse describe model snn.",
+            "Should it spike? Plain classifiers of 8-bit integers come first, then the network; what is a\n"
+            "choice is explored: dse describe model NAME.",
             {
-                "model": {"kind": "snn", "hidden": {"choice": [20, 50]}, **_NETWORK},
+                "model": {"choice": [*_rivals(n_steps, step_ms), {"kind": "snn", **_HIDDEN, **_NETWORK}]},
                 "training": _training(max(1, round(len(known) * (1 - held_out)))),
             },
         )
     )
     sections.append(
         (
-            "Chips to compute energy and latency for: dse describe hardware. Goals are accuracy, few "
-            "weights and\n"
-            "little energy unless `objectives` names others.",
+            "Chips to compute energy and latency for: dse describe hardware. All run on the processor, "
+            "networks on\n"
+            "the other. Goals are accuracy, few weights and little energy unless `objectives` names others.",
             {
-                "hardware": ["loihi1_silicon"],
+                "hardware": ["mcu_m4", "loihi1_silicon"],
                 "objectives": ["accuracy:max", "n_weights:min", "energy_uj:min"],
             },
         )
@@ -273,6 +278,29 @@ def _training(n: int) -> dict[str, Any]:
         "average_epochs": epochs // 20,
         "dropout": 0.0,
     }
+
+
+def _whole(recordings: Recordings, sections: Mapping[str, Any]) -> tuple[int, float]:
+    """Return the steps of a window and their period, in ms, by sections `window` and `preprocessing`."""
+    if isinstance(recordings, Rasters):
+        return recordings.spikes.n_steps, recordings.spikes.step_ms
+    if isinstance(recordings, Signals):
+        n_steps = sections.get("window", {}).get("n_steps", int(recordings.lengths.min()))
+        return n_steps, recordings.step_ms
+    return sections["window"]["n_steps"], sections["preprocessing"]["bin_ms"]
+
+
+def _rivals(n_steps: int, step_ms: float) -> list[dict[str, Any]]:
+    """Return families that do not spike: counts in a quarter and in an eighth of the window, kernels."""
+
+    def window_ms(parts: int) -> float:
+        return float(f"{-(-n_steps // parts) * step_ms:.10g}")  # whole steps
+
+    return [
+        {"kind": "linear", "window_ms": window_ms(4)},
+        {"kind": "mlp", "channels": "each", "window_ms": window_ms(8), "hidden": 32, "precision": "int8"},
+        {"kind": "kernels", "window_ms": window_ms(_MOST_BINS)},
+    ]
 
 
 # ---- the split

@@ -20,7 +20,7 @@ from dse.study import workers
 from tests.in_process import InProcess
 
 FAST = {
-    **{"training.epochs": 2, "model.hidden": [4], "encoder.thresholds": [0.2]},
+    **{"training.epochs": 2, "model.snn.hidden": [4], "encoder.thresholds": [0.2]},
     **{"hardware": [], "objectives": ["accuracy:max"]},
 }
 
@@ -44,7 +44,7 @@ def waves(n: int = 40, steps: int = 50, channels: int = 2) -> tuple[np.ndarray, 
     return np.sin(turn + rng.normal(size=(n, channels, 1))), y
 
 
-LEARNS = {"training.epochs": 40, "model.hidden": [20], "encoder.thresholds": [0.2]}
+LEARNS = {"training.epochs": 40, "model.snn.hidden": [20], "encoder.thresholds": [0.2]}
 
 
 @pytest.fixture(scope="module")

@@ -58,7 +58,7 @@ def test_from_a_csv_to_a_bundle(folder, monkeypatch, capsys):
         4,
         4,
     )
-    quick = ("--set", "training.epochs=40", "--set", "encoder.thresholds=0.2", "--set", "model.hidden=12")
+    quick = ("--set", "training.epochs=40", "--set", "encoder.thresholds=0.2", "--set", "model.snn.hidden=12")
     front = rows("run", "touch.yaml", "--quiet", *quick)
     assert front and {row["trial"] for row in front} == {0}
     (picked,) = rows("pick", "results/touch", "--budget", "n_weights <= 10000", "--export", "bundle")
