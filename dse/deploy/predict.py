@@ -48,7 +48,7 @@ def shares(bundle: Classifier, response: Response | Answers, label: Ints, time_m
     """
     n_classes = len(bundle.answers)
     if isinstance(response, Answers) or response.output.shape[2] != n_classes:
-        least = (1 + 1 / len(label)) / n_classes if len(label) else 1.0
+        least = 1.01 / n_classes  # the answer has more than any other class
         accuracy = bundle.record.get("accuracy")
         right = max(accuracy, least) if isinstance(accuracy, float) else 1.0
         parts = np.full((len(label), n_classes), (1 - right) / max(n_classes - 1, 1))

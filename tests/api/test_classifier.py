@@ -20,7 +20,7 @@ from dse.study import workers
 from tests.in_process import InProcess
 
 FAST = {
-    **{"training.epochs": 2, "model.snn.hidden": [4], "encoder.thresholds": [0.2]},
+    **{"training.epochs": 2, "model": {"kind": "snn", "hidden": 4}, "encoder.thresholds": [0.2]},
     **{"hardware": [], "objectives": ["accuracy:max"]},
 }
 

@@ -60,8 +60,12 @@ def test_from_a_csv_to_a_bundle(folder, monkeypatch, capsys):
     )
     quick = ("--set", "training.epochs=40", "--set", "encoder.thresholds=0.2", "--set", "model.snn.hidden=12")
     front = rows("run", "touch.yaml", "--quiet", *quick)
-    assert front and {row["trial"] for row in front} == {0}
-    (picked,) = rows("pick", "results/touch", "--budget", "n_weights <= 10000", "--export", "bundle")
+    trials = pd.read_parquet("results/touch/trials.parquet")
+    assert trials["family"].tolist() == ["linear", "mlp", "kernels", "snn"]
+    assert trials["accuracy"].notna().all()
+    assert front and {row["trial"] for row in front} <= {0, 1, 2, 3}
+    spikes = "--budget", "family == 'snn'", "--budget", "n_weights <= 10000"
+    (picked,) = rows("pick", "results/touch", *spikes, "--export", "bundle")
     assert picked["n_weights"] == 4 * 12 + 12 * 2  # ON and OFF spikes of two channels
     (verdict,) = rows("export", "bundle", "--target", "c99", "--verify", "touch.csv")
     assert verdict["verdict"] == "faithful"
