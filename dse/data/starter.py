@@ -42,6 +42,7 @@ _MOST_STEPS = 1000  # of a window: longer ones train slowly
 _STEPS_OF_EVENTS = 100  # bins in the shortest recording of events
 _MOST_POOLS = 400  # pixels that events are pooled to
 _TRAINING_STEPS = 2000
+_FEWEST_VALIDATED = 40  # recordings for which one part validates; a standard error of 0.08 at most
 _MOST_BINS = 256  # of a window, in which random kernels are looked at
 _HIDDEN = {"hidden": {"choice": [20, 50]}}
 _NETWORK = {
@@ -140,7 +141,9 @@ def starter(
         ("Which recordings train, validate and test: dse describe split.", {"split": split}),
     ]
     known = _for_training(split, columns)
-    held_out = sum(x for x in split.get("stratified", {}).values() if isinstance(x, float))
+    (shares,) = split.values() if len(split) == 1 else ({},)
+    tested = share if isinstance(share := shares.get("test"), float) else 0.0
+    held_out = tested + ((1 - tested) / shares["k"] if "k" in shares else shares.get("validation", 0.0))
     before = _front_end(recordings, columns[label], known, assumed)
     sections += before
     n_steps, step_ms = _whole(recordings, {name: keys for _, each in before for name, keys in each.items()})
@@ -256,7 +259,7 @@ def _schema_line(folder: Path) -> list[str]:
 
 def _for_training(split: Mapping[str, Any], columns: Mapping[str, Array]) -> Array:
     """Return the recordings that a split of `_split` trains on or draws from: no published test set."""
-    shares = split.get("stratified", {})
+    (shares,) = split.values() if len(split) == 1 else ({},)
     of_test = shares.get("test", 0.0)
     named = split.get("train") or (of_test if isinstance(of_test, Mapping) else {})
     is_open = np.ones(len(next(iter(columns.values()))), bool)
@@ -332,7 +335,7 @@ def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed:
                 f"recordings with one value of '{groups}' stay in one part of the split, so that a {groups} "
                 "is not recognised in place of the class"
             )
-            return {"stratified": {**shares, **more, "group": groups, "seed": 1}}
+            return _drawn({**shares, **more}, len(labels), assumed, groups)
         else:
             few = min(np.unique(labels), key=lambda x: len(np.unique(known[drawn][labels == x])))
             text = f"'{groups}' has one value in class '{few}': a split by it would leave it out of a part"
@@ -351,7 +354,18 @@ def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed:
             "recordings are drawn for training and validation one by one: if some were made in one session "
             "or by one person, name their column with --group"
         )
-    return {"stratified": {**shares, **more, "seed": 1}}
+    return _drawn({**shares, **more}, len(labels), assumed)
+
+
+def _drawn(shares: Mapping[str, Any], n: int, assumed: list[str], group: str | None = None) -> dict[str, Any]:
+    """Return section `split` of n recordings: folds where one part for validation would tell little."""
+    of_group = {} if group is None else {"group": group}
+    if shares["validation"] * n >= _FEWEST_VALIDATED:
+        return {"stratified": {**shares, **of_group, "seed": 1}}
+    k = round(1 / shares["validation"]) - isinstance(shares.get("test"), float)  # of which one tests
+    assumed.append(f"every recording outside the test set validates in one of {k} folds, as there are few")
+    of_test = {"test": shares["test"]} if "test" in shares else {}
+    return {"k_fold": {"k": k, **of_test, **of_group, "seed": 1}}
 
 
 def _shares(labels: Array, groups: Array, has_test: bool) -> dict[str, float] | None:

@@ -21,7 +21,7 @@ from tests.in_process import InProcess
 
 FAST = {
     **{"training.epochs": 2, "model": {"kind": "snn", "hidden": 4}, "encoder.thresholds": [0.2]},
-    **{"hardware": [], "objectives": ["accuracy:max"]},
+    **{"hardware": [], "objectives": ["accuracy:max"], "split": {"stratified": {"validation": 0.3}}},
 }
 
 
@@ -102,8 +102,11 @@ def test_it_is_crossed_validated_in_pipelines_with_tables_and_groups() -> None:
     several = make_pipeline(FunctionTransformer(lambda x: 2 * x), dse.Classifier(settings=FAST))
     assert cross_val_score(several, X, y, cv=GroupKFold(2), groups=np.arange(40) // 4).shape == (2,)
     table = pd.DataFrame({"fabric": y, "hand": np.arange(40) % 3})
-    found = dse.Classifier(task="fabric", settings=FAST).fit(X, table, groups=pd.Series(np.arange(40) // 4))
-    assert found.study_.space["split"]["stratified"]["group"] == "group"
+    as_written = {name: value for name, value in FAST.items() if name != "split"}
+    grouped = dse.Classifier(task="fabric", settings=as_written)
+    found = grouped.fit(X, table, groups=pd.Series(np.arange(40) // 4))
+    folds = found.study_.space["split"]["k_fold"]
+    assert (folds["k"], folds["test"], folds["group"]) == (4, 0.2, "group")
     assert found.study_.space["task"]["target"] == "fabric"
 
 
