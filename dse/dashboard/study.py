@@ -137,7 +137,7 @@ def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest)
         name=study.space["study"],
         objectives=study.objectives,
         notes=[
-            *(rivals.sentences(study, request.question) if len(table) else ()),
+            *rivals.brief(study, request.question),
             *study.warnings,
             *held.remarks(study.folder),
             *(health.faults(study.trials) if len(table) else ()),

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas
 
 from dse.config.expressions import named_columns
 from dse.hardware.interval import is_open
@@ -20,8 +21,6 @@ from dse.study.question import DRAWS, Question
 from dse.study.results import Study
 
 if TYPE_CHECKING:
-    import pandas
-
     from dse.records import Floats
 
 _ACCURACIES = ("accuracy", "accuracy_shifted", "accuracy_unseen")
@@ -53,6 +52,7 @@ def of_study(
     known = [text for text in budgets if named_columns([text]) <= {*whole.columns}]
     points = whole[honest(whole) & meeting(whole, [*question.where, *known])]
     by = group_numbers(points, [name for name in ("task", "hardware") if name in points])
+    asked: dict[str, list[tuple[pandas.DataFrame, list[str]]]] = {}
     for number in np.unique(by):
         group = points[by == number]
         is_spiking = rivals.spiking(group)
@@ -62,9 +62,11 @@ def of_study(
             able &= fitting(group) | question.oversize
             unable = [name for name in group["family"].unique() if not able[group["family"] == name].any()]
             if able.any():
-                rows = _telling(group[able], cost)
-                accuracies, costs = _sampled(study, question, whole, rows, cost)
-                yield rivals.rivals(rows, rivals.spiking(rows), accuracies, cost, costs, unable)
+                asked.setdefault(cost, []).append((_telling(group[able], cost), unable))
+    for cost, groups in asked.items():
+        accuracies, costs = _sampled(study, question, whole, [rows for rows, _ in groups], cost)
+        for (rows, unable), of_rows, of_costs in zip(groups, accuracies, costs, strict=True):
+            yield rivals.rivals(rows, rivals.spiking(rows), of_rows, cost, of_costs, unable)
 
 
 def sentences(study: Study, question: Question = Question()) -> list[str]:  # noqa: B008 (frozen)
@@ -81,9 +83,23 @@ def sentences(study: Study, question: Question = Question()) -> list[str]:  # no
     return [f"{study.folder.name}: whether to spike is not known: there is no rival of {families}"]
 
 
+def brief(study: Study, question: Question) -> list[str]:
+    """Return all answers in one sentence, without numbers; nothing where spiking has no rival."""
+    try:
+        asked = [] if study.points().empty else list(of_study(study, question))
+    except StoreError:  # `sentences` says why
+        return []
+    answers = [f"{_about(one)}: {one.answer}" for one in asked]
+    return [f"Should it spike? {'; '.join(answers)} (dse report has the numbers)"] if answers else []
+
+
+def _about(of: rivals.Rivals) -> str:
+    return " on ".join(filter(None, (of.task, of.hardware)))
+
+
 def worded(of: rivals.Rivals) -> list[str]:
     """Return the answer in words and numbers, and a sentence on each accuracy."""
-    about = " on ".join(filter(None, (of.task, of.hardware)))
+    about = _about(of)
     unable = f"{', '.join(of.unable)} {'do' if len(of.unable) > 1 else 'does'} not run or fit"
     each = [
         f"{one.family} {_in_range(one.cost, _UNITS.get(of.cost, of.cost))}, accuracy "
@@ -151,11 +167,15 @@ def _telling(points: pandas.DataFrame, cost: str) -> pandas.DataFrame:
 
 
 def _sampled(
-    study: Study, question: Question, whole: pandas.DataFrame, rows: pandas.DataFrame, cost: str
-) -> tuple[dict[str, Floats], Floats]:
-    """Return samples of accuracies and of the cost, (draw, row) each; NaN where it was not measured."""
+    study: Study, question: Question, whole: pandas.DataFrame, groups: Sequence[pandas.DataFrame], cost: str
+) -> tuple[list[dict[str, Floats]], list[Floats]]:
+    """Return samples of accuracies and of the cost of each group, (draw, row); NaN where it was not measured.
+
+    All groups are sampled together, so that the answers of a trial are read once.
+    """
     n_draws = question.draws or DRAWS
     throttled = ["energy_throttled_uj"] if cost == "power_mw" else []
+    rows = pandas.concat(groups)
     accuracies: dict[str, Floats] = {}
     costs = np.tile(numbers(rows, cost), (n_draws, 1))
     for name in (name for name in _ACCURACIES if name in rows):
@@ -174,4 +194,7 @@ def _sampled(
         elif name == "accuracy" and throttled:
             more = drawn[throttled[0]] - numbers(rows, throttled[0])
             costs = costs + (question.contacts_per_hour or 0.0) * _MW * more
-    return accuracies, np.maximum(costs, 0.0)
+    ends = np.cumsum([len(group) for group in groups])[:-1]
+    parts = {name: np.split(drawn, ends, axis=1) for name, drawn in accuracies.items()}
+    of_groups = [{name: each[k] for name, each in parts.items()} for k in range(len(groups))]
+    return of_groups, np.split(np.maximum(costs, 0.0), ends, axis=1)
