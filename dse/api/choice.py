@@ -73,8 +73,8 @@ class Choice(Mapping[str, Any]):
         if self.row is None or not self.results.is_dir():
             return []
         same = {name: str(self.row[name]) for name in ("task", "hardware") if name in self.row}
-        asked = replace(self.question, where=tuple(f"{name} == {text!r}" for name, text in same.items()))
-        return list(of_study(open_study(self.results), asked, self.budgets))
+        question = replace(self.question, where=tuple(f"{name} == {text!r}" for name, text in same.items()))
+        return list(of_study(open_study(self.results), question, self.budgets))
 
     @property
     def found(self) -> pandas.Series[Any]:

@@ -148,9 +148,9 @@ class Classifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc] # scikit
             ValueError: as of `predict`.
         """
         _, parts = self._predicted(X)
-        found = np.zeros(parts.shape)
-        found[:, self._places()] = parts
-        return found
+        shares = np.zeros(parts.shape)
+        shares[:, self._places()] = parts
+        return shares
 
     def export(self, folder: str | Path, targets: Sequence[str] = ()) -> Bundle:
         """Write the pick as a bundle, with files of some targets.

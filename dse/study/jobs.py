@@ -78,14 +78,14 @@ class Preparation:
 
     designs: key of the data set -> sections of its design. base: folder that recordings are relative to.
     cache: root of the cache. threads: number of threads that simulate trials.
-    said: file in which the work in progress is written, now and then.
+    progress_file: in which the work in progress is written, now and then.
     """
 
     designs: Mapping[str, Sections]
     base: Path
     cache: Path
     threads: int = 1
-    said: Path | None = None
+    progress_file: Path | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -232,9 +232,9 @@ def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
     is_due = _timer(_MESSAGE_S)
 
     def say(text: str) -> None:
-        if job.said is not None and is_due():
+        if job.progress_file is not None and is_due():
             with contextlib.suppress(OSError):
-                job.said.write_text(text, "utf-8")
+                job.progress_file.write_text(text, "utf-8")
 
     for key, sections in job.designs.items():
         try:
@@ -244,8 +244,8 @@ def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
             raise  # a full disk is not the data set's fault
         except Exception as error:
             yield key, Failure.of(error)
-    if job.said is not None:
-        job.said.unlink(missing_ok=True)
+    if job.progress_file is not None:
+        job.progress_file.unlink(missing_ok=True)
 
 
 @dataclasses.dataclass(frozen=True)

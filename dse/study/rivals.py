@@ -52,7 +52,7 @@ def of_study(
     known = [text for text in budgets if named_columns([text]) <= {*whole.columns}]
     points = whole[honest(whole) & meeting(whole, [*question.where, *known])]
     by = group_numbers(points, [name for name in ("task", "hardware") if name in points])
-    asked: dict[str, list[tuple[pandas.DataFrame, list[str]]]] = {}
+    by_cost: dict[str, list[tuple[pandas.DataFrame, list[str]]]] = {}
     for number in np.unique(by):
         group = points[by == number]
         is_spiking = rivals.spiking(group)
@@ -62,8 +62,8 @@ def of_study(
             able &= fitting(group) | question.oversize
             unable = [name for name in group["family"].unique() if not able[group["family"] == name].any()]
             if able.any():
-                asked.setdefault(cost, []).append((_telling(group[able], cost), unable))
-    for cost, groups in asked.items():
+                by_cost.setdefault(cost, []).append((_telling(group[able], cost), unable))
+    for cost, groups in by_cost.items():
         accuracies, costs = _sampled(study, question, whole, [rows for rows, _ in groups], cost)
         for (rows, unable), of_rows, of_costs in zip(groups, accuracies, costs, strict=True):
             yield rivals.rivals(rows, rivals.spiking(rows), of_rows, cost, of_costs, unable)
@@ -73,23 +73,23 @@ def sentences(study: Study, question: Question = Question()) -> list[str]:  # no
     """Return whether to spike, in words; that it is not known, and why, where that is so."""
     try:
         points = study.points()
-        asked = () if points.empty else of_study(study, question)
-        found = [text for one in asked for text in worded(one)]
+        several = () if points.empty else of_study(study, question)
+        texts = [text for one in several for text in worded(one)]
     except StoreError as error:  # a study of an earlier version, or a damaged one
         return [f"whether to spike is not known: {error}"]
     families = ", ".join(dict.fromkeys(points["family"].astype(str))) if "family" in points else ""
-    if found or not families:
-        return found
+    if texts or not families:
+        return texts
     return [f"{study.folder.name}: whether to spike is not known: there is no rival of {families}"]
 
 
 def brief(study: Study, question: Question) -> list[str]:
     """Return all answers in one sentence, without numbers; nothing where spiking has no rival."""
     try:
-        asked = [] if study.points().empty else list(of_study(study, question))
+        several = [] if study.points().empty else list(of_study(study, question))
     except StoreError:  # `sentences` says why
         return []
-    answers = [f"{_about(one)}: {one.answer}" for one in asked]
+    answers = [f"{_about(one)}: {one.answer}" for one in several]
     return [f"Should it spike? {'; '.join(answers)} (dse report has the numbers)"] if answers else []
 
 
@@ -106,20 +106,20 @@ def worded(of: rivals.Rivals) -> list[str]:
         f"{one.accuracy:.3f} ± {one.se:.2g}, trial {one.trial}"
         for one in of.finalists
     ]
-    said = [
+    texts = [
         f"{about}: {of.answer}. The cheapest design of each family within one standard error of its "
         f"best: {'; '.join(each)}{f'; {unable}' if of.unable else ''}"
     ]
     what = rivals.WHAT.get(of.cost, of.cost)
     for odds in of.odds:
         cheaper, times = _share(odds.cheaper), _in_range(odds.times, f"times the {what}")
-        said.append(
+        texts.append(
             f"{about}{_WHERE.get(odds.on, '')}: the probability that a spiking design is cheaper at "
             f"equal accuracy is {cheaper}, at {times}; that it is more accurate at equal cost "
             f"{_share(odds.more_accurate)}, by {_points(odds.gain)}; that it is more accurate at any "
             f"cost {_share(odds.best)}, by {_points(odds.most)}"
         )
-    return said
+    return texts
 
 
 def _share(probability: float) -> str:

@@ -3,8 +3,8 @@
 `ask()` returns trainings, or None where it has no more; `tell(asked)` follows when these have ended, failed
 or been left to the next session. What a search needs to know of them, it finds in the runs
 (`dse.study.runs`) and in the book, so it asks the same again after an interruption. A search that changes
-another one holds it, and passes on what it does not change. The innermost is `dse.study.searches.Batches`;
-racing is in `dse.study.racing`.
+another one holds it, and passes on what it does not change. The innermost is `Batches`; racing is in
+`dse.study.racing`.
 """
 
 from __future__ import annotations

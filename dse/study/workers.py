@@ -72,7 +72,7 @@ class Workers:
         """Yield every part that the function yields for a job, with its job, when the job has ended.
 
         A job that ends early, by an exception or by its worker's death, ends with a `Failure`. What a running
-        job writes to the file `said` that it names is yielded meanwhile.
+        job writes to its `progress_file` is yielded meanwhile.
 
         Args:
             function: importable by name; it is called in a worker.
@@ -101,7 +101,7 @@ class Workers:
                     yield from ((job, part) for part in self._parts(future))
                 for job in running.values():
                     with contextlib.suppress(OSError, AttributeError):
-                        text: Any = job.said.read_text("utf-8")  # type: ignore[attr-defined]
+                        text: Any = job.progress_file.read_text("utf-8")  # type: ignore[attr-defined]
                         if text and text != heard:
                             heard = text
                             yield job, text

@@ -118,12 +118,12 @@ def test_parts_before_an_exception_stand():
 class Told:
     """A job that says what it does."""
 
-    said: Path
+    progress_file: Path
 
 
 def tell(job):
-    job.said.write_text("half of it")
-    until(lambda: not job.said.exists(), "somebody to hear it")
+    job.progress_file.write_text("half of it")
+    until(lambda: not job.progress_file.exists(), "somebody to hear it")
     yield 1
 
 
@@ -131,7 +131,7 @@ def test_what_a_running_job_says_is_heard(pool, tmp_path):
     job = Told(tmp_path / "said")
     found = pool.stream(tell, [job])
     assert next(found) == (job, "half of it")
-    job.said.unlink()
+    job.progress_file.unlink()
     assert list(found) == [(job, 1)]
 
 

@@ -65,7 +65,7 @@ class Wasm(InC):
             sources, options = host.driven(folder, Path(place), "-DDSE_TRACE", *recorded.options)
             program = Path(place) / "replay.wasm"
             _built(sources, program, *options)
-            played = replay.parsed(_told(program, recorded.commands or replay.of_spikes(reference)))
+            played = replay.parsed(_replayed(program, recorded.commands or replay.of_spikes(reference)))
         _, prefix = host.classifier_in(folder)
         labels, instructions = _called(_module(folder), prefix, replay.of_spikes(reference)[:_CALLED])
         if not np.array_equal(labels, played.label[: len(labels)]):
@@ -106,15 +106,15 @@ def _module(folder: Path) -> Path:
     return folder / f"{source.stem}.wasm"
 
 
-def _told(program: Path, commands: Sequence[Ints]) -> Ints:
+def _replayed(program: Path, commands: Sequence[Ints]) -> Ints:
     """Return what a program of replay.c writes of recordings, int32."""
     import wasmtime
 
     engine, system = wasmtime.Engine(), wasmtime.WasiConfig()
     store, linker = wasmtime.Store(engine), wasmtime.Linker(engine)
-    given, told = program.with_suffix(".in"), program.with_suffix(".out")
-    given.write_bytes(np.concatenate(commands).astype(np.int32).tobytes())
-    system.stdin_file, system.stdout_file = str(given), str(told)
+    stdin, stdout = program.with_suffix(".in"), program.with_suffix(".out")
+    stdin.write_bytes(np.concatenate(commands).astype(np.int32).tobytes())
+    system.stdin_file, system.stdout_file = str(stdin), str(stdout)
     store.set_wasi(system)
     linker.define_wasi()
     exports: Any = linker.instantiate(store, wasmtime.Module.from_file(engine, str(program))).exports(store)
@@ -125,7 +125,7 @@ def _told(program: Path, commands: Sequence[Ints]) -> Ints:
             raise TargetError(f"the program failed: exit code {end.code}") from None
     except wasmtime.WasmtimeError as error:
         raise TargetError(f"the program failed: {error}") from None
-    return np.frombuffer(told.read_bytes(), np.int32)
+    return np.frombuffer(stdout.read_bytes(), np.int32)
 
 
 def _called(module: Path, prefix: str, commands: Sequence[Ints]) -> tuple[Ints, int]:

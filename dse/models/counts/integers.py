@@ -59,14 +59,14 @@ class IntegerLayers:
         Args:
             x: (n, input) integers >= 0.
         """
-        found: list[Ints] = [np.asarray(x, np.int64)]
+        passed_on: list[Ints] = [np.asarray(x, np.int64)]
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             # Sums of integers below 2^53 are exact in double, in any order.
-            y = (found[-1].astype(np.float64) @ weight.astype(np.float64)).astype(np.int64) + bias
+            y = (passed_on[-1].astype(np.float64) @ weight.astype(np.float64)).astype(np.int64) + bias
             if k < len(self.shifts):
                 y = np.minimum(np.maximum(y, 0) >> self.shifts[k], MOST_UNIT)
-            found.append(y)
-        return found
+            passed_on.append(y)
+        return passed_on
 
 
 def largest_sum(layers: IntegerLayers, most: int) -> int:
