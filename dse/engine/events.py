@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -48,39 +48,59 @@ class Rows:
 
 
 @compiled()
-def _gather(
+def _cut(
     row_offsets: Array,
     channel: Array,
     stored_steps: int,
-    n_channels: int,
     samples: Array,
     start: Array,
     input_steps: int,
-    delays: Array,
     steps_per_sample: int,
     offsets: Array,
     index: Array,
 ) -> None:
-    """Fill `offsets`, and `index` where it is not empty, with the rows of each window and delayed copy."""
-    n_steps = input_steps * steps_per_sample
-    write = index.size > 0
-    position = 0
+    """Fill `offsets`, and `index` where it is not empty, with the rows of each window."""
+    position, row, write = 0, 0, index.size > 0
     offsets[0] = 0
     for n in range(samples.size):
         base = samples[n] * stored_steps + start[n]
-        for t in range(n_steps):
-            for k in range(delays.size):
-                source = t - delays[k]
-                if source < 0 or source % steps_per_sample != 0:
-                    continue
-                row = base + source // steps_per_sample
-                if write:
-                    for e in range(row_offsets[row], row_offsets[row + 1]):
-                        index[position] = channel[e] + k * n_channels
-                        position += 1
-                else:
-                    position += row_offsets[row + 1] - row_offsets[row]
-            offsets[n * n_steps + t + 1] = position
+        for source in range(base, base + input_steps):
+            begin, end = row_offsets[source], row_offsets[source + 1]
+            if write:
+                index[position : position + end - begin] = channel[begin:end]
+            position += end - begin
+            for _ in range(steps_per_sample):
+                row += 1
+                offsets[row] = position
+
+
+@compiled()
+def _copied(
+    offsets: Array,
+    index: Array,
+    times: Array,
+    n_steps: int,
+    n_inputs: int,
+    delays: Array,
+    copied_offsets: Array,
+    copied_index: Array,
+    copied_times: Array,
+) -> None:
+    """Fill the offsets, and the rest where it is not empty, with the delayed copies of each row."""
+    position, write = 0, copied_index.size > 0
+    copied_offsets[0] = 0
+    for row in range(offsets.size - 1):
+        for k in range(delays.size):
+            if delays[k] > row % n_steps:
+                continue
+            begin, end = offsets[row - delays[k]], offsets[row - delays[k] + 1]
+            if write:
+                for e in range(end - begin):
+                    copied_index[position + e] = index[begin + e] + k * n_inputs
+                if times.size:
+                    copied_times[position : position + end - begin] = times[begin:end]
+            position += end - begin
+        copied_offsets[row + 1] = position
 
 
 def gather(
@@ -90,6 +110,7 @@ def gather(
     n_steps: int,
     delays: tuple[int, ...] = (0,),
     steps_per_sample: int = 1,
+    pool: Ints | None = None,
 ) -> Rows:
     """Cut windows out of stored spikes and add delayed copies of the inputs.
 
@@ -103,9 +124,11 @@ def gather(
         n_steps: window length in input steps.
         delays: delay of each copy, network steps.
         steps_per_sample: network steps per input step.
+        pool: (n_channels,) number of each channel's pool, from 0: copies are of pools (`pooled`), which are
+            fewer; None: of channels.
 
     Returns:
-        Rows of n samples, n_steps * steps_per_sample steps, n_channels * len(delays) inputs.
+        Rows of n samples, n_steps * steps_per_sample steps, n_channels (or pools) * len(delays) inputs.
 
     Raises:
         ValueError: a window reaches outside the stored steps, or the spikes are not binary.
@@ -119,15 +142,26 @@ def gather(
             f"windows of {n_steps} steps must lie within the {spikes.n_steps} stored steps, "
             f"got starts from {start.min()} to {start.max()}"
         )
-    total = samples.size * n_steps * steps_per_sample
-    offsets = np.empty(total + 1, np.int64)
-    lags = np.asarray(delays, np.int64)
-    arguments = (spikes.row_offsets, spikes.channel, spikes.n_steps, spikes.n_channels, samples, start)
-    _gather(*arguments, n_steps, lags, steps_per_sample, offsets, np.empty(0, np.int32))
+    network_steps = n_steps * steps_per_sample
+    offsets, nothing = np.empty(samples.size * network_steps + 1, np.int64), np.empty(0, np.int32)
+    arguments = (spikes.row_offsets, spikes.channel, spikes.n_steps, samples, start, n_steps)
+    _cut(*arguments, steps_per_sample, offsets, nothing)
     index = np.empty(offsets[-1], np.int32)
     if index.size:
-        _gather(*arguments, n_steps, lags, steps_per_sample, offsets, index)
-    return Rows(offsets, index, samples.size, n_steps * steps_per_sample, spikes.n_channels * len(delays))
+        _cut(*arguments, steps_per_sample, offsets, index)
+    rows = pooled(Rows(offsets, index, samples.size, network_steps, spikes.n_channels), pool)
+    return rows if delays == (0,) else _delayed_copies(rows, np.asarray(delays, np.int64))
+
+
+def _delayed_copies(rows: Rows, delays: Ints) -> Rows:
+    offsets, nothing = np.empty_like(rows.offsets), np.empty(0, np.int32)
+    arguments = (rows.offsets, rows.index, rows.times, rows.n_steps, rows.n_inputs, delays, offsets)
+    _copied(*arguments, nothing, ONCE)
+    index = np.empty(offsets[-1], np.int32)
+    times = np.empty(index.size if rows.times.size else 0, np.float32)
+    if index.size:
+        _copied(*arguments, index, times)
+    return replace(rows, offsets=offsets, index=index, n_inputs=rows.n_inputs * delays.size, times=times)
 
 
 @compiled()

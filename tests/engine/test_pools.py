@@ -7,10 +7,11 @@ import pytest
 
 from benchmarks.ours import rows_of
 from dse.engine import cpu
-from dse.engine.events import pooled
+from dse.engine.events import gather, pooled
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
+from dse.records import Spikes
 
 POOL = np.array([0, 2, 1, 0, 0, 2, 2, 1, 0, 0, 1, 2])
 
@@ -81,3 +82,18 @@ def test_pooled_rows_count_every_spike():
     by_input = rows.per_input()
     expected = np.stack([by_input[:, pool == k].sum(axis=1) for k in range(3)], axis=1)
     np.testing.assert_array_equal(pooled(rows, pool).per_input(), expected)
+
+
+def test_copies_of_pools_are_pools_of_copies():
+    rng = np.random.default_rng(4)
+    counts = rng.poisson(1.5, 5 * 30)
+    index = np.concatenate([np.sort(rng.choice(6, min(n, 6), replace=False)) for n in counts])
+    offsets = np.concatenate([[0], np.cumsum(np.minimum(counts, 6))])
+    spikes = Spikes(offsets, index.astype(np.int32), 30, 6, 1.0)
+    pool, delays = np.array([0, 1, 0, 2, 1, 0]), (0, 2, 7)
+    window = (spikes, np.array([3, 0, 3]), np.array([4, 0, 10]), 20, delays, 2)
+    expected = pooled(gather(*window), np.concatenate([pool + 3 * k for k in range(3)]))
+    found = gather(*window, pool)
+    assert found.n_inputs == expected.n_inputs == 9
+    for name in ("offsets", "index", "times"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dse.engine import engines
-from dse.engine.events import Rows, gather, pooled, without
+from dse.engine.events import Rows, gather, without
 from dse.engine.forward import prepare
 from dse.engine.goal import is_label
 from dse.engine.layers import weights as layer_weights
@@ -86,8 +86,8 @@ def train(
     n_steps = dataset.n_steps * model.steps_per_sample
     delays = tuple(d * model.steps_per_sample for d in model.input_delays)
 
-    def rows_of(spikes: Spikes, samples: Ints, start: Ints) -> Rows:
-        return gather(spikes, samples, start, dataset.n_steps, delays, model.steps_per_sample)
+    def rows_of(spikes: Spikes, samples: Ints, start: Ints, pool: Ints | None = None) -> Rows:
+        return gather(spikes, samples, start, dataset.n_steps, delays, model.steps_per_sample, pool)
 
     shared_draws = {name: shared(name) for name in ("batches", "crops", "input dropout")}
     batches, crops, silenced = shared_draws.values()
@@ -106,8 +106,9 @@ def train(
 
         def windows(n_samples: int, size: int, pool: Ints | None = pool) -> Iterator[Rows]:
             samples = counted[: n_samples or None]
+            of_channels = None if pool is None else pool[: dataset.spikes.n_channels]
             for part in np.split(samples, range(size, samples.size, size)):
-                yield pooled(rows_of(dataset.spikes, part, dataset.start[part]), pool)
+                yield rows_of(dataset.spikes, part, dataset.start[part], of_channels)
 
         def run(
             weights: Floats,
