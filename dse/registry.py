@@ -144,7 +144,7 @@ class Column:
         where it was not measured.
     selects: whether a search and a front may use it; not what labels of the test set say.
     of_test: whether it is measured on the test set; a study without one lacks it.
-    of_evaluation: key of section `evaluation` without which a study lacks it; '' for none.
+    of_section: section, or section.key, without which a study lacks it; '' for none.
     known: whether it is known of a design before it is trained ('exact'), or has a lower bound ('bound').
     ranged: whether tables also have its least and largest value over the repeats, <name>_min and <name>_max.
     """
@@ -156,7 +156,7 @@ class Column:
     of_design: bool = False
     selects: bool = True
     of_test: bool = False
-    of_evaluation: str = ""
+    of_section: str = ""
     ranged: bool = False
     known: Literal["", "exact", "bound"] = ""
 

@@ -51,7 +51,6 @@ _OTHERS = {
         "accuracy expected on other recordings, without the luck of the best of many points, with its 90 % "
         "interval; ..._corrected of another accuracy among the objectives likewise",
     ),
-    "power_mw": ("mW", "mean power at the given inferences per hour, idle time included"),
     "battery_h": ("h", "how long the given battery lasts at power_mw"),
     "origin": (
         "",

@@ -18,11 +18,11 @@ def load(space: str, replaced: Iterable[str], repair: bool) -> SearchSpace:
     Raises:
         ConfigError: every fault.
     """
-    from dse.hardware.profile import load_all
+    from dse.hardware.profile import of_space
 
     overrides = overrides_of(replaced) | ({"data.repair": "true"} if repair else {})
     loaded = load_space(space, overrides, check_data=True)
-    load_all(loaded.hardware, loaded.source.parent)
+    of_space(loaded)
     return loaded
 
 

@@ -22,7 +22,7 @@ from dse.registry import Plugin, Rule
 
 REQUIRED = ("data", "task", "split", "model")
 _WITH_DEFAULTS = ("window", "training", "decision", "search", "execution")
-_OF_STUDY = ("decision", "precision", "search", "execution")
+_OF_STUDY = ("decision", "precision", "schedule", "search", "execution")
 _DECISION = {"phi": {"range": [0, 60], "step": 2}, "theta": {"range": [0.2, 1.0], "step": 0.05}}
 _OBJECTIVES: tuple[tuple[str, str], ...] = (("accuracy", "max"), ("n_weights", "min"))
 _ENERGY = ("energy_uj", "min")
@@ -103,12 +103,12 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     limits = (
         names.limits(data["limits"], written.axes, hardware, targets, report) if "limits" in data else None
     )
-    split, evaluation = sections.get("split"), sections.get("evaluation")
+    split = sections.get("split")
     objectives = (*_OBJECTIVES, *([_ENERGY] if hardware else []))
-    if "objectives" in data and (evaluation is None or evaluation.good):  # or they may be right
+    if "objectives" in data and all(sections[x].good for x in names.OF_OBJECTIVES if x in sections):
         has_test = "test" in data or split is None or not split.good or split.fixed.has_test
         objectives = names.objectives(
-            data["objectives"], hardware, report, has_test=has_test, evaluation=evaluation
+            data["objectives"], hardware, report, has_test=has_test, sections=sections
         )
     if faults:
         return None
@@ -127,6 +127,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         search=sections["search"].fixed,
         execution=sections["execution"].fixed,
         precision=sections["precision"].fixed if "precision" in sections else None,
+        schedule=sections["schedule"].fixed if "schedule" in sections else None,
     )
 
 

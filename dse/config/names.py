@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from types import MappingProxyType
 
 from dse import registry
 from dse.config.axes import Axis
@@ -14,6 +15,9 @@ from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import Part
 from dse.config.values import Report, echo
 from dse.config.yaml_lines import Raw
+
+OF_OBJECTIVES = ("evaluation", "schedule")
+"""Sections that columns need (`Column.of_section`)."""
 
 
 def hardware(raw: Raw, report: Report, base: Path) -> tuple[str, ...]:
@@ -44,7 +48,7 @@ def objectives(
     report: Report,
     *,
     has_test: bool = True,
-    evaluation: Part | None = None,
+    sections: Mapping[str, Part] = MappingProxyType({}),
 ) -> tuple[tuple[str, str], ...]:
     """Read objectives written `name:max`, `name:min` or `name` alone for the direction it declares.
 
@@ -53,11 +57,10 @@ def objectives(
         profiles: hardware profiles of the search space.
         report: called with (path, sentence) for every mistake.
         has_test: whether the search space has a test set.
-        evaluation: what else is tested.
+        sections: which of the search space are written.
     """
     known = registry.columns()
     of_hardware = registry.columns("hardware")
-    tested = {} if evaluation is None else evaluation.values
     if raw == [] or raw is None:
         report(("objectives",), f"objectives must hold at least one objective; {known_names('', known)}")
     texts = _texts("objectives", raw, report)
@@ -75,8 +78,9 @@ def objectives(
             faults.append("needs a hardware profile in section 'hardware', got none")
         if column.of_test and not has_test:
             faults.append("needs a test set: section 'test', or key test of the split")
-        if column.of_evaluation and tested.get(column.of_evaluation) is None:
-            faults.append(f"needs {column.of_evaluation} in section 'evaluation', got none")
+        section, _, key = column.of_section.partition(".")
+        if section and (section not in sections or (key and sections[section].values.get(key) is None)):
+            faults.append(f"needs {key + ' in ' if key else ''}section '{section}', got none")
         if not column.selects:
             faults.append("cannot select designs: the test set is only for reporting")
         for text in faults:

@@ -17,6 +17,7 @@ from dse.config.settings import (
     ExecutionSettings,
     Precision,
     Preprocessing,
+    Schedule,
     Split,
     Task,
     Training,
@@ -33,6 +34,7 @@ SETTINGS: Mapping[str, type] = {
     "training": Training,
     "decision": Decision,
     "precision": Precision,
+    "schedule": Schedule,
     "execution": ExecutionSettings,
     "search": Search,
 }
@@ -40,8 +42,8 @@ SETTINGS: Mapping[str, type] = {
 # names, `limits` is one of conditions.
 SECTIONS = (
     *("data", "task", "window", "split", "evaluation", "test", "preprocessing", "encoder", "model"),
-    *("training", "decision", "precision", "hardware", "targets", "objectives", "limits", "search"),
-    "execution",
+    *("training", "decision", "precision", "hardware", "schedule", "targets", "objectives", "limits"),
+    *("search", "execution"),
 )
 
 

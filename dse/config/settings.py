@@ -671,6 +671,37 @@ class Precision:
 
 
 @dataclass(frozen=True)
+class Schedule:
+    """How often a device answers and what it runs on: adds power_mw, energy_per_hour_mj and battery_days."""
+
+    contacts_per_hour: float | None = param(
+        None, doc="inferences per hour, one per contact; the chip idles in between", low=0
+    )
+    continuous: bool = param(False, doc="one inference after the other, in place of contacts_per_hour")
+    awake_ms: float | None = param(
+        None,
+        doc="time that the device is on at each contact, if that is longer than the inference; in between it "
+        "is asleep (default: it is always on, and idles)",
+        unit="ms",
+        low=0,
+    )
+    asleep_uw: float = param(0.0, doc="power while it is asleep, that of sensor and chip", unit="uW", low=0)
+    battery_mwh: float | None = param(
+        None, doc="capacity of the battery (default: no battery_days)", unit="mWh", low=0, low_open=True
+    )
+
+    def __post_init__(self) -> None:
+        """Check that the rate is stated once, and that what is asleep wakes at contacts."""
+        if self.continuous == (self.contacts_per_hour is not None):
+            given = "both" if self.continuous else "neither"
+            raise ValueError(f"contacts_per_hour or continuous: true must be given, got {given}")
+        if self.awake_ms is None and self.asleep_uw:
+            raise ValueError("asleep_uw needs awake_ms: what is always on never sleeps")
+        if self.awake_ms is not None and self.continuous:
+            raise ValueError("awake_ms needs contacts_per_hour: what is continuous never sleeps")
+
+
+@dataclass(frozen=True)
 class ExecutionSettings:
     """How the work is distributed; results are bit-identical for any number of processes and threads."""
 

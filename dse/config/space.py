@@ -16,7 +16,7 @@ from dse.config.parts import Part, target_name
 from dse.config.resolved import Sections
 from dse.config.search import Search
 from dse.config.sections import SECTIONS
-from dse.config.settings import Evaluation, ExecutionSettings, Precision, Reach, Split
+from dse.config.settings import Evaluation, ExecutionSettings, Precision, Reach, Schedule, Split
 from dse.config.values import Values, as_tuple, echo, plain
 from dse.config.yaml_lines import Raw, dump
 from dse.registry import Plugin
@@ -73,6 +73,7 @@ class SearchSpace:
         design is excluded before it is trained.
     objectives: (column, 'max' or 'min').
     precision: None where trained networks are evaluated as they are.
+    schedule: on which chips are priced; None: an inference at a time.
     plugins: modules of components outside `dse`, which are loaded.
     """
 
@@ -87,6 +88,7 @@ class SearchSpace:
     search: Search
     execution: ExecutionSettings
     precision: Precision | None = None
+    schedule: Schedule | None = None
     plugins: tuple[Plugin, ...] = ()
     targets: tuple[str, ...] = ()
     limits: tuple[str, ...] | None = None
@@ -181,6 +183,8 @@ class SearchSpace:
         sections["decision"] = self.decision.to_plain()
         if self.precision is not None:
             sections["precision"] = plain(self.precision)
+        if self.schedule is not None:
+            sections["schedule"] = {k: x for k, x in plain(self.schedule).items() if x is not None}
         sections["hardware"] = list(self.hardware)
         if self.targets:
             sections["targets"] = list(self.targets)

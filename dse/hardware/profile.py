@@ -21,6 +21,8 @@ from dse.config.chips import Chip
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.locate import hardware_names, names_a_file, shipped_profiles
 from dse.config.parts import Told, Written
+from dse.config.settings import Schedule
+from dse.config.space import SearchSpace
 from dse.config.values import Report, echo, read_fields, read_object
 from dse.config.yaml_lines import Document, Raw, in_file_order, parse
 from dse.config.yaml_lines import Path as Keys
@@ -111,6 +113,7 @@ class Profile(ABC):
     interval_only: nobody has published numbers for it, so a cost is a range and no value.
     text: the file that it was read from, for a study to keep.
     programmable: whether its neurons run programs, so that it runs resonators too.
+    schedule: on which it answers; None: what an answer costs is all that is asked.
     any_neuron: whether all profiles of this kind run any neurons: processors and conventions.
     delays_synapses: whether profiles of this kind may give synapses delays of their own.
     """
@@ -120,6 +123,7 @@ class Profile(ABC):
     interval_only: bool
     text: str = dataclasses.field(repr=False)
     programmable: bool = dataclasses.field(default=False, kw_only=True)
+    schedule: Schedule | None = dataclasses.field(default=None, kw_only=True)
 
     any_neuron: ClassVar[bool] = False
     delays_synapses: ClassVar[bool] = True
@@ -269,8 +273,18 @@ def load(name: str | Path) -> Profile:
     return profile
 
 
+def of_space(space: SearchSpace) -> tuple[Profile, ...]:
+    """Read the profiles of a search space, on its schedule.
+
+    Raises:
+        ConfigError: as `load_all`.
+    """
+    chips = load_all(space.hardware, space.source.parent)
+    return tuple(dataclasses.replace(chip, schedule=space.schedule) for chip in chips)
+
+
 def load_all(entries: Sequence[str], base: Path) -> tuple[Profile, ...]:
-    """Read the profiles that a search space names.
+    """Read profiles.
 
     Args:
         entries: names of the package's profiles, or files.
@@ -349,7 +363,7 @@ def _profile(document: Document, text: str, faults: list[Fault]) -> Profile | No
             report((key,), f"{key} must not be empty")
     if about is not None and about.name and not names_a_file(about.name):
         report(("name",), f"name must be valid as a file name, got '{about.name}'")
-    numbers = {name: _number(name, figure, data, report) for name, figure in figures.items()}
+    numbers: dict[str, Any] = {name: _number(name, figure, data, report) for name, figure in figures.items()}
     if about is None or faults:
         return None
     return cls(

@@ -18,6 +18,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from dse.config.settings import Schedule
 from dse.hardware.cost import Cost, drawn
 from dse.hardware.duty import battery_h, mean_power_mw
 from dse.hardware.inference import Inference
@@ -36,18 +37,6 @@ _DRAWN_AT_ONCE = 2**20  # draws times steps that are priced together
 _QUANTILES = {"_q50": 0.5, "_q05": 0.05, "_q95": 0.95}
 
 
-@dataclass(frozen=True)
-class Duty:
-    """How often a device is touched, and what it runs on.
-
-    contacts_per_hour: inferences.
-    battery_mwh: capacity; None: without battery life.
-    """
-
-    contacts_per_hour: float
-    battery_mwh: float | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class CostRow:
     """Everything that a profile says about an inference; None where it says nothing.
@@ -60,7 +49,7 @@ class CostRow:
     n_cores: in use, and what practice may take.
     fits, misfits, assumptions: as of `Cost`.
     energy_quantiles_uj, energy_throttled_quantiles_uj: median, 5 % and 95 % of samples of the chip's numbers.
-    power_mw, battery_h: mean power and battery life of a `Duty`.
+    power_mw, battery_h: mean power and battery life of a `Schedule`.
 
     The others are as of `Cost`. Quantiles, power and battery life are None unless they are requested.
     """
@@ -117,14 +106,14 @@ class CostRow:
 
 
 def cost_row(
-    profile: Profile, inference: Inference, duty: Duty | None = None, n_draws: int | None = None
+    profile: Profile, inference: Inference, schedule: Schedule | None = None, n_draws: int | None = None
 ) -> CostRow:
     """Return everything that a profile says about an inference.
 
     Args:
         profile: the hardware.
         inference: what is priced.
-        duty: adds mean power, and battery life where it has a battery.
+        schedule: adds mean power, and battery life where it has a battery.
         n_draws: adds quantiles of the energies under so many samples of the profile's numbers.
 
     Raises:
@@ -138,8 +127,8 @@ def cost_row(
         evidence=evidence_of(profile),
         energy_quantiles_uj=quantiles,
         energy_throttled_quantiles_uj=quantiles,
-        power_mw=None if duty is None else UNKNOWN,
-        battery_h=None if duty is None or duty.battery_mwh is None else UNKNOWN,
+        power_mw=None if schedule is None else UNKNOWN,
+        battery_h=None if schedule is None or schedule.battery_mwh is None else UNKNOWN,
     )
     try:
         priced = inference.cost_on(profile)
@@ -154,8 +143,8 @@ def cost_row(
         row = replace(row, n_cores=replace(row.n_cores, value=None))
     if n_draws is not None:
         row = replace(row, **_quantiles(profile, inference, n_draws))
-    if duty is not None and priced.timed:
-        row = _with_duty(row, plan, duty)
+    if schedule is not None and priced.timed:
+        row = _with_power(row, plan, schedule)
     return row
 
 
@@ -226,7 +215,7 @@ def _quantiles(profile: Profile, inference: Inference, n_draws: int) -> dict[str
     }
 
 
-def _with_duty(row: CostRow, plan: Plan, duty: Duty) -> CostRow:
+def _with_power(row: CostRow, plan: Plan, schedule: Schedule) -> CostRow:
     """Add the mean power and the battery life.
 
     Raises:
@@ -234,11 +223,11 @@ def _with_duty(row: CostRow, plan: Plan, duty: Duty) -> CostRow:
     """
     energy_uj = np.array([*row.energy_throttled_uj], np.float64)
     contact_ms = np.maximum(np.array([*row.hardware_latency_ms], np.float64), row.decision_ms)
-    power_mw = mean_power_mw(duty.contacts_per_hour, energy_uj, contact_ms, plan.idle_mw)
+    power_mw = mean_power_mw(schedule, energy_uj, contact_ms, plan.idle_mw)
     power = _known(Interval(*power_mw))
     battery = row.battery_h
-    if duty.battery_mwh is not None:
-        value, at_low, at_high = battery_h(duty.battery_mwh, power_mw)
+    if schedule.battery_mwh is not None:
+        value, at_low, at_high = battery_h(schedule.battery_mwh, power_mw)
         battery = _known(Interval(value, at_high, at_low))  # the least power lasts longest
     value_mw, _, high_mw = plan.idle_mw
     if value_mw == 0 < high_mw:  # what it draws between contacts is unknown, which is not nothing

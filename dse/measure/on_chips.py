@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.hardware.cost import NotApplicable, cost, drawn
+from dse.hardware.cost import NotApplicable, drawn
 from dse.hardware.profile import Figures, Profile
 from dse.measure.objectives import Priced, measured
 from dse.measure.objectives.on_chip import latency_of
@@ -20,7 +20,7 @@ def columns_on(profile: Profile, load: Workload | Operations) -> dict[str, Array
     A chip that cannot run such a classifier has no columns, and counted operations have energies only.
     """
     try:
-        priced = Priced(cost(profile, load), load)
+        priced = Priced.on(profile, load)
     except NotApplicable:
         return {}
     columns = measured("hardware", priced)

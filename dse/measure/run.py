@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from dse import registry
-from dse.hardware.cost import NotApplicable, cost
+from dse.hardware.cost import NotApplicable
 from dse.hardware.profile import Profile
 from dse.measure import decision
 from dse.measure.confusion import confusion
@@ -326,7 +326,7 @@ def records_for_objectives(
     for chip in hardware:
         for one in points:
             with contextlib.suppress(NotApplicable):
-                records.append(("hardware", Priced(cost(chip, one.load), one.load)))
+                records.append(("hardware", Priced.on(chip, one.load)))
     return records
 
 

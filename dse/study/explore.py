@@ -15,7 +15,7 @@ from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.bounds import MOST_TRIALS
 from dse.config.settings import missing
 from dse.dataset import cache
-from dse.hardware.profile import Profile, load_all
+from dse.hardware.profile import Profile, of_space
 from dse.recordings import PLACES, RecordingError
 from dse.recordings.files import locate
 from dse.study import health, imported, points, precision, pricing, warm
@@ -76,7 +76,7 @@ def run(
     if (n_designs := n_trials(space)) > MOST_TRIALS:
         text = f"search.n_trials must be at most {MOST_TRIALS}, got {n_designs} designs; sample fewer of them"
         raise ConfigError([Fault(str(space.source), 0, text)])
-    profiles = load_all(space.hardware, space.source.parent)
+    profiles = of_space(space)
     folder = Path(results) / space.study
     earlier = warm.earlier_trials(space)
     n_workers = jobs or space.execution.jobs

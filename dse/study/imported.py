@@ -15,7 +15,7 @@ from typing import Any
 from dse import dataset, store
 from dse.config import ConfigError, SearchSpace, Sections, load_space
 from dse.dataset.cache import usual_root
-from dse.hardware.profile import load_all
+from dse.hardware.profile import of_space
 from dse.recordings import RecordingError
 from dse.records import Network, Outcome, Response
 from dse.store import StoreError
@@ -77,7 +77,7 @@ def add(folder: Path, origin: RunRecord, network: Network, about: Mapping[str, A
     if (source := source_of(folder, origin)) is None:
         raise StoreError(f"{folder}: the recordings of trial {origin.trial} are not found, or have changed")
     space, sections, base = source
-    profiles = load_all(space.hardware, space.source.parent)
+    profiles = of_space(space)
     with store.exclusive(folder), opened(folder, space.search.batch) as (book, _):
         notes = pricing.check(profiles, folder)
         if notes:

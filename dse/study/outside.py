@@ -21,7 +21,7 @@ from dse.config.faults import known_names
 from dse.config.space import Design
 from dse.config.values import echo
 from dse.config.yaml_lines import Document, in_file_order, read_document
-from dse.hardware.profile import load_all
+from dse.hardware.profile import of_space
 from dse.seeds import design_key
 from dse.store import Book, back_up, explained
 from dse.study import tables, warm
@@ -50,7 +50,7 @@ def ask(space: SearchSpace, results: str | Path, n: int) -> tuple[list[tuple[int
         ConfigError, StoreError: as in `dse.study.explore.run`.
     """
     folder = Path(results) / space.study
-    profiles = load_all(space.hardware, space.source.parent)
+    profiles = of_space(space)
     earlier = warm.earlier_trials(space)
     with store.exclusive(folder), Workers(1) as workers, contextlib.ExitStack() as at_the_end:
         store.sweep(folder)
@@ -85,7 +85,7 @@ def tell(folder: Path, trial: int, told: Mapping[str, float], failed: str = "") 
     """
     plain_space(folder / store.SPACE)  # raises if it is none
     space = load_space(folder / store.SPACE)
-    load_all(space.hardware, space.source.parent)
+    of_space(space)
     with store.exclusive(folder), opened(folder, space.search.batch) as (book, _):
         ledger = Ledger(book)
         entry = _asked(folder, ledger, trial)
@@ -156,7 +156,7 @@ def _numbers(space: SearchSpace, told: Mapping[str, float]) -> Numbers:
     ends = {f"{name}{end}": value for name, value in chip.items() for end in ("_low", "_high")}
     chip = {name: value for name, value in ends.items() if name in of_chips} | chip
     columns = {name: value for name, value in told.items() if name not in of_chips}
-    first = [profile.name for profile in load_all(space.hardware, space.source.parent)][:1]
+    first = [profile.name for profile in of_space(space)][:1]
     return Numbers(columns, {name: chip for name in first})
 
 

@@ -240,7 +240,7 @@ def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None])
     if not space.limits or total is None:
         return {}
 
-    from dse.hardware.profile import load_all
+    from dse.hardware.profile import of_space
     from dse.study.known import KnownBefore
 
     shapes: dict[str, Shape | None] = {}
@@ -253,7 +253,7 @@ def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None])
                 shapes[key] = announced(sections) if data is None else Shape.of(data)
         return shapes.get(key)
 
-    before = KnownBefore(space, load_all(space.hardware, space.source.parent), shape_of)
+    before = KnownBefore(space, of_space(space), shape_of)
     n = min(total, _MOST_COMBINATIONS)
     why = [before.exclusion(design_at(space, place * total // n)) for place in range(n)]
     excluded = [x for x in why if x is not None]

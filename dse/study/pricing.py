@@ -1,4 +1,4 @@
-"""Costs of the design points of studies on any hardware, their uncertainty, and costs on a duty cycle.
+"""Costs of the design points of studies on any hardware, their uncertainty, and costs at a rate of contacts.
 
 This trains nothing: a study stores the work counts of its points.
 """
@@ -6,6 +6,7 @@ This trains nothing: a study stores the work counts of its points.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -13,8 +14,9 @@ import numpy as np
 
 from dse import registry, store
 from dse.config import ConfigError, Fault
+from dse.config.settings import Schedule
 from dse.hardware.cost import cost
-from dse.hardware.duty import mean_power_mw
+from dse.hardware.duty import on_schedule
 from dse.hardware.profile import End, Profile, load, read
 from dse.records import Floats, Ints, Workload
 from dse.skyline.table import read as read_table
@@ -23,6 +25,7 @@ from dse.study import held
 from dse.study import points as _points
 from dse.study.precision import AS_TRAINED, Setting
 from dse.study.record import TOLD, RunRecord, load_records
+from dse.study.results import plain_space
 
 if TYPE_CHECKING:
     import pandas
@@ -86,14 +89,23 @@ def profile(folder: Path, name: str) -> Profile:
     """
     stored = folder / _FOLDER / f"{name}.yaml"
     if not stored.is_file():
-        return load(name)
+        return replace(load(name), schedule=schedule_of(folder))
     text = store.read_text(stored)
     try:
-        return read(text, str(stored))
+        return replace(read(text, str(stored)), schedule=schedule_of(folder))
     except ConfigError as error:
         why = f"another version of dse wrote this profile ({error.faults[0].message.split(';')[0]})"
         remedy = f"`dse doctor {folder} --repair` prices the study with the profile as it is now"
         raise ConfigError([Fault(str(stored), 0, f"{why}; {remedy}")]) from None
+
+
+def schedule_of(folder: Path, contacts_per_hour: float | None = None) -> Schedule | None:
+    """Return the schedule of a study, or that of a rate of contacts in its place."""
+    if contacts_per_hour is not None:
+        return Schedule(contacts_per_hour=contacts_per_hour)
+    path = folder / store.SPACE
+    stated = plain_space(path).get("schedule") if path.is_file() else None
+    return None if stated is None else Schedule(**stated)
 
 
 def profiles(folder: Path, hardware: Sequence[str]) -> list[Profile]:
@@ -166,11 +178,11 @@ def costs(folder: str | Path, rows: pandas.DataFrame, chips: Sequence[Profile]) 
     return [pandas.concat(parts) for parts in on]
 
 
-def on_duty(frame: pandas.DataFrame, contacts_per_hour: float) -> pandas.DataFrame:
-    """Return points with the column power_mw.
+def at_rate(frame: pandas.DataFrame, contacts_per_hour: float) -> pandas.DataFrame:
+    """Return points with power_mw and energy_per_hour_mj at a rate of contacts, in place of the study's.
 
-    It is NaN if contacts would overlap, if the profile does not state the idle power, or if the chip cannot
-    run the classifier.
+    They are NaN if contacts would overlap, if the profile does not state the idle power, or if the chip
+    cannot run the classifier.
 
     Raises:
         StoreError: points lack the necessary costs.
@@ -183,12 +195,9 @@ def on_duty(frame: pandas.DataFrame, contacts_per_hour: float) -> pandas.DataFra
             "--hardware NAME"
         )
     energy, idle, computing, window = (frame[name].to_numpy(np.float64, na_value=np.nan) for name in needed)
-    contact_ms = np.fmax(computing, window)
-    is_apart = contacts_per_hour * contact_ms <= 3.6e6
-    known = np.where((idle > 0) & is_apart, idle, np.nan)
-    return frame.assign(
-        power_mw=mean_power_mw(contacts_per_hour, energy, np.where(is_apart, contact_ms, 0.0), known)
-    )
+    schedule = Schedule(contacts_per_hour=contacts_per_hour)
+    columns = on_schedule(schedule, energy, np.fmax(computing, window), idle)
+    return frame.drop(columns="battery_days", errors="ignore").assign(**columns)
 
 
 def drawn(

@@ -137,7 +137,7 @@ class Question:
         if self.contacts_per_hour is not None:
             from dse.study import pricing
 
-            frames = [pricing.on_duty(frame, self.contacts_per_hour) for frame in frames]
+            frames = [pricing.at_rate(frame, self.contacts_per_hour) for frame in frames]
         return frames
 
 

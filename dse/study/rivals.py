@@ -9,6 +9,7 @@ import numpy as np
 import pandas
 
 from dse.config.expressions import named_columns
+from dse.hardware.duty import contacts_per_ms
 from dse.hardware.interval import is_open
 from dse.search.racing import best
 from dse.skyline import rivals
@@ -16,7 +17,7 @@ from dse.skyline.admissible import COST, fitting, honest, meeting
 from dse.skyline.front import front_mask
 from dse.skyline.table import Goal, costs_of, group_numbers, numbers
 from dse.store import StoreError
-from dse.study import resampling
+from dse.study import pricing, resampling
 from dse.study.question import DRAWS, Question
 from dse.study.results import Study
 
@@ -27,7 +28,6 @@ _ACCURACIES = ("accuracy", "accuracy_shifted", "accuracy_unseen")
 _UNITS = {"energy_uj": "uJ", "power_mw": "mW", "n_weights": "weights"}
 _WHERE = {"accuracy_shifted": ", on moved windows", "accuracy_unseen": ", in unseen groups"}
 _MOST = 400  # points of a family that are sampled
-_MW = 1e-3 / 3600  # of one uJ per hour
 
 
 def of_study(
@@ -39,7 +39,7 @@ def of_study(
 
     Args:
         study: finished, or not.
-        question: hardware, contacts per hour, samples; on a duty cycle power is compared, else energy, and
+        question: hardware, contacts per hour, samples; on a schedule power is compared, else energy, and
             without a chip the number of weights.
         budgets: conditions for the points that are compared, beside those of the question; those on what
             targets take, which is known of few points, are left out.
@@ -57,7 +57,7 @@ def of_study(
         group = points[by == number]
         is_spiking = rivals.spiking(group)
         if 0 < is_spiking.sum() < len(group):
-            cost = _cost(group, question)
+            cost = _cost(group)
             able = np.isfinite(numbers(group, COST if cost == "energy_uj" else cost))
             able &= fitting(group) | question.oversize
             unable = [name for name in group["family"].unique() if not able[group["family"] == name].any()]
@@ -146,9 +146,9 @@ def _short(value: float) -> str:
     return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"
 
 
-def _cost(points: pandas.DataFrame, question: Question) -> str:
+def _cost(points: pandas.DataFrame) -> str:
     """Return the column that is compared."""
-    if question.contacts_per_hour is not None and points["power_mw"].notna().any():
+    if "power_mw" in points and points["power_mw"].notna().any():
         return "power_mw"
     return "energy_uj" if COST in points and points[COST].notna().any() else "n_weights"
 
@@ -193,7 +193,10 @@ def _sampled(
             costs = drawn[cost]
         elif name == "accuracy" and throttled:
             more = drawn[throttled[0]] - numbers(rows, throttled[0])
-            costs = costs + (question.contacts_per_hour or 0.0) * _MW * more
+            schedule = pricing.schedule_of(study.folder, question.contacts_per_hour)
+            assert schedule is not None  # or nothing had a power
+            times_ms = [numbers(rows, x) for x in ("hardware_latency_ms", "decision_latency_ms")]
+            costs = costs + contacts_per_ms(schedule, np.fmax(*times_ms)) * more  # uJ per ms
     ends = np.cumsum([len(group) for group in groups])[:-1]
     parts = {name: np.split(drawn, ends, axis=1) for name, drawn in accuracies.items()}
     of_groups = [{name: each[k] for name, each in parts.items()} for k in range(len(groups))]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from dse import store
 from dse.config import SearchSpace, load_space
-from dse.hardware.profile import Profile, load_all
+from dse.hardware.profile import Profile, of_space
 from dse.seeds import design_key
 from dse.study import held, points, pricing
 from dse.study import trials as of_trials
@@ -88,6 +88,6 @@ def write_again(folder: Path) -> dict[int, dict[str, Any]]:
         for trial, repeats in store.runs_in(folder).items()
         if trial < len(entries) or trial >= IMPORTED
     }
-    table = write(space, folder, runs, load_all(space.hardware, space.source.parent), entries)
+    table = write(space, folder, runs, of_space(space), entries)
     rows = table.to_dict("records")
     return {int(row["trial"]): {str(name): store.plain_cell(x) for name, x in row.items()} for row in rows}

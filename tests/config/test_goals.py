@@ -97,3 +97,43 @@ def test_a_study_states_the_sampler_that_auto_chose(tmp_path):
     assert (space.search.sampler_name, space.to_plain()["search"]["sampler"]) == ("sobol", "sobol")
     whole = load_space(path, {"search.n_trials": "6"})
     assert (whole.search.sampler_name, whole.search.batch) == ("grid", 6)
+
+
+@pytest.mark.parametrize(
+    ("schedule", "objective", "faults"),
+    [
+        ("", "power_mw", ["objective 'power_mw' needs section 'schedule', got none"]),
+        (
+            "schedule: {continuous: true}",
+            "battery_days",
+            ["objective 'battery_days' needs battery_mwh in section 'schedule', got none"],
+        ),
+        (
+            "schedule: {awake_ms: 9}",
+            "accuracy",
+            ["schedule.contacts_per_hour or continuous: true must be given"],
+        ),
+        (
+            "schedule: {contacts_per_hour: 1, continuous: true}",
+            "power_mw",
+            ["schedule.contacts_per_hour or continuous: true must be given, got both"],
+        ),
+        (
+            "schedule: {continuous: true, awake_ms: 9}",
+            "power_mw",
+            ["schedule.awake_ms needs contacts_per_hour"],
+        ),
+        ("schedule: {contacts_per_hour: 1, asleep_uw: 9}", "power_mw", ["schedule.asleep_uw needs awake_ms"]),
+        ("schedule: {contacts_per_hour: 1, battery_mwh: 9}", "battery_days", []),
+    ],
+)
+def test_objectives_on_a_schedule(tmp_path, schedule, objective, faults):
+    before = "objectives: [accuracy:max, n_weights:min"
+    path = write_space(tmp_path, (before, f"{schedule}\nobjectives: [{objective}, n_weights:min"))
+    found = []
+    try:
+        space = load_space(path)
+        assert load_space(space.to_plain()).schedule == space.schedule
+    except ConfigError as error:
+        found = [fault.message for fault in error.faults]
+    assert len(found) == len(faults) and all(map(str.startswith, found, faults))

@@ -3,7 +3,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.hardware.duty import battery_h, mean_power_mw
+from dse.config.settings import Schedule
+from dse.hardware.duty import battery_h, on_schedule
+from dse.hardware.duty import mean_power_mw as on
+
+
+def mean_power_mw(rate, *rest):
+    return on(Schedule(contacts_per_hour=rate), *rest)
 
 
 def test_an_hour_added_up():
@@ -65,3 +71,26 @@ def test_power_lies_between_idling_and_computing(rate, energy_uj, contact_ms, id
     assert found == pytest.approx(computing + (1 - busy) * idle_mw)
     assert computing <= found * (1 + 1e-12)
     assert found <= (computing + idle_mw) * (1 + 1e-12)
+
+
+def test_between_contacts_it_sleeps():
+    # 36 contacts of 20 s: on for 50 s each, half of the hour; 30 s of these idle, and it sleeps in between.
+    schedule = Schedule(contacts_per_hour=36, awake_ms=5e4, asleep_uw=100)
+    assert on(schedule, 2e5, 2e4, 5.0) == pytest.approx(2.0 + 36 * 3e4 * 5.0 / 3.6e6 + 0.05)
+    assert on(schedule, 2e5, 6e4, np.nan) == pytest.approx(2.0 + 0.4 * 0.1)  # never idles
+    with pytest.raises(ValueError, match="contacts must not overlap: 72 of 50000 ms"):
+        on(Schedule(contacts_per_hour=73, awake_ms=5e4), 2e5, 2e4, 5.0)
+
+
+def test_what_is_continuous_never_idles():
+    assert on(Schedule(continuous=True), [100.0, 300.0], [50.0, 100.0], 7.0).tolist() == [2.0, 3.0]
+
+
+def test_columns_of_points_on_a_schedule():
+    schedule = Schedule(contacts_per_hour=3600, battery_mwh=48)
+    columns = on_schedule(schedule, np.array([500.0, 500.0]), np.array([500.0, 2000.0]), 3.0)
+    assert columns["power_mw"][0] == pytest.approx(0.5 + 1.5)
+    assert columns["energy_per_hour_mj"][0] == pytest.approx(7200)
+    assert columns["battery_days"][0] == pytest.approx(1.0)
+    assert all(np.isnan(x[1]) for x in columns.values())  # they overlap
+    assert np.isnan(on_schedule(schedule, np.array([500.0]), np.array([500.0]), 0.0)["power_mw"][0])

@@ -179,6 +179,24 @@ def test_mean_power_of_a_study_s_designs(results, capsys):
     assert all(row["missed power_mw<=9"] > 89 for row in never["rows"])
 
 
+def test_designs_of_a_study_on_a_schedule(tmp_path, capsys):
+    text = "schedule: {contacts_per_hour: 60, battery_mwh: 240}\nobjectives: [accuracy:max, power_mw:min"
+    space = dse.load_space(write_space(tmp_path, ("objectives: [accuracy:max", text)))
+    study = dse.run(space, tmp_path / "results", progress=False)
+    points, trials = study.points(), study.trials
+    assert trials["power_mw"].notna().all()
+    asked = pricing.at_rate(points, 60)
+    for name in ("power_mw", "energy_per_hour_mj"):
+        np.testing.assert_allclose(points[name], asked[name], rtol=1e-12)
+    np.testing.assert_allclose(points["battery_days"], 10 / points["power_mw"])
+    again = pricing.points(study.folder, ["mcu_m4"])
+    np.testing.assert_allclose(again["battery_days"], 10 / again["power_mw"])
+    front = answered(capsys, "skyline", str(study.folder))["rows"]
+    assert all(row["power_mw"] > 0 for row in front)
+    row = answered(capsys, "skyline", str(study.folder), "--contacts-per-hour", "0")["rows"][0]
+    assert "battery_days" not in row and row["power_mw"] == row["idle_mw"]
+
+
 def test_mean_power_that_is_not_known(results, capsys):
     notes = answered(
         capsys,

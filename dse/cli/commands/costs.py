@@ -38,8 +38,9 @@ def cost(
         battery_mwh: battery capacity in mWh; adds battery life.
         draws: sample the profile's uncertain numbers N times.
     """
+    from dse.config.settings import Schedule
     from dse.hardware.profile import load_all
-    from dse.hardware.table import Duty, cost_row
+    from dse.hardware.table import cost_row
     from dse.hardware.workload import load_inference
 
     faults = []
@@ -57,11 +58,13 @@ def cost(
         faults += error.faults
     if faults or inference is None:
         raise ConfigError(faults)
-    duty = None if contacts_per_hour is None else Duty(contacts_per_hour, battery_mwh)
+    schedule = None
+    if contacts_per_hour is not None:
+        schedule = Schedule(contacts_per_hour=contacts_per_hour, battery_mwh=battery_mwh)
     rows = []
     for profile in profiles:
         try:
-            rows.append(cost_row(profile, inference, duty, draws))
+            rows.append(cost_row(profile, inference, schedule, draws))
         except ValueError as error:  # contacts overlap
             fault = Fault("--contacts-per-hour", 0, f"{error} (on {profile.name})")
             raise ConfigError([fault]) from None

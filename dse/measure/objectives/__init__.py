@@ -21,12 +21,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 
 from dse import registry
-from dse.hardware.cost import Cost
+from dse.config.settings import Schedule
+from dse.hardware.cost import Cost, cost
+from dse.hardware.profile import Profile
 from dse.records import Array, DecisionSurface, Floats, Ints, Operations, Outcome, Workload
 from dse.registry import Column
 
@@ -102,10 +104,20 @@ class FullReadOut:
 
 @dataclass(frozen=True)
 class Priced:
-    """Design points on a chip: what each costs, and the work that it is for."""
+    """Design points on a chip: what each costs, the work that it is for, and the chip's schedule."""
 
     cost: Cost
     load: Workload | Operations
+    schedule: Schedule | None = None
+
+    @classmethod
+    def on(cls, profile: Profile, load: Workload | Operations) -> Self:
+        """Price some work.
+
+        Raises:
+            NotApplicable: the chip cannot run such a classifier.
+        """
+        return cls(cost(profile, load), load, profile.schedule)
 
 
 class Objective(Protocol[T_contra]):

@@ -27,7 +27,7 @@ class AccuracyShifted:
 
     needs = "points"
     columns = tuple(
-        Column(name, "", "min" if name.endswith("_se") else "max", doc, of_evaluation="shifts")
+        Column(name, "", "min" if name.endswith("_se") else "max", doc, of_section="evaluation.shifts")
         for name, doc in (
             ("accuracy_shifted", "Accuracy on moved windows (evaluation.shifts), mean over the shifts."),
             ("accuracy_shifted_se", _ERROR.format("accuracy_shifted")),

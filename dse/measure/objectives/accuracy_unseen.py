@@ -29,14 +29,14 @@ class AccuracyUnseen:
             "max",
             "Accuracy on groups without training recordings (evaluation.leave_out), mean over the folds; of "
             "several label columns, mean over these.",
-            of_evaluation="leave_out",
+            of_section="evaluation.leave_out",
         ),
         Column(
             "accuracy_unseen_se",
             "",
             "min",
             "Standard error of accuracy_unseen over the folds.",
-            of_evaluation="leave_out",
+            of_section="evaluation.leave_out",
         ),
     )
 

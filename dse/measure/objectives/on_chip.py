@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from dse.hardware.duty import on_schedule
 from dse.hardware.interval import column_names
 from dse.hardware.latency import latency_ms
 from dse.measure.objectives import Number, Priced
@@ -86,6 +87,23 @@ class OnChip:
         Column(
             "fits", "", "max", "1 where the network meets every limit of the chip, else 0.", known="exact"
         ),
+        Column(
+            "power_mw",
+            "mW",
+            "min",
+            "Mean power on the schedule of the study, or at --contacts-per-hour, idle time included.",
+            of_section="schedule",
+        ),
+        Column(
+            "energy_per_hour_mj", "mJ", "min", "Energy of an hour on that schedule.", of_section="schedule"
+        ),
+        Column(
+            "battery_days",
+            "d",
+            "max",
+            "How long the battery of the schedule lasts.",
+            of_section="schedule.battery_mwh",
+        ),
     )
 
     def measure(self, priced: Priced) -> Mapping[str, Array | Number]:
@@ -93,7 +111,7 @@ class OnChip:
         energy: dict[str, Array | Number] = {**cost.energy_uj.columns("energy_uj")}
         if not cost.timed:
             return energy
-        return energy | {
+        timed = energy | {
             "energy_dynamic_uj": cost.dynamic_uj,
             "energy_static_uj": cost.static_uj.value,
             "energy_static_throttled_uj": cost.static_throttled_uj.value,
@@ -107,6 +125,15 @@ class OnChip:
             "n_cores_high": cost.n_cores.high,
             "fits": cost.fits,
         }
+        if priced.schedule is None:
+            return timed
+        contact_ms = np.fmax(cost.hardware_latency_ms, _window_ms(priced.load))
+        return timed | on_schedule(priced.schedule, cost.energy_throttled_uj.value, contact_ms, cost.idle_mw)
+
+
+def _window_ms(load: Workload | Operations) -> Floats:
+    """Return how long the input of an answer takes."""
+    return np.asarray(load.duration_ms if isinstance(load, Operations) else load.n_steps * load.step_ms)
 
 
 def latency_of(load: Workload | Operations, step_time_us: Floats) -> Floats:
