@@ -604,7 +604,7 @@ class Decision:
     phi: int | Reach = param(  # noqa: RUF009
         0,
         doc="a decision needs more output spikes than this (phi); {up_to: outputs, step: 25}: 0, 25, 50, ... "
-        "up to the most output spikes of a run's training samples",
+        "up to the most output spikes of a run's training samples, 1024 of them at most",
         unit="spikes",
         low=0,
     )

@@ -67,6 +67,8 @@ _ANSWER_BYTES = 216
 
 _SAMPLES = 128
 """Training samples that a network answers at a time."""
+_MOST_SAMPLES = 1024
+"""Training samples that tell how far phi reaches, at most."""
 
 # Shortest time between two messages about the work in progress.
 _MESSAGE_S = 0.5
@@ -532,10 +534,11 @@ def publish(job: Run, outcome: Outcome, loaded: Loaded) -> None:
 
 
 def most_output_spikes(model: Family, fitted: Network | Parameters, data: Dataset) -> int:
-    """Return the most output spikes of a spiking network in a training sample; of one head's outputs."""
-    most = 0
-    for first in range(0, data.train.size, _SAMPLES):
-        response = model.respond(fitted, data, data.train[first : first + _SAMPLES])
+    """Return the most output spikes of one head in a training sample, of `_MOST_SAMPLES` spread over all."""
+    most, n = 0, data.train.size
+    samples = data.train[np.unique(np.linspace(0, n - 1, min(n, _MOST_SAMPLES)).astype(np.int64))]
+    for first in range(0, samples.size, _SAMPLES):
+        response = model.respond(fitted, data, samples[first : first + _SAMPLES])
         assert isinstance(response, Response)  # as on the validation set
         for outputs in head_slices(data):
             counts = response.output[..., outputs].sum(axis=(1, 2), dtype=np.int64)

@@ -29,14 +29,20 @@ def respond(network: Network, dataset: Dataset, samples: Array) -> Response:
     return respond_and_count(network, dataset, samples)[0]
 
 
-def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tuple[Response, list[Array]]:
-    """Respond, and count each layer's spikes, (sample, neuron); first those of input copies, (1, copy)."""
+def respond_and_count(
+    network: Network, dataset: Dataset, samples: Array, *, of_inputs: bool = False
+) -> tuple[Response, list[Array]]:
+    """Respond, and count each layer's spikes, (sample, neuron); first those of input copies, (1, copy).
+
+    The latter are 0 unless they are asked for, or synapses are missing, which they are counted for.
+    """
     layers = layers_of(network)
     answers: list[Answer] = []
-    per_input = np.zeros(network.sizes[0], np.int64)
+    per_input, is_full = np.zeros(network.sizes[0], np.int64), network.is_full
     for rows in batches_of(network, dataset, samples):
         answers.append(answer(rows, layers))
-        per_input += np.bincount(rows.index, minlength=per_input.size)
+        if of_inputs or not is_full:
+            per_input += np.bincount(rows.index, minlength=per_input.size)
     counts = [per_input[None], *(np.concatenate([a.fired[k] for a in answers]) for k in range(len(layers)))]
     response = Response(
         np.concatenate([a.output for a in answers]),
@@ -44,7 +50,7 @@ def respond_and_count(network: Network, dataset: Dataset, samples: Array) -> tup
         np.concatenate([a.updates for a in answers]),
         dataset.spikes.step_ms / network.steps_per_sample,
         round(max(a.peak for a in answers) * STATE_SCALE),
-        None if network.is_full else synapses(network, counts),
+        None if is_full else synapses(network, counts),
     )
     return response, counts
 

@@ -116,9 +116,9 @@ class Cascade(Stack):
         start = np.zeros(n, np.int32)
         window = cut(dataset.spikes, samples, dataset.start[samples], np.full(n, dataset.n_steps))
         data = replace(dataset, spikes=window, start=start)
-        of_first, counts = respond_and_count(first, data, np.arange(n))
+        of_first, counts = respond_and_count(first, data, np.arange(n), of_inputs=True)
         after = replace(data, spikes=beside(window, _arriving(of_first.output, self.steps_per_sample)))
-        of_second, counts_second = respond_and_count(second, after, np.arange(n))
+        of_second, counts_second = respond_and_count(second, after, np.arange(n), of_inputs=True)
         sizes = head_sizes(dataset)
         sizes_second = sizes[:number] + sizes[number + 1 :]
         parts = np.split(of_second.output, np.cumsum(sizes_second)[:-1], axis=2)
