@@ -29,7 +29,7 @@ from dse.measure.heads import head_sizes, output_labels, softmax
 from dse.models.snn.contrasts import mean_counts
 from dse.models.snn.initialise import deployed, reach_rate
 from dse.models.snn.quantise import FINEST, closest, compensated
-from dse.models.snn.respond import accuracy, batches_of, layers_of
+from dse.models.snn.respond import batches_of, layers_of, validated
 from dse.models.snn.trainee import Trainee
 from dse.models.snn.whiten import basis, inverse
 from dse.neurons import Population, parameters_of, population_of
@@ -307,7 +307,7 @@ def train_outputs(
         masters = replace(at_start, feed_forward=(*at_start.feed_forward[:-1], weights))
         trainee.end_epoch(masters, epoch, n)
         if training.keep == "best" and not trainee.diverged:
-            trainee.consider(masters, accuracy(_outputs_of(network, last, weights), hidden))
+            trainee.consider(masters, *validated(_outputs_of(network, last, weights), hidden))
         if trainee.diverged or trainee.finished:
             break
     trainee.lay()

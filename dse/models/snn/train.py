@@ -26,7 +26,7 @@ from dse.models.snn import contrasts, prune, whiten
 from dse.models.snn.augment import Augmentation
 from dse.models.snn.outputs import train_outputs
 from dse.models.snn.quantise import FINEST, dithered, finer, finest
-from dse.models.snn.respond import accuracy, batches_of, counts_of_layers, layers_of, respond_and_count
+from dse.models.snn.respond import batches_of, counts_of_layers, layers_of, respond_and_count, validated
 from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import SATURATED, Trainee
 from dse.models.teacher import Teachers
@@ -228,7 +228,7 @@ def train(
             masters = engine.masters(trainee.number)
             trainee.end_epoch(masters, epoch, order.size)
             if trainee.training.keep == "best" and not trainee.diverged:
-                trainee.consider(masters, accuracy(deployed(trainee, masters), dataset))
+                trainee.consider(masters, *validated(deployed(trainee, masters), dataset))
             trainee.seconds += clock.lap()
         epoch += 1
         for trainee in live:

@@ -18,7 +18,7 @@ from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Training
-from dse.neurons.fixed_point import WEIGHT_SCALE
+from dse.neurons.fixed_point import STATE_LIMIT, WEIGHT_SCALE
 from dse.records import Array, Floats, Ints
 from dse.seeds import move_to, position
 
@@ -155,7 +155,7 @@ class Trainee:
             hidden_spike_penalty=model.hidden_spike_penalty,
             pool=pool,
         )
-        of_best = ["accuracy_validation"] if training.keep == "best" else []
+        of_best = ["accuracy_validation", "peak_state"] if training.keep == "best" else []
         curves: dict[str, list[float]] = {
             name: [] for name in ("loss", "accuracy_train", "learning_rate", "gradient_norm", *of_best)
         }
@@ -309,20 +309,27 @@ class Trainee:
         """Epochs that are not kept, whatever their accuracy: before pruning."""
         return self.pruned_at if self.model.pruned else 0
 
-    def consider(self, masters: Masters, accuracy: float) -> None:
-        """Keep an epoch's masters where none was better on validation."""
-        curve = self.history["accuracy_validation"]
-        curve.append(accuracy)
-        if len(curve) > self._first_to_keep and accuracy >= max(curve[self._first_to_keep :]):
+    def consider(self, masters: Masters, accuracy: float, peak_state: int) -> None:
+        """Keep an epoch's masters where none was better on validation; states beyond 24 bits are worse."""
+        self.history["accuracy_validation"].append(accuracy)
+        self.history["peak_state"].append(peak_state)
+        n = len(self.history["peak_state"])
+        if n > self._first_to_keep and self._best_epoch == n - 1:
             self.best = masters
+
+    @property
+    def _best_epoch(self) -> int:
+        accuracy, peak = self.history["accuracy_validation"], self.history["peak_state"]
+        most = STATE_LIMIT if "integer" in self.model.neuron.arithmetics else math.inf
+        epochs = range(self._first_to_keep, len(peak))
+        return max(epochs, key=lambda k: (peak[k] <= most, accuracy[k], k))
 
     @property
     def epoch_kept(self) -> int:
         """The epoch, from 1, whose weights are the result: the best one, or the last."""
         if self.best is None:
             return len(self.history["loss"])
-        curve = self.history["accuracy_validation"]
-        return max(range(self._first_to_keep, len(curve)), key=lambda k: (curve[k], k)) + 1
+        return self._best_epoch + 1
 
     @property
     def result(self) -> Masters:

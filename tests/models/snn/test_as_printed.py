@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dse import store
+from dse.models.snn import train
 from dse.models.snn.family import SNN
 from dse.models.snn.respond import respond
 from dse.models.training import FitRequest, Rung, Span, Training
@@ -96,6 +97,15 @@ def span(data, model, states, until):
     ((_, ended),) = SNN.fit_span(data, [request], rngs(), span=Span(states, until))
     assert isinstance(ended, Rung | Outcome)
     return ended
+
+
+def test_an_epoch_whose_states_leave_24_bits_is_kept_only_if_all_do(monkeypatch):
+    data, training = toy(rate=0.15), replace(BEST, epochs=4)
+    for peaks, kept in ((0, 2**23, 2**23 - 1, 0), 3), ((2**23,) * 4, 2):
+        shown = iter(zip((0.5, 0.9, 0.8, 0.7), peaks, strict=True))
+        monkeypatch.setattr(train, "validated", lambda *_, shown=shown: next(shown))
+        outcome = fit(data, SNN(hidden=(3,), **PRINTED), training, rngs())
+        assert outcome.health["epoch_kept"] == kept and outcome.history["peak_state"].tolist() == [*peaks]
 
 
 def test_the_best_epoch_is_kept_the_latest_of_equal_ones():
