@@ -1,6 +1,7 @@
 import math
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -46,7 +47,9 @@ def test_nan_is_a_number():
     assert math.isnan(scalar(".nan"))
 
 
-def test_every_value_knows_its_line():
+@pytest.mark.parametrize("libyaml", [True, False])
+def test_every_value_knows_its_line(libyaml, monkeypatch):
+    monkeypatch.setattr(yaml, "__with_libyaml__", libyaml and yaml.__with_libyaml__)
     document = parse("a: 1\nb:\n  c: [x,\n    y]\n  d:\n  - 5\n  - {e: 6}\n", "f.yaml")
     assert document.data == {"a": 1, "b": {"c": ["x", "y"], "d": [5, {"e": 6}]}}
     lines = {path: place[1] for path, place in document.places.items()}
@@ -63,9 +66,6 @@ def test_every_value_knows_its_line():
         ("b", "d", 1, "e"): 7,
     }
     assert document.fault(("b", "d", 1, "absent", "deeper"), "text") == Fault("f.yaml", 7, "text")
-
-
-def test_quoted_scalars_are_text():
     assert parse("a: '1'\nb: \"true\"\nc: |\n  3\n", "f").data == {"a": "1", "b": "true", "c": "3\n"}
 
 
@@ -87,7 +87,13 @@ def test_faults_leave_the_rest_readable(text, faults):
 
 @pytest.mark.parametrize(
     ("text", "line"),
-    [("a: 1\nb: [1, 2\nc: 3\n", 3), ("a: b: c\n", 1), ("a: 1\n\tb: 2\n", 2), ("a: 1\n\nb: \0\n", 3)],
+    [
+        ("a: 1\nb: [1, 2\nc: 3\n", 3),
+        ("a: b: c\n", 1),
+        ("a: 1\n\tb: 2\n", 2),
+        ("a: 1\n\nb: \0\n", 3),
+        ("\udc80", 1),
+    ],
 )
 def test_a_syntax_error_has_its_line(text, line):
     (fault,) = parse(text, "f").faults
@@ -159,6 +165,9 @@ def test_what_is_dumped_is_read_back(content):
     document = parse(dump(content), "f")
     assert document.faults == []
     assert document.data == content
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(yaml, "__with_libyaml__", False)
+        assert parse(dump(content), "f") == document
     assert repr(document.data) == repr(content)  # 1 and 1.0 and True are equal, but not the same
 
 
