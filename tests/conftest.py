@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -46,20 +45,20 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Put the files that take longest first; within a folder the order stays."""
     place = {name: number for number, name in enumerate(SLOW_FIRST)}
     items.sort(key=lambda item: place.get(item.path.parent.name, len(place)))
 
 
 @pytest.fixture(autouse=True)
-def no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_terminal(monkeypatch):
     """Tables are as wide as in a file: processes of pytest-xdist have the terminal's width in $COLUMNS."""
     monkeypatch.delenv("COLUMNS", raising=False)
 
 
 @pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def own_cache(tmp_path_factory):
     """A cache for the tests of one run; the user's own is never touched."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
@@ -69,7 +68,7 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def own_config(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def own_config(tmp_path_factory):
     """A list of trusted code for the tests of one run; the user's own is neither read nor written."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("config")
@@ -78,14 +77,14 @@ def own_config(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture
-def trusting() -> Iterator[None]:
+def trusting():
     """Let plugins that files name run; the command line has `--trust` for that."""
     with trust.answering(True):
         yield
 
 
 @pytest.fixture(autouse=True, scope="session")
-def installed() -> None:
+def installed():
     """Load what installed distributions register: tests put the registry back as it was before them."""
     for entry in registry._entry_points():
         if entry.name in registry.SECTIONS:
@@ -93,7 +92,7 @@ def installed() -> None:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def registered() -> Iterator[None]:
+def registered():
     """Plugins that a file's tests load are gone after it: a worker would look for their files."""
     components, plugins = registry._outside(), dict(registry._plugins)
     yield
@@ -103,7 +102,7 @@ def registered() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def without_sync() -> Iterator[None]:
+def without_sync():
     """Leave files to the system's memory: no test cuts the power."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda _: None)
@@ -111,7 +110,7 @@ def without_sync() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def without_workers(request: pytest.FixtureRequest) -> Iterator[None]:
+def without_workers(request):
     """Studies train in the process of the test, but in files that set WORKERS, and with fixtures below."""
     with pytest.MonkeyPatch.context() as patch:
         if not getattr(request.module, "WORKERS", False):
@@ -120,19 +119,19 @@ def without_workers(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 @pytest.fixture
-def workers(monkeypatch: pytest.MonkeyPatch) -> None:
+def workers(monkeypatch):
     """Let the studies of a test train in worker processes."""
     monkeypatch.setattr(study_workers, "Loky", Loky)
 
 
 @pytest.fixture
-def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+def forked(monkeypatch):
     """Let the studies of a test train in forks, which may be killed."""
     monkeypatch.setattr(study_workers, "Loky", Forked)
 
 
 @pytest.fixture(scope="session")
-def shared_data() -> Path:
+def shared_data():
     """The folder of public recordings beside the clone; tests that need it are skipped without it."""
     folder = ROOT.parent / "shared" / "data"
     if not folder.is_dir():
@@ -141,7 +140,7 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def chromium_path() -> Path:
+def chromium_path():
     """The executable of a Chromium; tests that need it are skipped where there is none."""
     fetched = ROOT / ".venv" / "browser" / "chromium"
     candidates = [os.environ.get("DSE_CHROMIUM"), *map(shutil.which, BROWSERS), fetched]
@@ -152,11 +151,11 @@ def chromium_path() -> Path:
 
 
 @pytest.fixture(scope="session")
-def chromium(chromium_path: Path) -> Iterator[Any]:
+def chromium(chromium_path):
     """A headless Chromium driven by playwright."""
     from playwright.sync_api import Error, Page, sync_playwright
 
-    def wait_for_function(tab: Any, expression: str, *, arg: Any = None) -> None:
+    def wait_for_function(tab, expression, *, arg=None):
         """Do as playwright's function, which polls by `eval` in the page, where its policy forbids that."""
         deadline = time.monotonic() + PATIENCE_MS / 1000
         while time.monotonic() < deadline:
@@ -170,7 +169,7 @@ def chromium(chromium_path: Path) -> Iterator[Any]:
             tab.wait_for_timeout(20)
         raise AssertionError(f"waited in vain: {expression}")
 
-    Page.wait_for_function = wait_for_function  # type: ignore[method-assign, assignment]
+    Page.wait_for_function = wait_for_function
     with sync_playwright() as driver:
         browser = driver.chromium.launch(
             executable_path=chromium_path, args=list(BROWSER_FLAGS), timeout=PATIENCE_MS
@@ -179,7 +178,7 @@ def chromium(chromium_path: Path) -> Iterator[Any]:
         browser.close()
 
 
-def patient(context: Any) -> Any:
+def patient(context):
     """Return a browser's context whose tabs wait as long as a busy machine may need."""
     context.set_default_timeout(PATIENCE_MS)
     return context
@@ -218,13 +217,13 @@ class WarmTab:
 
 
 @pytest.fixture(scope="session")
-def page_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page_path(tmp_path_factory):
     """The file of every page that tests open: for another address Chromium compiles the library anew."""
     return tmp_path_factory.mktemp("page") / "page.html"
 
 
 @pytest.fixture(scope="session")
-def warm_tab(chromium: Any) -> Iterator[WarmTab]:
+def warm_tab(chromium):
     """The warm tab of the session."""
     warm = WarmTab(chromium)
     yield warm
@@ -232,11 +231,11 @@ def warm_tab(chromium: Any) -> Iterator[WarmTab]:
 
 
 @pytest.fixture
-def new_tab(chromium: Any, warm_tab: WarmTab) -> Iterator[Callable[..., Any]]:
+def new_tab(chromium, warm_tab):
     """Return a function that returns an empty tab; the first of a test is warm, each other is new."""
-    tabs: list[Any] = []
+    tabs = []
 
-    def open_tab(size: tuple[int, int] = (1280, 720), scheme: str = "light") -> Any:
+    def open_tab(size=(1280, 720), scheme="light"):
         tabs.append(patient(chromium.new_context()).new_page() if tabs else warm_tab.get())
         tab = tabs[-1]
         tab.set_viewport_size({"width": size[0], "height": size[1]})

@@ -95,14 +95,7 @@ MODELS = {"wide_of_a_test": Wide, "near_of_a_test": Near, "strict_of_a_test": St
 ENCODERS = {"loud_of_a_test": Loud}
 
 
-def register() -> None:
+def register():
     """Make the components known."""
     registry._components.setdefault("models", {}).update(MODELS)
     registry._components.setdefault("encoders", {}).update(ENCODERS)
-
-
-def unregister() -> None:
-    """Forget them."""
-    for section, components in (("models", MODELS), ("encoders", ENCODERS)):
-        for name in components:
-            registry._components[section].pop(name, None)

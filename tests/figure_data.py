@@ -1,16 +1,11 @@
 """A study in memory, as far as a figure's test needs one (`dse.figures.Results`)."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
-from typing import Any
 
 from tests.page_data import OBJECTIVES
 
 
-def study(
-    points: Any = None, objectives: Any = None, classes: Any = (), chip: Any = None, **files: Any
-) -> Any:
+def study(points=None, objectives=None, classes=(), chip=None, **files):
     """Return results with a table, and for each file's name without its ending the arrays of every run."""
     return SimpleNamespace(
         points=lambda: points,

@@ -1,9 +1,6 @@
 """The golden vectors of the CUBA network, read from the shared reference folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,7 +11,7 @@ FILE = Path(__file__).resolve().parents[1] / ".." / "shared" / "reference" / "cu
 __all__ = ["FILE", "Case", "cases"]
 
 
-def cases() -> list[Any]:
+def cases():
     """Return one pytest parameter per case and mode, or one that skips with its reason."""
     if not FILE.exists():
         return [

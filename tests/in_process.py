@@ -8,7 +8,6 @@ import threading
 import warnings
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import NoReturn
 
 from dse.study.executors.loky import memory_bytes
 from dse.study.executors.work import Failure, perform
@@ -28,7 +27,7 @@ class InProcess:
         return 3 * memory_bytes(device) // (4 * self.n)
 
     def submit(self, task: bytes) -> Future[bytes]:
-        future: Future[bytes] = Future()
+        future = Future()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # as in a worker, which has no filters of pytest
             try:
@@ -73,7 +72,7 @@ class Forked(InProcess):
         return result
 
 
-def _work(task: bytes, results: int, of_parent: int) -> NoReturn:
+def _work(task, results, of_parent):
     """Perform a task in a fork; signals that its parent catches end it, but for Ctrl-C."""
     try:
         for number in (signal.SIGTERM, signal.SIGHUP):

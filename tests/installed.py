@@ -1,7 +1,5 @@
 """Whether plugins of this repository are installed: tests of what they hold are skipped without them."""
 
-from __future__ import annotations
-
 import importlib.metadata
 
 import pytest

@@ -1,7 +1,5 @@
 """A small joint target: three textures in two profiles, one of the six never recorded."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from dse.records import Dataset, Head, Spikes
@@ -10,7 +8,7 @@ from tests.saved_data import in_a_row
 PAIRS = ((0, 0), (0, 1), (1, 0), (1, 1), (2, 0))
 
 
-def joint(n_steps: int = 40, n: int = 80, margin: int = 0) -> Dataset:
+def joint(n_steps=40, n=80, margin=0):
     """Return textures told apart by which third of 12 channels fires more, profiles by even or odd ones."""
     rng = np.random.default_rng(12)
     target = np.arange(n) % len(PAIRS)

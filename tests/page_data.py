@@ -1,13 +1,9 @@
 """Small tables of design points for the page's and the figures' tests."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json
 import re
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -25,19 +21,19 @@ ON_FRONT = [True, True, True, True, False]
 ON_PAIR = [True, True, False, True, False]
 
 
-def held(path: Path) -> Any:
+def held(path):
     """Return what a page that was written carries for its script."""
     text = path.read_text(encoding="utf-8")
     packed = re.findall(r'<script type="application/gzip" id="data">([A-Za-z0-9+/=]*)</script>', text)
     return json.loads(gzip.decompress(base64.b64decode(*packed)))
 
 
-def write_page(frame: pd.DataFrame, path: Path, **options: Any) -> Path:
+def write_page(frame, path, **options):
     """Write the page of a table, with the options of `gather_page`."""
     return write_filled("page", gather_page(frame, **options), path)
 
 
-def points(**more: object) -> pd.DataFrame:
+def points(**more):
     """Return five design points of one task; keywords add or replace columns."""
     frame = pd.DataFrame(
         {
@@ -59,7 +55,7 @@ def points(**more: object) -> pd.DataFrame:
     return frame.assign(**more)
 
 
-def failed(reason: str = "loss became NaN in epoch 3", trial: int = 9) -> pd.DataFrame:
+def failed(reason="loss became NaN in epoch 3", trial=9):
     """Return one failed trial: a reason, and no measurement."""
     return pd.DataFrame(
         {

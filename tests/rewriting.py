@@ -1,16 +1,12 @@
 """Runs of a study on disk, changed as if dse had written them so, or as a disk may."""
 
-from __future__ import annotations
-
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from dse import store
 
 
-def rewrite(run: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+def rewrite(run, change):
     """Change the record of a run, which the book of its study knows."""
     record = store.record_in(run)
     parts = {name: store.load_arrays(run / name) for name in record.pop("files")}
@@ -19,7 +15,7 @@ def rewrite(run: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> No
         store.note_files(book, [run])
 
 
-def damage_part(run: Path, name: str) -> None:
+def damage_part(run, name):
     """Change a bit of every array of a part of a run."""
     content = bytearray(run.read_bytes())
     with zipfile.ZipFile(run) as archive:

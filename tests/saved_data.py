@@ -1,30 +1,24 @@
 """A data set in memory, put on disk as a prepared one."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-
 import numpy as np
 
 from dse.dataset import cache
 from dse.dataset.files import Meta, write_dataset, write_spikes
 from dse.dataset.parts import Part, Rows
-from dse.records import Array, Dataset
 from dse.store import heads_document
 
 
-def in_a_row(n_channels: int) -> Array:
+def in_a_row(n_channels):
     """Return positions of taxels that lie in a row."""
     x = np.arange(n_channels, dtype=np.int32)
     return np.stack([x, np.zeros_like(x), np.zeros_like(x)], axis=1)
 
 
-def part_of(data: Dataset) -> Part:
+def part_of(data):
     """Return what a source would have been that these spikes come from."""
     spikes = data.spikes
 
-    def rows(threads: int) -> Iterator[Rows]:
+    def rows(threads):
         for i in range(spikes.n_samples):
             borders = spikes.row_offsets[i * spikes.n_steps : (i + 1) * spikes.n_steps + 1]
             yield Rows(np.diff(borders), spikes.channel[borders[0] : borders[-1]])
@@ -36,12 +30,12 @@ def part_of(data: Dataset) -> Part:
     )  # fmt: skip
 
 
-def save(data: Dataset, folder: Path) -> None:
+def save(data, folder):
     """Write a data set to a folder, and its spikes to one beside it."""
     beside = folder.with_name(f"{folder.name} spikes")
     split = data.train, data.validation, data.test
 
-    def fill(place: Path) -> None:
+    def fill(place):
         meta = Meta(spikes=beside.name, classes=list(data.classes), fitted={}, warnings=["too easy"],
                     heads=heads_document(data.heads), transductive="")  # fmt: skip
         write_dataset(place, data.target, split, meta)

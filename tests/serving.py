@@ -1,20 +1,15 @@
 """A server of a test: let it answer, ask it, and hear its bare words."""
 
-from __future__ import annotations
-
 import http.client
 import socket
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager
-from http.client import HTTPMessage
 
-from dse.dashboard.serve import Server
 from tests.waiting import PATIENCE_S
 
 
 @contextmanager
-def served(server: Server) -> Iterator[Server]:
+def served(server):
     """Let a server answer in a thread of its own."""
     thread = threading.Thread(target=server.serve_forever, args=(0.01,))
     thread.start()
@@ -26,9 +21,7 @@ def served(server: Server) -> Iterator[Server]:
         server.server_close()
 
 
-def ask(
-    server: Server, path: str = "/", method: str = "GET", body: str | None = None, **headers: str
-) -> tuple[int, HTTPMessage, bytes]:
+def ask(server, path="/", method="GET", body=None, **headers):
     """Send a request, with the token of the server if it names none; return its status, headers and body."""
     if "token=" not in path:
         path = f"{path}{'&' if '?' in path else '?'}token={server.token}"
@@ -41,12 +34,12 @@ def ask(
         connection.close()
 
 
-def connect(server: Server) -> socket.socket:
+def connect(server):
     """Return a connection on which nothing was said yet."""
     return socket.create_connection(("127.0.0.1", server.server_port), timeout=PATIENCE_S)
 
 
-def answer_to(server: Server, sent: bytes) -> bytes:
+def answer_to(server, sent):
     """Send bytes that need be no request, and return all that comes back."""
     with connect(server) as connection, connection.makefile("rb") as answer:
         connection.sendall(sent)

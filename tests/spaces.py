@@ -1,19 +1,11 @@
 """A small search space on made-up recordings, which tests of several packages change to their needs."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from dse.config import ConfigError, SearchSpace, Sections, load_space
-from dse.config.contracts import Family
-from dse.config.settings import Training
-from dse.config.space import Design
+from dse.config import ConfigError, Sections, load_space
 from dse.search.space import design_at
 
 SPACE = """\
@@ -50,7 +42,7 @@ duration_ms: 150
 """A scene of short trials of a tip with 7 pins; a test appends forces and trials."""
 
 
-def sections(design: Mapping[str, Any] | Sections) -> Sections:
+def sections(design):
     """Return a design's sections of plain data; absent ones have the simplest that do."""
     if isinstance(design, Sections):
         return design
@@ -58,19 +50,19 @@ def sections(design: Mapping[str, Any] | Sections) -> Sections:
     return Sections.from_plain({"model": {"kind": "snn"}, "training": {}, **written}, "a design of a test")
 
 
-RASTER: Mapping[str, Any] = {
+RASTER = {
     "data": {"kind": "raster", "file": "x.npz", "step_ms": 5},
     "task": {"target": "letter"},
     "split": {"stratified": {"validation": 0.2}},
 }
 
 
-def design_of(model: Family, training: Training) -> Sections:
+def design_of(model, training):
     """Return a design on recordings that need not be there, because its data set is."""
     return dataclasses.replace(sections(RASTER), model=model, training=training)
 
 
-def write_space(folder: Path, *changes: tuple[str, str], text: str = SPACE) -> Path:
+def write_space(folder, *changes, text=SPACE):
     """Write the search space, each change replacing a text that occurs in it once, and its recordings."""
     for old, new in changes:
         assert text.count(old) == 1, f"{old!r} occurs {text.count(old)} times"
@@ -81,7 +73,7 @@ def write_space(folder: Path, *changes: tuple[str, str], text: str = SPACE) -> P
     return path
 
 
-def write_recordings(path: Path) -> None:
+def write_recordings(path):
     """Write 24 recordings of 2 channels: the label is the channel that moves."""
     rng = np.random.default_rng(0)
     label = np.arange(24) % 2
@@ -96,7 +88,7 @@ def write_recordings(path: Path) -> None:
     )
 
 
-def faults_of(path: Path, overrides: dict[str, str] | None = None, *, check_data: bool = False) -> list[str]:
+def faults_of(path, overrides=None, *, check_data=False):
     """Return the faults without the name of the file."""
     with pytest.raises(ConfigError) as caught:
         load_space(path, overrides, check_data=check_data)
@@ -104,7 +96,7 @@ def faults_of(path: Path, overrides: dict[str, str] | None = None, *, check_data
     return [str(fault).removeprefix(f"{path}:") for fault in caught.value.faults]
 
 
-def grid(space: SearchSpace) -> list[Design]:
+def grid(space):
     """Return every design, row-major: the last axis changes fastest."""
     assert space.n_designs is not None
     return [design_at(space, index) for index in range(space.n_designs)]

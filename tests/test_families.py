@@ -26,7 +26,6 @@ OWN = ["model.fake.hidden", "model.fake.mood", "model.together.true_rate"]
 def space(tmp_path_factory):
     folder = tmp_path_factory.mktemp("families")
     yield tiny_study.make_space(folder, model=MODEL, execution={"jobs": 1})
-    tiny_study.unregister()
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,6 @@
 A module or class that a string names counts as imported.
 """
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys
@@ -23,18 +21,15 @@ PUBLIC = ("__init__", "__main__")
 LOOSE = ("records", "registry", "seeds", "text", "trust")
 FINDS_BY_NAME = ("dse", "dse.registry")  # what a user names, wherever it lives
 
-HEAVY = (
-    *("h5py", "moocore", "numba", "optuna", "pandas"),
-    *("plotly", "pyarrow", "sklearn", "torch"),
-)
+HEAVY = (*("h5py", "moocore", "numba", "optuna", "pandas"), *("plotly", "pyarrow", "sklearn", "torch"))
 
 
 @pytest.fixture(scope="module")
-def trees() -> dict[str, ast.Module]:
+def trees():
     return modules(PACKAGE)
 
 
-def arrows_within_rooms(trees: dict[str, ast.Module]) -> dict[str, set[str]]:
+def arrows_within_rooms(trees):
     names = set(trees)
     return {
         name: {

@@ -4,8 +4,6 @@
 rooms; without the file it begins anew. Lines are as ruff formats them.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections import Counter
@@ -17,7 +15,7 @@ SIZES = Path(__file__).with_name("sizes.json")
 
 def sizes():
     """Return the lines of every room: folders of dse and tests, what is loose there, the page's scripts."""
-    lines: Counter[str] = Counter()
+    lines = Counter()
     for top in ("dse", "tests"):
         for path in (ROOT / top).rglob("*.py"):
             room = path.relative_to(ROOT).parts[:-1][:2]

@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from dse import registry
-from dse.config import SearchSpace, load_space
+from dse.config import load_space
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
 from dse.records import Array, Dataset, Layer, Network, Outcome, Response
 from dse.registry import param
@@ -58,8 +58,7 @@ class Fake:
     )
     seconds: float = param(0.0, low=0, doc="time that training takes")
     gate: str = param(
-        "",
-        doc="file that networks of 4 neurons wait for; that counts how often one was killed",
+        "", doc="file that networks of 4 neurons wait for; that counts how often one was killed"
     )
 
     def fit(self, dataset: Dataset, training: Any, rngs: Any) -> Outcome:
@@ -206,7 +205,7 @@ class Curve(Together):
         device: str = "cpu",
         threads: int = 1,
     ) -> Iterator[tuple[int, Outcome | TrainingDiverged]]:
-        yield from Curve.fit_span(dataset, designs, shared, device, threads)  # type: ignore[misc]
+        yield from Curve.fit_span(dataset, designs, shared, device, threads)
 
     @staticmethod
     def fit_span(
@@ -233,7 +232,7 @@ class Curve(Together):
 FAMILIES = {"fake": Fake, "together": Together, "curve": Curve}
 
 
-def write_recordings(path: Path, seed: int = 0) -> Path:
+def write_recordings(path, seed=0):
     """Write labelled rasters of three classes, each with a channel that spikes most."""
     rng = np.random.default_rng(seed)
     label = np.repeat(np.arange(3), N_PER_CLASS)
@@ -244,7 +243,7 @@ def write_recordings(path: Path, seed: int = 0) -> Path:
     return path
 
 
-def plain(**changes: Any) -> dict[str, Any]:
+def plain(**changes):
     """Return a search space as plain data; keywords replace whole sections."""
     return {
         "study": "tiny",
@@ -273,7 +272,7 @@ def plain(**changes: Any) -> dict[str, Any]:
     }
 
 
-def make_space(folder: Path, **changes: Any) -> SearchSpace:
+def make_space(folder, **changes):
     """Write a search space and its recordings into a folder and load it."""
     if not (folder / "tiny.npz").exists():
         write_recordings(folder / "tiny.npz")
@@ -283,12 +282,12 @@ def make_space(folder: Path, **changes: Any) -> SearchSpace:
     return load_space(path)
 
 
-def register() -> None:
-    """Make the families of this file known; tests undo it (fixture `fake_model`)."""
+def register():
+    """Make the families of this file known; the fixture `registered` undoes it."""
     registry._components.setdefault("models", {}).update(FAMILIES)
 
 
-def run_folder(folder: str) -> int:
+def run_folder(folder):
     """Run the study of a folder as the command line does; return the exit code."""
     register()
     try:
@@ -299,8 +298,3 @@ def run_folder(folder: str) -> int:
         print(error, file=sys.stderr)
         return 2
     return 0
-
-
-def unregister() -> None:
-    for name in FAMILIES:
-        registry._components["models"].pop(name, None)

@@ -1,15 +1,12 @@
 """How long tests wait for something that must happen: as long as a busy machine may need."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Callable
 
 PATIENCE_S = 300.0
 PATIENCE_MS = 1000 * PATIENCE_S
 
 
-def until(condition: Callable[[], object], what: str) -> None:
+def until(condition, what):
     """Wait until a condition holds; a failure names what was waited for."""
     deadline = time.monotonic() + PATIENCE_S
     while not condition():

@@ -1,12 +1,8 @@
 """What is chosen from the shipped study: what its chip can run and hold, and always the same of equals."""
 
-from __future__ import annotations
-
 import io
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,15 +14,14 @@ from dse.cli import main
 from tests.api.test_study import SPACE, waves
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"
-Captured = pytest.CaptureFixture[str]
 
 
-def document(capsys: Captured, *arguments: str, code: int = 0) -> dict[str, Any]:
+def document(capsys, *arguments, code=0):
     assert main([*arguments, "--json"]) == code
     return dict(json.loads(capsys.readouterr().out))
 
 
-def test_random_budgets_pick_what_pandas_picks_and_it_is_on_the_front() -> None:
+def test_random_budgets_pick_what_pandas_picks_and_it_is_on_the_front():
     study = dse.open(EXAMPLE)
     points = pd.read_parquet(EXAMPLE / "points.parquet")
     held = points[points["fits"].eq(True).fillna(False)]
@@ -56,7 +51,7 @@ def test_random_budgets_pick_what_pandas_picks_and_it_is_on_the_front() -> None:
     assert n_ties > 3, "no ties were tried"
 
 
-def test_tables_without_runs_say_that_nothing_fits(capsys: Captured) -> None:
+def test_tables_without_runs_say_that_nothing_fits(capsys):
     """The networks of 6084 inputs have more of them than a core of Loihi has axons."""
     folder = EXAMPLE.parent / "002_texture_velocity" / "texture_profile_contrasts"
     nearest = document(capsys, "pick", str(folder), code=3)
@@ -67,7 +62,7 @@ def test_tables_without_runs_say_that_nothing_fits(capsys: Captured) -> None:
 
 
 @pytest.mark.parametrize("family", ["", "snn", "naive_bayes"])
-def test_nothing_fits_and_nothing_is_feasible(family: str, capsys: Captured) -> None:
+def test_nothing_fits_and_nothing_is_feasible(family, capsys):
     where = ["--budget", f"family == '{family}'"] if family else []
     chip = ("--hardware", "xylo_imu")
     found = document(capsys, "pick", str(EXAMPLE), *chip, *where, code=3)
@@ -87,7 +82,7 @@ def test_nothing_fits_and_nothing_is_feasible(family: str, capsys: Captured) -> 
     assert {row["family"] for row in oversize} == {"snn"}
 
 
-def test_where_some_designs_fit_only_these_are_chosen_in_python_too() -> None:
+def test_where_some_designs_fit_only_these_are_chosen_in_python_too():
     study = dse.open(EXAMPLE)
     with pytest.raises(NothingFeasible, match="xylo_imu"):
         study.best(hardware="xylo_imu")
@@ -98,9 +93,7 @@ def test_where_some_designs_fit_only_these_are_chosen_in_python_too() -> None:
     assert study.pick("family == 'mlp' and hardware == 'loihi1_silicon'").row is None
 
 
-def test_the_first_objective_that_is_maximised_is_what_a_pick_maximises(
-    tmp_path: Path, capsys: Captured
-) -> None:
+def test_the_first_objective_that_is_maximised_is_what_a_pick_maximises(tmp_path, capsys):
     data = dse.data.from_arrays(*waves(), step_ms=4, file=tmp_path / "waves")
     space = {"data": data, **SPACE, "objectives": ["n_weights:min", "recall_macro:max", "accuracy:max"]}
     study = dse.run(space, tmp_path, progress=False)
@@ -114,7 +107,7 @@ def test_the_first_objective_that_is_maximised_is_what_a_pick_maximises(
     assert row["accuracy"] == points["accuracy"].max()
 
 
-def test_what_is_picked_is_exported_evaluated_and_shown(tmp_path: Path) -> None:
+def test_what_is_picked_is_exported_evaluated_and_shown(tmp_path):
     study = dse.open(EXAMPLE)
     choice = study.pick(["n_weights <= 20000", "task == 'texture'"], hardware="mcu_m4", draws=5)
     for wrong in ({"draws": -5}, {"draws": True}, {"oversize": "no"}):
@@ -138,9 +131,7 @@ def test_what_is_picked_is_exported_evaluated_and_shown(tmp_path: Path) -> None:
     assert not (tmp_path / "five").exists()
 
 
-def test_a_narrow_terminal_shows_the_best_offers_by_chip_and_task(
-    monkeypatch: pytest.MonkeyPatch, capsys: Captured
-) -> None:
+def test_a_narrow_terminal_shows_the_best_offers_by_chip_and_task(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["skyline", str(EXAMPLE), "--format", "table"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -157,7 +148,7 @@ def test_a_narrow_terminal_shows_the_best_offers_by_chip_and_task(
     )
 
 
-def test_a_pipe_gets_csv_of_the_columns_of_the_table(capsys: Captured) -> None:
+def test_a_pipe_gets_csv_of_the_columns_of_the_table(capsys):
     assert main(["pick", str(EXAMPLE), "--budget", "accuracy > 0.99"]) == 3
     printed = capsys.readouterr()
     table = pd.read_csv(io.StringIO(printed.out))
@@ -179,8 +170,6 @@ def test_a_pipe_gets_csv_of_the_columns_of_the_table(capsys: Captured) -> None:
         ("task == 'speed'", 3, lambda text: "texture or profile" in text and "--hardware" not in text),
     ],
 )
-def test_a_wrong_budget_says_what_is_wrong(
-    budget: str, code: int, told: Callable[[str], bool], capsys: Captured
-) -> None:
+def test_a_wrong_budget_says_what_is_wrong(budget, code, told, capsys):
     assert main(["pick", str(EXAMPLE), "--budget", budget]) == code
     assert told(capsys.readouterr().err)

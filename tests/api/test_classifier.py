@@ -1,10 +1,6 @@
 """`dse.Classifier`: what scikit-learn asks of estimators, what X may be, and what bad recordings say."""
 
-from __future__ import annotations
-
 import pickle
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,18 +22,18 @@ FAST = {
 
 
 @pytest.fixture(autouse=True)
-def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def in_process(monkeypatch):
     monkeypatch.setattr(workers, "Loky", InProcess)
 
 
 # Rows of numbers are recordings of one channel; the check of the array API skips itself.
 @parametrize_with_checks([dse.Classifier(settings=FAST)])
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
-def test_scikit_learn_accepts_it(estimator: Any, check: Any) -> None:
+def test_scikit_learn_accepts_it(estimator, check):
     check(estimator)
 
 
-def waves(n: int = 40, steps: int = 50, channels: int = 2) -> tuple[np.ndarray, np.ndarray]:
+def waves(n=40, steps=50, channels=2):
     rng = np.random.default_rng(1)
     y = np.tile(["denim", "silk"], n // 2)
     turn = np.where(y == "denim", 0.1, 0.6)[:, None, None] * np.arange(steps)
@@ -48,7 +44,7 @@ LEARNS = {"training.epochs": 40, "model.snn.hidden": [20], "encoder.thresholds":
 
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> dse.Classifier:
+def fitted(tmp_path_factory):
     X, y = waves()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workers, "Loky", InProcess)
@@ -57,7 +53,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> dse.Classifier:
         )
 
 
-def test_it_learns_and_keeps_study_pick_and_bundle(fitted: dse.Classifier, tmp_path: Path) -> None:
+def test_it_learns_and_keeps_study_pick_and_bundle(fitted, tmp_path):
     X, y = waves()
     assert fitted.score(X, y) > 0.8 and fitted.classes_.tolist() == ["denim", "silk"]
     assert set(fitted.study_.points()["hardware"]) == {"mcu_m4"} and fitted.pick_["n_weights"] > 0
@@ -80,12 +76,12 @@ def test_it_learns_and_keeps_study_pick_and_bundle(fitted: dse.Classifier, tmp_p
     [list, lambda X: pd.DataFrame({f"c{k}": [pd.Series(x) for x in X[:, k]] for k in range(2)})],
     ids=["list", "table of series"],
 )
-def test_the_same_recordings_in_another_form_have_the_same_answers(fitted: dse.Classifier, same: Any) -> None:
+def test_the_same_recordings_in_another_form_have_the_same_answers(fitted, same):
     X, _ = waves()
     assert (fitted.predict(same(X)) == fitted.predict(X)).all()
 
 
-def test_the_other_order_of_axes_and_unequal_lengths_fit() -> None:
+def test_the_other_order_of_axes_and_unequal_lengths_fit():
     X, y = waves()
     there = dse.Classifier(settings=FAST).fit(X, y)
     turned = clone(there).set_params(axes="recording step channel").fit(X.transpose(0, 2, 1), y)
@@ -97,7 +93,7 @@ def test_the_other_order_of_axes_and_unequal_lengths_fit() -> None:
         cut.predict([X[0], X[1, :1, :40]])
 
 
-def test_it_is_crossed_validated_in_pipelines_with_tables_and_groups() -> None:
+def test_it_is_crossed_validated_in_pipelines_with_tables_and_groups():
     X, y = waves()
     several = make_pipeline(FunctionTransformer(lambda x: 2 * x), dse.Classifier(settings=FAST))
     assert cross_val_score(several, X, y, cv=GroupKFold(2), groups=np.arange(40) // 4).shape == (2,)
@@ -111,7 +107,7 @@ def test_it_is_crossed_validated_in_pipelines_with_tables_and_groups() -> None:
 
 
 X, Y = waves()
-BAD: dict[str, tuple[Any, Any, Any, str]] = {
+BAD = {
     "one class": (X, ["denim"] * 40, None, "2 classes or more"),
     "a class of one": (X, ["denim"] * 39 + ["silk"], None, "'silk' of 'label' has 1"),
     "two recordings": (X[:2], Y[:2], None, "at least 2 recordings"),
@@ -124,7 +120,7 @@ BAD: dict[str, tuple[Any, Any, Any, str]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_no_study_can_be_made_of_is_said_in_one_line(name: str) -> None:
+def test_what_no_study_can_be_made_of_is_said_in_one_line(name):
     signals, labels, groups, why = BAD[name]
     with pytest.raises(ValueError, match=why) as caught:
         dse.Classifier(settings=FAST).fit(signals, labels, groups)
@@ -140,7 +136,7 @@ def test_what_no_study_can_be_made_of_is_said_in_one_line(name: str) -> None:
         ({"settings": {"model.hiden": 4}}, "hiden"),
     ],
 )
-def test_what_cannot_be_asked_for_is_said_in_one_line(keys: dict[str, Any], why: str) -> None:
+def test_what_cannot_be_asked_for_is_said_in_one_line(keys, why):
     with pytest.raises(ValueError, match=why) as caught:
         dse.Classifier(**{"settings": LEARNS, **keys}).fit(X, Y)
     assert "\n" not in str(caught.value)

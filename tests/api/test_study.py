@@ -1,14 +1,10 @@
 """Studies as notebooks use them."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
 import textwrap
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +13,7 @@ import dse
 from dse.api.choice import NothingFeasible
 from dse.skyline.constraints import ExpressionError
 
-SPACE: dict[str, Any] = {
+SPACE = {
     "task": {"target": "label"},
     "split": {"stratified": {"validation": 0.3}},
     "encoder": {"kind": "send_on_delta", "thresholds": [0.2]},
@@ -27,32 +23,29 @@ SPACE: dict[str, Any] = {
 }
 
 
-def waves() -> tuple[np.ndarray, np.ndarray]:
+def waves():
     label = np.repeat([0, 1], 12)
     phase = np.random.default_rng(0).uniform(0, 6, (24, 1))
     return np.sin(np.arange(40)[None] * (0.1 + 0.4 * label[:, None]) + phase), label
 
 
-Ran = tuple[Any, list[dict[str, Any]]]
-
-
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
+def ran(tmp_path_factory):
     folder = tmp_path_factory.mktemp("door")
     signals, labels = waves()
     data = dse.data.from_arrays(signals, labels, step_ms=4, file=folder / "waves")
-    rows: list[dict[str, Any]] = []
+    rows = []
     study = dse.run({"data": data, **SPACE}, folder / "results", progress=False, on_trial=rows.append)
     return study, rows
 
 
-def test_a_dict_runs_and_each_trial_is_reported(ran: Ran) -> None:
+def test_a_dict_runs_and_each_trial_is_reported(ran):
     study, rows = ran
     assert sorted(row["trial"] for row in rows) == [0, 1] and {row["status"] for row in rows} == {"finished"}
     assert {row["trial"]: row["accuracy"] for row in rows} == dict(
         zip(study.trials["trial"], study.trials["accuracy"], strict=True)
     )
-    again: list[dict[str, Any]] = []
+    again = []
     resumed = dse.run(
         {"data": dict(study.space["data"]), **SPACE},
         study.folder.parent,
@@ -63,7 +56,7 @@ def test_a_dict_runs_and_each_trial_is_reported(ran: Ran) -> None:
     assert [goal.column for goal in study.objectives] == ["accuracy", "n_weights", "energy_uj"]
 
 
-def test_one_line_and_a_small_page(ran: Ran) -> None:
+def test_one_line_and_a_small_page(ran):
     study, _ = ran
     assert repr(study).startswith("<Study study: 2 finished, accuracy up to ") and "\n" not in repr(study)
     page = study._repr_html_()
@@ -71,7 +64,7 @@ def test_one_line_and_a_small_page(ran: Ran) -> None:
     assert "<table" in study.skyline()._repr_html_()
 
 
-def test_one_text_stands_for_a_list_of_one(ran: Ran) -> None:
+def test_one_text_stands_for_a_list_of_one(ran):
     study, _ = ran
     budget = "n_weights <= 30"
     for budgets in (budget, [budget], (budget,)):
@@ -94,7 +87,7 @@ def test_one_text_stands_for_a_list_of_one(ran: Ran) -> None:
     assert set(study.skyline(targets="c99").rows["target"]) == {"c99"}
 
 
-def test_what_is_picked_is_evaluated_as_its_folder_is(ran: Ran, tmp_path: Path) -> None:
+def test_what_is_picked_is_evaluated_as_its_folder_is(ran, tmp_path):
     study, _ = ran
     bundle = study.pick().export(tmp_path / "bundle")
     file = study.space["data"]["file"]
@@ -104,7 +97,7 @@ def test_what_is_picked_is_evaluated_as_its_folder_is(ran: Ran, tmp_path: Path) 
     assert len(found.label) == 24 and found.accuracy > 0.5
 
 
-def test_figures_and_optuna(ran: Ran) -> None:
+def test_figures_and_optuna(ran):
     study, _ = ran
     assert "front" in dir(study.plot) and study.plot.front().data
     assert study.plot.confusion(study.best()).data and study.plot.learning(0).data
@@ -145,14 +138,12 @@ def test_figures_and_optuna(ran: Ran) -> None:
         (lambda study: dse.run({"data": 3}), dse.ConfigError, "search space: section 'task' is required"),
     ],
 )
-def test_wrong_arguments_are_one_sentence(
-    ran: Ran, call: Callable[[Any], Any], error: type[Exception], message: str
-) -> None:
+def test_wrong_arguments_are_one_sentence(ran, call, error, message):
     with pytest.raises(error, match=message):
         call(ran[0])
 
 
-def test_a_class_of_the_notebook_is_a_component_in_the_workers(tmp_path: Path) -> None:
+def test_a_class_of_the_notebook_is_a_component_in_the_workers(tmp_path):
     (tmp_path / "notebook.py").write_text(
         textwrap.dedent(
             """

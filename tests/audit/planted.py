@@ -1,10 +1,6 @@
 """Small recordings with a shortcut of one kind, and clean ones, as what the probes of an audit read."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +12,7 @@ REPEATS = 2  # of each condition in training, and in validation
 FORCES, SPEEDS = 4, 5
 
 
-def spikes_of(raster: np.ndarray) -> Spikes:
+def spikes_of(raster):
     """Return spikes of (sample, step, channel) bools."""
     n, n_steps, n_channels = raster.shape
     offsets = np.append(0, raster.reshape(n * n_steps, n_channels).sum(axis=1).cumsum())
@@ -24,13 +20,13 @@ def spikes_of(raster: np.ndarray) -> Spikes:
     return Spikes(offsets.astype(np.int64), channel, n_steps, n_channels, 5.0)
 
 
-def labels() -> dict[str, np.ndarray]:
+def labels():
     """Return every combination of class, force and speed, `REPEATS` times in each part."""
     grid = np.indices((2, N_CLASSES, FORCES, SPEEDS, REPEATS)).reshape(5, -1)
     return dict(zip(("part", "label", "force", "speed", "trial"), grid, strict=True))
 
 
-def material_of(rate: np.ndarray, rng: np.random.Generator, **changes: Any) -> Material:
+def material_of(rate, rng, **changes):
     """Return samples that spike at a rate per step, (sample, step, channel) or what broadcasts to it."""
     columns = labels()
     label, part = columns["label"], columns["part"]
@@ -64,24 +60,24 @@ def material_of(rate: np.ndarray, rng: np.random.Generator, **changes: Any) -> M
     return dataclasses.replace(material, **changes)
 
 
-def with_columns(material: Material, columns: Mapping[str, np.ndarray]) -> Material:
+def with_columns(material, columns):
     """Return a material with further label columns."""
     return dataclasses.replace(material, columns={**material.columns, **columns})
 
 
-def patterns(rng: np.random.Generator, n: int) -> np.ndarray:
+def patterns(rng, n):
     """Return n spatial patterns of one total rate, (n, 1, channel)."""
     rate = rng.choice([0.05, 0.5], (n, 1, N_CHANNELS))
     return rate * (0.25 * N_CHANNELS / rate.sum(axis=2, keepdims=True))
 
 
-def clean(seed: int) -> Material:
+def clean(seed):
     """Return classes that differ in which channels spike, at any time, in any condition."""
     rng = np.random.default_rng(seed)
     return material_of(patterns(rng, N_CLASSES)[labels()["label"]], rng)
 
 
-def synchronous(seed: int) -> Material:
+def synchronous(seed):
     """Return classes that differ in which two channels spike together, alike in all counts."""
     rng = np.random.default_rng(seed)
     six = np.array([[0, 0, 1, 1, 2, 2], [0, 1, 0, 2, 1, 2], [0, 1, 2, 2, 1, 0]])
@@ -90,27 +86,27 @@ def synchronous(seed: int) -> Material:
     return material_of(np.take_along_axis(pairs, partners[:, None, :], axis=2), rng)
 
 
-def by_total(seed: int) -> Material:
+def by_total(seed):
     """Return classes that differ in the number of spikes."""
     rng = np.random.default_rng(seed)
     return material_of(np.array([0.1, 0.2, 0.3])[labels()["label"]][:, None, None], rng)
 
 
-def by_end(seed: int) -> Material:
+def by_end(seed):
     """Return classes that end at different times."""
     rng = np.random.default_rng(seed)
     end = np.array([40, 52, 64])[labels()["label"]][:, None, None] + ROOM
     return material_of(0.3 * (np.arange(N_STEPS + 2 * ROOM)[None, :, None] < end), rng)
 
 
-def by_contact(seed: int) -> Material:
+def by_contact(seed):
     """Return classes that begin at different times."""
     rng = np.random.default_rng(seed)
     begin = np.array([4, 16, 28])[labels()["label"]][:, None, None] + ROOM
     return material_of(0.4 * (np.arange(N_STEPS + 2 * ROOM)[None, :, None] >= begin), rng)
 
 
-def by_position(seed: int) -> Material:
+def by_position(seed):
     """Return classes whose spikes come at certain places along the recording."""
     rng = np.random.default_rng(seed)
     n_blocks = (N_STEPS + 2 * ROOM) // 4
@@ -119,7 +115,7 @@ def by_position(seed: int) -> Material:
     return material_of(rate[labels()["label"]], rng)
 
 
-def by_condition(seed: int) -> Material:
+def by_condition(seed):
     """Return samples that look like those of the same class, force and speed, and like no others."""
     rng = np.random.default_rng(seed)
     columns = labels()
@@ -127,14 +123,14 @@ def by_condition(seed: int) -> Material:
     return material_of(patterns(rng, N_CLASSES * FORCES * SPEEDS)[number], rng)
 
 
-def by_group(seed: int) -> Material:
+def by_group(seed):
     """Return samples that look like those of the same class and force, at any speed."""
     rng = np.random.default_rng(seed)
     columns = labels()
     return material_of(patterns(rng, N_CLASSES * FORCES)[columns["label"] * FORCES + columns["force"]], rng)
 
 
-def by_session(seed: int) -> Material:
+def by_session(seed):
     """Return samples that look like those of the same session; each session has one class."""
     rng = np.random.default_rng(seed)
     columns = labels()
@@ -145,7 +141,7 @@ def by_session(seed: int) -> Material:
     )
 
 
-def by_order(seed: int) -> Material:
+def by_order(seed):
     """Return classes recorded one after the other while all rates drift."""
     rng = np.random.default_rng(seed)
     columns = labels()
@@ -159,7 +155,7 @@ def by_order(seed: int) -> Material:
     )
 
 
-def by_rate_of_regions(seed: int) -> Material:
+def by_rate_of_regions(seed):
     """Return classes that differ in how many spikes quarters of a frame of 24 x 24 have over time.
 
     The gain of a sample varies by a factor of 10, and a channel hardly ever spikes twice.

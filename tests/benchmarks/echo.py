@@ -1,23 +1,20 @@
 """A worker for tests."""
 
-from __future__ import annotations
-
 import os
-from typing import NoReturn
 
 from benchmarks.worker import serve
 
 
-def echo(*words: object) -> list[object]:
+def echo(*words):
     print("a library says something")
     return list(words)
 
 
-def fail() -> NoReturn:
+def fail():
     raise ValueError("no such thing")
 
 
-def missing() -> None:
+def missing():
     import no_such_framework  # noqa: F401
 
 

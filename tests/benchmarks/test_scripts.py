@@ -41,10 +41,7 @@ def test_a_plain_loop_trains_a_design_as_the_engine_does(tmp_path, monkeypatch):
 
 def block(t_us, x, y):
     return Block(
-        np.array(t_us, np.int64),
-        np.array(x, np.int32),
-        np.array(y, np.int32),
-        np.zeros(len(x), np.uint8),
+        np.array(t_us, np.int64), np.array(x, np.int32), np.array(y, np.int32), np.zeros(len(x), np.uint8)
     )
 
 

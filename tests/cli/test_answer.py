@@ -95,7 +95,7 @@ def test_rows_that_do_not_fit_are_listed_below_each_other(capsys, monkeypatch):
     ]
     show(Answer([rows[0]]), "verify", "table")
     assert capsys.readouterr().out.splitlines() == [
-        *("target      c99", "verdict     faithful", "recordings  3", "ram_bytes   12345"),
+        *("target      c99", "verdict     faithful", "recordings  3", "ram_bytes   12345")
     ]
 
 

@@ -19,8 +19,6 @@ from dse.study.results import Study
 from dse.study.results import open as open_study
 from tests.spaces import write_space
 
-Captured = pytest.CaptureFixture[str]
-
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
@@ -372,11 +370,7 @@ def test_describe_prints_the_schema(capsys):
 
 
 def test_help_and_version(capsys):
-    for arguments in (
-        ["--help"],
-        ["--version"],
-        *([name, "--help"] for name in GROUP_OF),
-    ):
+    for arguments in (["--help"], ["--version"], *([name, "--help"] for name in GROUP_OF)):
         with pytest.raises(SystemExit) as caught:
             main(arguments)
         assert caught.value.code == 0

@@ -14,7 +14,6 @@ from dse.hardware.cost import cost
 from dse.hardware.profile import Evidence, load, names
 from dse.hardware.workload import load_inference
 
-Captured = pytest.CaptureFixture[str]
 PROFILES = Path(dse.hardware.__file__).parent / "profiles"
 LOIHI = (PROFILES / "loihi1_silicon.yaml").read_text()
 NET = "layers: [24, 50, 7]\nn_steps: 100\nmean_rate: [0.02, 0.02, 0]\nupdates: [50, 7]\n"

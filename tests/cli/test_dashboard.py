@@ -1,7 +1,5 @@
 """`dse dashboard` as a program: the page of a study that runs, how it ends, and what it refuses."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re
@@ -33,8 +31,6 @@ RUN = "import sys; from tests.tiny_study import run_folder; sys.exit(run_folder(
 @pytest.fixture
 def fake_model():
     tiny_study.register()
-    yield
-    tiny_study.unregister()
 
 
 @contextmanager
@@ -92,7 +88,7 @@ def test_a_page_from_before_the_first_trial_to_the_last(fake_model, chromium, tm
         with shown(str(folder), "--port", "0") as (process, url):
             tab = chromium.new_page()
             tab.set_default_timeout(PATIENCE_MS)
-            faults: list[str] = []
+            faults = []
             tab.on("pageerror", lambda error: faults.append(str(error)))
             tab.on("console", lambda line: faults.append(line.text) if line.type == "error" else None)
             tab.add_init_script(

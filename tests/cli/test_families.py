@@ -8,14 +8,10 @@ from dse.cli import main
 from tests import families
 from tests.spaces import write_space
 
-Captured = pytest.CaptureFixture[str]
-
 
 @pytest.fixture(autouse=True)
 def known():
     families.register()
-    yield
-    families.unregister()
 
 
 def test_check_counts_the_designs_of_every_kind(tmp_path, capsys):

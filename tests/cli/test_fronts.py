@@ -1,7 +1,5 @@
 """Which columns of design points a terminal shows."""
 
-from __future__ import annotations
-
 import io
 import json
 from pathlib import Path
@@ -19,7 +17,7 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"
 GOALS = [("accuracy", "max"), ("n_weights", "min")]
 
 
-def mixed() -> pd.DataFrame:
+def mixed():
     """Return points of two families with axes of their own."""
     return pd.DataFrame(
         {
@@ -39,14 +37,14 @@ def mixed() -> pd.DataFrame:
     )
 
 
-def test_a_front_of_several_families_shows_what_all_of_them_have() -> None:
+def test_a_front_of_several_families_shows_what_all_of_them_have():
     shown = columns(mixed(), GOALS)
     assert shown == ["trial", "task", "family", "read_out_ms", "accuracy", "n_weights", "encoder.gain"]
     assert "model.kind" in columns(mixed().drop(columns="family"), GOALS)
     assert "encoder.gain" not in columns(mixed().iloc[1:], GOALS)
 
 
-def test_a_view_has_at_most_30_columns_unless_more_are_asked_for() -> None:
+def test_a_view_has_at_most_30_columns_unless_more_are_asked_for():
     many = {f"encoder.axis_{n}": [0, n] for n in range(1, 40)}
     measured = dict.fromkeys(
         ("energy_uj", "energy_uj_low", "energy_uj_high", "latency_ms", "peak_state"), 1.0
@@ -59,9 +57,7 @@ def test_a_view_has_at_most_30_columns_unless_more_are_asked_for() -> None:
 
 
 @pytest.mark.parametrize("empty", [False, True])
-def test_the_view_of_a_study_is_the_same_at_a_pipe_and_as_csv(
-    empty: bool, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_view_of_a_study_is_the_same_at_a_pipe_and_as_csv(empty, capsys):
     where = "accuracy > 2" if empty else "ties >= 0"
     printed = []
     for options in ([], ["--format", "csv"], ["--columns", "all"]):
@@ -73,7 +69,7 @@ def test_the_view_of_a_study_is_the_same_at_a_pipe_and_as_csv(
     assert len(printed[2]) == len(printed[0]) if empty else len(printed[2]) > 3 * MOST_COLUMNS
 
 
-def test_equal_points_of_a_trial_are_one_row_with_their_number() -> None:
+def test_equal_points_of_a_trial_are_one_row_with_their_number():
     latency = [900.0, 356.0, 1000.0, 10.0]
     points = mixed().iloc[[1, 1, 1, 0]].assign(phi=[1, 2, 3, 4], latency_ms=latency).reset_index(drop=True)
     answer = front_answer(points, [Goal(*pair) for pair in GOALS], ["a note"])
@@ -84,7 +80,7 @@ def test_equal_points_of_a_trial_are_one_row_with_their_number() -> None:
     assert "points" not in alone.columns and list(alone.notes) == ["a note"]
 
 
-def test_an_empty_front_says_so_and_has_a_header(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_front_says_so_and_has_a_header(tmp_path, capsys):
     mixed().to_csv(tmp_path / "points.csv", index=False)
     options = ["--objectives", "accuracy:max", "--where", "n_weights < 0"]
     assert main(["skyline", str(tmp_path / "points.csv"), *options, "--format", "csv"]) == 0
@@ -93,12 +89,12 @@ def test_an_empty_front_says_so_and_has_a_header(tmp_path: Path, capsys: pytest.
     assert list(pd.read_csv(io.StringIO(printed.out)).columns)[:3] == ["trial", "task", "family"]
 
 
-def test_a_missed_budget_is_no_axis() -> None:
+def test_a_missed_budget_is_no_axis():
     missed = mixed().assign(**{"missed n_weights<=0.5": [1.0, 2.0]})
     assert columns(missed, GOALS) == columns(mixed(), GOALS)
 
 
-def test_a_pick_shows_its_own_design(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pick_shows_its_own_design(tmp_path, capsys):
     mixed().to_csv(tmp_path / "points.csv", index=False)
     assert main(["pick", str(tmp_path / "points.csv"), "--format", "table"]) == 0
     shown = capsys.readouterr().out.splitlines()[0].split()
@@ -114,13 +110,11 @@ def test_a_pick_shows_its_own_design(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.parametrize("condition", NAMING_OTHERS)
-def test_words_in_a_condition_let_no_leaking_or_misfitting_design_through(
-    condition: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_words_in_a_condition_let_no_leaking_or_misfitting_design_through(condition, tmp_path, capsys):
     path = tmp_path / "points.csv"
     WORDS.to_csv(path, index=False)
 
-    def trials(*arguments: str) -> list[int]:
+    def trials(*arguments):
         assert main([arguments[0], str(path), *arguments[1:], "--json"]) == 0
         return [row["trial"] for row in json.loads(capsys.readouterr().out)["rows"]]
 
@@ -131,9 +125,7 @@ def test_words_in_a_condition_let_no_leaking_or_misfitting_design_through(
     assert trials("pick", "--budget", condition, "--budget", "not fits") == [1]
 
 
-def test_a_pick_across_tasks_says_so_unless_a_condition_names_the_column(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_pick_across_tasks_says_so_unless_a_condition_names_the_column(tmp_path, capsys):
     path = tmp_path / "points.csv"
     WORDS.assign(**{"task": ["a", "a", "b"], "task.target": "task", "fits": True}).to_csv(path, index=False)
     for budget, n_notes in (("task.target == 'task'", 1), ("task != 'c'", 0)):
@@ -142,7 +134,7 @@ def test_a_pick_across_tasks_says_so_unless_a_condition_names_the_column(
         assert sum(note.startswith("this is the best over the tasks") for note in notes) == n_notes
 
 
-def test_a_pick_and_a_report_say_whether_to_spike(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pick_and_a_report_say_whether_to_spike(capsys):
     asked = ["pick", str(EXAMPLE), "--hardware", "mcu_m4", "--budget", "task == 'profile'"]
     assert main([*asked, "--json"]) == 0
     section = json.loads(capsys.readouterr().out)["sections"][RIVALS]

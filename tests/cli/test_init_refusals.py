@@ -1,9 +1,6 @@
 """What no search space can be written for: one line on stderr, exit code 2, and no file."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +10,7 @@ from dse.cli import main
 N = 20
 SIGNAL = np.random.default_rng(0).normal(size=(N, 30, 3))
 LABEL = np.tile(["denim", "silk"], N // 2)
-BAD: dict[str, tuple[dict[str, Any], str]] = {
+BAD = {
     "one class": ({"label": np.full(N, "denim")}, "label"),
     "a class of one": ({"label": np.where(np.arange(N) == 3, "silk", "denim")}, "'silk' of 'label' has 1"),
     "constant": ({"signal": np.ones_like(SIGNAL)}, "every channel has one value"),
@@ -27,9 +24,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_one_line_says_what_is_wrong(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_line_says_what_is_wrong(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     changed, why = BAD[name]
     np.savez("touch.npz", **{"signal": SIGNAL, "label": LABEL, **changed})

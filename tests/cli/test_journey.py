@@ -1,7 +1,5 @@
 """From the page to a deployed bundle, as a reader goes: from disk and from a server, with a real study."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import shlex
@@ -14,8 +12,6 @@ from dse.dashboard.site import page_server
 from dse.study.results import open as open_study
 from tests.serving import served
 from tests.spaces import write_space
-
-Captured = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +31,7 @@ def results(tmp_path_factory):
 @pytest.fixture(params=["disk", "server"])
 def opened(request, results, new_tab, page_path):
     """A tab with the study's page; it may complain of nothing."""
-    faults: list[str] = []
+    faults = []
     tab = new_tab()
     tab.is_served = request.param == "server"
     tab.on("pageerror", lambda error: faults.append(str(error)))

@@ -17,8 +17,6 @@ from dse.config import load_space
 from dse.data import starter
 from tests.spaces import write_space
 
-Captured = pytest.CaptureFixture[str]
-
 
 @pytest.fixture(autouse=True)
 def _here(tmp_path, monkeypatch):

@@ -12,7 +12,6 @@ from dse.neurons.fixed_point import STATE_LIMIT
 from dse.study import results
 from tests.page_data import held
 
-Captured = pytest.CaptureFixture[str]
 SPACE = """
 study: over
 seed: 3

@@ -17,7 +17,6 @@ from dse.scene import presets
 from dse.scene.load import SceneFile
 from dse.scene.scene import Camera, Method, Sensor, Variation
 
-Captured = pytest.CaptureFixture[str]
 PROFILES = Path(dse.hardware.__file__).parent / "profiles"
 SCENE = [row["section"] for row in reference.sections() if row["section"].split(".")[0] == "scene"]
 

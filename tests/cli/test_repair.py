@@ -7,8 +7,6 @@ import pytest
 
 from dse.cli import main
 
-Captured = pytest.CaptureFixture[str]
-
 SPACE = """\
 study: folders
 seed: 1

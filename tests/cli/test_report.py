@@ -16,7 +16,6 @@ from tests.installed import needs_papers
 from tests.report.made import write
 from tests.spaces import write_space
 
-Captured = pytest.CaptureFixture[str]
 COLUMNS = [
     *("system", "figure", "task", "published", "ours", "se", "test", "runs", "family", "trial", "design"),
     *("split", "study", "hardware", "low", "high", "corrected", "corrected_low", "corrected_high"),

@@ -1,7 +1,5 @@
 """`dse simulate`: what it writes is what the simulator makes, whole or not at all; every mistake is told."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -9,7 +7,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +21,6 @@ from dse.scene.load import load_scene
 from tests.spaces import FINGERTIP, SPACE
 from tests.waiting import PATIENCE_S
 
-Captured = pytest.CaptureFixture[str]
 ROOT = Path(__file__).resolve().parents[2]
 
 SCENE = FINGERTIP + "forces_n: [1.0, 1.5]\ntrials: 2\n"
@@ -39,7 +35,7 @@ def scene(tmp_path):
 
 
 def document(text):
-    found: dict[str, Any] = json.loads(text)
+    found = json.loads(text)
     return found
 
 

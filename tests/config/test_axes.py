@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -21,7 +19,7 @@ def axis_of(raw, hint=float, **rule):
 
 
 def faults_of(raw, hint=float, **rule):
-    found: list[str] = []
+    found = []
     assert read_or_axis(raw, hint, Rule("", **rule), PATH, lambda _, text: found.append(text)) is INVALID
     return found
 
@@ -96,7 +94,7 @@ def test_one_sentence_per_mistake(raw, hint, rule, message):
 
 
 def test_a_choice_has_no_step():
-    found: list[str] = []
+    found = []
     read_or_axis({"choice": [1], "step": 1}, int, Rule(""), PATH, lambda _, text: found.append(text))
     assert found == ["model.key has a choice and cannot also have 'step'"]
 

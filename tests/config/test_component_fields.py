@@ -65,7 +65,7 @@ def components():
 
 
 def read(value, cls=Net):
-    faults: list[str] = []
+    faults = []
     found = read_object(cls, value, ("model",), lambda path, text: faults.append(f"{dotted(path)}: {text}"))
     return found, faults
 

@@ -14,8 +14,6 @@ from tests.spaces import SPACE, grid, write_space
 @pytest.fixture(autouse=True)
 def known():
     families.register()
-    yield
-    families.unregister()
 
 
 def loaded(folder, *changes, **overrides):
@@ -209,14 +207,11 @@ def test_a_wrong_key_of_an_entry_is_a_fault(tmp_path, key, value, fault):
 
 def test_an_encoder_may_stand_for_recordings_of_spikes(tmp_path):
     encoder = {"kind": "loud_of_a_test", "volume": {"choice": [0.5, 2.0]}}
-    try:
-        assert "encoder.volume" in tiny_study.make_space(tmp_path, encoder=encoder).axes
-        with pytest.raises(ConfigError, match=r"encoder\.volume must be >= 0, got -1"):
-            tiny_study.make_space(tmp_path, encoder={"kind": "loud_of_a_test", "volume": -1})
-        with pytest.raises(ConfigError, match="'preprocessing' does not apply to raster recordings"):
-            tiny_study.make_space(tmp_path, preprocessing={"bin_ms": 5})
-    finally:
-        tiny_study.unregister()
+    assert "encoder.volume" in tiny_study.make_space(tmp_path, encoder=encoder).axes
+    with pytest.raises(ConfigError, match=r"encoder\.volume must be >= 0, got -1"):
+        tiny_study.make_space(tmp_path, encoder={"kind": "loud_of_a_test", "volume": -1})
+    with pytest.raises(ConfigError, match="'preprocessing' does not apply to raster recordings"):
+        tiny_study.make_space(tmp_path, preprocessing={"bin_ms": 5})
 
 
 @pytest.mark.parametrize(

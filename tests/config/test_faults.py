@@ -1,7 +1,5 @@
 """What a file alone shows to be wrong: every fault with its line, before anything is read or trained."""
 
-from __future__ import annotations
-
 import pytest
 
 from dse.config import load_space
@@ -28,7 +26,7 @@ def resonator(keys):
     return snn(f"neuron: resonator, {keys}") | {"hardware": "[]"}
 
 
-CASES: list[tuple[dict[str, str], list[str]]] = [
+CASES = [
     # Delays
     (snn("max_delay: 63"), ["14: model.max_delay must be in [0, 62], got 63"]),
     (snn("max_delay: 16"), ["14: model.max_delay must be below the network steps of the window, 16: later"]),

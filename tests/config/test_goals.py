@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 import yaml
 
@@ -11,7 +9,7 @@ from tests.spaces import write_space
 
 
 def read(raw, base):
-    faults: list[str] = []
+    faults = []
     found = names.hardware(raw, lambda path, text: faults.append(f"{path}: {text}"), base)
     return found, faults
 

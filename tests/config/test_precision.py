@@ -1,9 +1,5 @@
 """Section `precision`: at which bits and shares trained networks are evaluated."""
 
-from __future__ import annotations
-
-from typing import Any
-
 from dse.config import load_space
 from dse.config.schema import json_schema
 from tests.spaces import write_space
@@ -39,7 +35,7 @@ def test_it_survives_a_round_trip(tmp_path):
 
 
 def test_editors_know_its_keys_and_bounds():
-    section: dict[str, Any] = json_schema()["properties"]["precision"]
+    section = json_schema()["properties"]["precision"]
     assert section["required"] == ["weight_bits"]
     assert set(section["properties"]) == {"weight_bits", "pruned", "within"}
     one, several = section["properties"]["pruned"]["anyOf"]

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import dataclasses
 
 import pytest
@@ -12,7 +10,7 @@ from dse.registry import rule_of
 
 
 def read(raw):
-    faults: list[str] = []
+    faults = []
     found = parts.settings(
         "preprocessing", Preprocessing, raw, lambda path, text: faults.append(f"{dotted(path)}: {text}")
     )
@@ -115,7 +113,7 @@ def test_a_bin_is_whole_microseconds():
     ],
 )
 def test_changes_of_training_windows_that_cannot_be(keys, fault):
-    faults: list[str] = []
+    faults = []
     parts.settings("training", Training, keys, lambda path, text: faults.append(f"{dotted(path)}: {text}"))
     (found,) = faults
     assert found.startswith(f"training.{next(iter(keys))}") and f"training.{fault}" in found

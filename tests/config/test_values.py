@@ -39,7 +39,7 @@ class Needy:
 
 
 def faults_of(cls, raw):
-    found: list[str] = []
+    found = []
     read_fields(cls, raw, ("toy",), lambda path, text: found.append(f"{dotted(path)}: {text}"))
     return found
 

@@ -1,7 +1,5 @@
 """Pages in a browser: written once for each content, opened by each test that looks at them."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import json

@@ -1,7 +1,5 @@
 """Designs of a page with their documents, and a page of them in a browser."""
 
-from __future__ import annotations
-
 import itertools
 import json
 

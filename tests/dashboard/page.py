@@ -1,7 +1,5 @@
 """The page of a study in a browser, as tests read it and point at it."""
 
-from __future__ import annotations
-
 import itertools
 import shlex
 

@@ -1,9 +1,5 @@
 """Page definitions: what a file may say, every fault of one at once, and what a study's page makes of it."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pytest
 import yaml
 from hypothesis import given
@@ -15,7 +11,7 @@ from dse.dashboard.gather import gather_page
 from dse.dashboard.views import view_names
 from tests.page_data import OBJECTIVES, failed, points
 
-COLUMNS: dict[str, Any] = {
+COLUMNS = {
     "accuracy": {"values": [0.5, None]},
     "energy_uj": {"values": [3.0, 4]},
     "family": {"values": ["snn", "elm"]},

@@ -10,12 +10,7 @@ import pandas as pd
 import pytest
 
 from dse import store
-from dse.dashboard.details import (
-    MOST_EXAMPLES,
-    gather_details,
-    packed_details,
-    shown_first,
-)
+from dse.dashboard.details import MOST_EXAMPLES, gather_details, packed_details, shown_first
 from dse.measure.objectives.first_spike import first_spike_ms
 from dse.store import StoreError
 from dse.study import explore, results
@@ -41,7 +36,6 @@ def folder(tmp_path_factory):
         execution={"jobs": 1},
     )
     yield explore.run(space, path / "results", progress=False).folder
-    tiny_study.unregister()
 
 
 @pytest.fixture

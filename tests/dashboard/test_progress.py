@@ -244,13 +244,10 @@ def test_a_sampler_that_has_no_other_designs_ends_the_search(tmp_path):
 
 def test_a_study_that_was_really_run(tmp_path):
     tiny_study.register()
-    try:
-        moods = {"kind": "fake", "hidden": {"choice": [[4], [8]]}, "mood": {"choice": ["fine", "raise"]}}
-        space = tiny_study.make_space(tmp_path, model=moods, execution={"jobs": 1})
-        ran = explore.run(space, tmp_path / "results", progress=False)
-        found = gather_progress(ran.folder)
-    finally:
-        tiny_study.unregister()
+    moods = {"kind": "fake", "hidden": {"choice": [[4], [8]]}, "mood": {"choice": ["fine", "raise"]}}
+    space = tiny_study.make_space(tmp_path, model=moods, execution={"jobs": 1})
+    ran = explore.run(space, tmp_path / "results", progress=False)
+    found = gather_progress(ran.folder)
     assert (found["trials"], found["runs"]) == (counts(4, 4, failed=2), {"total": 4, "done": 4})
     (group,) = found["failed"]
     assert group["count"] == 2 and "hidden must be kind" in group["reason"]

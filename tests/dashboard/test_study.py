@@ -34,7 +34,6 @@ def folder(tmp_path_factory):
         path, model={"kind": "fake", "hidden": [8], "mood": moods}, execution={"jobs": 1}
     )
     yield explore.run(space, path / "results", progress=False).folder
-    tiny_study.unregister()
 
 
 @pytest.fixture

@@ -49,7 +49,7 @@ def no_view_stays(trusting):
     registry._components["views"] = before
 
 
-def definition(folder, script: str = repr(SCRIPT), views="[spread, table]"):
+def definition(folder, script=repr(SCRIPT), views="[spread, table]"):  # noqa: B008
     """Write a plugin that brings a view, and a page definition that names it."""
     (folder / "spread.py").write_text(PLUGIN.format(script=script), encoding="utf-8")
     path = folder / "mine.yaml"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +11,17 @@ import pytest
 import dse
 from dse import registry
 from dse.recordings import RecordingError
-from dse.records import Events, Signals
 
 CUBE = np.arange(24, dtype=np.float32).reshape(2, 4, 3)
 EVENTS = np.array([(5, 1, 0, 1), (9, 3, 2, -1)], [("t", "i8"), ("x", "i2"), ("y", "i2"), ("p", "i1")])
 
 
 @pytest.fixture(autouse=True)
-def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def read(data: dict[str, Any]) -> Any:
+def read(data):
     keys = {key: value for key, value in data.items() if key != "kind"}
     source = registry.known("recordings")[data["kind"]](**keys)
     assert source.check(Path("elsewhere")) == []
@@ -39,31 +37,31 @@ def read(data: dict[str, Any]) -> Any:
         ([x.T for x in CUBE], "channel step"),
     ],
 )
-def test_arrays_and_lists_hold_the_same(signals: Any, axes: str | None) -> None:
+def test_arrays_and_lists_hold_the_same(signals, axes):
     data = dse.data.from_arrays(signals, ["silk", "wool"], step_ms=4, axes=axes)
-    found: Signals = read(data)
+    found = read(data)
     assert found.values.tolist() == CUBE.reshape(8, 3).tolist() and found.offsets.tolist() == [0, 4, 8]
     assert found.columns["label"].tolist() == ["silk", "wool"] and found.step_ms == 4
     assert Path(data["file"]).parent == Path("recordings").absolute()
 
 
-def test_features_of_scikit_learn_are_steps_of_one_channel() -> None:
+def test_features_of_scikit_learn_are_steps_of_one_channel():
     found = read(dse.data.from_arrays(CUBE[..., 0], {"y": [3, 4], "fold": ["a", "b"]}, step_ms=1, file="x"))
     assert found.values.ravel().tolist() == CUBE[..., 0].ravel().tolist()
     assert {name: x.tolist() for name, x in found.columns.items()} == {"y": [3, 4], "fold": ["a", "b"]}
     assert Path("x.npz").is_file()
 
 
-def test_recordings_of_unequal_length() -> None:
+def test_recordings_of_unequal_length():
     found = read(dse.data.from_arrays([CUBE[0], CUBE[1, :2]], step_ms=1))
     assert found.offsets.tolist() == [0, 4, 6] and found.columns == {}
 
 
 @pytest.mark.parametrize("scale", [1, 1000])
-def test_events_with_fields_or_columns(scale: int) -> None:
+def test_events_with_fields_or_columns(scale):
     columns = np.stack([EVENTS["t"] / scale, EVENTS["x"], EVENTS["y"], EVENTS["p"]], axis=1)
     unit = {1: "us", 1000: "ms"}[scale]
-    found: Events = read(dse.data.from_events([columns, columns[:0]], ["a", "b"], time_unit=unit))
+    found = read(dse.data.from_events([columns, columns[:0]], ["a", "b"], time_unit=unit))
     assert found.t_us.tolist() == [5, 9] and found.x.tolist() == [1, 3] and found.y.tolist() == [0, 2]
     assert found.polarity.tolist() == [1, 0] and found.offsets.tolist() == [0, 2, 2]
     assert (found.width, found.height) == (4, 3)
@@ -88,11 +86,11 @@ class Torch:
         return self._samples[i], np.int64(i)
 
 
-def test_data_sets_yield_samples_and_labels() -> None:
+def test_data_sets_yield_samples_and_labels():
     found = read(dse.data.from_dataset(Torch([CUBE[0], CUBE[1]]), step_ms=2))
     assert found.columns["label"].tolist() == ["silk", "wool"] and found.n_channels == 3
     tonic = Torch([EVENTS, EVENTS])
-    tonic.sensor_size = (8, 8, 2)  # type: ignore[attr-defined]
+    tonic.sensor_size = (8, 8, 2)
     assert read(dse.data.from_dataset(tonic)).width == 8
     assert read(dse.data.from_dataset(iter([(CUBE[0], 7)]), step_ms=2)).columns["label"].tolist() == [7]
     torch = pytest.importorskip("torch")
@@ -123,7 +121,7 @@ def test_data_sets_yield_samples_and_labels() -> None:
         (lambda: dse.data.from_dataset(Torch([CUBE[0]])), "step_ms is required for signals"),
     ],
 )
-def test_each_fault_is_one_clear_line(call: Callable[[], Any], message: str) -> None:
+def test_each_fault_is_one_clear_line(call, message):
     with pytest.raises(RecordingError, match=message) as error:
         call()
     assert "\n" not in str(error.value)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from typing import ClassVar, Self
 
 import numpy as np
@@ -14,7 +13,7 @@ from dse.config.contracts import Encoder
 from dse.records import Array, Signals, Spikes
 
 
-def spikes_of(rasters: list[Array], n_channels: int, step_ms: float) -> Spikes:
+def spikes_of(rasters, n_channels, step_ms):
     """Return the spikes of (step, channel) rasters, those that are shorter with empty rows at their end."""
     n_steps = max(len(x) for x in rasters)
     dense = np.zeros((len(rasters), n_steps, n_channels), dtype=bool)
@@ -105,7 +104,7 @@ class Levels(Encoder):
 
 
 @pytest.fixture
-def encoders() -> Iterator[None]:
+def encoders():
     """Register the encoders of this file."""
     registry.known("encoders")
     own = {"counting": Counting, "silent": Silent, "levels": Levels}

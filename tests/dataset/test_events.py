@@ -237,7 +237,7 @@ def test_files_are_read_twice_at_most_and_only_those_in_use():
     assert sorted(source.read) == sorted(used * 2) and notes == ["recording 1 was repaired"]
     n_spikes = np.diff(data.spikes.row_offsets).reshape(16, -1).sum(axis=1)
     assert np.flatnonzero(n_spikes).tolist() == used
-    sentences: list[str] = []
+    sentences = []
     placed(source, DESIGN, np.isin(np.arange(16), used), progress=sentences.append)
     assert sentences == [f"reading data: {done} of 8 recordings" for done in range(1, 9)]
     placed(Scene(), DESIGN, n_spikes > 0, progress=lambda _: pytest.fail("a scene has nothing to read"))

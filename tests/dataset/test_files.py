@@ -57,7 +57,7 @@ def test_sources_are_laid_end_to_end_with_rows_for_the_longest(tmp_path):
     second = dataclasses.replace(
         DATASET, spikes=longer, start=window, start_low=window, start_high=window, n_steps=1
     )
-    sentences: list[str] = []
+    sentences = []
     write_spikes([part_of(DATASET), part_of(second)], tmp_path, progress=sentences.append)
     assert sentences == [f"preparing data: {i} of 3 recordings" for i in (1, 2, 3)]
     found = read_spikes(tmp_path)

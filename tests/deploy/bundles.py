@@ -1,22 +1,15 @@
 """Studies of small rasters, bundles of made-up networks, and what their engine does on made-up spikes."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dse.config import load_space
 from dse.deploy.bundle import Bundle
-from dse.deploy.reference import Reference, of_recordings
-from dse.deploy.targets import Target, Verdict
+from dse.deploy.reference import of_recordings
 from dse.neurons import cuba_lif, parameters_of, resonator
-from dse.records import Arithmetic, Layer, Network
+from dse.records import Layer, Network
 from dse.study import explore
-from dse.study.results import Study
 from tests import tiny_study
 from tests.spaces import RASTER, sections
 
@@ -47,7 +40,7 @@ JOINT = (
 )
 
 
-def explored(folder: Path, text: str) -> Study:
+def explored(folder, text):
     """Train what a search space says on labelled rasters of two columns."""
     tiny_study.write_recordings(folder / "tiny.npz")
     with np.load(folder / "tiny.npz") as file:
@@ -57,12 +50,10 @@ def explored(folder: Path, text: str) -> Study:
     return explore.run(load_space(folder / "space.yaml"), folder / "results", progress=False)
 
 
-def population(
-    rng: np.random.Generator, n: int, decays: Sequence[int] | None, resonates: bool
-) -> cuba_lif.Population | resonator.Population:
+def population(rng, n, decays, resonates):
     """Return neurons whose decays are drawn from some, or from all."""
 
-    def decay() -> Any:
+    def decay():
         drawn = rng.integers(0, 4097, n) if decays is None else rng.choice(np.array(decays), n)
         return drawn.astype(np.int32)
 
@@ -77,24 +68,24 @@ def population(
 
 
 def network(
-    rng: np.random.Generator,
-    sizes: Sequence[int] = (4, 7, 3),
+    rng,
+    sizes=(4, 7, 3),
     *,
-    delays: tuple[int, ...] = (0,),
-    steps_per_sample: int = 1,
-    recurrent: bool = False,
-    pruned: float = 0.0,
-    scale: float = 1.0,
-    decays: Sequence[int] | None = None,
-    resonates: bool = False,
-    arithmetic: Arithmetic = "integer",
-) -> Network:
+    delays=(0,),
+    steps_per_sample=1,
+    recurrent=False,
+    pruned=0.0,
+    scale=1.0,
+    decays=None,
+    resonates=False,
+    arithmetic="integer",
+):
     """Return a network with random weights; hidden layers may resonate and be recurrent."""
     layers = []
     for k, (n_in, n) in enumerate(pairwise((sizes[0] * len(delays), *sizes[1:]))):
         hidden = k < len(sizes) - 2
 
-        def matrix(rows: int, columns: int) -> Any:
+        def matrix(rows, columns):
             drawn = rng.normal(0, scale, (rows, columns)) * (rng.random((rows, columns)) >= pruned)
             return drawn.astype(np.float32)
 
@@ -105,7 +96,7 @@ def network(
     return Network(tuple(layers), sizes[0], delays, steps_per_sample, arithmetic)
 
 
-def bundle(fitted: Network, **changes: Any) -> Bundle:
+def bundle(fitted, **changes):
     """Return a bundle that reads rasters of `recordings`; it decides early unless `changes` say otherwise."""
     n_classes = fitted.sizes[-1]
     plain = {**RASTER, "model": {"kind": "snn", "hidden": [3]}}
@@ -119,16 +110,14 @@ def bundle(fitted: Network, **changes: Any) -> Bundle:
     return Bundle(fitted=fitted, sections=sections(plain), **{**named, **changes})
 
 
-def spikes(rng: np.random.Generator, n_channels: int, n: int = 12, n_steps: int = 40) -> Any:
+def spikes(rng, n_channels, n=12, n_steps=40):
     """Return rasters (n, step, channel): the first is silent, the last full, others more and more busy."""
     rate = np.linspace(0, 0.6, n)
     rate[-1] = 1
     return rng.random((n, n_steps, n_channels)) < rate[:, None, None]
 
 
-def verified(
-    target: Target, made: Bundle, folder: Path, rng: np.random.Generator, n_steps: int = 40
-) -> tuple[Verdict, Reference]:
+def verified(target, made, folder, rng, n_steps=40):
     """Return the verdict on what a target writes into folder/target, and the reference of random spikes."""
     assert target.refusal(made) == ""
     engine = reference(made, spikes(rng, made.fitted.n_channels, n_steps=n_steps), folder)
@@ -138,7 +127,7 @@ def verified(
     return target.verify(made, folder / "target", engine), engine
 
 
-def reference(made: Bundle, rasters: Any, folder: Path) -> Reference:
+def reference(made, rasters, folder):
     """Return what the engine of a bundle does on rasters."""
     np.savez(folder / "rasters.npz", spikes=rasters)
     return of_recordings(made, folder / "rasters.npz")

@@ -6,8 +6,6 @@ import os
 import re
 import shutil
 import zipfile
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,8 +20,6 @@ from dse.testing.targets import small_bundle, small_recordings
 from tests.deploy.bundles import JOINT, explored
 from tests.installed import needs_papers
 from tests.plugins import with_targets
-
-Damage = Callable[[Path], None]
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """A stream decides as `dse evaluate` does, on every window that it can know."""
 
-from __future__ import annotations
-
 import tracemalloc
 from dataclasses import replace
 from typing import Any
@@ -24,7 +22,7 @@ from tests.deploy.c import nets
 from tests.installed import needs_papers
 from tests.spaces import sections
 
-FABRIC: dict[str, Any] = {
+FABRIC = {
     "data": {
         "kind": "time_series",
         "file": "fabric_slide/gratings_board.npz",
@@ -227,7 +225,7 @@ def test_another_family_answers_when_its_input_is_complete():
     rows, n = data.spikes.row_offsets, data.spikes.n_steps
     for i, sample in enumerate(data.test):
         stream = Stream(made, Windows("once"))
-        seen: list[tuple[int, Decision]] = []
+        seen = []
         for t in range(data.n_steps):
             row = sample * n + data.start[sample] + t
             channels = data.spikes.channel[rows[row] : rows[row + 1]].astype(np.int32)

@@ -1,11 +1,8 @@
 """Targets of a bundle: written and run, stamped, run again elsewhere; what drifts is said."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,8 +20,6 @@ from dse.records import Parameters
 from dse.testing.targets import small_bundle, small_recordings
 from tests.plugins import arrays_target, with_targets
 from tests.spaces import RASTER, sections
-
-Captured = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(autouse=True)
@@ -252,7 +247,7 @@ def test_a_pick_is_exported_with_its_targets(tmp_path, capsys):
     assert not Path(out).exists()
     capsys.readouterr()
     assert main(["pick", study, "--export", out, "--target", "arrays", *verifying, "--json"]) == 0
-    printed: dict[str, Any] = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)
     [row] = printed["sections"]["targets"]["rows"]
     assert (row["target"], row["verdict"], row["recordings"]) == ("arrays", "faithful", 36)
     assert bundle.read(out).targets["arrays"].kind == "faithful"

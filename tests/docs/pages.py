@@ -13,7 +13,6 @@ import re
 import shlex
 import sys
 import types
-from collections.abc import Callable
 from pathlib import Path
 
 import yaml
@@ -41,7 +40,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def performed(page: str, check: Callable[[str, str], None]) -> str:
+def performed(page, check):
     """Return a page with the outputs that its blocks print here.
 
     Args:
@@ -50,7 +49,7 @@ def performed(page: str, check: Callable[[str, str], None]) -> str:
     """
     module = types.ModuleType("page")
     sys.modules["page"] = module
-    printed: str | None = None
+    printed = None
     pieces, end = [], 0
     for block in _BLOCK.finditer(page):
         text = block["text"]
@@ -79,14 +78,14 @@ def performed(page: str, check: Callable[[str, str], None]) -> str:
     return "".join([*pieces, page[end:]])
 
 
-def masked(page: str) -> str:
+def masked(page):
     """Return a page without what differs between runs and machines."""
     for pattern, text in _MASKS:
         page = re.sub(pattern, text, page)
     return page
 
 
-def syntax(text: str, language: str) -> None:
+def syntax(text, language):
     """Raise SyntaxError or SystemExit where a block that is not run cannot be read."""
     if language == "python":
         compile(text, "page", "exec")
@@ -96,7 +95,7 @@ def syntax(text: str, language: str) -> None:
             parser(arguments[:1]).parse_args(arguments)
 
 
-def _commands(text: str) -> str:
+def _commands(text):
     with contextlib.redirect_stdout(Terminal()) as stream, contextlib.redirect_stderr(stream):
         for line in text.splitlines():
             if words := shlex.split(line, comments=True):
@@ -106,7 +105,7 @@ def _commands(text: str) -> str:
     return _shown(stream)
 
 
-def _shown(stream: Terminal) -> str:
+def _shown(stream):
     """Return what stands on a terminal, without colours and progress."""
     lines = [_COLOUR.sub("", line).rstrip() for line in stream.getvalue().splitlines()]
     return "\n".join(line for line in lines if not _PROGRESS.match(line))

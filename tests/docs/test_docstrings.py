@@ -1,11 +1,8 @@
 """The examples in the docstrings of public functions run, and show what is written."""
 
-from __future__ import annotations
-
 import doctest
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +10,7 @@ import pytest
 import dse
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-SPACE: dict[str, Any] = {
+SPACE = {
     "study": "my_touch",
     "data": {
         "kind": "time_series",
@@ -74,6 +71,6 @@ def test_example_shows_what_is_written(name, function, folder, monkeypatch):
     names = {"dse": dse, "np": np, "study": dse.open("results/example")}
     (found,) = doctest.DocTestFinder(recurse=False).find(function, name, globs=names)
     assert found.examples, f"{name} has no example"
-    report: list[str] = []
+    report = []
     doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(found, out=report.append)
     assert not report, "".join(report)

@@ -1,13 +1,11 @@
 """Spikes as plain arrays, and send-on-delta by its definition, plain and slow."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from dse.records import Signals, Spikes
+from dse.records import Signals
 
 
-def dense(spikes: Spikes) -> np.ndarray:
+def dense(spikes):
     """Return spikes as (sample, step, channel) bool, after a look at their order."""
     out = np.zeros((spikes.n_samples * spikes.n_steps, spikes.n_channels), dtype=bool)
     rows = np.repeat(np.arange(len(out)), np.diff(spikes.row_offsets))
@@ -16,13 +14,13 @@ def dense(spikes: Spikes) -> np.ndarray:
     return out.reshape(spikes.n_samples, spikes.n_steps, spikes.n_channels)
 
 
-def recorded(*recordings, step_ms: float = 10.0) -> Signals:
+def recorded(*recordings, step_ms=10.0):
     values = np.concatenate([np.asarray(x, np.float32).reshape(len(x), -1) for x in recordings])
     values.setflags(write=False)
     return Signals(values, np.cumsum([0, *map(len, recordings)]), step_ms, {})
 
 
-def encoded(encoder, signals: Signals) -> np.ndarray:
+def encoded(encoder, signals):
     return dense(encoder.encode_all(signals, np.zeros(signals.n_recordings, int), np.diff(signals.offsets)))
 
 

@@ -117,11 +117,7 @@ def test_means_that_were_removed_match_nothing():
     encoder = fitted(std, centred, [0, 1, 0, 1, 0, 1], np.arange(4))
     assert (
         encoded(encoder, centred).reshape(6, 40, 2, 2).any(axis=(1, 3)).tolist()
-        == [
-            [True, False],
-            [False, True],
-        ]
-        * 3
+        == [[True, False], [False, True]] * 3
     )
     shifted = recorded(*(values + np.array([300.0, -20.0])))
     same = fitted(std, shifted, [0, 1, 0, 1, 0, 1], np.arange(4))

@@ -1,14 +1,11 @@
 """Delays spike by spike: bit for bit what trains of bits give, whichever of the two a layer runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from benchmarks.ours import rows_of
 from dse.engine import arrivals, delays
 from dse.engine.layout import packed, padded
-from dse.records import Array
 
 CASES = [
     # Inputs, neurons, samples, steps, share of spikes.
@@ -37,7 +34,7 @@ def test_bit_for_bit_as_trains(n_in, n_out, n, n_steps, share, weights, kind):
     starts, places = arrivals.places_of(inputs, *of_inputs, n_steps)
     assert places.size == rows.offsets[-1] - rows.offsets[first]
 
-    sums: list[Array] = [np.full(n * n_steps * columns, np.nan, kind) for _ in range(2)]
+    sums = [np.full(n * n_steps * columns, np.nan, kind) for _ in range(2)]
     trains = delays.trains_of(rows.offsets, rows.index, first, n, n_steps, n_in)
     delays.add_up(trains, n, n_steps, table, late, n_out, columns, 0.25, sums[0])
     arrivals.add_up(starts, places, n, n_steps, table, late, n_out, columns, 0.25, sums[1])

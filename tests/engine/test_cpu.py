@@ -138,9 +138,7 @@ def test_pruned_weights_stay_at_0_and_the_rest_trains_as_without_them(arithmetic
     # A network that began without these weights has the same gradients, and the same norm of them.
     without = [
         replace(
-            layer,
-            feed_forward=layer.feed_forward * k,
-            recurrent=None if r is None else layer.recurrent * r,
+            layer, feed_forward=layer.feed_forward * k, recurrent=None if r is None else layer.recurrent * r
         )
         for layer, k, r in zip(one.layers, kept.feed_forward, kept.recurrent, strict=True)
     ]

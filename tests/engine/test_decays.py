@@ -1,9 +1,6 @@
 """Decays that are learnt: gradients against automatic differentiation and finite differences; training."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -47,11 +44,11 @@ def by_torch(x, layers, arithmetic):
     from dse.engine.goal import SPIKE_RATE, Goal
 
     calculus = TorchCalculus(arithmetic, SURROGATE)
-    y: Any = torch.as_tensor(x.transpose(1, 0, 2), dtype=calculus.dtype)
+    y = torch.as_tensor(x.transpose(1, 0, 2), dtype=calculus.dtype)
     parameters = []
     for of in layers:
         learnt = on_torch(of.population, calculus)
-        pair: Any = [
+        pair = [
             torch.as_tensor(np.asarray(d), dtype=calculus.dtype).requires_grad_()
             for d in (of.population.decay_current, of.population.decay_voltage)
         ]
@@ -65,7 +62,7 @@ def by_torch(x, layers, arithmetic):
                 drive = drive + torch.cat([head, y])[: len(y)] @ (w * torch.as_tensor(of.delay == d))
         learnt = replace(learnt, decay_current=pair[0], decay_voltage=pair[1])
         y = later(layer_spikes(drive, learnt, calculus, ring if ring.numel() else None))
-    loss: Any = loss_of(y, LABELS, Goal(SPIKE_RATE, 0.6, 0.05, (), 0.0))
+    loss = loss_of(y, LABELS, Goal(SPIKE_RATE, 0.6, 0.05, (), 0.0))
     loss.backward()
     return [np.stack([-4096 * p.grad.numpy() for p in pair]) for pair in parameters]
 
@@ -97,7 +94,7 @@ def test_gradients_are_finite_differences_of_a_smooth_loss():
     decays = rng.integers(300, 3000, (2, width)).astype(np.float64)
 
     def states(decays):
-        silent: Any = cuba_lif.Population(*decays, 2**20)
+        silent = cuba_lif.Population(*decays, 2**20)
         calculus = NumpyCalculus("ideal")
         state, u, v = silent.initial_state((n, width), calculus), np.zeros_like(z), np.zeros_like(z)
         for t in range(n_steps):

@@ -1,9 +1,5 @@
 """Delays per synapse: by hand, against the definition, automatic differentiation and finite differences."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -136,7 +132,7 @@ def by_torch(x, layers, labels, gains, penalty):
         parameters.append((w, moved))
         if gain is not None:
             y = y * torch.as_tensor(gain, dtype=torch.float64)
-        drive: Any = torch.zeros((*y.shape[:2], w.shape[1]), dtype=torch.float64)
+        drive = torch.zeros((*y.shape[:2], w.shape[1]), dtype=torch.float64)
         for d in range(int(of.delay.max(initial=0)) + 1):
             here = w * torch.as_tensor(of.delay == d) if of.delay.size else w
 
@@ -153,7 +149,7 @@ def by_torch(x, layers, labels, gains, penalty):
         if depth < len(layers) - 1:
             hidden = hidden + spikes.sum()
         y = later(spikes)
-    loss: Any = loss_of(y, labels, Goal(SPIKE_RATE, 0.6, 0.05, (), penalty)) + penalty * hidden
+    loss = loss_of(y, labels, Goal(SPIKE_RATE, 0.6, 0.05, (), penalty)) + penalty * hidden
     loss.backward()
     numbers = [[p.grad.numpy() for p in pair] for pair in parameters]
     return float(loss.detach()), [w for w, _ in numbers], [d for _, d in numbers]

@@ -1,7 +1,5 @@
 """The engine against golden vectors and against the equations of dse.neurons."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +14,6 @@ from dse.engine.network import answer, gradients
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
-from dse.records import Arithmetic
 from tests.golden import cases
 
 
@@ -78,7 +75,7 @@ def test_states_equal_the_definition_stepped_by_hand(integer, recurrent):
     rng = np.random.default_rng(5)
     x = (rng.random((3, 40, 12)) < 0.2).astype(np.uint8)
     layer = small_layers(rng, recurrent)[0]
-    arithmetic: Arithmetic = "integer" if integer else "ideal"
+    arithmetic = "integer" if integer else "ideal"
     found = prepare(layer, arithmetic).forward(rows_of(x), keep_voltage=True, count=True)
     calculus = NumpyCalculus(arithmetic)
     state = layer.population.initial_state((3, 9), calculus)
@@ -120,7 +117,7 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic, recurrent):
     surrogates = [exponential(80 / 64, 0.03, 3.0), exponential(80 / 64, 0.1, 3.0)]
     settings = {"true_rate": 0.6, "false_rate": 0.05, "gains": gains}
     found = gradients(rows_of(x), layers, surrogates, labels, arithmetic=arithmetic, **settings)
-    exact: Arithmetic = "integer" if arithmetic == "integer" else "ideal"
+    exact = "integer" if arithmetic == "integer" else "ideal"
     loss, feed_forward, rings = by_autograd(
         rows_of(x), layers, surrogates, labels, arithmetic=exact, **settings
     )

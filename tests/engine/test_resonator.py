@@ -1,9 +1,5 @@
 """Layers with resonators: the kernels against the definition, and CUBA-LIF beside them as alone."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -18,7 +14,6 @@ from dse.neurons import LayerSpec, cuba_lif
 from dse.neurons.fixed_point import quantise
 from dse.neurons.resonator import Population, Resonator
 from dse.neurons.surrogate import exponential
-from dse.records import Arithmetic
 
 N_IN, N_HIDDEN, N_OUT = 12, 20, 4
 
@@ -69,10 +64,10 @@ def test_gradients_agree_with_automatic_differentiation(arithmetic, recurrent):
         weights(quantise(rng.normal(0.1, 0.5, (N_HIDDEN, N_OUT))), None, outputs),
     ]
     gains = [np.full((4, 1), 1.25, np.float32), 2 * (rng.random((4, N_HIDDEN)) < 0.5).astype(np.float32)]
-    arguments: Any = (rows_of(x), layers, [exponential(80 / 64, 0.03, 3.0)] * 2, np.array([0, 3, 1, 1]))
-    settings: Any = {"true_rate": 0.6, "false_rate": 0.05, "gains": gains}
+    arguments = (rows_of(x), layers, [exponential(80 / 64, 0.03, 3.0)] * 2, np.array([0, 3, 1, 1]))
+    settings = {"true_rate": 0.6, "false_rate": 0.05, "gains": gains}
     of_kernels = gradients(*arguments, arithmetic=arithmetic, **settings)
-    exact: Arithmetic = "integer" if arithmetic == "integer" else "ideal"
+    exact = "integer" if arithmetic == "integer" else "ideal"
     loss, feed_forward, rings = by_autograd(*arguments, arithmetic=exact, **settings)
     assert of_kernels.loss == pytest.approx(loss, rel=1e-6)
     for ours, theirs in zip(of_kernels.feed_forward, feed_forward, strict=True):
@@ -93,7 +88,7 @@ def test_cuba_lif_neurons_beside_resonators_are_those_of_a_layer_of_their_own(ar
     )  # fmt: skip
     x = (rng.random((3, 60, N_IN)) < 0.2).astype(np.uint8)
     surrogate = exponential(80 / 64, 0.03, 3.0)
-    arguments: Any = {"true_rate": 0.6, "false_rate": 0.05, "gains": [None]}
+    arguments = {"true_rate": 0.6, "false_rate": 0.05, "gains": [None]}
     results = [prepare(w, arithmetic).forward(rows_of(x), keep_voltage=True) for w in (of, alone)]
     np.testing.assert_array_equal(results[0].voltage[..., lif], results[1].voltage)
     grads = [

@@ -1,7 +1,5 @@
 """Weights that synapses share: numbers, sums of gradients, and steps of both CPU engines."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 
 from benchmarks.ours import rows_of
 from dse.engine import cpu
-from dse.engine.member import Masters, Member, TrainedLayer, Turn
+from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.shared import copies_of, distinct, expanded
 from dse.neurons import cuba_lif
 from dse.neurons.surrogate import exponential
@@ -123,7 +121,7 @@ def test_weights_that_have_one_copy_each_train_as_any_others():
     alone = member(np.arange(12 * 18, dtype=np.int32).reshape(12, 18) % 12)
     number = np.arange(12 * 18, dtype=np.int32).reshape(12, 18)
     first = alone.layers[0]
-    results: list[Masters] = []
+    results = []
     for shared in (number, None):
         engine = cpu.start([replace(alone, layers=(replace(first, shared=shared), alone.layers[1]))], 7, 40)
         engine.step(rows, labels, {0: turn})

@@ -1,7 +1,5 @@
 """A stack that runs step by step fires as the same stack does in one pass."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -68,7 +66,7 @@ def test_steps_fire_as_one_pass_does(
             w, ring = quantise(w), None if ring is None else quantise(ring)
         w[rng.random(w.shape) < 0.3] = 0
         stack.append(prepare(weights(w, ring, population(rng, neuron, n)), arithmetic))
-    spikes: Spikes = stored(rng.random((1, N_STEPS + 4, 9)) < rate)
+    spikes = stored(rng.random((1, N_STEPS + 4, 9)) < rate)
     first = 2
     rows = gather(spikes, np.array([0]), np.array([first]), N_STEPS, delays, per_sample)
     expected = [fired.per_step()[0] for fired in layer_spikes(rows, stack)]

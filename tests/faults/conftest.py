@@ -1,12 +1,7 @@
 """How many faults are injected: a few of each kind, or with FAULTS=N (`make faults`) N of each."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,17 +12,17 @@ _TRIED = Counter[str]()
 
 
 @pytest.fixture(scope="session")
-def n_faults() -> int:
+def n_faults():
     return int(os.environ.get("FAULTS", "8"))
 
 
 @pytest.fixture(scope="session")
-def tried() -> Counter[str]:
+def tried():
     """Faults that were injected, by kind; of each, its test has shown that nothing is lost or believed."""
     return _TRIED
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+def pytest_terminal_summary(terminalreporter):
     if "FAULTS" in os.environ and _TRIED:
         terminalreporter.section("faults injected")
         for kind, n in _TRIED.items():
@@ -36,23 +31,22 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def whole(tmp_path_factory):
     """The folder of a finished study's search space, with its results and its cache."""
     folder = tmp_path_factory.mktemp("whole")
     _finish(folder)
     yield folder
-    tiny_study.unregister()
 
 
 @pytest.fixture(scope="module")
-def another(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def another(whole, tmp_path_factory):
     """The folder of a finished study of the same name and designs as that of `whole`, of another seed."""
     folder = tmp_path_factory.mktemp("another")
     _finish(folder, seed=8)
     return folder / "results" / "tiny"
 
 
-def _finish(folder: Path, **sections: Any) -> None:
+def _finish(folder, **sections):
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("DSE_CACHE", str(folder / "cache"))
         space = tiny_study.make_space(folder, execution={"jobs": 1}, **sections)

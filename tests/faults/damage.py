@@ -1,52 +1,47 @@
 """What a disk, a crash or a person does to a file, drawn from a seed."""
 
-from __future__ import annotations
-
-import random
 import shutil
-from collections.abc import Callable
-from pathlib import Path
 
 
-def _flip(content: bytearray, rng: random.Random) -> None:
+def _flip(content, rng):
     content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
 
 
-def _digit(content: bytearray, rng: random.Random) -> None:
+def _digit(content, rng):
     places = [i for i, byte in enumerate(content) if 48 <= byte <= 57]
     if places:
         place = rng.choice(places)
         content[place] = rng.choice([byte for byte in range(48, 58) if byte != content[place]])
 
 
-def _cut(content: bytearray, rng: random.Random) -> None:
+def _cut(content, rng):
     del content[rng.randrange(len(content)) :]
 
 
-def _zero(content: bytearray, rng: random.Random) -> None:
+def _zero(content, rng):
     place = rng.randrange(len(content))
     block = content[place : place + 512]
     content[place : place + 512] = bytes(len(block))
 
 
-def _double(content: bytearray, rng: random.Random) -> None:
+def _double(content, rng):
     lines = bytes(content).splitlines(keepends=True)
     place = rng.randrange(len(lines))
     content[:] = b"".join([*lines[: place + 1], *lines[place:]])
 
 
-def _drop(content: bytearray, rng: random.Random) -> None:
+def _drop(content, rng):
     lines = bytes(content).splitlines(keepends=True)
     del lines[rng.randrange(len(lines))]
     content[:] = b"".join(lines)
 
 
-INSIDE: dict[str, Callable[[bytearray, random.Random], None]] = {
+INSIDE = {
     "flip": _flip, "digit": _digit, "cut": _cut, "zero": _zero, "double": _double, "drop": _drop,
 }  # fmt: skip
 
 
-def damage(path: Path, rng: random.Random, foreign: Path | None = None) -> str:
+def damage(path, rng, foreign=None):
     """Damage a file; return how. `foreign`: the same file of another study of the same name."""
     from_another = ["foreign"] * 2 if foreign is not None and foreign.is_file() else []
     kind = rng.choice([*INSIDE, *INSIDE, "remove", "empty", "swap", "null", *from_another])

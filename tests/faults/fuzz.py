@@ -9,8 +9,6 @@ anything else, a crash, and an input that takes 20 s, is a fault, which is print
 Exit code 0: no fault; 1: faults.
 """
 
-from __future__ import annotations
-
 import argparse
 import copy
 import functools
@@ -25,9 +23,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
@@ -43,7 +39,6 @@ from dse.deploy.reference import of_recordings
 from dse.recordings import RecordingError
 from dse.recordings.event_files import EventFiles
 from dse.recordings.raster import RasterFile
-from dse.records import Array
 from dse.registry import known
 from dse.study import doctor, explore, tables, workers
 from dse.study.ledger import read_entries
@@ -62,11 +57,8 @@ ODD = (None, True, -1, 0, 1, 2**31, -(2**63), 2**64, 1e300, float("nan"), float(
 TOKENS = ("", "nan", "inf", "-1", "1e400", "9" * 30, "x", '"', ",", "\n", "\0", "é", "0x10", "NULL")
 REFUSALS = (store.StoreError, ConfigError, RecordingError, BundleError)
 
-Kind = Callable[[st.DataObject, Path], None]
-"""Draws an input, and reads it below a folder; raises one of REFUSALS, or nothing."""
 
-
-def spoilt(data: st.DataObject, content: bytes) -> bytes:
+def spoilt(data, content):
     """Return a file that was cut, and of which some places hold something else."""
     damaged = bytearray(content[: data.draw(st.integers(0, len(content)) | st.just(len(content)))])
     place = st.integers(0, len(damaged)) | st.integers(0, min(700, len(damaged)))
@@ -77,7 +69,7 @@ def spoilt(data: st.DataObject, content: bytes) -> bytes:
     return bytes(damaged)
 
 
-def spoilt_text(data: st.DataObject, text: str) -> str:
+def spoilt_text(data, text):
     """Return a table of which some cells hold something else."""
     cells = text.replace("\n", ",\n,").split(",")
     for at in data.draw(st.lists(st.integers(0, len(cells) - 1), min_size=1, max_size=4)):
@@ -85,7 +77,7 @@ def spoilt_text(data: st.DataObject, text: str) -> str:
     return ",".join(cells).replace(",\n,", "\n")
 
 
-def spoilt_plain(data: st.DataObject, document: Any) -> Any:
+def spoilt_plain(data, document):
     """Return plain data of which some values are others, missing, or of other types."""
     document = copy.deepcopy(document)
     for _ in range(data.draw(st.integers(1, 3))):
@@ -108,7 +100,7 @@ def spoilt_plain(data: st.DataObject, document: Any) -> Any:
     return document
 
 
-def spoilt_arrays(data: st.DataObject, arrays: Mapping[str, Array]) -> dict[str, Array]:
+def spoilt_arrays(data, arrays):
     """Return arrays of which one has another shape, type or number, or is missing."""
     changed = dict(arrays)
     name = data.draw(st.sampled_from(sorted(changed)))
@@ -139,11 +131,11 @@ def spoilt_arrays(data: st.DataObject, arrays: Mapping[str, Array]) -> dict[str,
 # ---- bundles, records, books
 
 
-def bundle_of(folder: Path) -> Kind:
+def bundle_of(folder):
     whole, touch = folder / "bundle", small_recordings(folder / "touch.npz")
     bundle.write(small_bundle(recurrent=True, delays=(0, 2)), whole)
 
-    def fuzz(data: st.DataObject, place: Path) -> None:
+    def fuzz(data, place):
         shutil.copytree(whole, place / "b")
         document, arrays = json.loads((place / "b/bundle.json").read_text()), place / "b/weights.npz"
         what = data.draw(st.sampled_from(("document", "arrays", "bytes")))
@@ -166,17 +158,17 @@ def bundle_of(folder: Path) -> Kind:
     return fuzz
 
 
-def _study(folder: Path) -> Path:
-    workers.Loky = InProcess  # type: ignore[assignment, misc]
+def _study(folder):
+    workers.Loky = InProcess
     os.environ["DSE_CACHE"] = str(folder / "cache")
     space = tiny_study.make_space(folder, execution={"jobs": 1})
     return explore.run(space, folder / "results", progress=False).folder
 
 
-def record_of(folder: Path) -> Kind:
+def record_of(folder):
     whole = _study(folder)
 
-    def fuzz(data: st.DataObject, place: Path) -> None:
+    def fuzz(data, place):
         study = Path(shutil.copytree(whole, place / "results/tiny"))
         run = data.draw(st.sampled_from(sorted(study.glob("runs/*-0.npz"))))
         record = store.record_in(run)
@@ -210,11 +202,11 @@ def record_of(folder: Path) -> Kind:
     return fuzz
 
 
-def book_of(folder: Path) -> Kind:
+def book_of(folder):
     study = _study(folder)
     whole = (study / store.BOOK).read_bytes()
 
-    def fuzz(data: st.DataObject, place: Path) -> None:
+    def fuzz(data, place):
         target = place / "tiny"
         shutil.copytree(study / "runs", target / "runs")
         for name in (store.BOOK, store.COPY):
@@ -234,7 +226,7 @@ def book_of(folder: Path) -> Kind:
 # ---- recordings
 
 
-def format_of(name: str, folder: Path) -> Kind:
+def format_of(name, folder):
     native = Path(os.environ.get("DSE_DATA", "")) / "native_event_files"
     samples = [native / file for file, (kind, *_) in RECORDED.items() if kind == name]
     contents = [path.read_bytes()[: 1 << 15] for path in samples if path.is_file()]
@@ -243,7 +235,7 @@ def format_of(name: str, folder: Path) -> Kind:
         arrays = {"t": t, "x": t % 30, "y": t % 20, "p": t % 2}
         path = folder / f"valid.{name}"
         if name == "npz":
-            np.savez(path, **arrays)  # type: ignore[arg-type]
+            np.savez(path, **arrays)
         else:
             import h5py
 
@@ -251,9 +243,9 @@ def format_of(name: str, folder: Path) -> Kind:
                 for key, array in arrays.items():
                     file[key] = array
         contents.append(path.read_bytes())
-    suffix = known("recordings.formats")[name]().suffixes[0]  # type: ignore[attr-defined]
+    suffix = known("recordings.formats")[name]().suffixes[0]
 
-    def fuzz(data: st.DataObject, place: Path) -> None:
+    def fuzz(data, place):
         marked = st.builds(lambda *x: b"".join(x), st.sampled_from(MARKS), st.binary(max_size=300))
         content = data.draw(st.sampled_from(contents)) if contents and data.draw(st.integers(0, 4)) else b""
         path = place / f"fuzzed{suffix}"
@@ -267,10 +259,10 @@ def format_of(name: str, folder: Path) -> Kind:
     return fuzz
 
 
-def arrays_kind(source: Any, arrays: Mapping[str, Array], folder: Path) -> Kind:
-    def fuzz(data: st.DataObject, place: Path) -> None:
+def arrays_kind(source, arrays, folder):
+    def fuzz(data, place):
         path = place / "x.npz"
-        np.savez(path, **spoilt_arrays(data, arrays))  # type: ignore[arg-type]
+        np.savez(path, **spoilt_arrays(data, arrays))
         if not data.draw(st.integers(0, 3)):
             path.write_bytes(spoilt(data, path.read_bytes()))
         _read(source, place)
@@ -278,8 +270,8 @@ def arrays_kind(source: Any, arrays: Mapping[str, Array], folder: Path) -> Kind:
     return fuzz
 
 
-def table_kind(source: Any, frames: Mapping[str, Any], folder: Path) -> Kind:
-    def fuzz(data: st.DataObject, place: Path) -> None:
+def table_kind(source, frames, folder):
+    def fuzz(data, place):
         for name, frame in frames.items():
             (place / name).write_text(frame.to_csv(index=False))
         path = place / data.draw(st.sampled_from(sorted(frames)))
@@ -292,7 +284,7 @@ def table_kind(source: Any, frames: Mapping[str, Any], folder: Path) -> Kind:
     return fuzz
 
 
-def _read(source: Any, place: Path) -> None:
+def _read(source, place):
     assert all("\n" not in str(Fault("x.yaml", 0, fault)) for fault in source.check(place))
     source.content(place)
     source.with_columns_found(place)
@@ -302,7 +294,7 @@ def _read(source: Any, place: Path) -> None:
 
 _SPIKES = {"spikes": np.eye(24, dtype=np.uint8).reshape(4, 6, 24), "label": np.arange(4)}
 _TABLES = {"x.csv": rectangles.SAMPLES, "labels.csv": rectangles.LABELS}
-KINDS: dict[str, Callable[[Path], Kind]] = {
+KINDS = {
     "bundle": bundle_of,
     "record": record_of,
     "book": book_of,
@@ -316,7 +308,7 @@ KINDS: dict[str, Callable[[Path], Kind]] = {
 }
 
 
-def fuzz_kind(name: str, cpu_s: float, first_seed: int) -> dict[str, int]:
+def fuzz_kind(name, cpu_s, first_seed):
     """Fuzz a kind in this process; return how many inputs were read and refused, faults, memory (MiB)."""
     counts = Counter[str](read=0, refused=0, faults=0)
     with tempfile.TemporaryDirectory() as root, warnings.catch_warnings():
@@ -324,7 +316,7 @@ def fuzz_kind(name: str, cpu_s: float, first_seed: int) -> dict[str, int]:
         folder = Path(root)
         kind, place = KINDS[name](folder), folder / "fuzzed"
 
-        def one(data: st.DataObject) -> None:
+        def one(data):
             shutil.rmtree(place, ignore_errors=True)
             place.mkdir()
             try:
@@ -360,7 +352,7 @@ def fuzz_kind(name: str, cpu_s: float, first_seed: int) -> dict[str, int]:
     return {**counts, "peak_mib": peak_kib >> 10, "more_mib": (peak_kib - first_kib) >> 10}
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments=None):
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(KINDS)}; default: all")
     parser.add_argument("--minutes", type=float, default=3.0, help="of CPU time, per kind")

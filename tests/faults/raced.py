@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from dse.study import workers
 from tests.in_process import Forked, InProcess
 
 _SNN = {"kind": "snn", "hidden": {"choice": [[4], [6], [8], [10]]}, "input_delays": {"choice": [[0], [0, 2]]}}
-_RACE: dict[str, Any] = {
+_RACE = {
     "model": _SNN,
     "limits": ["n_weights <= 120"],
     "search": {
@@ -43,7 +43,7 @@ _RACE: dict[str, Any] = {
         "racing": {"rungs": [1, 3], "audit": 2},
     },
 }
-_MIXED: dict[str, Any] = {
+_MIXED = {
     "model": {
         "choice": [
             {"kind": "knn", "channels": "each", "window_ms": 20.0},
@@ -69,7 +69,7 @@ _FASTER = 1000
 """How much faster the clock of a study runs: its tables are refreshed in the first second, not minute."""
 
 
-def write(folder: Path, name: str) -> None:
+def write(folder, name):
     """Write a search space, and its recordings of three classes in two sessions."""
     rng = np.random.default_rng(1)
     label, session = np.repeat(np.arange(3), 8), np.tile([0, 1], 12)
@@ -96,11 +96,11 @@ def write(folder: Path, name: str) -> None:
     (folder / "killed.yaml").write_text(yaml.safe_dump(space, sort_keys=False))
 
 
-def run(folder: Path, executor: type[InProcess], watch: _Watch) -> int:
+def run(folder, executor, watch):
     """Run the study of a folder by the command line, but for its page; return the exit code."""
     real, put = time.monotonic, store.Book.put
 
-    def noticed(book: store.Book, table: str, rows: Iterable[Mapping[str, Any]]) -> None:
+    def noticed(book, table, rows):
         written = list(rows)
         watch.look_at(table, written)
         put(book, table, written)
@@ -162,9 +162,9 @@ class _Watch:
             os.kill(process, self._kill["number"])
 
 
-def _serve() -> None:
+def _serve():
     """Run studies; a line holds folder, whether in a fork, and the kill; an exit code is printed for each."""
-    watch: _Watch | None = None
+    watch = None
     sys.addaudithook(lambda event, arguments: watch and watch.look(event, arguments))
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored where the tests run under nohup
     for line in sys.stdin:

@@ -10,10 +10,7 @@ import io
 import os
 import random
 import shutil
-import sqlite3
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,26 +19,25 @@ from pandas.testing import assert_frame_equal
 
 from dse import store
 from dse.cli import main
-from dse.config import SearchSpace, load_space
+from dse.config import load_space
 from dse.store import book
 from dse.study import claim, explore, results
 from dse.study.doctor import examine
-from dse.study.results import Study
 
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
 
 @pytest.fixture
-def space(whole: Path) -> SearchSpace:
+def space(whole):
     return load_space(whole / "tiny.yaml")
 
 
-def finished_runs(study: Path) -> dict[Path, tuple[int, int]]:
+def finished_runs(study):
     records = [(path, path.stat()) for path in study.glob("runs/*.npz")]
     return {path: (status.st_ino, status.st_mtime_ns) for path, status in records}
 
 
-def assert_same(study: Study, whole: Path) -> None:
+def assert_same(study, whole):
     expected = results.open(whole / "results" / "tiny")
     for one, other in ((study.trials, expected.trials), (study.points(), expected.points())):
         one, other = (frame.drop(columns="train_s", errors="ignore") for frame in (one, other))
@@ -49,13 +45,13 @@ def assert_same(study: Study, whole: Path) -> None:
     assert examine(study.folder) == []
 
 
-def harmful(rng: random.Random, at: int, study: Path) -> tuple[Callable[[int], None], str]:
+def harmful(rng, at, study):
     """Return what stands in for os.fsync and does harm at one call, or from it on, and what the harm is."""
     kind = rng.choice(("ENOSPC", "ENOSPC", "EDQUOT", "EIO", "EROFS", "removed"))
     lasts = rng.random() < 0.5
     n_calls = 0
 
-    def fsync(_: int) -> None:
+    def fsync(_):
         nonlocal n_calls
         n_calls += 1
         if n_calls == at or (lasts and n_calls > at):
@@ -68,10 +64,8 @@ def harmful(rng: random.Random, at: int, study: Path) -> tuple[Callable[[int], N
     return fsync, "results removed in mid-run" if kind == "removed" else "a full or failing disk"
 
 
-def test_a_disk_that_fails_at_any_write(
-    whole: Path, space: SearchSpace, tmp_path: Path, n_faults: int, tried: Counter[str]
-) -> None:
-    calls: list[int] = []
+def test_a_disk_that_fails_at_any_write(whole, space, tmp_path, n_faults, tried):
+    calls = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", calls.append)
         explore.run(space, tmp_path / "counted", progress=False)
@@ -95,14 +89,14 @@ def test_a_disk_that_fails_at_any_write(
 
 
 @pytest.fixture
-def make_read_only(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+def make_read_only(monkeypatch):
     """Let the system refuse every change below a folder, as of a disk that is mounted read-only."""
 
-    def refuse(folder: Path) -> None:
-        def guard(module: Any, name: str, writes: Callable[..., bool]) -> None:
+    def refuse(folder):
+        def guard(module, name, writes):
             real = getattr(module, name)
 
-            def guarded(path: Any, *arguments: Any, **more: Any) -> Any:
+            def guarded(path, *arguments, **more):
                 is_path = isinstance(path, str | os.PathLike)
                 if is_path and Path(path).is_relative_to(folder) and writes(*arguments, **more):
                     raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
@@ -110,7 +104,7 @@ def make_read_only(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
 
             monkeypatch.setattr(module, name, guarded)
 
-        def opens_to_write(mode: str = "r", *_: Any, **__: Any) -> bool:
+        def opens_to_write(mode="r", *_, **__):
             return bool(set(mode) & set("wax+"))
 
         for module in (io, builtins):
@@ -120,7 +114,7 @@ def make_read_only(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
             guard(os, name, lambda *_, **__: True)
         connected = book._connected
 
-        def connected_to_read(path: Path, mode: str) -> sqlite3.Connection:  # as SQLite does of itself there
+        def connected_to_read(path, mode):  # as SQLite does of itself there
             return connected(path, "mode=ro" if path.is_relative_to(folder) else mode)
 
         monkeypatch.setattr(book, "_connected", connected_to_read)
@@ -128,13 +122,7 @@ def make_read_only(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
     return refuse
 
 
-def test_a_read_only_study_is_read_and_not_run(
-    whole: Path,
-    tmp_path: Path,
-    make_read_only: Callable[[Path], None],
-    capsys: pytest.CaptureFixture[str],
-    tried: Counter[str],
-) -> None:
+def test_a_read_only_study_is_read_and_not_run(whole, tmp_path, make_read_only, capsys, tried):
     study = Path(shutil.copytree(whole / "results" / "tiny", tmp_path / "results" / "tiny"))
     make_read_only(tmp_path / "results")
     for command in (["skyline"], ["doctor"], ["pick"], ["note"]):
@@ -155,12 +143,12 @@ def test_a_read_only_study_is_read_and_not_run(
 
 
 @pytest.fixture
-def unlockable(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+def unlockable(monkeypatch):
     """Folders of a file system without locks."""
-    folders: list[Path] = []
+    folders = []
     real = fcntl.flock
 
-    def flock(handle: int, operation: int) -> None:
+    def flock(handle, operation):
         if any(Path(os.readlink(f"/proc/self/fd/{handle}")).is_relative_to(folder) for folder in folders):
             raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
         real(handle, operation)
@@ -169,14 +157,7 @@ def unlockable(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     return folders
 
 
-def test_a_file_system_without_locks(
-    whole: Path,
-    space: SearchSpace,
-    tmp_path: Path,
-    unlockable: list[Path],
-    monkeypatch: pytest.MonkeyPatch,
-    tried: Counter[str],
-) -> None:
+def test_a_file_system_without_locks(whole, space, tmp_path, unlockable, monkeypatch, tried):
     unlockable.append(tmp_path / "results")
     with pytest.raises(store.StoreError, match=r"cannot be locked \(No locks available\); use a --results"):
         explore.run(space, tmp_path / "results", progress=False)
@@ -190,11 +171,11 @@ def test_a_file_system_without_locks(
 
 
 @pytest.fixture
-def jumping(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def jumping(monkeypatch):
     """Let the clock of the machine jump by up to 30 days, back or forth, each time that it is read."""
     rng, now_s = random.Random(27), time.time()
 
-    def jump() -> float:
+    def jump():
         return now_s + rng.uniform(-30, 30) * 86400
 
     class Jumping(datetime.datetime):
@@ -207,15 +188,7 @@ def jumping(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
 
 
-def test_a_clock_that_jumps(
-    whole: Path,
-    space: SearchSpace,
-    tmp_path: Path,
-    jumping: None,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tried: Counter[str],
-) -> None:
+def test_a_clock_that_jumps(whole, space, tmp_path, jumping, monkeypatch, capsys, tried):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     for _ in range(2):  # the second one finds all
         study = explore.run(space, tmp_path, progress=False)

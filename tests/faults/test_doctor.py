@@ -6,7 +6,6 @@ import itertools
 import json
 import os
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,7 +83,6 @@ def patched(tmp_path_factory):
         patch.chdir(folder)
         (folder / "mine.py").write_text(PLUGIN)
         yield folder
-        tiny_study.unregister()
 
 
 @pytest.fixture(scope="module")
@@ -122,9 +120,6 @@ def paused(patched, whole):
         patch.setattr(Workers, "stream", until_paused)
         explore.run(load_space(patched / "tiny.yaml"), patched / "paused", progress=False)
     return patched / "paused" / "tiny"
-
-
-Plant = Callable[[Path], object]
 
 
 def flip(path, share=0.5):
@@ -267,10 +262,6 @@ def other_numbers(path):
     store.write_text(path, store.read_text(path).replace("4.6", "4.7").replace("op_4.7", "op_4.6"))
 
 
-def another_seed(record):
-    return record | {"seed": 8}
-
-
 LAST_RUNS = [f"runs/{trial:05d}-0.npz" for trial in range(6, 12)]
 STATE = "checkpoints/00005/runs/00011-0.npz"
 KINDS = {**INSIDE, "missing": store.remove}
@@ -287,7 +278,7 @@ def rotated(harms, names, n):
     return {f"{harm} {name}": at(name, do) for name in names for harm, do in itertools.islice(turn, n)}
 
 
-WHOLE: dict[str, tuple[Plant, str]] = {
+WHOLE = {
     **{
         name: (plant, name.split()[1])
         for name, plant in {
@@ -369,7 +360,7 @@ WHOLE: dict[str, tuple[Plant, str]] = {
 }
 OF_STATE = {name: harm for name, harm in INSIDE.items() if name != "longer"}
 """What harms a checkpoint, whose archive may be followed by anything."""
-PAUSED: dict[str, tuple[Plant, str]] = {
+PAUSED = {
     **{f"{harm} state": (at(STATE, function), STATE) for harm, function in OF_STATE.items()},
     "a checkpoint removed": (removed(STATE), "checkpoints/00002/runs/00011"),
     "a checkpoint of other epochs": (

@@ -14,9 +14,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import pandas as pd
@@ -26,8 +24,6 @@ import pytest
 from dse.cli import main
 from dse.study import results
 from dse.study import workers as study_workers
-from dse.study.executors.work import Executor
-from dse.study.results import Study
 from tests import tiny_study
 from tests.in_process import Forked, InProcess
 from tests.study import test_crash
@@ -41,14 +37,7 @@ SHARES = {"forked": 8, "loky": 60, "dask": 60}
 """Of so many faults, one is a study with that executor."""
 
 
-@pytest.fixture(scope="module", autouse=True)
-def fake_model() -> Iterator[None]:
-    tiny_study.register()
-    yield
-    tiny_study.unregister()
-
-
-def prepare(folder: Path, backend: str, seconds: float = 0.15) -> Path:
+def prepare(folder, backend, seconds=0.15):
     folder.mkdir()
     model = {**tiny_study.plain()["model"], "seconds": seconds}
     execution = {"jobs": 2, "backend": backend}
@@ -57,13 +46,13 @@ def prepare(folder: Path, backend: str, seconds: float = 0.15) -> Path:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Study:
+def whole(tmp_path_factory):
     folder = prepare(tmp_path_factory.mktemp("execution") / "whole", "loky", seconds=0.0)
     assert tiny_study.run_folder(str(folder)) == 0
     return results.open(folder / "results" / "tiny")
 
 
-def workers_of(coordinator: int, backend: str) -> list[psutil.Process]:
+def workers_of(coordinator, backend):
     found = []
     with contextlib.suppress(psutil.NoSuchProcess):
         for process in psutil.Process(coordinator).children(recursive=True):
@@ -75,7 +64,7 @@ def workers_of(coordinator: int, backend: str) -> list[psutil.Process]:
     return found
 
 
-def killed_worker(coordinator: ForkServerProcess, backend: str, rng: random.Random) -> bool:
+def killed_worker(coordinator, backend, rng):
     """Kill a worker, as soon as there is one; return whether the study went on so long."""
     while coordinator.exitcode is None:
         assert coordinator.pid is not None
@@ -87,7 +76,7 @@ def killed_worker(coordinator: ForkServerProcess, backend: str, rng: random.Rand
     return False
 
 
-def killed_coordinator(coordinator: ForkServerProcess, backend: str) -> None:
+def killed_coordinator(coordinator, backend):
     """Kill a coordinator; wait for the job of a forked one, which has its lock, as no other worker has."""
     assert coordinator.pid is not None
     os.kill(coordinator.pid, signal.SIGSTOP)
@@ -96,23 +85,21 @@ def killed_coordinator(coordinator: ForkServerProcess, backend: str) -> None:
     until(lambda: not any(map(is_alive, left)), "jobs of a killed coordinator to end")
 
 
-def is_alive(process: psutil.Process) -> bool:
+def is_alive(process):
     with contextlib.suppress(psutil.NoSuchProcess):
         return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
     return False
 
 
 @pytest.mark.parametrize("backend", SHARES)
-def test_killed_at_moments_spread_over_a_study(
-    tmp_path: Path, whole: Study, backend: str, n_faults: int, tried: Counter[str]
-) -> None:
+def test_killed_at_moments_spread_over_a_study(tmp_path, whole, backend, n_faults, tried):
     """The moments: a number of finished runs, drawn, and a part of a run."""
 
     executor = Forked if backend == "forked" else None
     for number in range(max(1, n_faults // SHARES[backend])):
         rng = random.Random(f"{backend} {number}")
         folder = prepare(tmp_path / str(number), "dask" if backend == "dask" else "loky", seconds=0.06)
-        kept: dict[str, tuple[int, int]] = {}
+        kept = {}
         process = test_crash.start(folder, executor=executor)
         for n_finished, of in zip(
             sorted(rng.sample(range(N_RUNS), len(VICTIMS))), rng.sample(VICTIMS, len(VICTIMS)), strict=True
@@ -137,14 +124,12 @@ def test_killed_at_moments_spread_over_a_study(
         assert set(results.open(folder / "results" / "tiny").trials["status"]) == {"finished"}
 
 
-def command(
-    folder: Path, more_kib: int | None, cache: str, executor: Callable[[int], Executor] = InProcess
-) -> None:
+def command(folder, more_kib, cache, executor=InProcess):
     """Run the study of a folder as the command line does, with little more memory than there is now."""
     os.environ["DSE_CACHE"] = cache
     os.dup2(os.open(folder / "told", os.O_WRONLY | os.O_CREAT), 2)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored where the tests run under nohup
-    study_workers.Loky = executor  # type: ignore[assignment, misc]
+    study_workers.Loky = executor
     tiny_study.register()
     if more_kib is not None:
         pages = int(Path("/proc/self/statm").read_text().split()[0])
@@ -153,9 +138,7 @@ def command(
     sys.exit(main(arguments))
 
 
-def start_command(
-    folder: Path, more_kib: int | None = None, executor: Callable[[int], Executor] = InProcess
-) -> ForkServerProcess:
+def start_command(folder, more_kib=None, executor=InProcess):
     test_crash.CHILDREN.set_forkserver_preload([__name__, *test_crash.LAZY])
     arguments = folder, more_kib, os.environ["DSE_CACHE"], executor
     process = test_crash.CHILDREN.Process(target=command, args=arguments, daemon=True)
@@ -163,7 +146,7 @@ def start_command(
     return process
 
 
-def test_a_process_without_memory(tmp_path: Path, whole: Study, n_faults: int, tried: Counter[str]) -> None:
+def test_a_process_without_memory(tmp_path, whole, n_faults, tried):
     codes = Counter[int | None]()
     for number in range(max(1, n_faults // 10)):
         rng = random.Random(f"memory {number}")
@@ -184,9 +167,7 @@ def test_a_process_without_memory(tmp_path: Path, whole: Study, n_faults: int, t
     assert codes[2] or n_faults < 100, codes  # one run alone may end natively
 
 
-def test_a_clock_that_jumps_for_all_processes(
-    tmp_path: Path, whole: Study, n_faults: int, tried: Counter[str]
-) -> None:
+def test_a_clock_that_jumps_for_all_processes(tmp_path, whole, n_faults, tried):
     """By libfaketime: what coordinator and workers read as the time is another every few moments."""
     spec = importlib.util.find_spec("libfaketime")
     if n_faults < 100 or spec is None or spec.origin is None or platform.machine() != "x86_64":
@@ -194,7 +175,7 @@ def test_a_clock_that_jumps_for_all_processes(
     library = Path(spec.origin).parent / "vendor" / "libfaketime" / "src" / "libfaketime.so.1"
     clock, rng = tmp_path / "clock", random.Random(29)
 
-    def jump() -> None:
+    def jump():
         (tmp_path / "next").write_text(f"{rng.randint(-30, 30) * 86400 + rng.randint(-600, 600):+d}")
         (tmp_path / "next").replace(clock)
 
@@ -222,9 +203,7 @@ def test_a_clock_that_jumps_for_all_processes(
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_a_signal_ends_a_run_with_its_tables(
-    tmp_path: Path, number: signal.Signals, code: int, tried: Counter[str]
-) -> None:
+def test_a_signal_ends_a_run_with_its_tables(tmp_path, number, code, tried):
     model = {**tiny_study.plain()["model"], "gate": str(tmp_path / "gate"), "hidden": {"choice": [[8], [4]]}}
     tiny_study.make_space(tmp_path, model=model, execution={"jobs": 1})
     process = start_command(tmp_path)
@@ -269,9 +248,7 @@ class Swallowing(InProcess):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-def test_a_signal_that_python_swallows_comes_again(
-    tmp_path: Path, number: signal.Signals, code: int, tried: Counter[str]
-) -> None:
+def test_a_signal_that_python_swallows_comes_again(tmp_path, number, code, tried):
     tiny_study.make_space(tmp_path, execution={"jobs": 1})
     process = start_command(tmp_path, executor=functools.partial(Swallowing, number=number))
     process.join(PATIENCE_S)
@@ -280,7 +257,7 @@ def test_a_signal_that_python_swallows_comes_again(
     tried["a signal"] += 1
 
 
-def test_two_coordinators_on_one_folder(tmp_path: Path, whole: Study) -> None:
+def test_two_coordinators_on_one_folder(tmp_path, whole):
     folder = prepare(tmp_path / "twice", "loky")
     both = [test_crash.start(folder), test_crash.start(folder)]
     for process in both:

@@ -1,7 +1,5 @@
 """Seeded damage to the files of a study and of the cache: none is believed, none is final."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random
@@ -28,7 +26,7 @@ from tests.faults.damage import damage
 
 def _read(study):
     """Return everything that the readers of a study make of it, or the class of their error."""
-    parts: dict[str, object] = {}
+    parts = {}
     readers = {
         "trials": lambda: study.trials.drop(columns="train_s"),
         "points": study.points,

@@ -137,7 +137,7 @@ def test_killed_at_every_moment_of_a_race(tmp_path, tmp_path_factory, server, n_
         folder = tmp_path / str(number)
         folder.mkdir()
         raced.write(folder, name)
-        kept: dict[str, tuple[int, int]] = {}
+        kept = {}
         for _ in range(KILLS):
             kill = drawn(rng, moments, seconds=3.0)
             code, told = server.run(folder, kill), (folder / "told").read_text()

@@ -1,13 +1,10 @@
 """Small recordings that ask for much: a clear line within little memory."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import struct
 import tracemalloc
 import zipfile
-from typing import Any
 
 import numpy as np
 import pytest
@@ -64,7 +61,7 @@ def test_times_that_wrap_again_and_again(tmp_path, kind):
         for k in range(2):
             content = files(EVT3, EVT2) if (label, k) == ("felt", 0) else files([], EVT2[:3])
             (tmp_path / "all" / label / f"{k}.raw").write_bytes(content[kind])
-    data: dict[str, Any] = {"kind": "event_files", "folder": "all", "label_from": "folder", "repair": True}
+    data = {"kind": "event_files", "folder": "all", "label_from": "folder", "repair": True}
     data["columns"] = {"fabric": "folder"}
     text = refusal(data, tmp_path, preprocessing={"bin_ms": 1.0})
     assert "must last at most 67108864 steps" in text

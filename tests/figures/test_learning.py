@@ -30,8 +30,7 @@ def test_what_has_no_epochs_has_no_curve():
     assert list(gathered(LONG | {"loss": np.array([1.0])}).curves) == ["accuracy_train"]
     for histories in ([{}], [{"accuracy_train": np.array([0.9])}], [{"members": np.array(4)}]):
         with pytest.raises(
-            ValueError,
-            match="trial 0 must have two epochs of one of loss, accuracy_train, gradient_norm",
+            ValueError, match="trial 0 must have two epochs of one of loss, accuracy_train, gradient_norm"
         ):
             gathered(*histories)
 

@@ -12,7 +12,7 @@ from dse.records import Array, Dataset
 from dse.store import StoreError
 from dse.testing.small import SmallStudy
 
-NEEDED: dict[str, dict[str, Any]] = {
+NEEDED = {
     "grid": {"x": "model.hidden", "y": "no.such"},
     "trade": {"parameter": "no.such"},
     "sweep": {"x": "no.such"},

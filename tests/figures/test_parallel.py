@@ -26,10 +26,9 @@ def test_lines_are_the_points_and_the_front_is_over_all_objectives():
 
 
 def test_tasks_have_fronts_of_their_own_and_misfits_and_leaks_none():
-    frame = pd.concat(
-        [points(hardware="a"), points(hardware="a", task="speed")],
-        ignore_index=True,
-    ).assign(fits=True)
+    frame = pd.concat([points(hardware="a"), points(hardware="a", task="speed")], ignore_index=True).assign(
+        fits=True
+    )
     frame.loc[0, "fits"] = False
     found = gathered(frame)
     assert found.on_front.reshape(2, 5).tolist() == [[False, True, True, True, False], ON_FRONT]

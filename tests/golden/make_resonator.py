@@ -17,20 +17,20 @@ THRESHOLD = 80  # in 1/64
 KINDS = ((2.2, 1.5), (3.0, 5.0), (4.0, 2.0), (7.3, 1.5), (16.0, 3.2), (40.0, 5.0), (900.0, 40.0))
 
 
-def factors(period: float, quality: float) -> tuple[int, int]:
+def factors(period, quality):
     tau = min(max(quality * period / math.pi, 1.0), 4096.0)
     r, w = math.exp(-1 / tau), 2 * math.pi / period
     return round(4096 * r * math.cos(w)), max(1, round(4096 * r * math.sin(w)))
 
 
-def toward_zero(x: int) -> int:
+def toward_zero(x):
     return -(-x >> 12) if x < 0 else x >> 12
 
 
-def run(c: int, s: int, z: list[int], reset: bool) -> dict[str, list[int]]:
+def run(c, s, z, reset):
     """z: input in 1/4096. The states are those before a reset."""
     x = y = 0
-    seen: dict[str, list[int]] = {"x": [], "y": [], "spikes": []}
+    seen = {"x": [], "y": [], "spikes": []}
     for drive in z:
         x, y = toward_zero(c * x - s * y) + drive, toward_zero(s * x + c * y)
         fired = int(y > THRESHOLD * 64)
@@ -41,7 +41,7 @@ def run(c: int, s: int, z: list[int], reset: bool) -> dict[str, list[int]]:
     return seen
 
 
-def gradient(c: int, s: int, g: list[int]) -> list[float]:
+def gradient(c, s, g):
     answers, real, imaginary = [], 1, 0
     for k in range(STEPS):
         answers.append(Fraction(imaginary, 4096**k))
@@ -49,7 +49,7 @@ def gradient(c: int, s: int, g: list[int]) -> list[float]:
     return [float(sum(g[t + k] * answers[k] for k in range(STEPS - t))) for t in range(STEPS)]
 
 
-def main() -> None:
+def main():
     rng = random.Random(17)
     cases = []
     for period, quality in KINDS:

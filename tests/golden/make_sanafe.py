@@ -24,15 +24,7 @@ UNITS = {
 }
 
 
-def network(
-    sizes: tuple[int, int, int],
-    cores: tuple[int, int],
-    scale: float,
-    *,
-    spread: float = 0.3,
-    seed: int | None = None,
-    input_cores: int = 0,
-) -> tuple[sanafe.SpikingChip, int]:
+def network(sizes, cores, scale, *, spread=0.3, seed=None, input_cores=0):
     """Return a loaded chip and its number of input spikes.
 
     Args:
@@ -73,13 +65,13 @@ def network(
     return chip, int(train.sum())
 
 
-def _spread(group, cores) -> None:
+def _spread(group, cores):
     for part, core in zip(np.array_split(np.arange(len(group.neurons)), len(cores)), cores, strict=True):
         for j in part:
             group.neurons[int(j)].map_to_core(core)
 
 
-def run(sizes: tuple[int, int, int], cores: tuple[int, int], scale: float) -> dict[str, object]:
+def run(sizes, cores, scale):
     """Return the counts and the cost of one network."""
     chip, inputs = network(sizes, cores, scale)
     result = chip.sim(STEPS, timing_model="simple", perf_trace=True, processing_threads=1)
@@ -98,9 +90,7 @@ def run(sizes: tuple[int, int, int], cores: tuple[int, int], scale: float) -> di
     }
 
 
-def run_steps(
-    sizes: tuple[int, int, int], cores: tuple[int, int], scale: float, **how: float
-) -> dict[str, object]:
+def run_steps(sizes, cores, scale, **how):
     """Return the counts and the time of every step, and the energy of one network (`how`: of `network`)."""
     chip, inputs = network(sizes, cores, scale, **how)
     result = chip.sim(

@@ -11,7 +11,6 @@ decay, the potential after the reset.
 import json
 import random
 from pathlib import Path
-from typing import Any
 
 from xylosim.v2 import XyloLayer, XyloSynapse
 
@@ -19,10 +18,8 @@ STEPS = 60
 N_IN, N_HIDDEN, N_OUT = 5, 6, 3
 
 
-def drawn_case(
-    rng: random.Random, shift: int, out_shift: int, low: int, high: int, rate: float
-) -> dict[str, Any]:
-    def matrix(n: int, m: int, part: int = 1) -> list[list[int]]:
+def drawn_case(rng, shift, out_shift, low, high, rate):
+    def matrix(n, m, part=1):
         return [[rng.randint(low // part, high // part) for _ in range(m)] for _ in range(n)]
 
     return {
@@ -41,8 +38,8 @@ def drawn_case(
     }
 
 
-def simulated(case: dict[str, Any]) -> dict[str, Any]:
-    def synapses(matrix: list[list[int]]) -> list[list[XyloSynapse]]:
+def simulated(case):
+    def synapses(matrix):
         return [[XyloSynapse(j, 0, w) for j, w in enumerate(row) if w] for row in matrix]
 
     # The layer holds pointers to the synapses and does not own them.
@@ -77,7 +74,7 @@ def simulated(case: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def main():
     rng = random.Random(23)
     kinds = ((3, 4, -20, 28, 0.3), (4, 1, -40, 50, 0.2), (0, 0, -128, 127, 0.3), (7, 2, 0, 127, 0.2))
     cases = []

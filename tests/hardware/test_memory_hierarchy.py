@@ -10,7 +10,6 @@ from dse.hardware.profile import load
 from tests.hardware.loads import network, operations
 
 PROFILE = load("asic45_memory")
-MEMORY = ("weight_memory", "state_memory")
 
 
 def picojoules(found):
@@ -62,15 +61,7 @@ def test_of_what_has_state_updates_additions_are_of_weights():
 
 @pytest.mark.parametrize(
     ("n_bytes", "access_pj"),
-    [
-        (0, 10),
-        (8192, 10),
-        (8193, 20),
-        (32_768, 20),
-        (32_769, 100),
-        (1_048_576, 100),
-        (1_048_577, 1300),
-    ],
+    [(0, 10), (8192, 10), (8193, 20), (32_768, 20), (32_769, 100), (1_048_576, 100), (1_048_577, 1300)],
 )
 def test_the_smallest_memory_that_holds_all(n_bytes, access_pj):
     found = cost(PROFILE, operations(1, n_weights=n_bytes))
@@ -119,11 +110,7 @@ def test_weights_that_are_zero_are_skipped_where_lists_are_smaller():
     assert picojoules(cost(PROFILE, many)) == picojoules(cost(PROFILE, network(sizes, spikes)))
 
 
-@given(
-    st.tuples(*[st.integers(1, 500)] * 3),
-    st.tuples(st.floats(0, 1), st.floats(0, 1)),
-    st.integers(1, 16),
-)
+@given(st.tuples(*[st.integers(1, 500)] * 3), st.tuples(st.floats(0, 1), st.floats(0, 1)), st.integers(1, 16))
 def test_lists_are_stored_where_they_take_less(sizes, shares, bits):
     dense = network(sizes, [0, 0, 0])
     stored = tuple(int(share * n) for share, n in zip(shares, dense.dense, strict=True))

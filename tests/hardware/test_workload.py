@@ -1,5 +1,4 @@
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -149,9 +148,6 @@ def test_counted_operations():
     assert (found.load.number_bits, found.n_weights, found.decision_ms) == (8, 5000, 250)
     expected = 12000 * 4.6e-6 + 300 * 0.9e-6
     assert found.cost_on(load("op_4.6_0.9")).energy_uj.value == pytest.approx(expected)
-
-
-RUNS = json.loads((Path(__file__).parents[1] / "golden" / "sanafe.json").read_text())
 
 
 @pytest.mark.parametrize(

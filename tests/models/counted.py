@@ -1,30 +1,17 @@
 """Small data sets for the classifiers of counts, and their random generators."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 import numpy as np
 
 from dse import seeds
-from dse.records import Array, Dataset
+from dse.records import Dataset
 from dse.testing.small import spikes_of
 
 
-def rngs(purpose: str, *index: int) -> np.random.Generator:
+def rngs(purpose, *index):
     return seeds.generator(1, {}, purpose, 0, *index)
 
 
-def data_of(
-    x: Array,
-    target: Sequence[int],
-    train: Sequence[int],
-    validation: Sequence[int],
-    test: Sequence[int] = (),
-    start: Sequence[int] | None = None,
-    n_steps: int | None = None,
-    step_ms: float = 10.0,
-) -> Dataset:
+def data_of(x, target, train, validation, test=(), start=None, n_steps=None, step_ms=10.0):
     """Return a data set of dense spikes (sample, step, channel)."""
     first = np.zeros(len(x), np.int32) if start is None else np.array(start, np.int32)
     place = np.arange(x.shape[2], dtype=np.int32)
@@ -41,7 +28,7 @@ def data_of(
     )
 
 
-def textures(n: int = 60, n_steps: int = 23, n_channels: int = 4, n_classes: int = 3) -> Dataset:
+def textures(n=60, n_steps=23, n_channels=4, n_classes=3):
     """Return classes told apart by which channel fires more, and by how much; windows begin at 0 to 2."""
     rng = np.random.default_rng(3)
     target = np.arange(n) % n_classes

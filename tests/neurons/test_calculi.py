@@ -1,7 +1,5 @@
 """Every definition on numpy and on torch: the same numbers, and gradients that are finite."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 
 from dse import registry
-from dse.neurons import LayerSpec, Neuron, parameters_of, population_of
+from dse.neurons import LayerSpec, parameters_of, population_of
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
 
@@ -34,7 +32,7 @@ def adaptive():
     return module
 
 
-NEURONS: dict[str, Neuron] = {name: cls() for name, cls in registry.known("neurons").items()}
+NEURONS = {name: cls() for name, cls in registry.known("neurons").items()}
 NEURONS["adaptive, of a user"] = adaptive().Adaptive()
 
 

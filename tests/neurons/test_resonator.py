@@ -1,10 +1,7 @@
 """Resonators: golden vectors of plain integers, cases by hand, and what their factors promise."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +12,7 @@ from dse.neurons import LayerSpec, cuba_lif, resonator
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.resonator import Population, Resonator, State, backward, factors
 
-GOLDEN: dict[str, Any] = json.loads((Path(__file__).parent.parent / "golden" / "resonator.json").read_text())
+GOLDEN = json.loads((Path(__file__).parent.parent / "golden" / "resonator.json").read_text())
 CASES = GOLDEN["cases"]
 
 

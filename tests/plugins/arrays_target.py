@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -77,7 +77,7 @@ class Stubborn(Arrays):
         raise BundleError("the disk is full")
 
 
-def _fired(network: Network, reference: Reference) -> list[Any]:
+def _fired(network, reference):
     """Return the spikes of every layer, (recording, step, neuron) bool, found a step after the other."""
     n, steps, per_sample = reference.n_recordings, reference.n_steps, network.steps_per_sample
     recording, step, channel = reference.spikes_in.T
@@ -88,7 +88,7 @@ def _fired(network: Network, reference: Reference) -> list[Any]:
         arriving[recording[seen], later[seen], channel[seen] + k * network.n_channels] = 1
     layers = []
     for layer in network.layers:
-        population: Any = population_of(layer.neuron, layer.parameters)
+        population = population_of(layer.neuron, layer.parameters)
         z = arriving @ quantise(layer.weight).T
         if layer.recurrent is not None:
             for t in range(1, steps):

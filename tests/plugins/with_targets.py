@@ -1,14 +1,10 @@
 """Targets of tests/plugins/arrays_target.py for the time of a test."""
 
-from __future__ import annotations
-
-import pytest
-
 from dse import registry
 from tests.plugins.arrays_target import Arrays, Locked, Stubborn, Unread
 
 
-def load(monkeypatch: pytest.MonkeyPatch) -> None:
+def load(monkeypatch):
     """Make the targets known until the test ends."""
     ours = {"arrays": Arrays, "locked": Locked, "unread": Unread, "stubborn": Stubborn}
     monkeypatch.setitem(registry._components, "targets", registry.known("targets") | ours)

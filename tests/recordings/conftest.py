@@ -1,10 +1,7 @@
 """Small recordings whose every number is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +10,10 @@ Write = Callable[..., Path]
 
 
 @pytest.fixture
-def write(tmp_path: Path) -> Write:
+def write(tmp_path):
     """Write arrays to an .npz file beside the others of this test."""
 
-    def save(name: str, **arrays: Any) -> Path:
+    def save(name, **arrays):
         np.savez(tmp_path / name, **arrays)
         return tmp_path / name
 

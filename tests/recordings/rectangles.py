@@ -1,7 +1,5 @@
 """Small recordings whose every number is known, one for each kind of file, and what reads them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

@@ -1,9 +1,6 @@
 """Recordings of one file: tables, arrays, rasters and events, where channels lie, and faults in one line."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -92,7 +89,7 @@ OF_LABELS = [
     (edited(LABELS, "cloth", 1, None), "'cloth' is empty in line 3"),
 ]
 ONE_EACH = r"must have one value for each of the 2"
-OF_ARRAYS: list[tuple[Any, dict[str, Any], str]] = [
+OF_ARRAYS = [
     (TIME_SERIES, {"signal": np.zeros((10, 2, 1))}, r"must be \(sample, channel\), got .*\(10, 2, 1\)"),
     (TIME_SERIES, {"signal": np.array([["a", "b"]] * 10)}, "'signal' must hold numbers, got <U1"),
     (TIME_SERIES, {"signal": with_value(np.nan)}, "finite, got nan in recording 1, sample 2, channel 1"),
@@ -177,7 +174,7 @@ def test_unreadable_tables(tmp_path, name, content, message):
     one_line(Table(name, 10, ("left",), "id"), tmp_path, message, name)
 
 
-KEYS: list[tuple[type, dict[str, Any], str]] = [
+KEYS = [
     (Table, {"channels": ()}, "data.channels must contain at least one channel"),
     (Table, {"channels": ("left", "cloth")}, "sensor channels only, got 'cloth', which is a label column"),
     (Table, {"channels": ("t",), "time_ms": "t"}, "must be sensor channels only, got 't'"),

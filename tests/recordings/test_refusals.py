@@ -1,10 +1,5 @@
 """What cannot be cut, placed, predicted or split is named in one line: what it must be, and what it is."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -73,7 +68,7 @@ def torn():
 
 FORCE = {"force": np.tile([1, 2, 3], 8), "plate": np.zeros(24, int)}
 HALVES = np.repeat([0, 1], 12)
-REFUSED: list[tuple[Callable[[], Any], str]] = [
+REFUSED = [
     *(
         (lambda crop=crop: pooling(Preprocessing(1, crop=crop), 8, 4), f"frame of 8 x 4 pixels, got {got}$")
         for crop, got in {
@@ -138,7 +133,7 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: fold(FORCE, HALVES, k=2, test={"force": 7}), r"split\.k_fold\.test: column 'force' has no"),
     (lambda: fold(FORCE, HALVES, k=2, test={"force": 3}, group="plate"), "group '0' is both in the test"),
 ]
-KEYS: list[tuple[Callable[[], Any], str]] = [
+KEYS = [
     (lambda: placed(Window(3, "contact_onset")), "place needs onset"),
     (lambda: Window(every_steps=5), "window.every_steps needs window.cut_steps"),
     (lambda: Window(n_steps=9, cut_steps=8), "window.n_steps must be at most window.cut_steps = 8, got 9"),

@@ -1,9 +1,6 @@
 """Trials of a scene as recordings: columns, overrides, faults, hash, and what is simulated for whom."""
 
-from __future__ import annotations
-
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,7 +37,7 @@ def read(base, **keys):
 
 
 def test_a_scene_is_read_again_only_where_its_file_has_changed(base, monkeypatch):
-    read: list[Path] = []
+    read = []
 
     def counted(path):
         read.append(path)

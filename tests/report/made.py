@@ -1,20 +1,11 @@
 """Studies on disk whose every number a test chooses: what `dse run` leaves, without training."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import yaml
 
 from dse import store
-from dse.report.gather import Report
-from dse.report.rows import Row
 from dse.study import results
-from dse.study.results import Study
 
 SECTIONS = {
     "data": {"kind": "raster", "file": "recordings/tiny.npz", "step_ms": 1},
@@ -26,13 +17,7 @@ SECTIONS = {
 LENGTHS_MS = np.array([250.0, 500.0, 1000.0])
 
 
-def write(
-    folder: Path,
-    designs: Sequence[Mapping[str, Any]],
-    sections: Mapping[str, Any] | None = None,
-    failed: int = 0,
-    **of_record: Any,
-) -> Study:
+def write(folder, designs, sections=None, failed=0, **of_record):
     """Write a study with a row of columns per design.
 
     Args:
@@ -101,7 +86,7 @@ def write(
     return results.open(folder)
 
 
-def _arrays(accuracy: float, design: Mapping[str, Any], n_classes: int) -> dict[str, dict[str, Any]]:
+def _arrays(accuracy, design, n_classes):
     read_out = {
         "decision_latency_ms": LENGTHS_MS,
         "accuracy": np.array([accuracy / 2, accuracy, accuracy]),
@@ -127,7 +112,7 @@ def _arrays(accuracy: float, design: Mapping[str, Any], n_classes: int) -> dict[
     return arrays
 
 
-def rows_of(found: Report, system: str) -> dict[str, Row]:
+def rows_of(found, system):
     """Return the rows of a system by figure; a figure twice is a fault."""
     rows = [row for row in found.rows if row.system == system]
     named = {row.figure: row for row in rows}
@@ -135,5 +120,5 @@ def rows_of(found: Report, system: str) -> dict[str, Row]:
     return named
 
 
-def noted(found: Report, text: str) -> bool:
+def noted(found, text):
     return any(text in note for note in found.notes)

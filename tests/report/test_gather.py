@@ -1,9 +1,5 @@
 """Families against each other, and what a report says of its studies, from numbers that are chosen."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pandas as pd
 import pytest
 
@@ -17,7 +13,7 @@ from tests.report.made import noted, rows_of, write
 def test_families_meet_and_the_winner_is_named(tmp_path):
     names = ("accuracy", "n_weights", "energy_uj", "spikes_per_inference_no_input")
     numbers = [(0.90, 30_000, 3.0, 20.0), (0.89, 9_000, 2.0, 500.0), (0.80, 500, 0.1, 20.0)]
-    designs: list[dict[str, Any]] = [dict(zip(names, each, strict=True)) for each in numbers]
+    designs = [dict(zip(names, each, strict=True)) for each in numbers]
     knn = {"accuracy": 0.95, "family": "knn", "macs": 80_000.0, "n_weights": 80_000, "energy_uj": 9.0}
     designs += [knn, {"accuracy": 1.0, "family": "knn", "transductive": True, "n_weights": 1}]
     designs = [{"hardware": "op_4.6_0.9", **design} for design in designs]

@@ -1,7 +1,5 @@
 """Which design wins on which chip, with energies that are chosen draw by draw."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,7 +25,7 @@ NONE = np.full(20, np.nan)
 @pytest.fixture
 def priced(monkeypatch):
     """Draws of the energies of every trial in turn, by chip; a pair is flat out and at the period."""
-    draws: dict[str, list[Any]] = {}
+    draws = {}
 
     def drawn(folder, rows, columns, *, hardware):
         [hardware] = set(rows["hardware"])
@@ -63,7 +61,7 @@ def _columns(energies, fits, has_value):
     both = {name: float(np.median(drawn)) for name, drawn in _both(energies).items()}
     if np.isnan(both["energy_uj"]):
         return {}
-    columns: dict[str, Any] = {"latency_ms": 1000.0 + both["energy_uj"], "fits": fits}
+    columns = {"latency_ms": 1000.0 + both["energy_uj"], "fits": fits}
     for name, value in both.items():
         columns |= {name: value if has_value else np.nan, f"{name}_low": value / 2, f"{name}_high": value * 2}
     return columns
@@ -92,10 +90,7 @@ def middle(row):
 
 def test_a_winner_on_each_chip_and_by_how_much(tmp_path, priced):
     # Within an error of the best, 0.9 - 0.02: trials 0, 1 and 2; on `one` 0 is cheapest, on `two` 1.
-    priced |= {
-        "one": [STEADY, NEAR, DEAR, STEADY / 10],
-        "two": [DEAR, STEADY, DEAR, STEADY / 10],
-    }
+    priced |= {"one": [STEADY, NEAR, DEAR, STEADY / 10], "two": [DEAR, STEADY, DEAR, STEADY / 10]}
     designs = [
         {"accuracy": 0.9, "n_weights": 500, "accuracy_test": 0.7},
         {"accuracy": 0.89, "n_weights": 300},
@@ -179,11 +174,7 @@ def test_a_small_chip_holds_only_small_designs(tmp_path, priced):
 
 def test_a_classifier_that_a_chip_cannot_run(tmp_path, priced):
     priced |= {"spiking": [NONE, STEADY, DEAR], "any": [STEADY, STEADY, DEAR]}
-    designs = [
-        {"accuracy": 0.95, "family": "knn", "macs": 9.0},
-        {"accuracy": 0.8},
-        {"accuracy": 0.79},
-    ]
+    designs = [{"accuracy": 0.95, "family": "knn", "macs": 9.0}, {"accuracy": 0.8}, {"accuracy": 0.79}]
     found = report([made(tmp_path / "nets", designs, priced)])
     spiking = rows_of(found, "spiking")
     assert spiking["winner: accuracy"].trial == 1

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from dse.records import Block
 from dse.scene.scene import Camera, Method, Scene, Sensor, Texture, Variation
 
 SENSOR = Sensor("rings", 2, 1.35, 10.4, (88, 88), 0.40)
@@ -51,7 +49,7 @@ EXACT = Method(friction_step_ms=0.1, texture_step_ms=0.1, camera_step_ms=0.1, sk
 """Steps of the reference: what is left is the closed form of the camera."""
 
 
-def scene(texture: Texture = DENIM, v_mm_s: float = 28.0, force_n: float = 1.5, **other: Any) -> Scene:
+def scene(texture=DENIM, v_mm_s=28.0, force_n=1.5, **other):
     """Return a scene of one cell, 300 ms; further fields of Scene by name."""
     fields = {
         "name": "small", "seed": 1, "sensor": SENSOR, "camera": CAMERA, "textures": (texture,),
@@ -61,7 +59,7 @@ def scene(texture: Texture = DENIM, v_mm_s: float = 28.0, force_n: float = 1.5, 
     return Scene(**(fields | other))
 
 
-def pooled(found: Block, frame_px: tuple[int, int], bin_ms: float, duration_ms: float) -> np.ndarray:
+def pooled(found, frame_px, bin_ms, duration_ms):
     """Return events in pools of 4 x 4 pixels and bins, (bin * row * column,)."""
     width, height = frame_px[0] // 4, frame_px[1] // 4
     n = np.zeros((round(duration_ms / bin_ms), height, width))
@@ -71,7 +69,7 @@ def pooled(found: Block, frame_px: tuple[int, int], bin_ms: float, duration_ms: 
     return n.ravel()
 
 
-def likeness(a: Block, b: Block, scene: Scene, bin_ms: float = 10.0) -> float:
+def likeness(a, b, scene, bin_ms=10.0):
     """Return the correlation of pooled counts."""
     x, y = (pooled(found, scene.sensor.frame_px, bin_ms, scene.duration_ms) for found in (a, b))
     return float(np.corrcoef(x, y)[0, 1])

@@ -65,7 +65,7 @@ def test_a_file_without_faults(write):
 def test_defaults():
     defaults = {field.name: field.default for field in dataclasses.fields(SceneFile)}
     assert [name for name, value in defaults.items() if value is dataclasses.MISSING] == [
-        *("scene", "sensor", "textures", "motions"),
+        *("scene", "sensor", "textures", "motions")
     ]
     assert (defaults["forces_n"], defaults["trials"], defaults["duration_ms"]) == ((1.51,), 1, 1000.0)
 

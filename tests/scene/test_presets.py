@@ -1,7 +1,5 @@
 """The shipped sensors and textures: their numbers, their evidence, and that they obey the rules of a file."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import get_args
@@ -121,7 +119,7 @@ def test_what_was_assumed_says_so():
 
 
 def test_presets_obey_the_rules_of_a_file():
-    faults: list[str] = []
+    faults = []
 
     def report(path, message):
         faults.append(message)

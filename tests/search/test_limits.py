@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +9,7 @@ from hypothesis import strategies as st
 from dse.search.limits import MISSING, can_meet, exclusion, violation
 from dse.skyline.constraints import matches
 
-ROW: dict[str, Any] = {
+ROW = {
     "n_weights": (38880.0, 38880.0),
     "energy_uj": (12.0, math.inf),
     "fits": (0.0, 0.0),

@@ -1,7 +1,5 @@
 """Who goes on from a rung: by hand, against the definition written out, and hard cases."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,7 +22,7 @@ def written_out(costs, n):
         rows = costs[front]
         span = np.ptp(rows, axis=0)
         scaled = dict(zip(front, (rows - rows.min(axis=0)) / np.where(span > 0, span, 1), strict=True))
-        of_front: list[int] = []
+        of_front = []
         while len(chosen) + len(of_front) < n:
             volumes = {
                 place: round(hypervolume([scaled[x] for x in (*of_front, place)], [1.01] * 3), 12)

@@ -1,19 +1,16 @@
 """Every registered sampler keeps the contract of `dse.search.proposals.Sampler`."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dse import registry, seeds
-from dse.config import Design, load_space
+from dse.config import load_space
 from dse.search import proposals
 from dse.search.limits import Exclusion
-from dse.search.proposals import Sampler, Values, limited
+from dse.search.proposals import limited
 from dse.search.space import design_at, index_of
 from tests import families
 from tests.spaces import grid, write_space
@@ -24,11 +21,7 @@ OPEN = [name for name in NAMES if name not in ("grid", "gp")]
 DIRECTIONS = ("max", "min")
 BATCH = 4
 # Few random designs, so that the models behind the samplers are asked as well.
-OPTIONS: dict[str, dict[str, Any]] = {
-    "tpe": {"startup": 4},
-    "nsga2": {"population": 4},
-    "nsga3": {"population": 4},
-}
+OPTIONS = {"tpe": {"startup": 4}, "nsga2": {"population": 4}, "nsga3": {"population": 4}}
 
 
 def space_of(folder, *changes, sampler="tpe", batch=BATCH, seed=3):
@@ -55,13 +48,13 @@ def small_space(tmp_path):
 
 def start(name, space):
     cls = registry.known("search.samplers")[name]
-    sampler: Sampler = cls(**OPTIONS.get(name, {})).start(space, DIRECTIONS)
+    sampler = cls(**OPTIONS.get(name, {})).start(space, DIRECTIONS)
     return sampler
 
 
 def measured(designs):
     """Return two objectives that pull apart; every fifth kind of design fails."""
-    values: list[Values] = []
+    values = []
     for design in designs:
         hidden, rate = design["model.hidden"], design.get("model.true_rate", 0.7)
         values.append(
@@ -73,7 +66,7 @@ def measured(designs):
 
 
 def played(sampler, batches):
-    history: list[Design] = []
+    history = []
     for _ in range(batches):
         designs = sampler.ask(BATCH)
         history += designs
@@ -205,7 +198,7 @@ def test_the_grid_refuses_ranges(open_space):
 def test_better_values_draw_the_search(tmp_path):
     """With one objective that rises along an axis, later designs lie higher than the first."""
     sampler = registry.known("search.samplers")["tpe"](startup=4).start(one_axis(tmp_path), ("max",))
-    rates: list[float] = []
+    rates = []
     for _ in range(6):
         designs = sampler.ask(BATCH)
         rates += [design["model.true_rate"] for design in designs]
@@ -228,11 +221,11 @@ def test_evolution_replays_its_generations(open_space):
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     study = optuna.create_study(directions=["maximize", "minimize"])
     distributions = {axis.name: proposals._distribution(axis) for axis in open_space.axes.values()}
-    theirs: list[Design] = []
+    theirs = []
     while len(theirs) < len(ours):
         seed = int(seeds.generator(open_space.seed, {}, "sampler", len(theirs)).integers(2**31))
         study.sampler = optuna.samplers.NSGAIISampler(population_size=4, seed=seed)
-        batch: list[tuple[Any, Design]] = []
+        batch = []
         while len(batch) < BATCH:
             trial = study.ask(distributions)
             axes = open_space.axes.values()
@@ -252,7 +245,7 @@ def test_evolution_replays_its_generations(open_space):
 
 def test_the_gaussian_process_resumes(tmp_path):
     space = one_axis(tmp_path)
-    told: list[Design] = [{"model.true_rate": rate} for rate in (0.2, 0.5, 0.8)]
+    told = [{"model.true_rate": rate} for rate in (0.2, 0.5, 0.8)]
     asked = []
     for _ in range(2):
         sampler = registry.known("search.samplers")["gp"](startup=2).start(space, ("max",))
@@ -267,7 +260,7 @@ def test_the_gaussian_process_resumes(tmp_path):
 def test_the_gaussian_process_takes_limits(tmp_path, missed):
     space = one_axis(tmp_path)
     sampler = registry.known("search.samplers")["gp"](startup=2).start(space, ("max",))
-    designs: list[Design] = [{"model.true_rate": rate} for rate in (0.2, 0.5, 0.8)]
+    designs = [{"model.true_rate": rate} for rate in (0.2, 0.5, 0.8)]
     for design, violation in zip(designs, missed, strict=True):
         sampler.judge(design, {"n_weights <= 3": violation})
     sampler.tell(designs, [(0.1,), (0.9,), (0.4,)])
@@ -312,8 +305,6 @@ def test_failed_designs_are_not_asked_again(small_space):
 @pytest.fixture
 def known():
     families.register()
-    yield
-    families.unregister()
 
 
 def families_of(folder, *changes, seed=3):
@@ -326,14 +317,13 @@ def mixed(tmp_path, known):
     """A space in which one kind has open ranges, another one has no axis, and the encoder is a choice too."""
     open_ranges = "width: {range: [2, 90], log: true}\n      gain: {range: [0.5, 2.0]}"
     return families_of(
-        tmp_path,
-        ("width: {choice: [4, 8, 12]}\n      gain: {range: [0.5, 2.0], step: 0.5}", open_ranges),
+        tmp_path, ("width: {choice: [4, 8, 12]}\n      gain: {range: [0.5, 2.0], step: 0.5}", open_ranges)
     )
 
 
 def scored(designs):
     """Return two objectives that pull apart; one value of one kind fails."""
-    values: list[Values] = []
+    values = []
     for design in designs:
         size = design.get("model.wide_of_a_test.width", 10 * design.get("model.near_of_a_test.k", 1))
         loud = design["encoder.kind"] == "loud_of_a_test"
@@ -342,7 +332,7 @@ def scored(designs):
 
 
 def searched(sampler, batches):
-    history: list[Design] = []
+    history = []
     for _ in range(batches):
         designs = sampler.ask(BATCH)
         history += designs
@@ -371,7 +361,7 @@ def test_a_finite_space_of_several_kinds_is_asked_to_its_end(name, tmp_path, kno
         ("thresholds: {choice: [[1, 2], [1, 2, 4]]}", "thresholds: [1]"),
     )
     sampler = start(name, space)
-    designs: list[Design] = []
+    designs = []
     while batch := sampler.ask(BATCH):
         sampler.tell(batch, [None if d["model.kind"] == "snn" else (1.0, 2.0) for d in batch])
         designs += batch
@@ -402,7 +392,7 @@ def test_a_kind_without_axes_does_not_end_an_open_search(name, tmp_path, known):
 def test_the_search_learns_kind_and_its_axes(name, mixed):
     """Where one kind is best and rises along an axis of its own, later designs are of it and higher."""
     sampler = registry.known("search.samplers")[name](**OPTIONS[name]).start(mixed, ("max",))
-    gains: list[float] = []
+    gains = []
     for _ in range(10):
         designs = sampler.ask(BATCH)
         gains += [design.get("model.wide_of_a_test.gain", 0.0) for design in designs]
@@ -444,10 +434,7 @@ def test_draws_reach_both_ends_of_an_integer_axis(mixed):
 )
 def test_any_small_space_is_asked_to_its_end_without_repeats(tmp_path_factory, sizes, shared, name, seed):
     families.register()
-    try:
-        space = families_of(tmp_path_factory.mktemp("any"), seed=seed)
-    finally:
-        families.unregister()
+    space = families_of(tmp_path_factory.mktemp("any"), seed=seed)
     kinds = [f"k{i}" for i in range(len(sizes))]
     axes = {"model.kind": proposals.Axis("model.kind", tuple(kinds))}
     for kind, size in zip(kinds, sizes, strict=True):
@@ -456,7 +443,7 @@ def test_any_small_space_is_asked_to_its_end_without_repeats(tmp_path_factory, s
     axes["training.epochs"] = proposals.Axis("training.epochs", tuple(range(1, shared + 1)))
     space = dataclasses.replace(space, axes=axes)
     sampler = start(name, space)
-    indices: list[int] = []
+    indices = []
     while batch := sampler.ask(3):
         indices += [index_of(space, design) for design in batch]
         sampler.tell(batch, [(float(index_of(space, d)), 1.0) for d in batch])

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -69,8 +67,8 @@ FAMILIES = ("encoder", "model")
 
 def conditional(space, shape):
     """Return a space with an axis for each number of a shape, and a choice of kinds for each list."""
-    axes: dict[str, Axis] = {}
-    entries: dict[str, dict[str, Part]] = {}
+    axes = {}
+    entries = {}
     sections = iter(FAMILIES)
     for number, below in enumerate(shape):
         section = None if isinstance(below, int) else next(sections, None)
@@ -175,10 +173,7 @@ def test_a_design_of_another_kind_is_not_in_the_grid(space):
 
 def test_the_number_of_designs_is_a_sum_over_kinds(tmp_path):
     families.register()
-    try:
-        space = load_space(write_space(tmp_path, text=families.SPACE))
-    finally:
-        families.unregister()
+    space = load_space(write_space(tmp_path, text=families.SPACE))
     assert space.n_designs == families.N_DESIGNS == 180
     assert n_designs_of_each(space, "model") == {
         "snn": 6, "wide_of_a_test": 144, "near_of_a_test": 30

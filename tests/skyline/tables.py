@@ -33,7 +33,7 @@ POINTS = table(
 )
 
 
-def leaky() -> pd.DataFrame:
+def leaky():
     """Return three points of which the best has seen its labels, and one that does not say."""
     frame = pd.DataFrame({"trial": [0, 1, 2, 3], "accuracy": [1.0, 0.8, 0.7, 0.9], "size": [1, 2, 1, 3]})
     return frame.assign(transductive=pd.array([True, False, False, None], "boolean"))
@@ -56,7 +56,7 @@ DRAWN = np.array([[9.0, 18, 19], [11.0, 22, 21], [10.0, 20, 22], [10.0, 21, 20]]
 GOALS = [("accuracy", "max"), ("energy_uj", "min")]
 
 
-def energies(drawn: np.ndarray) -> Draws:
+def energies(drawn):
     """Return draws of energy_uj, (draw, row of the whole table)."""
     return Draws(("energy_uj",), lambda rows: {"energy_uj": drawn[:, rows.index]})
 

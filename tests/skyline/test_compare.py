@@ -1,7 +1,5 @@
 """Two tables side by side, by hand: who is on the joint front, hypervolumes, gains within budgets."""
 
-from __future__ import annotations
-
 import pandas as pd
 import pytest
 

@@ -154,7 +154,7 @@ def test_what_is_no_condition_names_no_columns():
         named_columns(["fits ="])
 
 
-def test_a_column_of_costs_says_how_to_get_them() -> None:
+def test_a_column_of_costs_says_how_to_get_them():
     frame = pd.DataFrame({"accuracy": [0.5]})
     with pytest.raises(ExpressionError, match=r"'energy_uj' needs costs, .*: add --hardware NAME"):
         matches("energy_uj <= 3", frame)

@@ -71,10 +71,7 @@ def test_what_cannot_be_compared_is_named():
     )
     rows, notes = skyline(frame, OBJECTIVES)
     assert rows["trial"].tolist() == [4]
-    assert notes == [
-        "trials 5, 6 excluded: accuracy is NaN",
-        "trials 6, 7 excluded: energy_uj is infinite",
-    ]
+    assert notes == ["trials 5, 6 excluded: accuracy is NaN", "trials 6, 7 excluded: energy_uj is infinite"]
 
 
 def test_only_rows_in_question_are_named():
@@ -131,7 +128,7 @@ def test_what_has_seen_its_labels_is_on_no_front_unless_it_is_asked_for():
     assert skyline(leaky().iloc[1:], [("accuracy", "max")]).notes == []
 
 
-def test_how_sure_a_front_is() -> None:
+def test_how_sure_a_front_is():
     share = front_share(UNCERTAIN, GOALS, energies(DRAWN))
     assert share.tolist() == [1.0, 1.0, 0.5]
     assert front_share(UNCERTAIN, GOALS, Draws((), lambda rows: {})).tolist() == [1.0, 1.0, 0.0]
@@ -145,7 +142,7 @@ def test_how_sure_a_front_is() -> None:
 
 
 @given(st.integers(1, 30), st.integers(1, 12), st.integers(0, 2**31))
-def test_shares_are_those_of_every_draw_on_its_own(n_rows: int, n_draws: int, seed: int) -> None:
+def test_shares_are_those_of_every_draw_on_its_own(n_rows, n_draws, seed):
     rng = np.random.default_rng(seed)
     frame = pd.DataFrame({"accuracy": rng.integers(0, 4, n_rows) / 4, "energy_uj": np.ones(n_rows)})
     drawn = rng.integers(1, 9, n_rows) * rng.uniform(0.5, 2.0, (n_draws, 1)) + rng.integers(
@@ -159,10 +156,10 @@ def test_shares_are_those_of_every_draw_on_its_own(n_rows: int, n_draws: int, se
     assert front_share(frame.assign(**ranges), GOALS, energies(drawn)).tolist() == found.tolist()
 
 
-def test_no_draw_is_made_for_what_no_draw_can_save() -> None:
-    asked: list[int] = []
+def test_no_draw_is_made_for_what_no_draw_can_save():
+    asked = []
 
-    def of(rows: pd.DataFrame) -> dict[str, np.ndarray]:
+    def of(rows):
         asked.extend(rows.index)
         return {"energy_uj": DRAWN[:, rows.index]}
 
@@ -171,7 +168,7 @@ def test_no_draw_is_made_for_what_no_draw_can_save() -> None:
     assert asked == [0, 1], "the third costs more than the second at its dearest"
 
 
-def test_costs_on_different_hardware_have_fronts_of_their_own() -> None:
+def test_costs_on_different_hardware_have_fronts_of_their_own():
     found = skyline(CHIPS, GOALS)
     kept = [(row["hardware"], row["trial"]) for _, row in found.rows.iterrows()]
     assert kept == [("x", 0), ("x", 1), ("y", 1)]
@@ -182,7 +179,7 @@ def test_costs_on_different_hardware_have_fronts_of_their_own() -> None:
     assert skyline(CHIPS, GOALS, by="hardware").rows.index.tolist() == found.rows.index.tolist()
 
 
-def test_what_does_not_fit_is_priced_as_on_a_larger_chip_if_that_is_asked_for() -> None:
+def test_what_does_not_fit_is_priced_as_on_a_larger_chip_if_that_is_asked_for():
     found = skyline(CHIPS, GOALS, oversize=True)
     kept = [(row["hardware"], row["trial"]) for _, row in found.rows.iterrows()]
     assert kept == [("x", 0), ("x", 1), ("y", 0), ("z", 0)]
@@ -190,7 +187,7 @@ def test_what_does_not_fit_is_priced_as_on_a_larger_chip_if_that_is_asked_for() 
     assert pick(CHIPS, ["hardware == 'z'"], oversize=True).row["trial"] == 0
 
 
-def test_where_no_design_fits_nothing_is_feasible_and_the_nearest_are_named() -> None:
+def test_where_no_design_fits_nothing_is_feasible_and_the_nearest_are_named():
     found = pick(CHIPS, ["hardware == 'z'", "energy_uj <= 3.5"])
     assert found.row is None and found.nearest["trial"].tolist() == [0, 1]
     assert found.nearest["missed energy_uj<=3.5"].tolist() == [0.0, 0.5]
@@ -201,7 +198,7 @@ def test_where_no_design_fits_nothing_is_feasible_and_the_nearest_are_named() ->
         assert sure.row is None and sure.nearest["trial"].tolist() == [0, 1]
 
 
-def test_what_has_no_answer_where_others_have_one_cannot_run_there() -> None:
+def test_what_has_no_answer_where_others_have_one_cannot_run_there():
     other = CHIPS.assign(trial=[2, 3] * 3, fits=pd.array([None] * 6, dtype="boolean"), accuracy=0.99)
     goals = [("accuracy", "max"), ("n_weights", "min")]
     both = pd.concat([CHIPS, other], ignore_index=True)
@@ -217,7 +214,7 @@ def test_what_has_no_answer_where_others_have_one_cannot_run_there() -> None:
     assert skyline(other, goals, by="hardware").rows["trial"].tolist() == [2, 2, 2]
 
 
-def test_what_has_no_energy_on_its_hardware_cannot_run_there() -> None:
+def test_what_has_no_energy_on_its_hardware_cannot_run_there():
     unable = CHIPS.assign(fits=pd.array([None] * 6, dtype="boolean"), energy_uj_high=np.nan)
     goals = [("accuracy", "max"), ("n_weights", "min")]
     found = skyline(unable, goals, by="hardware")
@@ -238,7 +235,7 @@ def test_a_users_column_of_that_name_is_not_about_hardware(fits):
     assert skyline(named, goals).rows["trial"].tolist() == [1, 2]
 
 
-def test_what_fits_does_not_depend_on_limits() -> None:
+def test_what_fits_does_not_depend_on_limits():
     best = CHIPS[CHIPS["hardware"] == "y"]["accuracy"].max()
     limits = f"hardware == 'y' and accuracy >= {best}"
     found = skyline(CHIPS, GOALS, limits)
@@ -246,7 +243,7 @@ def test_what_fits_does_not_depend_on_limits() -> None:
     assert pick(CHIPS, [limits]).row is None
 
 
-def test_what_does_not_fit_is_there_when_it_is_named() -> None:
+def test_what_does_not_fit_is_there_when_it_is_named():
     named = skyline(CHIPS, GOALS, "fits == False")
     assert [(row["hardware"], row["trial"]) for _, row in named.rows.iterrows()] == [("y", 0), ("z", 0)]
     assert skyline(CHIPS.assign(fits=pd.NA), GOALS, "hardware == 'y'").rows["trial"].tolist() == [0]
@@ -255,7 +252,7 @@ def test_what_does_not_fit_is_there_when_it_is_named() -> None:
     assert pick(CHIPS, ["hardware == 'z'", "not fits"]).row["trial"] == 0
 
 
-def test_rows_of_tables_without_hardware_fit() -> None:
+def test_rows_of_tables_without_hardware_fit():
     bare = pd.DataFrame({"trial": [7], "accuracy": [0.95], "energy_uj": [0.5]})
     mixed = pd.concat([CHIPS, bare], ignore_index=True)
     found = skyline(mixed, GOALS, by="hardware")
@@ -266,7 +263,7 @@ def test_rows_of_tables_without_hardware_fit() -> None:
     assert alone.notes == ["3 rows excluded: they do not fit the chip"]
 
 
-def test_what_no_hardware_changes_is_told_once() -> None:
+def test_what_no_hardware_changes_is_told_once():
     weights = [("accuracy", "max"), ("n_weights", "min")]
     found = skyline(CHIPS, weights)
     assert found.rows.index.tolist() == [0]
@@ -278,7 +275,7 @@ def test_what_no_hardware_changes_is_told_once() -> None:
 
 
 @pytest.mark.parametrize("where", NAMING_OTHERS)
-def test_words_in_a_condition_let_nothing_onto_the_front(where: str) -> None:
+def test_words_in_a_condition_let_nothing_onto_the_front(where):
     found = skyline(WORDS, GOALS, where)
     assert found.rows["trial"].tolist() == [2]
     assert found.notes == [
@@ -289,14 +286,14 @@ def test_words_in_a_condition_let_nothing_onto_the_front(where: str) -> None:
     assert skyline(WORDS, GOALS, f"({where}) and transductive").rows["trial"].tolist() == [0]
 
 
-def test_a_word_in_a_condition_does_not_make_it_depend_on_hardware() -> None:
+def test_a_word_in_a_condition_does_not_make_it_depend_on_hardware():
     named = CHIPS.assign(family="hardware")
     goals = [("accuracy", "max"), ("n_weights", "min")]
     assert skyline(named, goals, "family == 'hardware'").rows["hardware"].tolist() == ["x"]
 
 
 @pytest.mark.parametrize("family", ["fits", "transductive"])
-def test_the_front_of_a_group_among_rows_that_may_be_compared(family: str) -> None:
+def test_the_front_of_a_group_among_rows_that_may_be_compared(family):
     frame = pd.concat([WORDS.assign(family=family), WORDS.assign(family="snn")], ignore_index=True)
     frame.loc[5, "energy_uj"] = np.nan
     on_front = front_mask(frame, GOALS, group_numbers(frame, ["family", "hardware"]), admissible(frame))

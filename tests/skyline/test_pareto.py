@@ -161,7 +161,7 @@ def test_hypervolume_rejects_what_has_no_volume():
 
 
 @given(st.integers(0, 2**31), st.integers(1, 25), st.integers(1, 8))
-def test_the_most_telling_points_are_the_best_then_those_that_add_most(seed: int, n: int, most: int) -> None:
+def test_the_most_telling_points_are_the_best_then_those_that_add_most(seed, n, most):
     rng = np.random.default_rng(seed)
     points, group = rng.integers(0, 9, (n, 2)) / 8 - 0.5, rng.integers(0, 3, n)
     found = pareto.most_telling(points, group, most).tolist()
@@ -173,7 +173,7 @@ def test_the_most_telling_points_are_the_best_then_those_that_add_most(seed: int
             np.ptp(here, axis=0), np.ptp(here, axis=0), 1
         )
 
-    def volume(chosen: list[int]) -> float:
+    def volume(chosen):
         return sum(
             pareto.hypervolume(unit[[i for i in chosen if group[i] == k]], [1, 1])
             for k in {group[i] for i in chosen}

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dse.skyline.constraints import ExpressionError
 from dse.skyline.front import Draws
-from dse.skyline.pick import Pick, pick, sure_pick, ties
+from dse.skyline.pick import pick, sure_pick, ties
 from tests.skyline.tables import (
     DRAWN,
     GOALS,
@@ -58,7 +58,7 @@ def test_ties_in_every_goal_go_to_less_latency_then_energy_then_weights():
     assert pick(decided, []).row.name == 2  # a chip that cannot say how long it takes
 
 
-def test_ties_of_objectives_go_to_what_is_maximised_then_to_the_least_costly() -> None:
+def test_ties_of_objectives_go_to_what_is_maximised_then_to_the_least_costly():
     frame = table(
         accuracy=[0.9] * 4,
         accuracy_shifted=[0.7, 0.8, 0.8, 0.8],
@@ -144,7 +144,7 @@ def test_pick_is_best_and_feasible_or_nothing_is(rows, energy, weights):
         assert found.row.name in feasible.index
 
 
-def test_the_nearest_are_different_designs() -> None:
+def test_the_nearest_are_different_designs():
     frame = pd.DataFrame(
         {"trial": [0, 0, 0, 1], "accuracy": [0.5, 0.6, 0.7, 0.9], "energy_uj": [5.0, 6.0, 7.0, 9.0]}
     )
@@ -164,8 +164,8 @@ def test_what_has_seen_its_labels_is_not_picked_unless_it_is_asked_for():
         assert not any("has seen the labels" in note for note in asked.notes)
 
 
-def test_a_sure_pick_holds_in_so_many_draws() -> None:
-    def picked(budget: str, confidence: float) -> object:
+def test_a_sure_pick_holds_in_so_many_draws():
+    def picked(budget, confidence):
         found = sure_pick(UNCERTAIN, [budget], "accuracy", GOALS[1:], energies(DRAWN), confidence)
         return None if found.row is None else (found.row["trial"], found.row["energy_uj"])
 
@@ -179,7 +179,7 @@ def test_a_sure_pick_holds_in_so_many_draws() -> None:
     assert missed.nearest["missed energy_uj<=10"].tolist()[0] == 1.0, "11 in the worst draw"
 
 
-def test_a_sure_pick_meets_all_budgets_at_once() -> None:
+def test_a_sure_pick_meets_all_budgets_at_once():
     frame = pd.DataFrame(
         {"trial": [0, 1], "accuracy": [0.9, 0.8], "energy_uj": [5.0, 5.0], "latency_ms": [5.0, 5.0]}
     )
@@ -191,7 +191,7 @@ def test_a_sure_pick_meets_all_budgets_at_once() -> None:
         list(samples), lambda rows: {name: x[:, rows.index.to_numpy()] for name, x in samples.items()}
     )
 
-    def picked(confidence: float, ties: list[tuple[str, str]]) -> Pick:
+    def picked(confidence, ties):
         budgets = ["energy_uj <= 6", "latency_ms <= 6"]
         return sure_pick(frame, budgets, "accuracy", ties, draws, confidence)
 
@@ -206,7 +206,7 @@ def test_a_sure_pick_meets_all_budgets_at_once() -> None:
     assert neither.notes == ["no design meets all budgets at once in more than 50% of the samples"]
 
 
-def test_when_no_design_is_sure_it_is_said() -> None:
+def test_when_no_design_is_sure_it_is_said():
     frame = UNCERTAIN.iloc[[1, 2]].assign(accuracy=0.9)
     found = sure_pick(frame, [], "accuracy", GOALS[1:], energies(DRAWN), 0.9)
     assert found.row is None and found.nearest.empty
@@ -217,8 +217,8 @@ def test_when_no_design_is_sure_it_is_said() -> None:
 
 @pytest.mark.parametrize("budget", NAMING_OTHERS)
 @pytest.mark.parametrize("surely", [False, True])
-def test_words_in_a_budget_let_nothing_be_picked(budget: str, surely: bool) -> None:
-    def picked(*budgets: str) -> tuple[object, list[str]]:
+def test_words_in_a_budget_let_nothing_be_picked(budget, surely):
+    def picked(*budgets):
         if not surely:
             found = pick(WORDS, budgets)
         else:

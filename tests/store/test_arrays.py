@@ -196,7 +196,7 @@ def test_a_field_that_cannot_be_stored_is_named():
 
 def test_work_survives_the_disk_beside_other_arrays(tmp_path):
     steps = np.arange(3.0)
-    loads: list[Workload | Operations] = [
+    loads = [
         Workload(
             sizes=(4, 3), recurrent=(True,), n_steps=steps, spikes=np.ones((3, 2)), updates=None, step_ms=2.5,
             stored=(12,), delay_bits=6, cores=(2,), pipeline_steps=1,

@@ -71,10 +71,7 @@ def test_only_one_process_holds_a_study(tmp_path):
 
 def test_sweeping_removes_only_what_was_never_finished(tmp_path):
     store.save_run(store.run_file(tmp_path, 0, 0), {"trial": 0}, {})
-    left = [
-        tmp_path / ".writing-points.parquet-12",
-        tmp_path / "runs" / ".writing-00000-1.npz-12",
-    ]
+    left = [tmp_path / ".writing-points.parquet-12", tmp_path / "runs" / ".writing-00000-1.npz-12"]
     for path in left:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("half")

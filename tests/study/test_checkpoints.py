@@ -1,9 +1,5 @@
 """Jobs that are killed or pause: what they go on from, and that nothing shows it afterwards."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -55,7 +51,7 @@ def trained(job):
 
 def files(folder):
     """Return every array and number of the finished runs, without times."""
-    found: dict[str, Any] = {}
+    found = {}
     for number in range(2):
         run = store.run_file(folder / "study", number, 0)
         record = load_record(run)
@@ -80,7 +76,7 @@ def assert_ended_as(folder, whole):
 @pytest.fixture
 def saved(monkeypatch):
     """Return the (trial, epochs) of every checkpoint that is written; a kill comes after the seventh."""
-    written: list[tuple[int, int]] = []
+    written = []
     save_plain = checkpoints.save
 
     def save_and_die(study, epochs, training, record, *rest):
@@ -123,7 +119,7 @@ def test_jobs_from_rung_to_rung_end_as_one_and_measure_on_the_way(tmp_path, whol
 
 
 def test_a_rung_without_points_lacks_only_what_the_decision_maker_measures(tmp_path):
-    columns: list[dict[str, Any]] = []
+    columns = []
     for points in (True, False):
         folder = tmp_path / str(points)
         folder.mkdir()
@@ -142,7 +138,7 @@ def test_a_rung_without_points_lacks_only_what_the_decision_maker_measures(tmp_p
 def test_a_checkpoint_that_cannot_be_used_is_removed(tmp_path, whole, what, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(checkpoints, "SCHEMA", 0 if what == "other schema" else checkpoints.SCHEMA)
-        other: Any = {"learning_rate": 0.5} if what == "other training" else {}
+        other = {"learning_rate": 0.5} if what == "other training" else {}
         trained(cohort(tmp_path, until=2, **other))
     for folder in [*checkpoints.folders(tmp_path / "study", 0, 0).values()] if what == "damaged" else []:
         folder.write_bytes(folder.read_bytes()[:-100])

@@ -1,7 +1,5 @@
 """What may be compared: objectives, tasks and hardware in common; else a refusal in one sentence."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,11 +1,7 @@
 """A folder as versions up to 0.9 wrote it becomes one of today; what is damaged in it is named and kept."""
 
-from __future__ import annotations
-
 import hashlib
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,13 +21,13 @@ execution: {backend: loky,
 """
 
 
-def write_sealed(path: Path, document: dict[str, Any]) -> None:
+def write_sealed(path, document):
     text = json.dumps({"seal": f"dse-sha256:{ZEROS}", **document})
     path.write_text(text.replace(ZEROS, hashlib.sha256(text.encode()).hexdigest(), 1))
 
 
 @pytest.fixture
-def earlier(tmp_path: Path) -> Path:
+def earlier(tmp_path):
     """A folder of two runs and one warning."""
     (tmp_path / store.SPACE).write_text(SPACE)
     for trial in (0, 1):
@@ -52,7 +48,7 @@ def earlier(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_an_earlier_folder_is_converted(earlier: Path) -> None:
+def test_an_earlier_folder_is_converted(earlier):
     assert [damage.file for damage in examine(earlier)] == [store.BOOK]
     convert(earlier)
     for trial in (0, 1):
@@ -67,7 +63,7 @@ def test_an_earlier_folder_is_converted(earlier: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["record.json", "history.npz"])
-def test_a_damaged_run_of_an_earlier_folder_is_named_and_kept(earlier: Path, name: str) -> None:
+def test_a_damaged_run_of_an_earlier_folder_is_named_and_kept(earlier, name):
     path = earlier / "artefacts/00001/repeat_0" / name
     content = bytearray(path.read_bytes())
     content[-3] ^= 1
@@ -78,7 +74,7 @@ def test_a_damaged_run_of_an_earlier_folder_is_named_and_kept(earlier: Path, nam
     assert store.runs_in(earlier) == {0: [0]}
 
 
-def test_a_damaged_document_of_an_earlier_folder_is_kept(earlier: Path) -> None:
+def test_a_damaged_document_of_an_earlier_folder_is_kept(earlier):
     path = earlier / "warnings.json"
     path.write_text(path.read_text().replace("few", "two"))
     convert(earlier)

@@ -18,7 +18,6 @@ from tests.in_process import InProcess
 from tests.waiting import until
 
 CHILDREN = multiprocessing.get_context("forkserver")
-N_DESIGNS = 6
 
 
 @pytest.fixture(autouse=True)
@@ -26,8 +25,6 @@ def quick(monkeypatch):
     tiny_study.register()
     monkeypatch.setattr(workers, "Loky", InProcess)
     monkeypatch.setattr("dse.study.runs._GLANCE_S", 0.05)
-    yield
-    tiny_study.unregister()
 
 
 def space_of(folder, **changes):

@@ -1,11 +1,8 @@
 """The corrected accuracy: one number per design point in every command, and why a table has none."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,7 +16,6 @@ from dse.study import corrected, explore
 from dse.study.record import load_records
 from tests import tiny_study
 
-Captured = pytest.CaptureFixture[str]
 EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"
 COLUMNS = ["accuracy_corrected", "accuracy_corrected_low", "accuracy_corrected_high"]
 
@@ -33,7 +29,7 @@ def example(tmp_path_factory):
 
 def document(capsys, *arguments):
     assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    found = json.loads(capsys.readouterr().out)
     return found
 
 

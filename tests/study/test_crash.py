@@ -28,13 +28,6 @@ N_RUNS = 8
 """Six designs, of which the front gets a second repeat; at least this many runs in all."""
 
 
-@pytest.fixture(scope="module", autouse=True)
-def fake_model():
-    tiny_study.register()
-    yield
-    tiny_study.unregister()
-
-
 def prepare(folder, jobs=1):
     folder.mkdir()
     model = {**tiny_study.plain()["model"], "seconds": 0.02}

@@ -1,9 +1,5 @@
 """Moved windows and groups that training leaves out, in studies whose answers are known."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -136,7 +132,7 @@ def test_each_group_is_answered_without_its_recordings(tmp_path):
 
 def test_decisions_have_their_own_accuracy_on_groups(tmp_path):
     decision = {"phi": [0, 2], "theta": [0.4, 0.6]}
-    changes: dict[str, Any] = {"training": FEW, "evaluation": HONEST, "search": {"repeats": 2}}
+    changes = {"training": FEW, "evaluation": HONEST, "search": {"repeats": 2}}
     study = run(tmp_path, by_channel(), model={"kind": "snn", "hidden": [5]}, decision=decision, **changes)
     points = study.points()
     assert points["accuracy_unseen"].notna().all() and points["accuracy_shifted"].notna().all()
@@ -194,7 +190,7 @@ def unlike(frame, *columns):
 def test_a_spiking_network_is_the_same_alone_in_a_cohort_and_after_a_stop(tmp_path):
     rng = np.random.default_rng(3)
     spikes = (rng.random((18, N_STEPS, 4)) < 0.3 * by_channel() + 0.05).astype(np.uint8)
-    changes: dict[str, Any] = {"training": FEW, "evaluation": HONEST, "search": {"repeats": 2}}
+    changes = {"training": FEW, "evaluation": HONEST, "search": {"repeats": 2}}
     both = run(tmp_path, spikes, "both", model=SNN, **changes)
     assert set(both.trials["status"]) == {"finished"}
     alone = run(tmp_path, spikes, "alone", model={**SNN, "hidden": {"choice": [[8]]}}, **changes)

@@ -1,7 +1,5 @@
 """The fronts that a search goes on from: also where nothing fits yet."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 
@@ -22,13 +20,11 @@ POINTS = pd.DataFrame(
 )
 
 
-def on_fronts(points: pd.DataFrame) -> list[int]:
+def on_fronts(points):
     return [trial for _, front in fronts(points, GOALS) for trial in front["trial"]]
 
 
-def test_where_nothing_fits_the_search_goes_on_as_on_a_larger_chip_and_where_something_does_from_that() -> (
-    None
-):
+def test_where_nothing_fits_the_search_goes_on_as_on_a_larger_chip_and_where_something_does_from_that():
     assert on_fronts(POINTS) == [0, 1], "what the chip cannot run is on no front"
     assert on_fronts(POINTS.assign(fits=pd.array([False, True, None], dtype="boolean"))) == [1]
     both = pd.concat(

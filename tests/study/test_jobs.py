@@ -1,12 +1,9 @@
 """What a run is said to ask of a worker, and what a worker takes."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -81,7 +78,7 @@ def test_a_worker_takes_no_more_than_its_cohort_is_said_to_need(tmp_path, worker
 def test_what_a_family_is_asked(tmp_path):
     data = made(6, 10, 5, 0.3)
     unused = dataclasses.replace(data, validation=data.validation[:1], n_steps=4)
-    asked: dict[str, Any] = {}
+    asked = {}
 
     def note(name, answer):
         def asked_for(*arguments):

@@ -140,10 +140,7 @@ def test_a_damaged_book_is_restored_from_its_copy(folder, harm, told):
 
 def test_designs_of_several_kinds_have_their_own_axes(tmp_path):
     families.register()
-    try:
-        space = load_space(write_space(tmp_path, text=families.SPACE))
-    finally:
-        families.unregister()
+    space = load_space(write_space(tmp_path, text=families.SPACE))
     designs = [design_at(space, index) for index in (0, 40, 117, 170)]
     assert len({tuple(design) for design in designs}) == 4
     with Book(tmp_path, writes=True) as book:

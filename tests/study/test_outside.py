@@ -2,8 +2,6 @@
 
 import json
 
-import pytest
-
 from dse.api.study import open as open_study
 from dse.cli.command_line import main
 from dse.study import explore
@@ -11,13 +9,6 @@ from dse.study.ledger import read_entries
 from tests import tiny_study
 
 TOLD = ["accuracy=0.9", "n_weights=20", "energy_uj=0.5"]
-
-
-@pytest.fixture(autouse=True)
-def fake_model():
-    tiny_study.register()
-    yield
-    tiny_study.unregister()
 
 
 def run(folder, into="results", **changes):

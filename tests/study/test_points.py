@@ -1,7 +1,5 @@
 """Runs -> design points, and what they cost on hardware that the study was never run with."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 
@@ -25,7 +23,6 @@ PER_ADDITION_UJ = 0.9e-6
 def space(tmp_path):
     model = {"kind": "fake", "hidden": {"choice": [[4], [8, 4]]}, "mood": {"choice": ["fine", "raise"]}}
     yield tiny_study.make_space(tmp_path, model=model)
-    tiny_study.unregister()
 
 
 def counted(*additions):
@@ -274,7 +271,7 @@ def test_a_table_is_priced_as_it_was_written(space, study, monkeypatch):
                 numbers = Numbers({"accuracy": 0.4}, {})
                 found[repeat, bits] = precision.Evaluation(bits, pruned, numbers, held)
 
-    found: dict[tuple[int, int], precision.Evaluation] = {}
+    found = {}
 
     def rows(folder):
         trial, repeat = store.named(folder) or (1, 0)
@@ -437,7 +434,7 @@ def test_rows_of_unchanged_trials_are_taken_over(space, tmp_path, monkeypatch):
         3: [published(tmp_path, 3, work=spiking(4.0))],
         5: [published(tmp_path, 5)],
     }
-    read: list[int] = []
+    read = []
     of_trial = points._of_trial
 
     def counted_trial(space, folder, trial, *rest):

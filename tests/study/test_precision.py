@@ -1,14 +1,9 @@
 """Trained runs at other precisions: what is kept, what is made again, and which designs are chosen."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import shutil
 import signal
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,11 +17,10 @@ from dse.models.counts.knn import KNN
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import rounded
 from dse.models.training import Training
-from dse.records import Dataset, Network, Outcome
+from dse.records import Outcome
 from dse.study import explore, jobs, precision
 from dse.study.jobs import Rounding, evaluate
 from dse.study.precision import AS_TRAINED, common, fronts, missing, near, refusal, rows
-from dse.study.results import Study
 from dse.study.workers import Workers
 from tests.joint_data import joint
 from tests.models.snn.toy import toy
@@ -36,7 +30,7 @@ from tests.spaces import design_of, write_space
 SETTINGS = ((4, 0.0), (2, 0.0), (4, 0.5))
 
 
-def trained(folder: Path, data: Dataset, model: Any, name: str = "run") -> jobs.Run:
+def trained(folder, data, model, name="run"):
     """Train a run and return what it was asked to be."""
     if not (folder / "data").exists():
         save(data, folder / "data")
@@ -58,13 +52,13 @@ def trained(folder: Path, data: Dataset, model: Any, name: str = "run") -> jobs.
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> jobs.Run:
+def made(tmp_path_factory):
     """A run that was trained and never evaluated again."""
     return trained(tmp_path_factory.mktemp("made"), toy(), SNN(hidden=(10,), true_rate=0.5))
 
 
 @pytest.fixture
-def run(made: jobs.Run, tmp_path: Path) -> jobs.Run:
+def run(made, tmp_path):
     """The same with a folder of its own."""
     folder = store.run_file(tmp_path, 0, 0)
     folder.parent.mkdir()
@@ -72,15 +66,14 @@ def run(made: jobs.Run, tmp_path: Path) -> jobs.Run:
     return dataclasses.replace(made, folder=folder)
 
 
-def done(run: jobs.Run, *settings: precision.Setting) -> None:
+def done(run, *settings):
     assert list(evaluate(Rounding(run, settings))) == [(setting, None) for setting in settings]
 
 
-def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run: jobs.Run) -> None:
+def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run):
     done(run, *SETTINGS)
     data = toy()
     network = store.fitted_of(store.load_arrays(run.folder / "weights.npz"))
-    assert isinstance(network, Network)
     assert [x.setting for x in rows(run.folder)] == sorted(SETTINGS)
     for found in rows(run.folder):
         fewer = rounded(network, *found.setting)
@@ -96,10 +89,10 @@ def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run: jo
         np.testing.assert_array_equal(found.files["surface.npz"]["accuracy"], alone.points["accuracy"])
         np.testing.assert_array_equal(found.files["read_out.npz"]["accuracy"], alone.read_outs["accuracy"])
         for load in (store.work_of(found.files[f"{name}.npz"]) for name in ("surface", "read_out")):
-            assert load.weight_bits == found.weight_bits  # type: ignore[union-attr]
+            assert load.weight_bits == found.weight_bits
 
 
-def test_as_trained_it_is_the_run_itself(run: jobs.Run) -> None:
+def test_as_trained_it_is_the_run_itself(run):
     done(run, AS_TRAINED)
     [found] = rows(run.folder)
     record = store.read_record(run.folder)
@@ -113,7 +106,7 @@ def test_as_trained_it_is_the_run_itself(run: jobs.Run) -> None:
             np.testing.assert_array_equal(array, own[key], err_msg=f"{name} {key}")
 
 
-def test_a_joint_network_and_its_test_set(tmp_path: Path) -> None:
+def test_a_joint_network_and_its_test_set(tmp_path):
     data = joint()
     data = dataclasses.replace(data, test=data.validation[:3])
     one = trained(tmp_path, data, SNN(hidden=(6,), true_rate=0.5))
@@ -129,7 +122,7 @@ def test_a_joint_network_and_its_test_set(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["truncated", "empty", "flipped", "missing", "older"])
-def test_what_is_damaged_is_no_row_and_is_made_again(run: jobs.Run, damage: str) -> None:
+def test_what_is_damaged_is_no_row_and_is_made_again(run, damage):
     done(run, *SETTINGS)
     before = {x.setting: x for x in rows(run.folder)}
     path = precision.file_of(run.folder, (4, 0.5))
@@ -152,15 +145,15 @@ def test_what_is_damaged_is_no_row_and_is_made_again(run: jobs.Run, damage: str)
     assert again.numbers == before[4, 0.5].numbers
 
 
-def test_what_was_measured_before_a_stop_stays(run: jobs.Run) -> None:
+def test_what_was_measured_before_a_stop_stays(run):
     going = evaluate(Rounding(run, SETTINGS))
     assert next(going) == (SETTINGS[0], None)
     going.close()
     assert missing(run.folder, SETTINGS) == SETTINGS[1:]
 
 
-def test_a_file_is_there_whole_or_not_at_all(run: jobs.Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def torn(path: Path, arrays: Any) -> None:
+def test_a_file_is_there_whole_or_not_at_all(run, monkeypatch):
+    def torn(path, arrays):
         path.write_bytes(b"PK")
         raise OSError(28, "no space")
 
@@ -174,8 +167,8 @@ def test_a_file_is_there_whole_or_not_at_all(run: jobs.Run, monkeypatch: pytest.
     assert missing(run.folder, SETTINGS) == SETTINGS
 
 
-def test_a_setting_that_fails_stops_no_other(run: jobs.Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def moody(network: Network, weight_bits: int, pruned: float) -> Network:
+def test_a_setting_that_fails_stops_no_other(run, monkeypatch):
+    def moody(network, weight_bits, pruned):
         if weight_bits == 2:
             raise ValueError("weights must be kind")
         return rounded(network, weight_bits, pruned)
@@ -187,7 +180,7 @@ def test_a_setting_that_fails_stops_no_other(run: jobs.Run, monkeypatch: pytest.
     assert failed is not None and failed.reason == "ValueError: weights must be kind"
 
 
-def test_which_runs_have_other_precisions(run: jobs.Run, tmp_path: Path) -> None:
+def test_which_runs_have_other_precisions(run, tmp_path):
     assert refusal(run.folder) == ""
     (tmp_path / "others").mkdir()
     knn = trained(tmp_path / "others", toy(), KNN(window_ms=5.0), "knn")
@@ -196,7 +189,7 @@ def test_which_runs_have_other_precisions(run: jobs.Run, tmp_path: Path) -> None
     assert refusal(real.folder) == "runs in float32 arithmetic"
 
 
-def test_repeats_have_the_settings_that_each_of_them_has(run: jobs.Run, tmp_path: Path) -> None:
+def test_repeats_have_the_settings_that_each_of_them_has(run, tmp_path):
     other = dataclasses.replace(run, folder=store.run_file(tmp_path / "other", 0, 0))
     other.folder.parent.mkdir(parents=True)
     shutil.copy(run.folder, other.folder)
@@ -208,7 +201,7 @@ def test_repeats_have_the_settings_that_each_of_them_has(run: jobs.Run, tmp_path
     assert common([run.folder, store.run_file(tmp_path, 7, 0)]) == []
 
 
-def test_designs_on_the_front_and_near_it() -> None:
+def test_designs_on_the_front_and_near_it():
     points = pd.DataFrame(
         {
             "trial": [0, 1, 2, 3, 4, 4, 5, 6],
@@ -240,21 +233,19 @@ ONE = ("hidden: {choice: [4, 8, 12]}", "hidden: 4")
 NO_AXIS = ("thresholds: {choice: [[1, 2], [1, 2, 4]]}", "thresholds: [1, 2]")
 
 
-def stored(folder: Path) -> dict[str, int]:
+def stored(folder):
     """Return the files of settings in a study, and what tells each from one written again."""
     return {str(path.relative_to(folder)): path.stat().st_ino for path in folder.glob("precision/*/*.npz")}
 
 
-def settings_of(found: Study) -> dict[int, set[precision.Setting]]:
+def settings_of(found):
     """Return the settings that every trial's first run was evaluated at."""
     numbers = found.trials["trial"].tolist()
     folders = {number: store.run_file(found.folder, number, 0) for number in numbers}
     return {number: {x.setting for x in rows(folder)} for number, folder in folders.items()}
 
 
-def test_a_study_evaluates_its_front_and_goes_on_where_it_was_stopped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_evaluates_its_front_and_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     plain = load_space(write_space(tmp_path, SMALL))
     found = explore.run(plain, tmp_path, progress=False)
     assert stored(found.folder) == {}, "a file without the section"
@@ -263,7 +254,7 @@ def test_a_study_evaluates_its_front_and_goes_on_where_it_was_stopped(
     space = load_space(write_space(tmp_path, SMALL, PRECISION))  # no other study: nothing is trained for it
     evaluate, count = jobs.evaluate, 0
 
-    def stream(self: Workers, function: Any, jobs: Any) -> Any:
+    def stream(self, function, jobs):
         nonlocal count
         assert function is evaluate, "nothing else is left to do"
         for job in jobs:
@@ -295,19 +286,17 @@ def test_a_study_evaluates_its_front_and_goes_on_where_it_was_stopped(
     assert {name for name in after if after[name] != repaired[name]} == {damaged}
 
 
-def dies_after_one(job: Rounding) -> Iterator[Any]:
+def dies_after_one(job):
     """Do as `evaluate` does, in a worker that is killed after its first setting."""
     yield next(evaluate(job))
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_what_a_killed_worker_had_evaluated_stays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], forked: None
-) -> None:
+def test_what_a_killed_worker_had_evaluated_stays(tmp_path, monkeypatch, capsys, forked):
     space = load_space(write_space(tmp_path, ONE, NO_AXIS, PRECISION))
     plain, asked = Workers.stream, []
 
-    def stream(self: Workers, function: Any, jobs: Any) -> Any:
+    def stream(self, function, jobs):
         given = list(jobs)
         if function is evaluate:
             asked.extend(job.settings for job in given)
@@ -328,7 +317,7 @@ def test_what_a_killed_worker_had_evaluated_stays(
     assert at_the_end["energy_uj"].gt(0).all()
 
 
-def test_other_precisions_do_not_change_which_designs_are_repeated(tmp_path: Path) -> None:
+def test_other_precisions_do_not_change_which_designs_are_repeated(tmp_path):
     space = load_space(write_space(tmp_path))
     table = pd.DataFrame(
         {
@@ -350,9 +339,7 @@ def test_other_precisions_do_not_change_which_designs_are_repeated(tmp_path: Pat
     assert not list(fronts(bare.iloc[:0], space.objectives))
 
 
-def test_families_without_other_precisions_are_left_out_with_a_note(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_families_without_other_precisions_are_left_out_with_a_note(tmp_path, capsys):
     model = "model: {kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
     other = "model: {kind: knn, window_ms: 20}"
     space = load_space(write_space(tmp_path, (model, other), PRECISION))

@@ -1,9 +1,5 @@
 """What `dse check` says of recordings that are simulated, or that stay in their files."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 import yaml
@@ -18,7 +14,7 @@ from dse.study.preview import preview
 from tests.spaces import FINGERTIP
 
 SCENE = FINGERTIP + "forces_n: [1.0, 1.5]\ntrials: 5\n"
-SPACE: dict[str, Any] = {
+SPACE = {
     "study": "events",
     "data": {"kind": "scene", "scene": "fingertip.yaml"},
     "task": {"target": {"choice": ["texture", ["texture", "profile"]]}},

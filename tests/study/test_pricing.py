@@ -18,8 +18,6 @@ from tests.page_data import held
 from tests.rewriting import damage_part
 from tests.spaces import write_space
 
-Captured = pytest.CaptureFixture[str]
-
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):

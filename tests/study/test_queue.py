@@ -1,37 +1,27 @@
 """Designs of the user's choice: read from a file, kept in order, trained once."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
-from dse.config import ConfigError, SearchSpace
+from dse.config import ConfigError
 from dse.store import Book
 from dse.study import explore, outside
 from dse.study.ledger import read_entries
-from tests.tiny_study import make_space, unregister
+from tests.tiny_study import make_space
 
 
 @pytest.fixture
-def space(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SearchSpace:
+def space(tmp_path, monkeypatch):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
     return make_space(tmp_path, execution={"jobs": 1}, search={"sampler": "grid", "batch": 2})
 
 
-@pytest.fixture(autouse=True)
-def forgotten() -> object:
-    yield
-    unregister()
-
-
-def written(folder: Path, text: str) -> Path:
+def written(folder, text):
     path = folder / "design.yaml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def test_enqueued_designs_are_trained_first_and_once(space: SearchSpace, tmp_path: Path) -> None:
+def test_enqueued_designs_are_trained_first_and_once(space, tmp_path):
     folder = tmp_path / "results/tiny"
     both = "- {model.hidden: [16], model.true_rate: 0.8}\n- {model.hidden: 4, model.true_rate: 0.2}\n"
     designs = outside.read_designs(space, written(tmp_path, both))
@@ -71,7 +61,7 @@ def test_enqueued_designs_are_trained_first_and_once(space: SearchSpace, tmp_pat
         ("[]\n", ["1: must hold at least one design, got none"]),
     ],
 )
-def test_every_fault_has_its_line(space: SearchSpace, tmp_path: Path, text: str, faults: list[str]) -> None:
+def test_every_fault_has_its_line(space, tmp_path, text, faults):
     path = written(tmp_path, text)
     with pytest.raises(ConfigError) as caught:
         outside.read_designs(space, path)

@@ -1,7 +1,5 @@
 """Racing: who stops, that nothing shows how often or on how many workers, and what is written down."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import shutil
@@ -26,13 +24,6 @@ from tests import tiny_study
 
 WORKERS = True
 RATES = [0.1, 0.2, 0.3, 0.4, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def fake_model():
-    tiny_study.register()
-    yield
-    tiny_study.unregister()
 
 
 RACING = {"racing": {"rungs": [2, 5], "audit": 2}}
@@ -144,7 +135,7 @@ def test_tables_are_written_while_an_audit_goes_on(raced, tmp_path, monkeypatch)
     monkeypatch.setattr(Workers, "stream", in_process)
     monkeypatch.setattr(explore, "_REFRESH_S", 0.0)
     monkeypatch.setattr(explore, "_REFRESH_SHARE", math.inf)
-    ended: list[str] = []
+    ended = []
     written = explore.tables.trials_table
 
     def noted(*arguments):

@@ -1,20 +1,17 @@
 """The record of a run: plain data and back."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from dse.store import Damaged, StoreError
 from dse.study.record import RunRecord
 
-MEASURED: dict[str, Any] = {
+MEASURED = {
     "columns": {"accuracy": 0.5, "transductive": False},
     "hardware": {"chip": {"energy_uj": 1.5, "fits": True}},
 }
-FINISHED: dict[str, Any] = {
+FINISHED = {
     "trial": 3,
     "repeat": 1,
     "design": {"model.hidden": [4, 2]},
@@ -33,7 +30,7 @@ FINISHED: dict[str, Any] = {
     **MEASURED,
     "of_heads": {"letter": MEASURED, "other": MEASURED},
 }
-FAILED: dict[str, Any] = {
+FAILED = {
     "trial": 3,
     "repeat": 0,
     "design": {},

@@ -9,18 +9,10 @@ from dse.dataset.cache import usual_root
 from dse.dataset.files import read_meta
 from dse.recordings import RecordingError
 from dse.study import explore
-from tests import tiny_study
 from tests.tiny_study import make_space
 
 K = 3
 SPLIT = {"k_fold": {"k": K, "test": 0.25}}
-
-
-@pytest.fixture(scope="module", autouse=True)
-def fake_model():
-    tiny_study.register()
-    yield
-    tiny_study.unregister()
 
 
 @pytest.fixture(scope="module")

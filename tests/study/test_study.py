@@ -1,13 +1,9 @@
 """A study from its search space to its tables, the same whatever the workers, the order and the stops."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import re
 import shutil
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -36,13 +32,6 @@ COLUMNS = [
     *("energy_uj_high", "energy_dynamic_uj", "energy_static_uj", "energy_static_throttled_uj", "n_cores"),
     *("fits", "t_p_ms", "t_h_ms", "train_s", "dead_neurons", "status", "reason"),
 ]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def fake_model():
-    tiny_study.register()
-    yield
-    tiny_study.unregister()
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +175,7 @@ def test_a_damaged_data_set_is_prepared_again(finished, copied):
 
 def cached(root):
     """Return the folders of a cache: data sets, and the spikes that they name."""
-    found: dict[str, list[Path]] = {"spikes": [], "dataset": []}
+    found = {"spikes": [], "dataset": []}
     for path in sorted(root.glob("*/meta.json")):
         found[store.read_json(path)["schema"].split("/")[1]].append(path.parent)
     return found
@@ -194,7 +183,7 @@ def cached(root):
 
 def test_tasks_share_spikes_with_each_other_and_with_another_study(tmp_path, monkeypatch):
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
-    preparations: list[study_jobs.Preparation] = []
+    preparations = []
     stream = Workers.stream
 
     def watched(self, function, given):
@@ -359,12 +348,7 @@ def test_what_the_machine_did_fails_no_design(tmp_path, capsys, forked):
     moods = ["memory", "fine", "killed_twice", "killed"]
     space = make_space(
         tmp_path,
-        model={
-            "kind": "fake",
-            "mood": {"choice": moods},
-            "hidden": [16],
-            "gate": str(tmp_path / "deaths"),
-        },
+        model={"kind": "fake", "mood": {"choice": moods}, "hidden": [16], "gate": str(tmp_path / "deaths")},
         search={"sampler": "grid", "repeats_on_front": 2},
     )
     found = explore.run(space, tmp_path / "results")
@@ -375,12 +359,7 @@ def test_what_the_machine_did_fails_no_design(tmp_path, capsys, forked):
     assert reason in capsys.readouterr().err
     [note] = [text for text in found.warnings if text.startswith(runs.UNTRAINED)]
     assert "2 designs, trial 0, 3, because of the machine" in note
-    assert [entry.is_reported for entry in read_entries(found.folder)] == [
-        False,
-        True,
-        True,
-        False,
-    ]
+    assert [entry.is_reported for entry in read_entries(found.folder)] == [False, True, True, False]
 
     before = finished_runs(tmp_path)
     with pytest.MonkeyPatch.context() as patch:  # the machine is well again
@@ -401,7 +380,7 @@ def in_this_process(_, function, jobs):
     return ((job, part) for job in jobs for part in function(job))
 
 
-TOGETHER: dict[str, Any] = {**tiny_study.plain()["model"], "kind": "together"}
+TOGETHER = {**tiny_study.plain()["model"], "kind": "together"}
 
 
 def sizes(found):
@@ -453,7 +432,7 @@ def test_what_differs_in_data_repeat_or_share_trains_apart(tmp_path):
 
 def test_a_guilty_member_fails_alone(tmp_path, forked):
     moods = ["fine", "killed", "diverged", "misshapen", "forgotten", "raise", "crowded"]
-    changes: dict[str, Any] = {
+    changes = {
         "model": {**TOGETHER, "hidden": {"choice": [[4], [8]]}, "true_rate": 0.5, "mood": {"choice": moods}},
         "search": {"sampler": "grid"},
     }
@@ -481,7 +460,7 @@ def test_a_guilty_member_fails_alone(tmp_path, forked):
 
 
 def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path):
-    changes: dict[str, Any] = {
+    changes = {
         "model": {**TOGETHER, "hidden": [4], "megabytes": {"choice": [1, 3]}},
         "search": {"sampler": "grid"},
     }
@@ -515,7 +494,7 @@ def test_real_networks_do_not_depend_on_cohorts(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(runs, "_LONGEST_S", 0.0)
         alone = explore.run(space, tmp_path / "alone", progress=False)
-    counts: list[int] = []
+    counts = []
     plain = runs.Runs._planned
 
     def counted(self, *arguments):
@@ -557,7 +536,7 @@ def test_front_designs_are_repeated_and_averaged(tmp_path):
 
 
 def test_a_sampler_that_learns_asks_the_same_after_an_interruption(tmp_path, monkeypatch):
-    changes: dict[str, Any] = {
+    changes = {
         "model": {"kind": "fake", "hidden": {"range": [1, 60]}, "true_rate": {"range": [0.0, 1.0]}},
         "execution": {"jobs": 1},
         "search": {"sampler": "tpe", "n_trials": 6, "batch": 3, "startup": 3},

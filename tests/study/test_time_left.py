@@ -1,7 +1,5 @@
 """The time left, on recorded sequences and on ones that are made up."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -48,11 +46,11 @@ def estimates(ended_s, work=None, n_workers=2):
 
 
 @pytest.mark.parametrize("ended_s", [QUICKSTART, QUICKSTART_ON_AN_IDLE_MACHINE, FABRIC_TEXTURE])
-def test_two_cohorts_or_three_are_too_few(ended_s) -> None:
+def test_two_cohorts_or_three_are_too_few(ended_s):
     assert estimates(ended_s) == []
 
 
-def test_an_estimate_of_many_families_is_near_or_there_is_none() -> None:
+def test_an_estimate_of_many_families_is_near_or_there_is_none():
     assert all(abs(estimate - left) <= max(left, 20) for left, estimate in estimates(FAMILIES))
 
 
@@ -72,7 +70,7 @@ def trained(jobs_s, sizes, n_workers, setup_s, publish_s):
 @pytest.mark.parametrize("n_workers", [1, 2])
 @pytest.mark.parametrize("size", [1, 8])
 @pytest.mark.parametrize("seed", range(5))
-def test_the_most_expensive_first(n_workers, size, seed) -> None:
+def test_the_most_expensive_first(n_workers, size, seed):
     rng = np.random.default_rng(seed)
     jobs_s = np.sort(30 * rng.lognormal(0, 0.7, 60))[::-1]
     ended_s, job = trained(jobs_s, [size] * 60, n_workers, 40, 0.1)
@@ -84,21 +82,21 @@ def test_the_most_expensive_first(n_workers, size, seed) -> None:
 
 
 @pytest.mark.parametrize("n_workers", [1, 2, 4])
-def test_equal_jobs_are_timed_exactly_and_set_up_does_not_count(n_workers) -> None:
+def test_equal_jobs_are_timed_exactly_and_set_up_does_not_count(n_workers):
     ended_s, _ = trained([10.0] * 40, [1] * 40, n_workers, 40, 0)
     pairs = estimates(ended_s + np.arange(40) * 1e-6, n_workers=n_workers)
     assert len(pairs) >= 7
     assert all(estimate == pytest.approx(left, abs=11) for left, estimate in pairs)
 
 
-def test_nothing_is_estimated_of_a_rate_that_drifts() -> None:
+def test_nothing_is_estimated_of_a_rate_that_drifts():
     slower = np.cumsum([10.0] * 8 + [25.0] * 8).tolist()
     ones = [1.0] * 16
     assert seconds_left(slower, ones, 5.0, 1, 0.0, slower[-1]) is None
     assert seconds_left(slower[:8], ones[:8], 5.0, 1, 0.0, slower[7]) == pytest.approx(50)
 
 
-def test_no_estimate_when_nothing_is_missing_or_a_job_outlasts_it() -> None:
+def test_no_estimate_when_nothing_is_missing_or_a_job_outlasts_it():
     ended_s = [10.0 * run for run in range(1, 11)]
     ones = [1.0] * 10
     assert seconds_left(ended_s, ones, 5.0, 1, 0.0, 100.0) == pytest.approx(50)
@@ -108,7 +106,7 @@ def test_no_estimate_when_nothing_is_missing_or_a_job_outlasts_it() -> None:
     assert seconds_left([], [], 5.0, 1, 0.0, 100.0) is None
 
 
-def test_runs_that_are_not_planned_yet_count_as_the_mean_and_failures_as_nothing() -> None:
+def test_runs_that_are_not_planned_yet_count_as_the_mean_and_failures_as_nothing():
     left = TimeLeft(1, 0.0)
     left.expect(30)
     left.plan([2.0] * 10)

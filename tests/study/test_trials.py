@@ -14,7 +14,6 @@ from tests import tiny_study
 def space(tmp_path):
     model = {"kind": "fake", "hidden": {"choice": [[4], [8, 4]]}, "mood": {"choice": ["fine", "raise"]}}
     yield tiny_study.make_space(tmp_path, model=model)
-    tiny_study.unregister()
 
 
 def record(trial, repeat, accuracy, **changes):
@@ -90,7 +89,6 @@ def test_the_task_of_an_axis_of_targets_is_its_columns(tmp_path):
     task = {"target": {"choice": ["fabric", ["fabric", {"column": "speed", "abs": True}]]}}
     data = {**tiny_study.plain()["data"], "columns": {"fabric": "label", "speed": "label"}}
     space = tiny_study.make_space(tmp_path, task=task, data=data)
-    tiny_study.unregister()
     names = [space.task_name({"task.target": target}) for target in space.axes["task.target"].values or ()]
     assert names == ["fabric", "fabric|speed"]
     assert len(trials.trials_table(space, {})) == 0

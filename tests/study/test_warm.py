@@ -13,7 +13,7 @@ from dse.study.results import Study
 from dse.study.runs import Runs
 from dse.study.warm import Takeover, earlier_trials
 from dse.study.workers import Workers
-from tests.tiny_study import make_space, unregister
+from tests.tiny_study import make_space
 
 COLUMNS = ["model.hidden", "model.true_rate", "accuracy", "n_weights", "energy_uj"]
 
@@ -27,15 +27,10 @@ def search(tmp_path, monkeypatch):
         return explore.run(space, tmp_path / "results", progress=False)
 
     yield run
-    unregister()
 
 
 def model(*hidden):
-    return {
-        "kind": "fake",
-        "hidden": {"choice": [[n] for n in hidden]},
-        "true_rate": {"choice": [0.2, 0.8]},
-    }
+    return {"kind": "fake", "hidden": {"choice": [[n] for n in hidden]}, "true_rate": {"choice": [0.2, 0.8]}}
 
 
 def rows(study):

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -31,7 +28,7 @@ from dse.testing.small import SmallStudy
 from tests.joint_data import joint
 
 # Keys that a component needs, and those that keep its check small.
-FAMILIES: dict[str, dict[str, Any]] = {
+FAMILIES = {
     "snn": {"hidden": (6,)},
     "cascade": {"hidden": (6,), "first_hidden": (5,)},
     "threshold_lif": {},
@@ -44,18 +41,10 @@ FAMILIES: dict[str, dict[str, Any]] = {
     "naive_bayes": {},
 }
 OF_HEADS = ("cascade",)  # what joint targets alone can train
-ENCODERS: dict[str, dict[str, Any]] = {
-    "send_on_delta": {"thresholds": (2.0, 4.0)},
-    "threshold": {"level": "past"},
-    "receptors": {},
-}
-LOSSES: dict[str, dict[str, Any]] = {"count_cross_entropy": {"count_scale": 2.0, "read_outs": 4}}
-SAMPLERS: dict[str, dict[str, Any]] = {
-    "tpe": {"startup": 4},
-    "nsga2": {"population": 4},
-    "gp": {"startup": 8},
-}
-FIGURES: dict[str, dict[str, Any]] = {
+ENCODERS = {"send_on_delta": {"thresholds": (2.0, 4.0)}, "threshold": {"level": "past"}, "receptors": {}}
+LOSSES = {"count_cross_entropy": {"count_scale": 2.0, "read_outs": 4}}
+SAMPLERS = {"tpe": {"startup": 4}, "nsga2": {"population": 4}, "gp": {"startup": 8}}
+FIGURES = {
     "grid": {"x": "model.hidden", "y": "window.n_steps"},
     "energy": {"hardware": "loihi1_silicon"},
     "cores": {"hardware": "loihi1_silicon"},
@@ -85,7 +74,7 @@ class OfManyDesigns(SmallStudy):
         return pd.concat(more, ignore_index=True)
 
 
-STUDIES: dict[str, type[SmallStudy]] = {"histograms": WithHistograms, "importance": OfManyDesigns}
+STUDIES = {"histograms": WithHistograms, "importance": OfManyDesigns}
 ARRAYS = {
     "signal": np.arange(24.0).reshape(2, 4, 3),
     "spikes": np.eye(6, dtype=np.uint8).reshape(2, 3, 6),
@@ -104,7 +93,7 @@ forces_n: [1]
 trials: 1
 duration_ms: 120
 """
-SOURCES: dict[str, dict[str, Any]] = {
+SOURCES = {
     "event_files": {"folder": "cloths", "label_from": "folder", "columns": {"fabric": "folder"}},
     "events": {"file": "x.npz", "width": 4, "taxel": "taxel", "columns": {"fabric": "label"}},
     "long_table": {"file": "long.csv", "step_ms": 5.0, "channels": ("left",), "recording": "recording"},
@@ -126,7 +115,7 @@ def checked_family(family):
     check_family(family, joint(n_steps=20) if registry.name_of("models", family) in OF_HEADS else None)
 
 
-CHECKS: dict[str, tuple[Callable[[Any], object], dict[str, dict[str, Any]]]] = {
+CHECKS = {
     "models": (checked_family, FAMILIES),
     "targets": (check_target, {}),
     "encoders": (check_encoder, ENCODERS),

@@ -1,12 +1,9 @@
 """Objectives and a figure of an installed module are used from the command line."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -109,7 +106,7 @@ def installed(tmp_path_factory):
 def rows(capsys, *arguments):
     capsys.readouterr()
     assert main([*arguments, "--json"]) == 0
-    answer: list[dict[str, Any]] = json.loads(capsys.readouterr().out)["rows"]
+    answer = json.loads(capsys.readouterr().out)["rows"]
     return answer
 
 

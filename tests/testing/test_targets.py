@@ -5,7 +5,6 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -25,7 +24,7 @@ def targets(monkeypatch):
 
 
 def test_targets_that_keep_the_contract():
-    known: dict[str, Any] = registry.known("targets")
+    known = registry.known("targets")
     verdict = check_target(known["arrays"]())
     assert verdict is not None and (verdict.kind, verdict.n_recordings) == ("faithful", 5)
     assert check_target(known["locked"]()) is None

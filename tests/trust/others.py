@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,7 +96,7 @@ class Others:
 
 
 @contextlib.contextmanager
-def forgotten() -> Iterator[None]:
+def forgotten():
     """Let this process be one that has loaded no plugin yet."""
     before, plugins = registry._outside(), dict(registry._plugins)
     registry._replace({pair: cls for pair, cls in before.items() if "dse_plugin_" not in cls.__module__})
@@ -111,7 +110,7 @@ def forgotten() -> Iterator[None]:
         registry._plugins.update(plugins)
 
 
-def made(root: Path, trace: Path) -> Others:
+def made(root, trace):
     """Return what somebody has trained, picked and exported on a machine that trusts its own plugin."""
     root.mkdir()
     others = Others(root, trace)
@@ -126,7 +125,7 @@ def made(root: Path, trace: Path) -> Others:
     return others
 
 
-def poisoned(bundle: Path, file: str, more: str) -> None:
+def poisoned(bundle, file, more):
     """Append a text to a file of a bundle, with checksums that agree."""
     path = bundle / file
     path.write_text(path.read_text(encoding="utf-8") + more, encoding="utf-8")

@@ -26,8 +26,6 @@ from dse.testing.targets import small_bundle, small_recordings
 from tests.serving import ask, served
 from tests.trust.others import forgotten, made, poisoned
 
-Captured = pytest.CaptureFixture[str]
-
 
 @pytest.fixture(scope="module")
 def original(tmp_path_factory, own_config):

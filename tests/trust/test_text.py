@@ -9,7 +9,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -139,7 +138,7 @@ def hostile(tmp_path_factory):
     return folder
 
 
-SHOWN: Sequence[str] = (
+SHOWN = (
     "check {0}/tiny.yaml",
     "audit {0}/tiny.yaml --format table",
     "skyline {0}/results/tiny --format table",

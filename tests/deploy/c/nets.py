@@ -1,31 +1,26 @@
 """Random classifiers and recordings of spikes, with what the engine does on them."""
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c import host
-from dse.deploy.reference import Reference
 from dse.models.snn.quantise import rounded
 from dse.neurons import cuba_lif, parameters_of, resonator, xylo_lif
-from dse.preprocessing import Pooling
 from dse.recordings.pooling import pooling
-from dse.records import Array, Head, Layer, Network
+from dse.records import Head, Layer, Network
 from tests.deploy import bundles
 from tests.spaces import RASTER, sections
 
 STEP_MS = 5.0
 
 
-def has_compiler() -> bool:
+def has_compiler():
     """Return whether there is a C compiler."""
     try:
         host.compiler()
@@ -37,7 +32,7 @@ def has_compiler() -> bool:
 needs_compiler = pytest.mark.skipif(not has_compiler(), reason="no C compiler is installed")
 
 
-def bundle(network: Network, n_steps: int, **changes: Any) -> Bundle:
+def bundle(network, n_steps, **changes):
     """Return a bundle of a network on spikes that answers at the end of its window."""
     made = Bundle(
         fitted=network,
@@ -52,20 +47,20 @@ def bundle(network: Network, n_steps: int, **changes: Any) -> Bundle:
     return replace(made, **changes)
 
 
-def pools_of(made: Bundle) -> Pooling:
+def pools_of(made):
     """Return the pools of a bundle of events."""
     preprocessing, taken = made.sections.preprocessing, made.input
     assert preprocessing is not None and taken is not None
     return pooling(preprocessing, taken.width, taken.height)
 
 
-def reference(made: Bundle, fired: Array) -> Reference:
+def reference(made, fired):
     """Return what the engine of a bundle does on recordings of spikes, (sample, step, channel)."""
     with tempfile.TemporaryDirectory() as folder:
         return bundles.reference(made, fired, Path(folder))
 
 
-def case(number: int) -> tuple[Bundle, Array]:
+def case(number):
     """Return random classifier `number` and its recordings, (sample, step, channel) of 0 and 1.
 
     Numbers take turns at layers, resonators, recurrence, delays of inputs and of synapses, bits, pruning,
@@ -98,7 +93,7 @@ def case(number: int) -> tuple[Bundle, Array]:
     return _ruled(bundle(network, n_steps), number, rng), _recordings(rng, n_steps, n_channels)
 
 
-def xylo_case(number: int) -> tuple[Bundle, Array]:
+def xylo_case(number):
     """Return random classifier `number` of `xylo_lif` neurons, and recordings as of `case`."""
     rng = np.random.default_rng([31, number])
     n_channels, is_recurrent = int(rng.choice([3, 16, 40])), bool(number % 2)
@@ -121,14 +116,7 @@ def xylo_case(number: int) -> tuple[Bundle, Array]:
     return _ruled(bundle(network, 30), number, rng), _recordings(rng, 30, n_channels)
 
 
-def _layer(
-    weight: Array,
-    ring: Array | None,
-    rng: np.random.Generator,
-    is_output: bool,
-    resonates: bool,
-    sums: bool,
-) -> Layer:
+def _layer(weight, ring, rng, is_output, resonates, sums):
     """Return a layer; one that sums does not decay."""
     n = len(weight)
     alike = rng.random() < 0.5
@@ -157,7 +145,7 @@ def _layer(
     return Layer(weight, ring, parameters_of(population), "resonator")
 
 
-def _ruled(made: Bundle, number: int, rng: np.random.Generator) -> Bundle:
+def _ruled(made, number, rng):
     """Return the bundle with one of the rules: confidence, a fixed time, heads, one head of two."""
     n = len(made.classes)
     which = number % 5
@@ -182,7 +170,7 @@ def _ruled(made: Bundle, number: int, rng: np.random.Generator) -> Bundle:
     return made
 
 
-def _recordings(rng: np.random.Generator, n_steps: int, n_channels: int) -> Array:
+def _recordings(rng, n_steps, n_channels):
     rates = np.array([0.0, 0.02, 0.2, 0.6, 1.0])[:, None, None]
     fired = rng.random((5, n_steps, n_channels)) < rates
     burst = fired[3] & (np.arange(n_steps)[:, None] % 7 < 2)

@@ -1,10 +1,6 @@
 """Classifiers of counts as C: the answers of the engine, in the memory that was stated."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +33,7 @@ from tests.spaces import RASTER, sections
 pytestmark = nets.needs_compiler
 
 
-def fitted(model: Any, read_out_ms: float | None = None) -> tuple[Bundle, Reference]:
+def fitted(model, read_out_ms=None):
     """Return the bundle of a trained classifier, and what it answers to recordings it was not trained on."""
     data = dataset(n_samples=120, n_steps=40, n_channels=9)
     data = replace(data, test=np.concatenate([data.validation, data.test]))
@@ -82,7 +78,7 @@ def fitted(model: Any, read_out_ms: float | None = None) -> tuple[Bundle, Refere
         (ELM(window_ms=35, windows=9, hidden=30, precision="float32"), 80.0),
     ],
 )
-def test_answers_are_those_of_the_engine(model: Any, read_out_ms: float | None, tmp_path: Path) -> None:
+def test_answers_are_those_of_the_engine(model, read_out_ms, tmp_path):
     made, reference = fitted(model, read_out_ms)
     C99().write(made, tmp_path)
     verdict = C99().verify(made, tmp_path, reference)
@@ -107,7 +103,7 @@ def test_answers_are_those_of_the_engine(model: Any, read_out_ms: float | None, 
         Kernels(window_ms=5, kernels=40, read_outs=3),
     ],
 )
-def test_answers_on_a_core_without_hardware_for_doubles(model: Any, tmp_path: Path) -> None:
+def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
     if why := emulator.missing():
         pytest.skip(why)
     made, reference = fitted(model)
@@ -123,7 +119,7 @@ def test_answers_on_a_core_without_hardware_for_doubles(model: Any, tmp_path: Pa
 
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])
-def test_a_perceptron_on_a_core_without_hardware_for_floats(precision: Any, tmp_path: Path) -> None:
+def test_a_perceptron_on_a_core_without_hardware_for_floats(precision, tmp_path):
     if why := emulator.missing():
         pytest.skip(why)
     model = MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2, precision=precision)
@@ -144,21 +140,21 @@ def test_a_perceptron_on_a_core_without_hardware_for_floats(precision: Any, tmp_
         (Linear(window_ms=20), "int8_t"),
     ],
 )
-def test_flash_is_counted_in_the_numbers_that_the_c_stores(model: Any, table: str) -> None:
+def test_flash_is_counted_in_the_numbers_that_the_c_stores(model, table):
     made, reference = fitted(model)
     data = reference.dataset
     if table == "uint16_t":  # a count above 255
-        arrays = {**made.fitted.arrays, "counts": made.fitted.arrays["counts"] + 256}  # type: ignore[union-attr]
-        made = replace(made, fitted=replace(made.fitted, arrays=arrays))  # type: ignore[type-var]
+        arrays = {**made.fitted.arrays, "counts": made.fitted.arrays["counts"] + 256}
+        made = replace(made, fitted=replace(made.fitted, arrays=arrays))
     [largest] = sorted(counting_plan_of(made).tables, key=lambda x: x.n_bytes)[-1:]
-    bits = made.sections.model.respond(made.fitted, data, data.test).stored_bits  # type: ignore[attr-defined]
+    bits = made.sections.model.respond(made.fitted, data, data.test).stored_bits
     assert (largest.kind, bits) == (table, 8 * largest.n_bytes // largest.values.size)
 
 
-def _predicted(made: Bundle, reference: Reference) -> float:
+def _predicted(made, reference):
     """Return the cycles of an inference by the cost model, from what dse records of the answers."""
     data, model = reference.dataset, made.sections.model
-    answers = model.respond(made.fitted, data, data.test)  # type: ignore[attr-defined]
+    answers = model.respond(made.fitted, data, data.test)
     load = Operations(
         macs=answers.macs,
         additions=answers.additions,
@@ -173,14 +169,14 @@ def _predicted(made: Bundle, reference: Reference) -> float:
     return float(np.squeeze(latency_ms) * profile.cycles_per_ms)
 
 
-def test_tables_larger_than_the_flash_are_refused() -> None:
+def test_tables_larger_than_the_flash_are_refused():
     made, _ = fitted(KNN(window_ms=5, channels="each"))
-    counts = made.fitted.arrays["counts"]  # type: ignore[union-attr]
+    counts = made.fitted.arrays["counts"]
     times = 2**21 // (counts.size + 2 * len(counts))
     arrays = {
-        **made.fitted.arrays,  # type: ignore[union-attr]
+        **made.fitted.arrays,
         "counts": np.concatenate([counts] * (times + 1)),
-        "target": np.concatenate([made.fitted.arrays["target"]] * (times + 1)),  # type: ignore[union-attr]
+        "target": np.concatenate([made.fitted.arrays["target"]] * (times + 1)),
     }
     made = replace(made, fitted=replace(made.fitted, arrays=arrays))
     assert "the chip of profile mcu_m4 has 2097152" in target_named("cortex_m4").refusal(made)
@@ -194,14 +190,14 @@ def test_tables_larger_than_the_flash_are_refused() -> None:
         (Kernels(window_ms=5, kernels=4), "groups", "the sums of its kernels may exceed 32 bits"),
     ],
 )
-def test_integers_that_may_pass_32_bits_are_refused(model: Any, name: str, reason: str) -> None:
+def test_integers_that_may_pass_32_bits_are_refused(model, name, reason):
     made, _ = fitted(replace(model, read_outs=1))
     assert C99().refusal(made) == ""
-    arrays: Any = made.fitted.arrays  # type: ignore[union-attr]
+    arrays = made.fitted.arrays
     arrays = {**arrays, name: np.full_like(arrays[name], np.iinfo(arrays[name].dtype).max)}
     if name == "groups":  # a place of very many channels
         arrays |= {"place": np.zeros(10**6, np.int64), "sign": np.ones(10**6, np.int8)}
-    changed = replace(made, fitted=replace(made.fitted, arrays=arrays))  # type: ignore[type-var]
+    changed = replace(made, fitted=replace(made.fitted, arrays=arrays))
     assert reason in C99().refusal(changed)
 
 
@@ -209,7 +205,7 @@ def test_integers_that_may_pass_32_bits_are_refused(model: Any, name: str, reaso
     ("model", "reason"),
     [(KNN(weights="distance"), "square roots"), (ELM(nonlinearity="tanh"), "nonlinearity tanh")],
 )
-def test_what_needs_a_library_is_refused(model: Any, reason: str) -> None:
+def test_what_needs_a_library_is_refused(model, reason):
     assert reason in C99().refusal(fitted(model)[0])
 
 
@@ -217,7 +213,7 @@ def test_what_needs_a_library_is_refused(model: Any, reason: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "reason"), [("hots", "an exponential of every neighbour"), ("cascade", "C holds one network")]
 )
-def test_families_without_c_say_why(kind: str, reason: str) -> None:
+def test_families_without_c_say_why(kind, reason):
     made, _ = fitted(KNN())
     sections = replace(made.sections, model=registry.known("models")[kind](), kinds={"model": kind})
     assert reason in C99().refusal(replace(made, sections=sections))

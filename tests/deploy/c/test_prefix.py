@@ -23,8 +23,6 @@ from tests.deploy.c import nets
 from tests.deploy.c.test_sketch import of, touches
 from tests.deploy.targets.test_c99 import run
 
-Captured = pytest.CaptureFixture[str]
-
 pytestmark = nets.needs_compiler
 
 

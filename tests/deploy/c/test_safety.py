@@ -1,7 +1,5 @@
 """The C where it could be misled: a short double, no number, no dse_init, counts beside an answer, memory."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from dataclasses import replace
@@ -20,7 +18,6 @@ from dse.models.counts.knn import KNN
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.recordings import RecordingError
-from dse.records import Array
 from tests.deploy.c import nets
 from tests.deploy.c.test_counting import fitted
 from tests.deploy.c.test_sketch import of, touches
@@ -107,7 +104,7 @@ def test_samples_that_are_no_numbers_are_left_out(encoder, options, tmp_path):
     values = np.concatenate(touches("samples")).astype(np.float32)[:60]
     whole = replay.of_samples(values, 0, 60)
     lines = whole[2:-1].reshape(60, 6)  # SAMPLE, four values, STEP
-    bad: list[Array] = []
+    bad = []
     for k, (sensor, value) in enumerate([(1, np.nan), (0, np.inf), (3, -np.inf), (2, np.nan)]):
         row = values[10 * k].copy()
         row[sensor] = value

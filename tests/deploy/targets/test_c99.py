@@ -1,38 +1,32 @@
 """C on this machine: every spike and decision equals the engine's, and memory is what was stated."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
 
 from dse.deploy import bundle
-from dse.deploy.bundle import Bundle, Input
+from dse.deploy.bundle import Input
 from dse.deploy.c import host, replay
 from dse.deploy.c.plan import plan_of
 from dse.deploy.evaluate import evaluate
-from dse.deploy.reference import Reference, of_recordings
+from dse.deploy.reference import of_recordings
 from dse.deploy.targets import TargetError, c99, compare, emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.verify import target_named
 from dse.encoders.receptors import Receptors
 from dse.neurons import parameters_of
-from dse.records import Array, Layer, Network
+from dse.records import Layer, Network
 from tests.deploy.c import nets
 from tests.spaces import FINGERTIP, sections
 
 N_NETS = 30
 SANITIZERS = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-KEYS = "hidden: [3]"
-Case = Callable[[int], tuple[Bundle, Array]]
 
 pytestmark = nets.needs_compiler
 
@@ -98,14 +92,14 @@ def test_a_delayed_weight_that_cancels_a_current_leaves_nothing(tmp_path):
     assert C99().verify(made, tmp_path, reference).kind == "faithful"
 
 
-SAMPLES: dict[str, Any] = {
+SAMPLES = {
     "data": {"kind": "time_series", "file": "x.npz", "step_ms": 5, "columns": {"letter": "letter"}},
     "task": {"target": "letter"},
     "split": {"stratified": {"validation": 0.2}},
     "model": {"kind": "snn"},
     "training": {},
 }
-EVENTS: dict[str, Any] = {
+EVENTS = {
     **SAMPLES,
     "data": {"kind": "events", "file": "x.npz", "width": 20, "height": 6, "x": "x", "y": "y",
              "polarity": "polarity",
@@ -271,7 +265,7 @@ def assert_answers(printed, folder, data_file):
 def test_spikes_are_answered_as_by_the_engine(tmp_path, checked):
     made, fired = nets.case(10)
     C99().write(made, tmp_path / "c99")
-    reference: Reference = nets.reference(made, fired)
+    reference = nets.reference(made, fired)
     printed = answers_of_main(tmp_path / "c99", csv(list(fired)), *checked)
     assert [row[0] for row in printed] == [made.classes[label] for label in reference.label]
     assert np.allclose([float(row[1]) for row in printed], reference.time_ms)

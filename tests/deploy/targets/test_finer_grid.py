@@ -1,9 +1,6 @@
 """Trained networks in every target that holds integers: finer grids, lags and learnt axonal delays."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,10 +15,10 @@ from tests.deploy.c import nets
 from tests.models.snn.test_rounding import LEVELS, TRAINING, touched
 from tests.models.snn.toy import rngs
 
-FINE: dict[str, Any] = {
+FINE = {
     **LEVELS, "hidden": (20,), "rounding": "dithered", "threshold_exponents": (2, 2)
 }  # fmt: skip
-MODELS: dict[str, dict[str, Any]] = {
+MODELS = {
     "fine": FINE,
     "fine, with lags": {**FINE, "input_delays": (0, 4, 16)},
     "axonal delays": {"hidden": (20, 16), "max_axonal_delay": 12, "initial_rate": 0.2},

@@ -1,11 +1,8 @@
 """NIR graphs, run in Norse and in snnTorch."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +29,7 @@ def verdict(folder, made, rng, n_steps=40):
 
 def test_without_rounding_every_spike_is_equal(framework, tmp_path):
     rng = np.random.default_rng(1)
-    every_feature: dict[str, Any] = {
+    every_feature = {
         "sizes": (4, 7, 6, 5, 3),
         "recurrent": True,
         "delays": (0, 3, 7),

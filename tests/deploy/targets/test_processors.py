@@ -1,19 +1,13 @@
 """C on emulated processors: every spike and decision of random networks equals the engine's."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
-from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, replay
 from dse.deploy.c.plan import plan_of
 from dse.deploy.targets import emulator
 from dse.deploy.verify import target_named
-from dse.records import Array
 from tests.deploy.c import nets
-
-Case = Callable[[int], tuple[Bundle, Array]]
 
 
 @pytest.mark.parametrize(

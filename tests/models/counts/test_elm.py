@@ -1,9 +1,6 @@
 """Extreme learning machines: features, random weights, solutions, answers and hard cases."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -22,15 +19,15 @@ from dse.models.counts.elm import (
     ridge_solutions,
 )
 from dse.models.training import Training
-from dse.records import Answers, Dataset, Outcome, Parameters, Spikes
+from dse.records import Answers, Dataset, Spikes
 from tests.saved_data import in_a_row
 
 
-def rngs(repeat: int = 0) -> Callable[..., np.random.Generator]:
+def rngs(repeat=0):
     return partial(lambda purpose, *index: seeds.generator(1, {}, purpose, repeat, *index))
 
 
-def of(x: np.ndarray, target: np.ndarray, n_train: int, step_ms: float = 10.0, n_test: int = 0) -> Dataset:
+def of(x, target, n_train, step_ms=10.0, n_test=0):
     """Return a data set of spikes (sample, step, channel): first training, then validation, then test."""
     n, n_steps, m = x.shape
     flat = x.reshape(-1, m)
@@ -43,7 +40,7 @@ def of(x: np.ndarray, target: np.ndarray, n_train: int, step_ms: float = 10.0, n
     )  # fmt: skip
 
 
-def toy(n: int = 90, n_steps: int = 60, m: int = 6) -> Dataset:
+def toy(n=90, n_steps=60, m=6):
     """Return three classes, in each of which another third of the channels fires more."""
     rng = np.random.default_rng(3)
     target = np.arange(n) % 3
@@ -51,11 +48,11 @@ def toy(n: int = 90, n_steps: int = 60, m: int = 6) -> Dataset:
     return of(rng.random((n, n_steps, m)) < share[:, None], target, n // 2, n_test=n // 6)
 
 
-def fit(data: Dataset, model: ELM, repeat: int = 0) -> Outcome:
+def fit(data, model, repeat=0):
     return model.fit(data, Training(), rngs(repeat))
 
 
-def accuracy(answers: Answers | None, data: Dataset, samples: np.ndarray) -> np.ndarray:
+def accuracy(answers, data, samples):
     assert isinstance(answers, Answers)
     return (answers.label == data.target[samples][:, None]).mean(axis=0)
 
@@ -165,7 +162,7 @@ def test_drive_is_the_expected_input_of_a_hidden_neuron(weights):
     assert np.sqrt((z**2).mean() - drawn) == pytest.approx(0.3, rel=0.03)
 
 
-def dense_of(data: Dataset, i: int) -> np.ndarray:
+def dense_of(data, i):
     out = np.zeros((data.n_steps, data.spikes.n_channels))
     for t in range(data.n_steps):
         row = i * data.spikes.n_steps + t
@@ -173,7 +170,7 @@ def dense_of(data: Dataset, i: int) -> np.ndarray:
     return out
 
 
-def in_blocks(h: np.ndarray, t: np.ndarray, size: int) -> np.ndarray:
+def in_blocks(h, t, size):
     triangle = np.zeros((0, h.shape[1] + t.shape[1]))
     for k in range(0, len(h), size):
         triangle = reduced(triangle, h[k : k + size], t[k : k + size])
@@ -336,7 +333,7 @@ def test_windows_are_honoured():
     assert np.array_equal(fit(moved, SMALL).validation.label, fit(data, SMALL).validation.label)
 
 
-def whole(data: Dataset) -> np.ndarray:
+def whole(data):
     return np.stack([dense_of(data, i) for i in range(len(data.target))]).astype(bool)
 
 
@@ -351,7 +348,6 @@ def test_it_depends_on_its_generator_alone():
 def test_what_was_fitted_answers_again():
     data = toy()
     found = fit(data, SMALL)
-    assert isinstance(found.network, Parameters)
     again = SMALL.respond(found.network, data, data.test)
     assert np.array_equal(again.label, found.test.label)
     assert SMALL.respond(found.network, data, data.test[:1]).label.shape == (1, 6)

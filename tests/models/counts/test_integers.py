@@ -1,7 +1,5 @@
 """Layers of integers: by hand, within 32 bits whatever comes, and close to what was trained."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

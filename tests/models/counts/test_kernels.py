@@ -1,7 +1,5 @@
 """Random kernels against the definition, sum by sum."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

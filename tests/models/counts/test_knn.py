@@ -1,7 +1,5 @@
 """k nearest neighbours against a plain definition and scikit-learn."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The linear classifier: scikit-learn's logistic regression, then what its integers answer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

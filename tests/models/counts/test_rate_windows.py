@@ -1,7 +1,5 @@
 """Spikes counted in windows, and what every classifier of counts must do."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 

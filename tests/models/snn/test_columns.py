@@ -111,8 +111,7 @@ def test_copies_are_equal_and_the_network_is_the_one_written_out_by_hand(model):
         second = network.layers[1].weight
         np.testing.assert_array_equal(second, np.tile(second[:, :4], 6))
     by_hand = replace(
-        network,
-        layers=(Layer(written, None, first.parameters, first.neuron), *network.layers[1:]),
+        network, layers=(Layer(written, None, first.parameters, first.neuron), *network.layers[1:])
     )
     again = respond(by_hand, of, of.validation)
     np.testing.assert_array_equal(again.output, outcome.validation.output)

@@ -8,7 +8,7 @@ import pytest
 from dse import store
 from dse.models.snn.family import SNN
 from dse.models.snn.respond import respond
-from dse.models.training import FitRequest, Training, TrainingDiverged
+from dse.models.training import FitRequest, Training
 from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.lif import Lif
 from dse.records import Network
@@ -46,7 +46,6 @@ def test_a_network_is_stored_and_answers_again():
         assert layer.delay is not None and layer.delay.shape == layer.weight.shape
         assert layer.delay.dtype == np.int8 and layer.delay.min() >= 0 and layer.delay.max() <= 12
     again = store.fitted_of(store.record_arrays(network))
-    assert isinstance(again, Network)
     answer = respond(again, data, data.validation)
     np.testing.assert_array_equal(answer.output, outcome.validation.output)
     # A spike of the input is one, whatever its delays.
@@ -65,7 +64,6 @@ def test_delays_rest_while_weights_are_averaged():
     assert (delays[0] != delays[1]).any()
     averaged = fit(data, model, replace(SHORT, epochs=1, average_epochs=1), rngs()).network
     fixed = fit(data, replace(model, delay_learning_rate=0), replace(SHORT, epochs=1), rngs()).network
-    assert isinstance(averaged, Network) and isinstance(fixed, Network)
     np.testing.assert_array_equal(averaged.layers[0].delay, fixed.layers[0].delay)
 
 
@@ -77,7 +75,6 @@ def test_they_train_the_same_alone_and_beside_others():
     for number, request in enumerate(requests):
         ((_, alone),) = SNN.fit_cohort(data, [request], rngs())
         beside = together[number]
-        assert not isinstance(alone, TrainingDiverged) and not isinstance(beside, TrainingDiverged)
         for a, b in zip(alone.network.layers, beside.network.layers, strict=True):
             np.testing.assert_array_equal(a.weight, b.weight)
             np.testing.assert_array_equal(a.delay, b.delay)

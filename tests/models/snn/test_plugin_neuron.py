@@ -1,7 +1,5 @@
 """A neuron that a user wrote, in a file beside the search space: trained, resumed, picked and evaluated."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -45,7 +43,7 @@ search: {sampler: grid, n_trials: 1}
 
 def run(*arguments, capsys):
     assert main([*map(str, arguments), "--json"]) == 0
-    rows: list[dict[str, object]] = json.loads(capsys.readouterr().out)["rows"]
+    rows = json.loads(capsys.readouterr().out)["rows"]
     return rows
 
 

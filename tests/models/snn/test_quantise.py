@@ -222,9 +222,7 @@ def test_a_trained_network_answers_as_deployed_and_with_fewer_bits_like_its_own_
         fewer,
         layers=tuple(
             dataclasses.replace(
-                x,
-                weight=quantise(x.weight),
-                recurrent=None if x.recurrent is None else quantise(x.recurrent),
+                x, weight=quantise(x.weight), recurrent=None if x.recurrent is None else quantise(x.recurrent)
             )
             for x in fewer.layers
         ),

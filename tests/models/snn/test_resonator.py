@@ -9,10 +9,9 @@ from dse import store
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond
-from dse.models.training import FitRequest, Training, TrainingDiverged
+from dse.models.training import FitRequest, Training
 from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.resonator import Resonator
-from dse.records import Network
 from dse.testing.small import spikes_of
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
@@ -49,7 +48,6 @@ def test_a_network_is_stored_and_answers_again_at_any_precision():
     assert [layer.neuron for layer in outcome.network.layers] == ["resonator", "resonator", "cuba_lif"]
     assert [int(layer.parameters["resonates"].sum()) for layer in outcome.network.layers[:2]] == [5, 4]
     again = store.fitted_of(store.record_arrays(outcome.network))
-    assert isinstance(again, Network)
     answer = respond(again, data, data.validation)
     np.testing.assert_array_equal(answer.output, outcome.validation.output)
     np.testing.assert_array_equal(answer.updates, outcome.validation.updates)
@@ -69,7 +67,6 @@ def test_they_train_the_same_alone_and_beside_others():
     for number, request in enumerate(requests):
         ((_, alone),) = SNN.fit_cohort(data, [request], rngs())
         beside = together[number]
-        assert not isinstance(alone, TrainingDiverged) and not isinstance(beside, TrainingDiverged)
         for a, b in zip(alone.network.layers, beside.network.layers, strict=True):
             np.testing.assert_array_equal(a.weight, b.weight)
         np.testing.assert_array_equal(alone.validation.output, beside.validation.output)

@@ -1,9 +1,6 @@
 """Thresholds on finer grids, and weights of regions dithered to 8 bits: what runs is what was trained."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,15 +18,14 @@ from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import STATE_LIMIT, quantise
 from dse.neurons.lif import Lif
 from dse.neurons.resonator import Resonator
-from dse.records import Dataset, Network
+from dse.records import Dataset
 from dse.testing.small import spikes_of
 from tests.models.snn.test_regions import array
 from tests.models.snn.toy import accuracy, rngs, toy
 
 
 @given(
-    sizes=st.tuples(st.integers(1, 200), st.integers(1, 5), st.integers(1, 20)),
-    seed=st.integers(0, 2**30),
+    sizes=st.tuples(st.integers(1, 200), st.integers(1, 5), st.integers(1, 20)), seed=st.integers(0, 2**30)
 )
 def test_the_sum_over_a_pool_is_that_of_the_weight_rounded_once(sizes, seed):
     n_inputs, n_pools, n_neurons = sizes
@@ -76,7 +72,7 @@ def test_thresholds_and_weights_of_a_finer_grid_are_the_same_network(kind, expon
     rng = np.random.default_rng(seed)
     rows = rows_of((rng.random((3, 60, 20)) < 0.2).astype(np.uint8))
     matrix = rng.normal(0, 0.3, (20, 9)).astype(np.float32)
-    neurons: Any = cuba_lif.rounded(0.25, 0.03, 1.25)
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
     if kind == "resonator":
         from dse.neurons import LayerSpec
 
@@ -117,7 +113,7 @@ def touched(n=90, side=12, n_steps=60):
 TRAINING = Training(
     epochs=12, batch_size=10, learning_rate=0.05, dropout=0.0, average_epochs=1, step_unit="initial"
 )
-LEVELS: dict[str, Any] = {"hidden": (48,), "regions": 12, "start": "contrasts", "true_rate": 0.5}
+LEVELS = {"hidden": (48,), "regions": 12, "start": "contrasts", "true_rate": 0.5}
 
 
 def test_a_dithered_network_answers_nearly_as_the_real_one_and_holds_8_and_24_bits():
@@ -125,7 +121,6 @@ def test_a_dithered_network_answers_nearly_as_the_real_one_and_holds_8_and_24_bi
     real = SNN(**LEVELS, arithmetic="float32").fit(data, TRAINING, rngs())
     eight = SNN(**LEVELS, rounding="dithered").fit(data, TRAINING, rngs())
     network = eight.network
-    assert isinstance(network, Network)
     assert accuracy(real, data) >= 0.9
     assert accuracy(eight, data) >= accuracy(real, data) - 0.1
     first = network.layers[0]
@@ -172,7 +167,6 @@ def test_a_start_moves_by_the_same_share_on_every_grid():
         SNN(hidden=(9,), arithmetic="float32", threshold_exponents=k).fit(data, training, rngs()).network
         for k in ((), (4, 3))
     )
-    assert isinstance(plain, Network) and isinstance(fine, Network)
     for a, b, k in zip(plain.layers, fine.layers, (4, 3), strict=True):
         np.testing.assert_allclose(a.weight, b.weight / 2.0**k, rtol=1e-3, atol=1e-5)
 

@@ -1,7 +1,5 @@
 """Trainings with whitened weights, weight norm and outputs that learn alone first."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
@@ -30,7 +28,7 @@ from dse.models.training import FitRequest, Span, Training
 from dse.neurons import cuba_lif, parameters_of
 from dse.neurons.response import constant_response
 from dse.neurons.xylo_lif import XyloLif
-from dse.records import Layer, Network, Outcome
+from dse.records import Layer, Outcome
 from dse.testing.small import spikes_of
 from tests.joint_data import joint
 from tests.models.snn.test_train import SHARED, alone, assert_same, own, settled, together
@@ -44,7 +42,7 @@ def base(**keys):
     return Training(**{"epochs": 6, "output_epochs": 3, "batch_size": 9, "dropout": 0.0, **keys})
 
 
-DESIGNS: list[tuple[SNN, Training]] = [
+DESIGNS = [
     (SNN(hidden=(20,), whitened="output", loss=LOSS), base(lr_schedule="cosine", hidden_lr_factor=0.1)),
     (SNN(hidden=(20, 15), whitened="all", loss=LOSS), base(dropout=0.2, clip_norm=0.5)),
     (SNN(hidden=(20,), whitened="output"), base(average_epochs=2)),
@@ -63,7 +61,6 @@ def up_to(data, design, until, state=None):
 
 
 def same_weights(a, b):
-    assert isinstance(a.network, Network) and isinstance(b.network, Network)
     pairs = zip(a.network.layers, b.network.layers, strict=True)
     return all(np.array_equal(x.weight, y.weight) for x, y in pairs)
 

@@ -1,31 +1,27 @@
 """A small task that networks learn at once, and how tests train on it."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
 from dse import seeds
-from dse.models.snn.family import SNN
-from dse.models.training import Generators, Training
-from dse.records import Dataset, Outcome
+from dse.models.training import Training
+from dse.records import Dataset
 from dse.testing.small import spikes_of
 from tests.saved_data import in_a_row
 
 SHORT = Training(epochs=4, batch_size=9, learning_rate=0.1, dropout=0.2, average_epochs=3)
 
 
-def rngs(repeat: int = 0) -> Callable[..., np.random.Generator]:
+def rngs(repeat=0):
     return partial(lambda purpose, *index: seeds.generator(1, {}, purpose, repeat, *index))
 
 
-def fit(data: Dataset, model: SNN, training: Training, own: Generators) -> Outcome:
+def fit(data, model, training, own):
     return model.fit(data, training, own)
 
 
-def toy(n_channels: int = 12, n_steps: int = 40, n: int = 60, rate: float = 0.3, margin: int = 0) -> Dataset:
+def toy(n_channels=12, n_steps=40, n=60, rate=0.3, margin=0):
     """Return three classes told apart by which third of the channels fires more."""
     rng = np.random.default_rng(11)
     target = np.arange(n) % 3
@@ -51,6 +47,6 @@ def toy(n_channels: int = 12, n_steps: int = 40, n: int = 60, rate: float = 0.3,
     )
 
 
-def accuracy(outcome: Outcome, data: Dataset) -> float:
+def accuracy(outcome, data):
     label = outcome.validation.output.sum(axis=1, dtype=np.int64).argmax(axis=1)
     return float((label == data.target[data.validation]).mean())

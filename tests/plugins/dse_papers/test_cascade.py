@@ -1,10 +1,6 @@
 """Cascades: the second stack sees the first one's outputs, late and as they would be on a chip."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +10,14 @@ from dse.engine.events import dense, gather
 from dse.measure import heads
 from dse.models.snn.respond import respond
 from dse.models.training import Training
-from dse.records import Dataset, Network, Outcome, Parameters, Response, Spikes
+from dse.records import Network, Parameters, Response, Spikes
 from dse_papers.models.cascade import Cascade, beside, cut
 from tests.joint_data import joint
 from tests.models.snn.toy import rngs
 
 FAST = Training(epochs=20, batch_size=8, learning_rate=0.1, warmup_epochs=1, dropout=0.0)
 SHORT = Training(epochs=2, batch_size=8, dropout=0.1)
-SMALL: dict[str, Any] = {"hidden": (14,), "first_hidden": (9,), "true_rate": 0.5, "output_tau_grad": 0.3}
+SMALL = {"hidden": (14,), "first_hidden": (9,), "true_rate": 0.5, "output_tau_grad": 0.3}
 
 
 def arrays(spikes, start, n_steps):
@@ -135,8 +131,8 @@ def watched(monkeypatch):
     """Return the data that stacks train on, as they are trained."""
     from dse.models.snn.family import SNN
 
-    seen: list[Dataset] = []
-    before: Callable[..., Outcome] = SNN.fit
+    seen = []
+    before = SNN.fit
     monkeypatch.setattr(SNN, "fit", lambda self, data, *rest: seen.append(data) or before(self, data, *rest))
     return seen
 

@@ -1,9 +1,6 @@
 """A paper's numbers beside ours, from studies whose every number is chosen."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -104,7 +101,7 @@ def test_without_a_test_set_it_is_another_quantity(tmp_path):
 
 
 def test_a_length_stands_beside_the_same_length_alone(tmp_path):
-    designs: list[dict[str, Any]] = [
+    designs = [
         {
             **{"runs": [0.8, 0.9, 0.7], "decision_latency_ms": ms, "accuracy_test": 0.93},
             **{"t_p_ms": 400.0, "t_p_test_ms": 437.4, "t_h_ms": t_h_ms},

@@ -1,9 +1,6 @@
 """The folder about a paper, from studies whose every number is chosen."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -16,7 +13,7 @@ SECTIONS = {
     "data": {"kind": "time_series", "file": "ridges.npz", "step_ms": 10},
     "encoder": {"kind": "receptors", "spikes_per_step": 1},
 }
-WHOLE: dict[str, Any] = {"design": {}, "seed": 1, "heads": {}, "data": "", "columns": {}, "hardware": {}}
+WHOLE = {"design": {}, "seed": 1, "heads": {}, "data": "", "columns": {}, "hardware": {}}
 NAMES = ("README.md", "compared.csv", "fig_11_ridges_texture.png", "fig_14_ridges_texture.png", "ridges")
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from dse import seeds
 from dse.models.training import Training
-from dse.records import Answers, Dataset, Parameters, Spikes
+from dse.records import Answers, Dataset, Spikes
 from dse_papers.models.hots import HOTS, histograms, read_out_steps
 from dse_papers.models.time_surfaces import Field, Stream, nearest, surface
 
@@ -60,12 +60,10 @@ def accuracy(outcome, data):
 
 
 def parameters(outcome):
-    assert isinstance(outcome.network, Parameters)
     return outcome.network
 
 
 def answers(outcome):
-    assert isinstance(outcome.validation, Answers)
     return outcome.validation
 
 

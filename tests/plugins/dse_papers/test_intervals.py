@@ -65,11 +65,7 @@ def test_kinds_of_receptors_have_their_channels():
     planes = np.array([0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5])  # two taxels, two spikes per step
     assert {
         name: x.tolist() for name, x in IntervalsFigure.groups(planes, {"kind": "receptors"}).items()
-    } == {
-        "SA": [0, 1, 6, 7],
-        "FA rising": [2, 3, 8, 9],
-        "FA falling": [4, 5, 10, 11],
-    }
+    } == {"SA": [0, 1, 6, 7], "FA rising": [2, 3, 8, 9], "FA falling": [4, 5, 10, 11]}
     merged = SampleIntervalsFigure.groups(planes, {"kind": "receptors", "sa": True})
     assert {name: x.tolist() for name, x in merged.items()} == {
         "SA": [0, 1, 6, 7],

@@ -3,11 +3,7 @@ import pytest
 
 from dse.measure.decision import surface as decision_surface
 from dse.testing.small import SmallStudy
-from dse_papers.figures.surface import (
-    QUANTITIES,
-    SurfaceFigure,
-    gather_surface,
-)
+from dse_papers.figures.surface import QUANTITIES, SurfaceFigure, gather_surface
 
 
 @pytest.fixture

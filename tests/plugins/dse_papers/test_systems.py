@@ -1,9 +1,6 @@
 """Rows of published systems beside studies whose every number is chosen."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +29,7 @@ def test_every_printed_system_has_a_title_a_source_and_families():
 
 def test_the_mean_of_several_runs_goes_before_a_lucky_one(tmp_path):
     knn = {"family": "knn", "macs": 5.0}
-    designs: list[dict[str, Any]] = [
+    designs = [
         {"accuracy": 0.92, **knn, "accuracy_se": 0.04},
         {"runs": [0.85, 0.95], **knn, "accuracy_se": 0.03, "accuracy_test": 0.7, "t_c_ms": 300.0},
         {"runs": [0.84, 0.95], **knn, "accuracy_se": 0.03},

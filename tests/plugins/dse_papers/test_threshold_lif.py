@@ -16,12 +16,7 @@ from dse.neurons import lif
 from dse.recordings.raster import sparse
 from dse.recordings.time_series import TimeSeries
 from dse.records import Dataset, Network, Response
-from dse_papers.models.threshold_lif import (
-    ThresholdLIF,
-    mean_spikes,
-    ridge_weights,
-    structural_weights,
-)
+from dse_papers.models.threshold_lif import ThresholdLIF, mean_spikes, ridge_weights, structural_weights
 from tests.joint_data import joint
 from tests.spaces import RASTER, sections
 

@@ -123,8 +123,7 @@ def test_tiny_and_huge_time_constants_are_exact_without_a_warning(tau_us):
 
 
 @given(
-    seed=st.integers(0, 10_000),
-    shift=st.tuples(st.integers(0, 4), st.integers(0, 4), st.integers(0, 10**9)),
+    seed=st.integers(0, 10_000), shift=st.tuples(st.integers(0, 4), st.integers(0, 4), st.integers(0, 10**9))
 )
 def test_moved_events_have_the_same_surfaces(seed, shift):
     dx, dy, dt = shift

@@ -1,15 +1,10 @@
 """Writers of AEDAT files, after the specification: version 2 of jAER, 3.1 of cAER and 4 of DV."""
 
-from __future__ import annotations
-
 import itertools
 import struct
-from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import pyarrow
-
-from tests.recordings.formats.encoders import Event
 
 CHIPS = {
     "ch.unizh.ini.jaer.chip.retina.DVS128": (128, 128),
@@ -23,14 +18,14 @@ END_2, END_3 = b"#End Of ASCII Header\r\n", b"#!END-HEADER\r\n"
 POLARITY = 1
 
 
-def _without_size(data: bytes) -> bytes:
+def _without_size(data):
     sink = pyarrow.BufferOutputStream()
     with pyarrow.CompressedOutputStream(sink, "zstd") as stream:
         stream.write(data)
     return sink.getvalue().to_pybytes()
 
 
-COMPRESS: dict[str, Callable[[bytes], bytes]] = {
+COMPRESS = {
     "none": bytes,
     "lz4": lambda data: pyarrow.Codec("lz4").compress(data, asbytes=True),
     "lz4 high": lambda data: pyarrow.Codec("lz4", compression_level=9).compress(data, asbytes=True),
@@ -40,16 +35,16 @@ COMPRESS: dict[str, Callable[[bytes], bytes]] = {
 STREAMS = (("EVTS", (320, 240)), ("FRME", (320, 240)), ("IMUS", None))
 
 
-def head_2(chip: str | None = DVS128, end: bytes = END_2) -> bytes:
+def head_2(chip=DVS128, end=END_2):
     named = b"" if chip is None else f"# AEChip: {chip}\r\n".encode()
     return VERSION_2 + b"# This is a raw AE data file - do not edit\r\n" + named + end
 
 
-def stamped(addresses: Iterable[int], t_us: Iterable[int]) -> bytes:
+def stamped(addresses, t_us):
     return b"".join(struct.pack(">II", *x) for x in zip(addresses, t_us, strict=True))
 
 
-def words(events: Sequence[Event], chip: str = DVS128) -> bytes:
+def words(events, chip=DVS128):
     """Return words of AEDAT 2: jAER's chips count columns from the right and rows from the bottom."""
     width, height = CHIPS[chip]
     shifts = (8, 1, 0) if chip == DVS128 else (22, 12, 11)
@@ -65,13 +60,13 @@ def words(events: Sequence[Event], chip: str = DVS128) -> bytes:
     )
 
 
-def head_3(source: str = "DAVIS240C", layout: bytes = b"RAW", more: bytes = b"") -> bytes:
+def head_3(source="DAVIS240C", layout=b"RAW", more=b""):
     named = f"#Source 1: {source}\r\n".encode()
     start = b"#Start-Time: 2016-04-01 12:00:00 (TZ+0100)\r\n"
     return VERSION_3 + b"#Format: " + layout + b"\r\n" + named + start + more + END_3
 
 
-def packet_3(data: bytes, count: int, kind: int = POLARITY, **fields: int) -> bytes:
+def packet_3(data, count, kind=POLARITY, **fields):
     """Return a packet; `fields` overwrite those of its header."""
     size = len(data) // count if count else 8
     header = {"kind": kind, "source": 1, "size": size, "time_at": 4, "overflow": 0}
@@ -80,11 +75,11 @@ def packet_3(data: bytes, count: int, kind: int = POLARITY, **fields: int) -> by
     return struct.pack("<hhiiiiii", *(header | fields).values()) + data
 
 
-def pairs(values: Iterable[tuple[int, int]]) -> bytes:
+def pairs(values):
     return b"".join(struct.pack("<Ii", *pair) for pair in values)
 
 
-def packets(events: Sequence[Event], **fields: int) -> bytes:
+def packets(events, **fields):
     """Return events in packets, a new one wherever the overflow counter rises."""
     recording = b""
     for overflow, part in itertools.groupby(events, lambda event: event[0] >> 31):
@@ -93,7 +88,7 @@ def packets(events: Sequence[Event], **fields: int) -> bytes:
     return recording
 
 
-def prefixed(kind: bytes, table: bytes) -> bytes:
+def prefixed(kind, table):
     """Return a size-prefixed flatbuffer; `table`, which begins at byte 12 of it, says where its root is."""
     root = 12 + struct.unpack_from("<H", table)[0]
     root += -root % 4
@@ -101,7 +96,7 @@ def prefixed(kind: bytes, table: bytes) -> bytes:
     return struct.pack("<I", len(data)) + data
 
 
-def head_4(compression: str | int = "lz4", end: int = -1, streams: tuple = STREAMS) -> bytes:
+def head_4(compression="lz4", end=-1, streams=STREAMS):
     attr = '<attr key="{}" type="{}">{}</attr>'.format
     nodes = ""
     for i, (kind, size) in enumerate(streams):
@@ -113,22 +108,22 @@ def head_4(compression: str | int = "lz4", end: int = -1, streams: tuple = STREA
     return described(f'<dv version="2.0"><node name="outInfo">{nodes}</node></dv>'.encode(), number, end)
 
 
-def described(text: bytes, compression: int, end: int = -1) -> bytes:
+def described(text, compression, end=-1):
     lookup = struct.pack("<5H2x", 10, 20, 4, 12, 8)  # compression, end, text within the table
     table = struct.pack("<iiIq", 12, compression, 12, end)
     return VERSION_4 + prefixed(b"IOHE", lookup + table + struct.pack("<I", len(text)) + text + b"\x00")
 
 
-def content(events: Sequence[Event], kind: bytes = b"EVTS", count: int | None = None) -> bytes:
+def content(events, kind=b"EVTS", count=None):
     rows = np.array([(t, x, y, p, b"") for t, x, y, p in events], np.dtype("<i8, <i2, <i2, u1, V3"))
     table = struct.pack("<3H2xiI", 6, 8, 4, 8, 4)
     n = len(rows) if count is None else count
     return prefixed(kind, table + struct.pack("<I", n) + rows.tobytes())
 
 
-def packet_4(data: bytes, stream: int = 0, size: int | None = None) -> bytes:
+def packet_4(data, stream=0, size=None):
     return struct.pack("<ii", stream, len(data) if size is None else size) + data
 
 
-def coded(events: Sequence[Event], compression: str = "lz4", stream: int = 0, **fields) -> bytes:
+def coded(events, compression="lz4", stream=0, **fields):
     return packet_4(COMPRESS[compression](content(events, **fields)), stream)

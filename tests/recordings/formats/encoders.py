@@ -1,9 +1,6 @@
 """Writers of the small files that the tests of the readers read back, after the formats' descriptions."""
 
-from __future__ import annotations
-
 import struct
-from collections.abc import Iterable, Sequence
 
 import numpy as np
 from hypothesis import strategies as st
@@ -11,7 +8,7 @@ from hypothesis import strategies as st
 Event = tuple[int, int, int, int]  # t_us, x, y, polarity
 
 
-def event_lists(most_us: int, most_xy: int) -> st.SearchStrategy[list[Event]]:
+def event_lists(most_us, most_xy):
     """Return lists of 1 to 40 events in order: gaps up to `most_us`, addresses up to `most_xy`."""
     gap = st.one_of(st.just(0), st.integers(0, 100), st.integers(0, most_us))
     address = st.integers(0, most_xy)
@@ -21,15 +18,15 @@ def event_lists(most_us: int, most_xy: int) -> st.SearchStrategy[list[Event]]:
     )
 
 
-def evt2_event(t: int, x: int, y: int, p: int) -> int:
+def evt2_event(t, x, y, p):
     return p << 28 | (t & 0x3F) << 22 | x << 11 | y
 
 
-def evt2_high(high: int) -> int:
+def evt2_high(high):
     return 0x8 << 28 | high % (1 << 28)
 
 
-def evt2_words(events: Sequence[Event]) -> list[int]:
+def evt2_words(events):
     words, high = [], None
     for t, x, y, p in events:
         if t >> 6 != high:
@@ -39,33 +36,33 @@ def evt2_words(events: Sequence[Event]) -> list[int]:
     return words
 
 
-def evt3_high(high: int) -> int:
+def evt3_high(high):
     return 0x8 << 12 | high % (1 << 12)
 
 
-def evt3_low(low: int) -> int:
+def evt3_low(low):
     return 0x6 << 12 | low
 
 
-def evt3_y(y: int) -> int:
+def evt3_y(y):
     return 0x0 << 12 | y
 
 
-def evt3_x(x: int, p: int) -> int:
+def evt3_x(x, p):
     return 0x2 << 12 | p << 11 | x
 
 
-def evt3_base(x: int, p: int) -> int:
+def evt3_base(x, p):
     return 0x3 << 12 | p << 11 | x
 
 
-def evt3_vector(valid: int, wide: int) -> int:
+def evt3_vector(valid, wide):
     return {12: 0x4, 8: 0x5}[wide] << 12 | valid
 
 
-def evt3_words(events: Sequence[Event], wide: int = 0) -> list[int]:
+def evt3_words(events, wide=0):
     """Return EVT 3.0 words; with `wide` 12 or 8, runs of one time, row and polarity become vectors."""
-    words: list[int] = []
+    words = []
     high, low, row = None, 0, None
     k = 0
     while k < len(events):
@@ -100,27 +97,27 @@ def evt3_words(events: Sequence[Event], wide: int = 0) -> list[int]:
     return words
 
 
-def raw(words: Iterable[int], size: int, header: str) -> bytes:
+def raw(words, size, header):
     """Return an EVT file: header, then little-endian words of `size` bytes."""
     return header.encode("latin-1") + np.array(list(words), dtype=f"<u{size}").tobytes()
 
 
-def dat(events: Iterable[Event], header: str = "% Version 2\n", mark: bytes = b"\x0c\x08") -> bytes:
+def dat(events, header="% Version 2\n", mark=b"\x0c\x08"):
     packed = [struct.pack("<II", t % (1 << 32), p << 28 | y << 14 | x) for t, x, y, p in events]
     return header.encode() + mark + b"".join(packed)
 
 
-def nmnist(events: Iterable[Event]) -> bytes:
+def nmnist(events):
     return b"".join(bytes([x, y, p << 7 | t >> 16 & 0x7F, t >> 8 & 0xFF, t & 0xFF]) for t, x, y, p in events)
 
 
-def head_es(kind: int = 1, version: bytes = b"\x02\x00\x01", width: int = 300, height: int = 260) -> bytes:
+def head_es(kind=1, version=b"\x02\x00\x01", width=300, height=260):
     """Return the header of an Event Stream; kind 1 is DVS, 2 ATIS."""
     size = width.to_bytes(2, "little") + height.to_bytes(2, "little")
     return b"Event Stream" + version + bytes([kind]) + size
 
 
-def coded_es(events: Iterable[Event], kind: int = 1, height: int = 260) -> bytes:
+def coded_es(events, kind=1, height=260):
     """Return events of an Event Stream: elapsed time beyond a byte's range goes before the event."""
     full, most = 255 >> kind, (1 << kind) - 1
     recording, before = bytearray(), 0

@@ -1,22 +1,17 @@
 """What the tests of the formats share: a file read whole, its faults, and real files."""
 
-from __future__ import annotations
-
 import signal
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import Format, Repairs
+from dse.recordings.formats import Repairs
 from dse.records import Block
 
 
-def read(form: Format, path: Path, repair: bool = False) -> tuple[Block, list[str]]:
+def read(form, path, repair=False):
     """Return all events of a file, unchecked, and what was repaired."""
     repairs = Repairs(path.name, repair)
     blocks = list(form.blocks(path, repairs))
@@ -31,7 +26,7 @@ def read(form: Format, path: Path, repair: bool = False) -> tuple[Block, list[st
     return Block(**columns), repairs.notes
 
 
-def faulty(form: Format, path: Path, n_left: int, *sentences: str) -> Block:
+def faulty(form, path, n_left, *sentences):
     """Check that a file is refused with a fault that repair notes, and return the events that repair leaves.
 
     Args:
@@ -50,7 +45,7 @@ def faulty(form: Format, path: Path, n_left: int, *sentences: str) -> Block:
     return found
 
 
-def refused(form: Format, path: Path, sentence: str) -> None:
+def refused(form, path, sentence):
     """Check that a file is refused even with repair."""
     for repair in (False, True):
         with pytest.raises(RecordingError) as error:
@@ -60,10 +55,10 @@ def refused(form: Format, path: Path, sentence: str) -> None:
 
 
 @contextmanager
-def a_reader_that_hangs_fails(most_s: int = 20) -> Iterator[None]:
+def a_reader_that_hangs_fails(most_s=20):
     """Raise a TimeoutError in what takes longer: of fuzzing, which runs on nobody's watch."""
 
-    def give_up(*_: object) -> None:
+    def give_up(*_):
         raise TimeoutError(f"still reading after {most_s} s")
 
     before = signal.signal(signal.SIGALRM, give_up)
@@ -75,26 +70,26 @@ def a_reader_that_hangs_fails(most_s: int = 20) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def tuples(found: Block) -> list[tuple[int, int, int, int]]:
+def tuples(found):
     """Return events as t_us, x, y and polarity."""
     columns = (found.t_us, found.x, found.y, found.polarity)
     return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
-def block(*events: tuple[int, int, int, int]) -> Block:
+def block(*events):
     """Return events as a block."""
     t_us, x, y, polarity = np.array(events, dtype=np.int64).reshape(-1, 4).T
     return Block(t_us, x.astype(np.int32), y.astype(np.int32), polarity.astype(np.uint8))
 
 
-def many(n: int, width: int, height: int) -> list[tuple[int, int, int, int]]:
+def many(n, width, height):
     """Return n events that differ from each other."""
     return [(3 * i, i % width, i // 7 % height, i % 2) for i in range(n)]
 
 
 # Format, frame, number of events, of them ON, the first and the last (what is known of them), and CRC-32 of
 # t, x and y as others decode them.
-RECORDED: dict[str, tuple[Any, ...]] = {
+RECORDED = {
     "faery_dvs.es": (
         *("es", (320, 240), 473225, 270001, (), (999000, 38, 193, 1)),
         [4149783995, 2153943521, 3035768722],

@@ -1,11 +1,7 @@
 """Every binary format: recorded files, bytes written by the specification, files that are not sound."""
 
-from __future__ import annotations
-
 import tracemalloc
 import zlib
-from collections.abc import Callable
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -55,7 +51,7 @@ START = [evt3_high(0), evt3_low(70), evt3_y(4)]
 LINES = ["0 44 1606029303.0246768", "1 3 1606029303.024703", "0 0 1606029303.1", "0 60 1606029303.2"]
 LINES.append("1 79 1606029305")
 
-WRITE: dict[str, Callable[..., bytes]] = {
+WRITE = {
     "dat": dat,
     "evt2": lambda events, header=EVT2: raw(evt2_words(events), 4, header),
     "evt3": lambda events, header=EVT3: raw(evt3_words(events), 2, header),
@@ -363,13 +359,11 @@ def test_names_that_decide(path):
 
 BLOCK = many(1000, 320, 240)
 GOOD_3, GOOD_4 = dv.head_3() + dv.packets(BLOCK[:3]), dv.head_4() + dv.coded(BLOCK)
-BAD_FIELDS: list[dict[str, int]] = [
+BAD_FIELDS = [
     *({"size": -8}, {"size": 0}, {"size": 3}, {"time_at": 5}, {"time_at": -1}, {"n": 2}, {"valid": 4}),
     *({"n": -1, "capacity": -1, "valid": -1}, {"kind": -1}, {"source": -5}, {"overflow": -1}),
 ]
 """Fields of a header of a packet of AEDAT 3.1 that cannot be."""
-Fault = tuple[Any, ...]
-"""Format, content, number of the events that repair leaves, parts of the fault and of the repair."""
 
 
 def cuts():

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -58,7 +57,7 @@ def parts(job):
 
 
 def test_every_job_comes_back_and_a_lost_worker_costs_its_own(workers, capfd):
-    found: dict[str, list[Any]] = {}
+    found = {}
     for job, part in workers.stream(parts, ["a", "killed", "raise", "b", "memory", "c"]):
         found.setdefault(job, []).append(part)
     assert {job: found[job] for job in "abc"} == {job: [f"begin {job}", job.upper()] for job in "abc"}
@@ -154,23 +153,20 @@ def test_a_lost_scheduler_loses_no_finished_run(cluster, tmp_path, monkeypatch):
     waiting = _ThatLoses(tmp_path / "lost", scheduler)
     import dask
 
-    try:
-        with (
-            dask.config.set({"distributed.comm.timeouts.connect": "1s"}),
-            pytest.MonkeyPatch.context() as patch,
-            pytest.raises(StoreError, match=r"^the Dask scheduler at .* is lost; finished runs are kept"),
-        ):
-            patch.setattr(explore._Tables, "refresh", waiting)
-            explore.run(space, tmp_path / "lost" / "results", progress=False)
-        kept = finished_runs(tmp_path / "lost")
-        assert kept
-        worker.kill()
-        again = tiny_study.make_space(tmp_path / "lost", model=model, execution={"jobs": 1})
-        explore.run(again, tmp_path / "lost" / "results", progress=False)
-        whole = tiny_study.make_space(tmp_path / "whole", model=model, execution={"jobs": 1})
-        explore.run(whole, tmp_path / "whole" / "results", progress=False)
-    finally:
-        tiny_study.unregister()
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "1s"}),
+        pytest.MonkeyPatch.context() as patch,
+        pytest.raises(StoreError, match=r"^the Dask scheduler at .* is lost; finished runs are kept"),
+    ):
+        patch.setattr(explore._Tables, "refresh", waiting)
+        explore.run(space, tmp_path / "lost" / "results", progress=False)
+    kept = finished_runs(tmp_path / "lost")
+    assert kept
+    worker.kill()
+    again = tiny_study.make_space(tmp_path / "lost", model=model, execution={"jobs": 1})
+    explore.run(again, tmp_path / "lost" / "results", progress=False)
+    whole = tiny_study.make_space(tmp_path / "whole", model=model, execution={"jobs": 1})
+    explore.run(whole, tmp_path / "whole" / "results", progress=False)
     assert kept.items() <= finished_runs(tmp_path / "lost").items()
     assert_same(tmp_path / "lost", results.open(tmp_path / "whole" / "results" / "tiny"))
 
