@@ -143,16 +143,3 @@ def _crossings(windows, theta):
         crossings += levels.sum(axis=1)
         spikes += (levels > 0).sum(axis=1)
     return crossings, spikes
-
-
-def test_copies_of_a_channel_lie_where_it_does_in_planes_of_their_own():
-    inputs = np.array([[5, 2, 0], [7, 3, 0], [5, 2, 1]], dtype=np.int32)
-    encoder = SendOnDelta((1.0, 2.0))
-    positions = encoder.positions(inputs)
-    assert positions.shape == (encoder.n_channels(3), 3) and positions.dtype == np.int32
-    assert positions[:, :2].tolist() == inputs[:, :2].tolist() * 4
-    assert positions[:, 2].tolist() == [0, 0, 4, 1, 1, 5, 2, 2, 6, 3, 3, 7]
-    assert len(np.unique(positions, axis=0)) == len(positions)
-    assert inputs[2].tolist() == [5, 2, 1], "the input is left as it was"
-    merged = SendOnDelta((1.0, 2.0), polarity="merged").positions(inputs)
-    assert merged.tolist() == [[5, 2, 0], [7, 3, 0], [5, 2, 2], [5, 2, 1], [7, 3, 1], [5, 2, 3]]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse import registry, seeds
+from dse import seeds
 from dse.models.counts.elm import (
     ELM,
     RIDGES,
@@ -317,43 +317,6 @@ def test_one_training_sample_and_constant_features():
     assert (found.validation.label == 2).all()
 
 
-def test_a_class_without_training_samples_is_never_answered():
-    data = toy()
-    train = data.train[data.target[data.train] != 1]
-    found = fit(dataclasses.replace(data, train=train), SMALL)
-    assert set(np.unique(found.validation.label)) == {0, 2}
-    assert found.network.arrays["classes"].tolist() == [0, 2]
-
-
-def test_windows_are_honoured():
-    data = toy()
-    moved = of(np.concatenate([np.ones((90, 7, 6), bool), whole(data)], axis=1), data.target, 45, n_test=15)
-    start = np.full(90, 7, np.int32)
-    moved = dataclasses.replace(moved, start=start, start_low=start, start_high=start, n_steps=60)
-    assert np.array_equal(fit(moved, SMALL).validation.label, fit(data, SMALL).validation.label)
-
-
-def whole(data):
-    return np.stack([dense_of(data, i) for i in range(len(data.target))]).astype(bool)
-
-
-def test_it_depends_on_its_generator_alone():
-    data = toy()
-    once, again, other = fit(data, SMALL), fit(data, SMALL), fit(data, SMALL, repeat=1)
-    for name, array in once.network.arrays.items():
-        assert np.array_equal(array, again.network.arrays[name])
-    assert not np.array_equal(once.network.arrays["input_weight"], other.network.arrays["input_weight"])
-
-
-def test_what_was_fitted_answers_again():
-    data = toy()
-    found = fit(data, SMALL)
-    again = SMALL.respond(found.network, data, data.test)
-    assert np.array_equal(again.label, found.test.label)
-    assert SMALL.respond(found.network, data, data.test[:1]).label.shape == (1, 6)
-    assert SMALL.respond(found.network, data, data.test[:0]).label.shape == (0, 6)
-
-
 def test_what_it_refuses():
     data = toy()
     with pytest.raises(ValueError, match="training needs at least one training sample, got none"):
@@ -362,7 +325,3 @@ def test_what_it_refuses():
         fit(data, dataclasses.replace(SMALL, window_ms=5.0))
     with pytest.raises(ValueError, match="samples must have 6 channels as in training, got 3"):
         SMALL.respond(fit(data, SMALL).network, toy(m=3), data.test)
-
-
-def test_it_is_a_family():
-    assert registry.known("models")["elm"] is ELM

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from dse import registry
 from dse.models.counts.knn import KNN, squared_distances, vote
 from dse.models.training import Training
 from tests.models.counted import rngs, textures
@@ -107,7 +106,3 @@ def test_many_queries_are_answered_in_batches(monkeypatch):
     whole = KNN(window_ms=50.0).fit(data, Training(), rngs).validation.label
     monkeypatch.setattr("dse.models.counts.knn._BATCH", 7)
     assert np.array_equal(whole, KNN(window_ms=50.0).fit(data, Training(), rngs).validation.label)
-
-
-def test_it_is_a_model():
-    assert registry.known("models")["knn"] is KNN

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from dse import registry
 from dse.models.counts.mlp import MLP, _scaled
 from dse.models.counts.readouts import forward
 from dse.models.training import Training, TrainingDiverged
@@ -88,7 +87,3 @@ def test_more_units_than_samples():
     data = data_of(x, [0, 1, 0, 1], [0, 1], [2, 3])
     answers = MLP(window_ms=50.0, hidden=(64,), learning_rate=0.01).fit(data, Training(), rngs).validation
     assert answers.label.tolist() == [[0, 0], [1, 1]]
-
-
-def test_it_is_a_model():
-    assert registry.known("models")["mlp"] is MLP

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse import registry
 from dse.models.counts.naive_bayes import NaiveBayes, log_likelihood
 from dse.models.training import Training
 from tests.models.counted import data_of, rngs, textures
@@ -64,7 +63,3 @@ def test_smoothing_follows_the_input_length():
     family = NaiveBayes(window_ms=40.0, var_smoothing=0.5)
     outcome = family.fit(data_of(x, [0, 1] * 4, range(8), range(8)), Training(), rngs)
     assert outcome.network.arrays["smoothing"].tolist() == [0.125, 2.0]
-
-
-def test_it_is_a_model():
-    assert registry.known("models")["naive_bayes"] is NaiveBayes

@@ -1,6 +1,5 @@
 """Spikes counted in windows, and what every classifier of counts must do."""
 
-import io
 from dataclasses import replace
 
 import numpy as np
@@ -132,30 +131,10 @@ def test_a_step_belongs_to_the_window_in_which_it_begins(n_steps, step_ms, windo
     assert window_edges(n_steps, step_ms, window_ms).tolist() == expected
 
 
-def test_a_window_shorter_than_a_step():
-    with pytest.raises(ValueError, match=r"window_ms must be >= the step of 28 ms, got 20"):
-        window_edges(10, 28, 20)
-
-
 def test_windows_must_lie_in_what_is_stored():
     spikes = spikes_of(np.ones((2, 5, 1), bool), 10.0)
     with pytest.raises(ValueError, match="windows of 4 steps must lie within the 5 stored steps"):
         window_counts(spikes, np.arange(2), np.array([0, 2]), window_edges(4, 10, 20), "sum")
-
-
-def test_mapped_spikes_are_read_as_they_are(tmp_path):
-    x = np.random.default_rng(1).random((3, 8, 4)) < 0.4
-    spikes = spikes_of(x, 10.0)
-    mapped = []
-    for name, values in (("offsets", spikes.row_offsets), ("channel", spikes.channel)):
-        np.save(tmp_path / f"{name}.npy", values)
-        mapped.append(np.load(tmp_path / f"{name}.npy", mmap_mode="r"))
-    same = replace(spikes, row_offsets=mapped[0], channel=mapped[1])
-    arguments = np.arange(3), np.zeros(3, int), window_edges(8, 10, 30)
-    for channels in ("sum", "each"):
-        assert np.array_equal(
-            window_counts(spikes, *arguments, channels), window_counts(same, *arguments, channels)
-        )
 
 
 @given(st.integers(1, 3000), st.integers(1, 50))
@@ -178,18 +157,6 @@ def test_learns_and_answers_again_from_its_parameters(family):
     assert same(outcome.test, family.respond(outcome.network, data, data.test))
     assert same(outcome.validation, family.fit(data, Training(), rngs).validation)
     assert np.array_equal(before[0], data.spikes.channel) and np.array_equal(before[1], data.target)
-
-
-@every_family
-def test_parameters_are_plain_arrays(family):
-    data = textures()
-    outcome = family.fit(data, Training(), rngs)
-    file = io.BytesIO()
-    np.savez(file, **outcome.network.arrays)
-    file.seek(0)
-    with np.load(file, allow_pickle=False) as saved:
-        fitted = Parameters(dict(saved), outcome.network.n_channels)
-    assert same(outcome.validation, family.respond(fitted, data, data.validation))
 
 
 @every_family
@@ -375,9 +342,3 @@ def test_work_of_a_program_by_hand(family, arrays, work):
     fitted = Parameters({**arrays, "lengths": np.array([1, 2])}, 2)
     answers = family.respond(fitted, data, np.arange(2))
     assert {kind: times.tolist() for kind, times in answers.program.items()} == COUNTING | work
-
-
-def test_what_has_no_c_has_no_program():
-    data = textures()
-    distances = KNN(window_ms=50.0, weights="distance").fit(data, Training(), rngs)
-    assert distances.validation.program == {}

@@ -7,9 +7,7 @@ import pytest
 
 from dse.config.contracts import placed
 from dse.models.snn.columns import Columns, nearest, of_columns, of_features, repeated, taxels
-from dse.models.snn.family import SNN
 from dse.models.snn.respond import respond
-from dse.models.training import FitRequest
 from dse.neurons.resonator import Resonator
 from dse.records import Layer
 from tests.models.snn.toy import SHORT, rngs, toy
@@ -118,18 +116,6 @@ def test_copies_are_equal_and_the_network_is_the_one_written_out_by_hand(model):
     np.testing.assert_array_equal(again.spikes, outcome.validation.spikes)
     assert again.synapses == outcome.validation.synapses
     assert (again.synapses is None) == (model.neighbours >= 5)  # each column then reads all taxels
-
-
-def test_a_design_is_the_same_alone_and_in_a_cohort():
-    of = data()
-    designs = [Columns(features=3), Columns(features=5, neighbours=1, read_out="shared")]
-    whole = dict(SNN.fit_cohort(of, [FitRequest(m, SHORT, rngs(k)) for k, m in enumerate(designs)], rngs(9)))
-    for number, model in enumerate(designs):
-        ((_, alone),) = SNN.fit_cohort(of, [FitRequest(model, SHORT, rngs(number))], rngs(9))
-        for a, b in zip(whole[number].network.layers, alone.network.layers, strict=True):
-            np.testing.assert_array_equal(a.weight, b.weight)
-        np.testing.assert_array_equal(whole[number].validation.output, alone.validation.output)
-        assert whole[number].health == alone.health
 
 
 def test_a_neuron_without_kernel_trains_its_columns_as_well():

@@ -8,8 +8,7 @@ import pytest
 from dse.models.snn.family import SNN
 from dse.models.snn.prune import largest, remaining
 from dse.models.snn.respond import fan_outs, respond_and_count
-from dse.models.snn.train import train
-from dse.models.training import FitRequest, Training
+from dse.models.training import Training
 from dse.neurons import fixed_point
 from dse.records import Spikes
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
@@ -66,17 +65,6 @@ def test_until_it_is_pruned_a_network_trains_as_if_it_never_were():
     assert dense.validation.synapses is None
 
 
-def test_pruned_designs_and_others_share_a_cohort_and_change_nothing_for_each_other():
-    data = toy()
-    models = [SNN(hidden=(20,)), SNN(hidden=(30,), pruned=0.6, prune_epoch=0.0)]
-    together = dict(train(data, [FitRequest(m, SHORT, rngs(k)) for k, m in enumerate(models)], rngs(9)))
-    for number, model in enumerate(models):
-        ((_, alone),) = train(data, [FitRequest(model, SHORT, rngs(number))], rngs(9))
-        beside = together[number]
-        for a, b in zip(alone.network.layers, beside.network.layers, strict=True):
-            np.testing.assert_array_equal(a.weight, b.weight)
-
-
 def test_synapses_are_those_that_the_spikes_reach():
     data = toy()
     model = SNN(hidden=(20,), recurrent=True, input_delays=(0, 2), pruned=0.6)
@@ -103,10 +91,3 @@ def test_a_network_without_input_has_the_mean_over_its_neurons():
     silent = dataclasses.replace(data, spikes=nothing)
     response, _ = respond_and_count(outcome.network, silent, data.validation)
     assert response.synapses[0] == pytest.approx(np.count_nonzero(outcome.network.layers[0].weight) / 12)
-
-
-def test_respond_of_the_family_is_respond():
-    data, model = toy(), SNN(hidden=(10,))
-    outcome = fit(data, model, SHORT, rngs())
-    again = model.respond(outcome.network, data, data.validation)
-    np.testing.assert_array_equal(again.output, outcome.validation.output)

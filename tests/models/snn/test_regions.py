@@ -15,7 +15,6 @@ from dse.engine.network import gradients
 from dse.engine.stepping import RunningStack
 from dse.models.snn.family import SNN
 from dse.models.snn.regions import regions_of
-from dse.models.training import FitRequest
 from dse.neurons import cuba_lif
 from dse.neurons.lif import Lif
 from dse.neurons.resonator import Resonator
@@ -139,21 +138,6 @@ def test_a_network_of_regions_is_stored_as_a_full_matrix_with_equal_weights():
     )
     assert len(np.unique(first.weight, axis=1).T) == 12
     assert network.n_weights == network.n_weights_dense == model.n_weights(12, 3) == 24 * 20 + 400 + 60
-
-
-@pytest.mark.parametrize(
-    "keys", [{"regions": 3}, {"regions": 3, "start": "contrasts", "arithmetic": "float32"}]
-)
-def test_a_design_of_regions_trains_alone_as_in_a_cohort_of_other_regions(keys):
-    data = placed()
-    training = replace(SHORT, input_dropout=0.3)
-    models = [SNN(hidden=(20,), **keys), SNN(hidden=(9,)), SNN(hidden=(20,), regions=12)]
-    alone = models[0].fit(data, training, rngs())
-    cohort = dict(SNN.fit_cohort(data, [FitRequest(m, training, rngs()) for m in models], rngs()))
-    together = cohort[0]
-    for a, b in zip(alone.network.layers, together.network.layers, strict=True):
-        np.testing.assert_array_equal(a.weight, b.weight)
-    assert alone.history["loss"].tolist() == together.history["loss"].tolist()
 
 
 @pytest.mark.parametrize("arithmetic", ["integer", "float32"])

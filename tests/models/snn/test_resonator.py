@@ -5,11 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dse import store
 from dse.models.snn.family import SNN
-from dse.models.snn.quantise import rounded
-from dse.models.snn.respond import respond
-from dse.models.training import FitRequest, Training
+from dse.models.training import Training
 from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.resonator import Resonator
 from dse.testing.small import spikes_of
@@ -39,37 +36,6 @@ def test_they_tell_periods_apart_that_leaky_neurons_do_not():
     assert accuracy(resonators, data) >= 0.8 > accuracy(of["CubaLif"], data)
     assert resonators.health["missed_initial_rates"] == 0
     assert not resonators.health["overflows_24_bit"]
-
-
-def test_a_network_is_stored_and_answers_again_at_any_precision():
-    data = toy()
-    model = SNN(hidden=(10, 9), neuron=Resonator(share=0.5), recurrent=True, pruned=0.3, initial_rate=0.2)
-    outcome = fit(data, model, SHORT, rngs())
-    assert [layer.neuron for layer in outcome.network.layers] == ["resonator", "resonator", "cuba_lif"]
-    assert [int(layer.parameters["resonates"].sum()) for layer in outcome.network.layers[:2]] == [5, 4]
-    again = store.fitted_of(store.record_arrays(outcome.network))
-    answer = respond(again, data, data.validation)
-    np.testing.assert_array_equal(answer.output, outcome.validation.output)
-    np.testing.assert_array_equal(answer.updates, outcome.validation.updates)
-    assert respond(rounded(again, 4, 0.5), data, data.validation).output.shape == answer.output.shape
-
-
-def test_they_train_the_same_alone_and_beside_others():
-    data = toy()
-    models = [
-        SNN(hidden=(10,), neuron=neuron, arithmetic=arithmetic)
-        for neuron, arithmetic in (
-            (CubaLif(), "integer"), (Resonator(), "integer"), (Resonator(share=0.3, reset=True), "ideal")
-        )
-    ]  # fmt: skip
-    requests = [FitRequest(model, SHORT, rngs(k)) for k, model in enumerate(models)]
-    together = dict(SNN.fit_cohort(data, requests, rngs()))
-    for number, request in enumerate(requests):
-        ((_, alone),) = SNN.fit_cohort(data, [request], rngs())
-        beside = together[number]
-        for a, b in zip(alone.network.layers, beside.network.layers, strict=True):
-            np.testing.assert_array_equal(a.weight, b.weight)
-        np.testing.assert_array_equal(alone.validation.output, beside.validation.output)
 
 
 def test_a_period_that_the_steps_cannot_hold_ends_before_training():
