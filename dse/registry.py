@@ -448,11 +448,7 @@ def _module(name: str) -> tuple[str, bytes]:
 
 
 def _code(name: str, path: Path) -> bytes:
-    """Return the source of a plugin.
-
-    Raises:
-        PluginError: it cannot be read, is no file, such as a pipe, or is too large.
-    """
+    """Return the source of a plugin."""
     try:
         if path.exists() and not path.is_file():
             raise PluginError(f"plugin '{name}': {path} must be a file of Python source")

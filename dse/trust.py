@@ -83,11 +83,7 @@ def _made(name: str) -> Path:
 
 
 def _folder() -> Path:
-    """Return the folder of the user's own files.
-
-    Raises:
-        RuntimeError: the user has no home folder.
-    """
+    """Return the folder of the user's own files."""
     if folder := os.environ.get("DSE_CONFIG"):
         return Path(folder).expanduser().absolute()
     base = Path(os.environ.get("XDG_CONFIG_HOME", ""))

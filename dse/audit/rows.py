@@ -97,12 +97,7 @@ def largest_class(codes: Ints) -> float:
 
 
 def is_above(score: Score, readers: int = 1) -> bool:
-    """Return whether a score is above chance by more than accident.
-
-    Args:
-        score: the best of several readers.
-        readers: how many were tried.
-    """
+    """Return whether a score is above chance by more than accident."""
     return _tail(int(score.correct.sum()), score.n, score.chance) < RARE / readers
 
 

@@ -152,11 +152,7 @@ def show(answer: Answer, command: str, form: str | None, columns: str | None = N
 
 
 def with_columns(answer: Answer, columns: str) -> Answer:
-    """Return an answer of some columns alone, in every format; terminals leave out none of them.
-
-    Raises:
-        ConfigError: it has no such column.
-    """
+    """Return an answer of some columns alone, in every format; terminals leave out none of them."""
     known = list(dict.fromkeys(key for row in answer.rows for key in row))
     names = [name.strip() for name in columns.split(",")]
     if names == ["all"]:

@@ -27,11 +27,7 @@ def load(space: str, replaced: Iterable[str], repair: bool) -> SearchSpace:
 
 
 def overrides_of(texts: Iterable[str]) -> dict[str, str]:
-    """Return key -> value of each `--set`.
-
-    Raises:
-        ConfigError: every `--set` that is not KEY=VALUE.
-    """
+    """Return key -> value of each `--set`."""
     overrides, faults = {}, []
     for text in texts:
         key, equals, value = text.partition("=")

@@ -51,11 +51,7 @@ def shipped_spaces() -> dict[str, Path]:
 
 
 def find_space(path_or_name: str) -> Path:
-    """Return the file of a search space given by path or by the name of a shipped one.
-
-    Raises:
-        ConfigError: there is neither.
-    """
+    """Return the file of a search space given by path or by the name of a shipped one."""
     return find_file(path_or_name, shipped_spaces(), "search space")
 
 

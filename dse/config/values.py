@@ -184,11 +184,7 @@ def components_named(written: Raw, rule: Rule) -> dict[str, type]:
 def _keys_of_any(
     name: str, components: Mapping[str, type], written: Mapping[str, Raw] | None
 ) -> dict[str, Key]:
-    """Return the keys of the components that a key names.
-
-    Raises:
-        ValueError: a key holds something else in one of them than in another.
-    """
+    """Return the keys of the components that a key names."""
     keys: dict[str, Key] = {}
     for component, cls in components.items():
         for own, key in keys_of(cls, written).items():
@@ -253,11 +249,7 @@ def _constructed(cls: type[T], values: Values, path: Path, report: Report) -> T 
 
 
 def construct(cls: type[T], values: Values) -> T:
-    """Return the dataclass of the values of `read_fields`; lists and mappings of an axis are read here.
-
-    Raises:
-        ValueError: the class refuses the values.
-    """
+    """Return the dataclass of the values of `read_fields`; lists and mappings of an axis are read here."""
     fields: Values = {}
     described: type = cls
     for name, field in _fields(described).items():

@@ -180,9 +180,6 @@ def gather_details(
         with a wrong one.
         misfits: hardware -> the parts of the design that do not fit it.
         precisions: `figures` of each other precision, with its `weight_bits` and `pruned_after`.
-
-    Raises:
-        StoreError: the study has no such trial, or it failed.
     """
     return _document(_source(study, points, hardware), trial)
 
@@ -327,11 +324,7 @@ def _of_task(part: _Part, trial: int, notes: list[str]) -> dict[str, Any]:
 
 
 def _figure(part: _Part, tab: _Tab, trial: int, chip: str) -> tuple[Any, dict[str, Any]]:
-    """Return the record of a tab's figure, and the figure as JSON holds it.
-
-    Raises:
-        NothingRecorded: a classifier does not have it, or no plugin draws it, or it is not worth a tab.
-    """
+    """Return the record of a tab's figure, and the figure as JSON holds it."""
     kinds = registry.known("figures")
     if tab.figure not in kinds:
         raise NothingRecorded(f"no figure {tab.figure}")
@@ -372,9 +365,6 @@ def _grid_of(rows: pandas.DataFrame) -> dict[str, Any]:
 
     Args:
         rows: all rows of the grid, theta fastest.
-
-    Raises:
-        StoreError: the rows are no such grid.
     """
     phi, theta = (numbers(rows, name) for name in ("phi", "theta"))
     axes = [list(dict.fromkeys(values.tolist())) for values in (phi, theta)]
@@ -410,11 +400,7 @@ def _is_trained(surface: Mapping[str, Any]) -> bool:
 
 
 def _examples(part: _Part, trial: int, setting: tuple[float, float] | None) -> list[dict[str, Any]]:
-    """Return a few recordings of the first run with its answers.
-
-    Raises:
-        NothingRecorded: a classifier without output spikes.
-    """
+    """Return a few recordings of the first run with its answers."""
     first = replace(part, trained=part.trained[:1])
     runs = first.arrays(trial, "response.npz")
     if not runs or "output" not in runs[0]:

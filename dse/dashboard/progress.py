@@ -32,9 +32,6 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
         is_running: whether a process holds the study, None if nobody can tell;
         hypervolume: [{task, hardware, hypervolume, trials, hours}] at the ends of the figure's curves;
         figure: `dse.figures.progress.draw_progress` as JSON, None if it has no curve.
-
-    Raises:
-        StoreError: the folder has no search space, or one that no study wrote.
     """
     now = status(folder)
     sign = None if now.sign_s is None else datetime.fromtimestamp(now.sign_s, UTC)

@@ -101,9 +101,6 @@ class Server(ThreadingHTTPServer):
             port: 0 for any free port.
             site: details, bundles and notes of designs.
             token: of every request; '': a new one. With the same one, open pages find a server that returns.
-
-        Raises:
-            OSError: the host is not an address of this machine, or the port is in use; the text is for users.
         """
         self.live, self.site, self.token = live, site or Site(), token or secrets.token_urlsafe(24)
         self.working = threading.Lock()  # one document or bundle at a time
@@ -269,11 +266,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def _note(body: bytes) -> Note:
-    """Return a note that was sent.
-
-    Raises:
-        Refused: it is something else.
-    """
+    """Return a note that was sent."""
     try:
         sent = json.loads(body)
         note = Note(*(sent[key] for key in Note._fields))
@@ -288,11 +281,7 @@ def _note(body: bytes) -> Note:
 
 
 def _once(fields: Mapping[str, list[str]], name: str) -> str:
-    """Return a field of a query, '' where it is missing.
-
-    Raises:
-        Refused: it occurs more than once.
-    """
+    """Return a field of a query, '' where it is missing."""
     values = fields.get(name, [""])
     if len(values) > 1:
         raise Refused(HTTPStatus.BAD_REQUEST, f"{name} must be given once.")
@@ -300,11 +289,7 @@ def _once(fields: Mapping[str, list[str]], name: str) -> str:
 
 
 def _number(fields: Mapping[str, list[str]], name: str) -> int:
-    """Return a field of a query as a whole number.
-
-    Raises:
-        Refused: it is missing, occurs more than once, or is anything but up to nine digits.
-    """
+    """Return a field of a query as a whole number."""
     text = _once(fields, name)
     if not re.fullmatch("[0-9]{1,9}", text):
         raise Refused(HTTPStatus.BAD_REQUEST, f"{name} must be a number of up to nine digits.")

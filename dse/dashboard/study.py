@@ -184,12 +184,7 @@ def with_recordings(study: Study, points: pandas.DataFrame) -> pandas.DataFrame:
 
 
 def checked(study: Study, request: PageRequest) -> PageRequest:
-    """Return a request after a check: profiles can be read and, with samples, an objective is uncertain.
-
-    Raises:
-        ConfigError: a profile does not exist or is wrong.
-        StoreError: there is nothing to sample.
-    """
+    """Return a request after a check: profiles can be read and, with samples, an objective is uncertain."""
     pricing.profiles(study.folder, request.question.hardware)
     if not request.question.draws:
         return request

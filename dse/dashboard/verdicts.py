@@ -28,12 +28,7 @@ class Exported:
 
 
 def exported(study: Path, trial: int) -> Iterator[Exported]:
-    """Yield the bundles of a trial, in the order of their names; damaged ones are left out.
-
-    Args:
-        study: folder of the study.
-        trial: number of the trial.
-    """
+    """Yield the bundles of a trial, in the order of their names; damaged ones are left out."""
     from dse.deploy.bundle import SCHEMA, sealed
 
     for path in sorted((study / _FOLDER).glob("*/bundle.json")):

@@ -45,12 +45,7 @@ def view_names() -> list[str]:
 
 
 def view_sources(names: list[str]) -> list[ViewSource]:
-    """Return the sources of every view of the package and of the named views of plugins, in the named order.
-
-    Raises:
-        ViewError: a plugin's view has a name or a script that a page cannot hold.
-        OSError: its file cannot be read.
-    """
+    """Return the sources of every view of the package and of the named views of plugins, in that order."""
     known = registry.known("views")
     views = [_of_file(path.stem, path) for path in _shipped()]
     views += [_of_plugin(name, known[name]) for name in names if name in known]

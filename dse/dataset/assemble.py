@@ -218,11 +218,7 @@ def _folds(
     train: Ints,
     validation: Ints,
 ) -> list[LeftOut]:
-    """Return the folds that the evaluation of a design leaves out in turn; none for one that is left out.
-
-    Raises:
-        RecordingError: a class cannot be trained without a fold; a line each.
-    """
+    """Return the folds that the evaluation of a design leaves out in turn; none for one that is left out."""
     if design.evaluation is None or design.left_out is not None:
         return []
     out = [

@@ -69,11 +69,7 @@ def opened_root(instead: Path) -> tuple[Path, str]:
 
 
 def limit_bytes(root: Path) -> int:
-    """Return the limit of all entries together: DSE_CACHE_GIB, else 20 GiB or a tenth of the disk.
-
-    Raises:
-        ValueError: DSE_CACHE_GIB is not a number of at least 0.
-    """
+    """Return the limit of all entries together: DSE_CACHE_GIB, else 20 GiB or a tenth of the disk."""
     text = os.environ.get("DSE_CACHE_GIB", "")
     if not text:
         return min(int(MOST_GIB * 2**30), shutil.disk_usage(root).total // 10)
@@ -200,9 +196,6 @@ def _files(folder: Path) -> dict[str, tuple[int, str]] | None:
     """Return the sizes and the checksums that an entry's files must have; None where it does not state them.
 
     What is wrong in `entry.json` contradicts the files, so it needs no checksum of its own.
-
-    Raises:
-        OSError: `entry.json` cannot be read now.
     """
     try:
         entry = json.loads((folder / _ENTRY).read_text(encoding="utf-8"))

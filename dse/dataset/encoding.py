@@ -83,9 +83,6 @@ def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:
         stored: spikes of recordings.
         encoder: fitted.
         used: (n,) bool, recordings that have windows; the others get no spikes.
-
-    Raises:
-        RecordingError: the encoder refuses them.
     """
     lengths = _lengths(stored, used)
     # What reads the labels of certain recordings must find them all, in their order.

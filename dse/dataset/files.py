@@ -132,11 +132,7 @@ class Stored:
 
 
 def read_spikes(folder: Path) -> Stored:
-    """Return the spikes of a folder, memory-mapped and read-only.
-
-    Raises:
-        RecordingError: the folder holds none, or damaged ones.
-    """
+    """Return the spikes of a folder, memory-mapped and read-only."""
     with _readable(folder, "spikes"):
         meta = json.loads((folder / _META).read_text(encoding="utf-8"))
         rows, channel = (np.load(folder / f"{name}.npy", mmap_mode="r") for name in _OF_SPIKES)

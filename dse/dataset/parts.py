@@ -132,11 +132,7 @@ def placed(
 
 
 def check_frame(recordings: Recordings) -> None:
-    """Check that the frame of events is no larger than arrays of its pixels may be.
-
-    Raises:
-        RecordingError: it is.
-    """
+    """Check that the frame of events is no larger than arrays of its pixels may be."""
     if isinstance(recordings, Rasters | Signals):
         return
     if (n_pixels := recordings.width * recordings.height) > MOST_PIXELS:
@@ -147,11 +143,7 @@ def check_frame(recordings: Recordings) -> None:
 
 
 def pooling_of(source: EventSource, settings: Preprocessing) -> Pooling:
-    """Return the pools that section `preprocessing` describes on a source's frame.
-
-    Raises:
-        RecordingError: the frame cannot give what is asked of it.
-    """
+    """Return the pools that section `preprocessing` describes on a source's frame."""
     trials = trials_of(source)
     pins = None if trials is None else trials.pins()
     return pooling(settings, source.width, source.height, pins)

@@ -28,12 +28,7 @@ _KINDS_OF_NUMBERS = "biuf"
 
 
 def file_in(folder: Path, name: object) -> Path:
-    """Return the path of a file of a bundle: a regular file inside its folder, reached by no link.
-
-    Raises:
-        ValueError: it is something else, or missing.
-        OSError: the system cannot look it up.
-    """
+    """Return the path of a file of a bundle: a regular file inside its folder, reached by no link."""
     parts = PurePosixPath(name).parts if isinstance(name, str) else ()
     if not parts or parts[0] == "/" or ".." in parts or "\\" in str(name) or "\0" in str(name):
         raise ValueError("must be a path inside the bundle")
@@ -52,12 +47,7 @@ def file_in(folder: Path, name: object) -> Path:
 
 
 def check_archive(path: Path) -> None:
-    """Check that the arrays of an .npz are as large as their headers declare, and not too large together.
-
-    Raises:
-        ValueError: they are not, or hold something other than numbers and texts.
-        OSError, zipfile.BadZipFile: it cannot be read.
-    """
+    """Check that the arrays of an .npz are as large as their headers declare, and not too large together."""
     total = 0
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
@@ -90,9 +80,6 @@ def typed(value: Any, hint: Any, name: str = "") -> Any:
             `Annotated[float, low, high]`, a `Literal`, an array of integers; a tuple or a mapping of any of
             these; any of these or None; Any.
         name: of its key; '' for a document.
-
-    Raises:
-        ValueError: it is something else; the sentence names the key.
     """
     origin, options = get_origin(hint), get_args(hint)
     if type(None) in options:
@@ -161,11 +148,7 @@ def _article(value: object) -> str:
 
 
 def check_parameters(fitted: Parameters) -> None:
-    """Check the arrays of a classifier that is no single network, as far as all families agree.
-
-    Raises:
-        ValueError: one holds NaN, or the number of channels is none.
-    """
+    """Check the arrays of a classifier that is no single network, as far as all families agree."""
     if type(fitted.n_channels) is not int or fitted.n_channels < 1:
         raise ValueError(f"n_channels must be an integer >= 1, got {fitted.n_channels!r}")
     for name, array in fitted.arrays.items():
@@ -174,11 +157,7 @@ def check_parameters(fitted: Parameters) -> None:
 
 
 def check_heads(heads: Sequence[Head], n_classes: int, head: str) -> None:
-    """Check the parts of a joint target, and the name of the one that answers.
-
-    Raises:
-        ValueError: what disagrees.
-    """
+    """Check the parts of a joint target, and the name of the one that answers."""
     names = [x.name for x in heads]
     if len(set(names)) < len(names):
         raise ValueError(f"the heads must have different names, got {', '.join(names)}")

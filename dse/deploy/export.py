@@ -150,11 +150,7 @@ def _recordings(study: Study, record: RunRecord) -> str | None:
 
 
 def _sections_of(study: Study, record: RunRecord) -> Sections:
-    """Return the sections in the record of a run.
-
-    Raises:
-        BundleError: they name an unknown component, e.g. of a plugin that is not loaded.
-    """
+    """Return the sections in the record of a run."""
     try:
         return Sections.from_plain(record.sections, f"{study.folder}: trial {record.trial}")
     except ConfigError as error:
@@ -219,11 +215,7 @@ def _number(value: Any) -> float | None:
 
 
 def _accuracy(study: Study, record: RunRecord, setting: _Setting) -> float:
-    """Return the validation accuracy of one run at a setting.
-
-    Raises:
-        ValueError: the run failed, or it was not evaluated at the setting.
-    """
+    """Return the validation accuracy of one run at a setting."""
     where = f"{study.folder}: trial {record.trial}"
     if record.numbers is None:
         raise ValueError(f"{where} failed: {record.reason}")

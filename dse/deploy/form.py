@@ -145,9 +145,6 @@ def network_in(bundle: Classifier, holder: str) -> Network:
     Args:
         bundle: what is exported.
         holder: begins the sentence, such as 'Loihi holds'.
-
-    Raises:
-        Unsupported: it is another classifier.
     """
     if isinstance(bundle.fitted, Network):
         return bundle.fitted
@@ -388,11 +385,7 @@ def spiking_with(frame: Frame, network: Network, rule: Rule) -> Spiking:
 
 
 def frame_of(bundle: Classifier) -> Frame:
-    """Return what surrounds the classifier of a bundle.
-
-    Raises:
-        Unsupported: the bundle does not say what recordings it takes.
-    """
+    """Return what surrounds the classifier of a bundle."""
     if bundle.input is None:
         raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
     frame = frame_with(bundle.sections, bundle.input, bundle.fitted.n_channels, bundle.answers)

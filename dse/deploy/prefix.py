@@ -15,11 +15,7 @@ _TAKEN = frozenset(
 
 
 def checked(prefix: str) -> str:
-    """Return a prefix after checking that it can begin names in C and name a header.
-
-    Raises:
-        ValueError: it cannot.
-    """
+    """Return a prefix after checking that it can begin names in C and name a header."""
     if not _PREFIX.fullmatch(prefix):
         allowed = "a-z, 0-9 and _, begin with a letter, end with _, and have at most 41 characters"
         raise ValueError(f"the prefix must be of {allowed}, got {prefix!r}")

@@ -185,11 +185,7 @@ def spikes_of_windows(data: Dataset) -> Ints:
 
 
 def source_at(path: Path, data: Source) -> Source:
-    """Return section `data` for new recordings at a path; a network of a scene may get those of a sensor.
-
-    Raises:
-        RecordingError: the file is missing or cannot be read.
-    """
+    """Return section `data` for new recordings at a path; a network of a scene may get those of a sensor."""
     if isinstance(data, SceneTrials):
         if path.suffix in (".yaml", ".yml"):
             return dataclasses.replace(data, scene=str(path))

@@ -171,11 +171,7 @@ def _f1(first: Ints, second: Ints) -> float:
 
 
 def require(package: str, extra: str) -> None:
-    """Check that a package is installed.
-
-    Raises:
-        TargetError: it is not; the extra of dse that has it.
-    """
+    """Check that a package is installed."""
     if find_spec(package) is None:
         raise TargetError(f"{package} is not installed: pip install 'dse[{extra}]'")
 
@@ -203,9 +199,6 @@ def of_script(
         arguments: what comes before the two files.
         network: its inputs and layers.
         reference: the recordings.
-
-    Raises:
-        TargetError: it fails.
     """
     with tempfile.TemporaryDirectory() as folder:
         spikes, fired = Path(folder) / "spikes.npz", Path(folder) / "fired.npz"

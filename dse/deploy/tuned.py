@@ -99,11 +99,7 @@ def _runs(study: Study, trial: int) -> list[RunRecord]:
 
 
 def _check_same(bundle: Bundle, origin: RunRecord, where: str) -> None:
-    """Check that a bundle is of a run: its data, preprocessing, network and seed.
-
-    Raises:
-        BundleError: it is not; the first key that differs.
-    """
+    """Check that a bundle is of a run: its data, preprocessing, network and seed."""
     there = dataclasses.replace(Sections.from_plain(origin.sections, where), test=None).to_plain()
     here = bundle.sections.to_plain()
     for section in dict.fromkeys([*here, *there]):
@@ -151,11 +147,7 @@ def with_weights(bundle: Bundle, file: Path) -> Bundle:
 
 
 def _state(file: Path) -> dict[str, Tensor]:
-    """Return the state dict in a file.
-
-    Raises:
-        BundleError: there is none.
-    """
+    """Return the state dict in a file."""
     import torch
 
     from dse.deploy.module import loaded
@@ -167,13 +159,7 @@ def _state(file: Path) -> dict[str, Tensor]:
 
 
 def _record(bundle: Bundle, data_file: str | Path, hardware: str | None) -> dict[str, object]:
-    """Return the record of a bundle as measured on recordings, with the columns of a design point.
-
-    Raises:
-        BundleError: no recording has a label, or the classifier refuses them.
-        ConfigError: the profile does not exist or is wrong.
-        RecordingError: the recordings do not fit.
-    """
+    """Return the record of a bundle as measured on recordings, with the columns of a design point."""
     name = hardware or bundle.record.get("hardware")
     chip = None if name is None else load(str(name))
     data = prepared(bundle, data_file).dataset

@@ -42,11 +42,7 @@ class Verified:
 
 
 def target_named(name: str) -> Target:
-    """Return a target.
-
-    Raises:
-        BundleError: it is unknown.
-    """
+    """Return a target."""
     known: dict[str, Any] = registry.known("targets")
     if name not in known:
         raise BundleError(f"unknown target '{name}'; {known_names(name, known)}")
@@ -95,9 +91,6 @@ def _with_prefix(bundle: Bundle, prefix: str, names: Sequence[str], others: Sequ
         prefix: the other one.
         names: of targets to be written.
         others: of those that stay as they are.
-
-    Raises:
-        BundleError: nothing has a prefix, or something would keep the old one.
     """
     try:
         changed = dataclasses.replace(bundle, prefix=checked(prefix))
@@ -196,11 +189,7 @@ def _each(
     recordings: str | Path | None,
     run: Callable[[str, Target, Path], Verdict],
 ) -> dict[str, Verified]:
-    """Return what a run finds of every target, each with an empty folder in a place.
-
-    Raises:
-        BundleError: a target is unknown, or some cannot be written or run here; all of them are named.
-    """
+    """Return what a run finds of every target, each with an empty folder in a place."""
     verified, faults = {}, []
     for name, target in {name: target_named(name) for name in names}.items():
         (folder := place / name).mkdir()

@@ -51,13 +51,6 @@ def opener_of(bundle: Classifier, taken: Input) -> Callable[[int, float], Window
     """Return what opens a window by its number and its beginning in ms.
 
     A network runs step by step; any other classifier is shown what it reads of a window once it is there.
-
-    Args:
-        bundle: as read.
-        taken: the recordings that it takes.
-
-    Raises:
-        BundleError: it refuses such windows.
     """
     return (_of_network if isinstance(bundle.fitted, Network) else _of_whole_windows)(bundle, taken)
 

@@ -170,9 +170,6 @@ class Receptors(OneByOne):
         Args:
             n_in: sampled channels.
             step_ms: sampling period.
-
-        Raises:
-            ValueError: the range is not known, or is that of other channels.
         """
         self.currents(np.zeros((1, n_in)), step_ms)
         return _Running(self, n_in, step_ms)

@@ -72,11 +72,7 @@ def weights(
 
 
 def kernel_population(population: Population[Any]) -> cuba_lif.Population | resonator.Population:
-    """Return a population that the kernels run, typed as such.
-
-    Raises:
-        TypeError: there is no kernel for such neurons.
-    """
+    """Return a population that the kernels run, typed as such."""
     if not isinstance(population, cuba_lif.Population | resonator.Population):
         kind = f"{type(population).__module__}.{type(population).__qualname__}"
         raise TypeError(f"only CUBA-LIF neurons and resonators have a kernel, got {kind}")
@@ -145,11 +141,7 @@ def layer_of(
     delay: Array = NO_DELAY,
     axonal: bool = False,
 ) -> KernelLayer:
-    """Return a layer from matrices in blocks; int8 matrices are whole numbers on the grid of 1/32.
-
-    Raises:
-        TypeError: there is no kernel for such neurons.
-    """
+    """Return a layer from matrices in blocks; int8 matrices are whole numbers on the grid of 1/32."""
     neurons = kernel_population(population)
     keep_u, keep_v = neurons.keep
     states = np.float32 if arithmetic == "float32" else np.float64
@@ -478,11 +470,6 @@ class CompiledLayer:
 
     def forward(self, rows: Rows, *, keep_voltage: bool = False, count: bool = False) -> Forward:
         """Run the layer from rest over a batch.
-
-        Args:
-            rows: input spikes.
-            keep_voltage: keep the membrane potential.
-            count: count neuron updates and the largest state.
 
         Raises:
             ValueError: the rows' inputs differ from the layer's.

@@ -126,11 +126,7 @@ def draw(results: Results, name: str, **keys: Any) -> plotly.graph_objects.Figur
 
 
 def on_one_chip(points: pandas.DataFrame, hardware: str = "") -> pandas.DataFrame:
-    """Return the points on one hardware profile; without a name the first, without hardware all.
-
-    Raises:
-        ValueError: no point is on it.
-    """
+    """Return the points on one hardware profile; without a name the first, without hardware all."""
     if "hardware" not in points or points.empty:
         return points
     chips = list(dict.fromkeys(points["hardware"]))
@@ -140,11 +136,7 @@ def on_one_chip(points: pandas.DataFrame, hardware: str = "") -> pandas.DataFram
 
 
 def chip_of(results: Results, hardware: str = "") -> Profile:
-    """Return a hardware profile; without a name the first of the study.
-
-    Raises:
-        ValueError: the study has none.
-    """
+    """Return a hardware profile; without a name the first of the study."""
     if not hardware:
         points = results.points()
         if "hardware" not in points or points.empty:
@@ -154,11 +146,7 @@ def chip_of(results: Results, hardware: str = "") -> Profile:
 
 
 def with_value(points: pandas.DataFrame, column: str, value: str) -> pandas.DataFrame:
-    """Return the points with a value in a column; all of them where the value is ''.
-
-    Raises:
-        ValueError: no point has it.
-    """
+    """Return the points with a value in a column; all of them where the value is ''."""
     if not value:
         return points
     values = list(dict.fromkeys(map(str, points[column]))) if column in points else []

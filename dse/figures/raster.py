@@ -159,9 +159,6 @@ def gather_recording(
         classes: names of the outputs.
         true: the class that was meant, None where that is unknown.
         setting: phi and theta (`dse.measure.decision`); None: the answer comes at the end.
-
-    Raises:
-        ValueError: shapes that do not belong together, no step, or a class or setting out of range.
     """
     output, layers = np.asarray(output), np.asarray(layers)
     if output.ndim != 2 or output.shape[1] != len(classes) or not output.size:

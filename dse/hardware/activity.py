@@ -29,9 +29,6 @@ def expected_updates(
         rates: (..., layer) mean spikes per neuron and step, input first; the last layer's do not matter.
         n_steps: steps of an inference.
         fan_in: inputs of a neuron of each layer after the input; None: the whole layer before.
-
-    Raises:
-        ValueError: rates outside 0..1, or another number of them than of sizes.
     """
     rate = np.asarray(rates, np.float64)
     if rate.shape[-1:] != (len(sizes),):

@@ -58,11 +58,7 @@ def _power_w(work: Callable[[], object], least_s: float, root: Path) -> float:
 
 
 def _energies_uj(root: Path) -> dict[str, tuple[int, int]]:
-    """Return counter -> its energy and its range, for every processor package.
-
-    Raises:
-        CounterError: there is none, or it cannot be read.
-    """
+    """Return counter -> its energy and its range, for every processor package."""
     try:
         zones = [
             zone for zone in sorted(root.glob("intel-rapl:*")) if _text(zone / "name").startswith("package")

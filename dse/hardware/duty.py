@@ -90,11 +90,7 @@ def on_schedule(
 
 
 def battery_h(battery_mwh: ArrayLike, power_mw: ArrayLike) -> Floats:
-    """Return how many hours a battery lasts at a mean power; infinite where nothing is drawn.
-
-    Raises:
-        ValueError: a battery or a power is negative.
-    """
+    """Return how many hours a battery lasts at a mean power; infinite where nothing is drawn."""
     battery, power = np.asarray(battery_mwh, np.float64), np.asarray(power_mw, np.float64)
     if not (np.isfinite(battery) & (battery >= 0)).all() or (power < 0).any():
         raise ValueError(f"battery_mwh and power_mw must be >= 0, got {battery} and {power}")

@@ -53,11 +53,7 @@ class Inference:
         return replace(self.load, pipeline_steps=steps)
 
     def cost_on(self, profile: Profile) -> Cost:
-        """Return what the inference costs (`cost`, or `cost_of_steps` from counts of each step).
-
-        Raises:
-            NotApplicable: the hardware cannot run it.
-        """
+        """Return what the inference costs (`cost`, or `cost_of_steps` from counts of each step)."""
         load = self.on(profile)
         if self.per_step and isinstance(load, Workload):
             return cost_of_steps(profile, load)

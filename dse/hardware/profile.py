@@ -130,12 +130,7 @@ class Profile(ABC):
 
     @classmethod
     def faults(cls, chip: Chip, space: Written) -> Iterator[Told]:
-        """Yield that a chip of this kind runs no design of a search space: its neurons, or delayed synapses.
-
-        Args:
-            chip: as its file says.
-            space: as it is written.
-        """
+        """Yield why a chip of this kind runs no design of a search space: neurons, or delays of synapses."""
         models, known = space.each("model"), registry.known("neurons")
         if not (models and space.parts["model"].good):
             return
@@ -213,11 +208,7 @@ class Profile(ABC):
         """Return the plan of a network of spiking layers (`plan`)."""
 
     def plan_operations(self, load: Operations, figures: Figures) -> Plan:
-        """Return the plan of any other classifier (`plan`); most chips can run none.
-
-        Raises:
-            NotApplicable: the chip cannot run such a classifier.
-        """
+        """Return the plan of any other classifier (`plan`); most chips can run none."""
         neurons = ", of neurons that it has figures for" if load.is_spiking else ""
         raise NotApplicable(f"{self.name} runs only networks of spiking layers{neurons}")
 

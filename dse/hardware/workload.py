@@ -103,9 +103,6 @@ def read_inference(text: str, source: str) -> Inference:
     Args:
         text: YAML or JSON.
         source: what faults call the file.
-
-    Raises:
-        ConfigError: everything that is wrong with it.
     """
     document = parse(text, source)
     faults = list(document.faults)

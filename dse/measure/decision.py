@@ -174,9 +174,6 @@ def early_at(
         lengths: (k,) steps in 1..T, any order.
         step_ms: duration of a step.
         settings: (k, 2) phi and theta of each length; NaN where there is none, and then in the result.
-
-    Raises:
-        ValueError: as of `early`.
     """
     spikes, chosen = _spikes(output), np.asarray(settings, np.float64)
     steps = _lengths(lengths, spikes.shape[1])
@@ -228,11 +225,6 @@ def on_border(surface: DecisionSurface, setting: Setting, n_classes: int) -> boo
 
     A larger phi or theta decides otherwise if some sample is decided at the largest one; a smaller theta only
     down to 1 / classes, which every sample reaches. A grid of one value has no ends.
-
-    Args:
-        surface: of the grid.
-        setting: one of its settings.
-        n_classes: outputs that are counted.
     """
     decides = bool(surface.undecided[_place(surface, setting)] < 1)
     phi, theta = surface.phi, surface.theta

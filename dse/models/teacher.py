@@ -55,12 +55,7 @@ class Teachers:
         self._scores: dict[tuple[Teacher, Training], tuple[Floats, float]] = {}
 
     def taught(self, training: Training) -> Taught | None:
-        """Return what a network with this training learns; None: it has no teacher.
-
-        Raises:
-            ValueError: the teacher cannot be trained on these data.
-            TrainingDiverged: its training failed.
-        """
+        """Return what a network with this training learns; None: it has no teacher."""
         teacher = training.teaching()
         if teacher is None:
             return None

@@ -12,9 +12,6 @@ class MissingExtra(RuntimeError):
 def require_torch(what: str) -> None:
     """Check that torch is installed, without importing it.
 
-    Args:
-        what: what needs it: the beginning of the sentence.
-
     Raises:
         MissingExtra: it is not.
     """

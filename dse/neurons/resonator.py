@@ -240,11 +240,7 @@ class Resonator(cuba_lif.CubaLif):
         )
 
     def _periods(self, step_ms: float) -> tuple[float, float]:
-        """Return the shortest and the longest period in input steps.
-
-        Raises:
-            ValueError: the shortest is below 2.
-        """
+        """Return the shortest and the longest period in input steps."""
         step = {"steps": 1.0, "ms": 1 / step_ms, "Hz": 1e3 / step_ms}[self.period_unit]
         ends = [step / x if self.period_unit == "Hz" else step * x for x in self.period]
         shortest, longest = min(ends), max(ends)

@@ -111,11 +111,7 @@ def missing(path: Path, name: str, known: Iterable[str]) -> str:
 
 
 def _kind(path: Path) -> str:
-    """Return npz, npy, matlab or hdf5, by the ending of a file or, of an .mat file, its first bytes.
-
-    Raises:
-        RecordingError: the file is empty.
-    """
+    """Return npz, npy, matlab or hdf5, by the ending of a file or, of an .mat file, its first bytes."""
     if path.stat().st_size == 0:
         raise RecordingError(f"{path.name}: the file is empty")
     suffix = path.suffix.lower()

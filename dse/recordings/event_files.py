@@ -180,11 +180,7 @@ class EventFiles:
         )
 
     def _files(self, base: Path) -> tuple[Path, Path | None, list[str]]:
-        """Return the folder, the label table and the recordings' paths below the folder.
-
-        Raises:
-            RecordingError: folder or table are not found.
-        """
+        """Return the folder, the label table and the recordings' paths below the folder."""
         folder = locate(self.folder, base, "folder")
         names = files_below(folder, self.pattern)
         if self.labels is None:

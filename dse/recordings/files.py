@@ -98,11 +98,7 @@ def _fits(names: Sequence[str], pattern: Sequence[str]) -> bool:
 
 
 def content_of(folder: Path, names: Iterable[str]) -> str:
-    """Return a hash of the paths of some files below a folder and of what is in them.
-
-    Raises:
-        RecordingError: a file cannot be read.
-    """
+    """Return a hash of the paths of some files below a folder and of what is in them."""
     digest = hashlib.sha256()
     for name in names:
         try:

@@ -108,11 +108,7 @@ class RasterFile(Sampled):
 
 
 def sparse(raster: Array, step_ms: float, where: str) -> Spikes:
-    """Return the spikes of a (sample, step, channel) raster of 0 and 1.
-
-    Raises:
-        RecordingError: another value, or no sample, step or channel.
-    """
+    """Return the spikes of a (sample, step, channel) raster of 0 and 1."""
     if 0 in raster.shape:
         raise RecordingError(f"{where} must hold samples, steps and channels, got shape {raster.shape}")
     if raster.dtype.kind not in "biuf":

@@ -17,11 +17,7 @@ from dse.registry import Rule, param
 
 
 def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array, Ints]:
-    """Return samples (sum of lengths, channel) float32 and borders (n + 1,) int64, both checked.
-
-    Raises:
-        RecordingError: wrong number of axes, bad borders, an empty recording, NaN or infinite samples.
-    """
+    """Return samples (sum of lengths, channel) float32 and borders (n + 1,) int64, both checked."""
     if values.dtype.kind not in "biuf":
         raise RecordingError(f"{where} must hold numbers, got {values.dtype}")
     if offsets is None:
@@ -50,11 +46,7 @@ def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array,
 
 
 def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bool = False) -> Ints:
-    """Return borders as int64, checked from 0 to n_rows; no recording is empty unless it may be.
-
-    Raises:
-        RecordingError: they do not.
-    """
+    """Return borders as int64, checked from 0 to n_rows; no recording is empty unless it may be."""
     if offsets.ndim != 1 or len(offsets) < 2 or offsets.dtype.kind not in "iu":
         raise RecordingError(
             f"{where}: offsets must be integers, one more than there are recordings, "

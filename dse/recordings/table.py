@@ -72,11 +72,7 @@ class _Samples(Sampled):
         """Return what the rows of the table say."""
 
     def read(self, base: Path) -> Signals:
-        """Return the recordings.
-
-        Raises:
-            RecordingError: anything wrong with the tables, naming recording, channel and sample, or the line.
-        """
+        """Return the recordings."""
         for fault in self.check(base):
             raise RecordingError(fault)
         path, table = self._loaded(base)
@@ -272,9 +268,6 @@ def on_grid(series: Sequence[Series], step_ms: float, resample: bool, where: str
 
     Returns:
         The recording, and its widest gap in ms if samples were interpolated, else 0.
-
-    Raises:
-        RecordingError: times do not rise, are uneven, or the series have no two steps in common.
     """
     first = series[0][0]
     for times, _ in series:

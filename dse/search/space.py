@@ -62,11 +62,7 @@ def _branch(sizes: Mapping[Raw, int], place: int) -> tuple[Raw, int]:
 
 
 def index_of(space: SearchSpace, design: Mapping[str, Raw]) -> int:
-    """Return the place of a design in the grid, the inverse of `design_at`.
-
-    Raises:
-        ValueError: the design is not in the grid.
-    """
+    """Return the place of a design in the grid, the inverse of `design_at`."""
     axes = space.active(design)
     if set(design) != set(axes):
         raise ValueError(f"a design must have the axes {sorted(axes)}, got {sorted(design)}")

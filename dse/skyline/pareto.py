@@ -18,11 +18,7 @@ _EXACT_INTEGERS = 2**53  # up to here float64 tells all integers apart
 
 
 def _points(points: ArrayLike) -> Floats:
-    """Return points as C-contiguous float64 that dominate alike.
-
-    Raises:
-        ValueError: not two-dimensional.
-    """
+    """Return points as C-contiguous float64 that dominate alike."""
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] == 0:
         raise ValueError(f"points must be (n, d) with d >= 1, got shape {array.shape}")
@@ -109,9 +105,6 @@ def non_dominated_by_group(points: ArrayLike, group: Ints) -> Bools:
     Args:
         points: (n, d), minimised.
         group: (n,) group numbers from 0.
-
-    Raises:
-        ValueError: as in `non_dominated`.
     """
     array = _points(points)
     mask = np.zeros(len(array), dtype=bool)

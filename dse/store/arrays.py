@@ -230,11 +230,7 @@ def _annotations(kind: type) -> dict[str, Any]:
 
 @functools.cache
 def _hints(kind: type) -> dict[str, Any]:
-    """Return the type of each field, without `| None`.
-
-    Raises:
-        TypeError: a field is of a type that cannot be stored.
-    """
+    """Return the type of each field, without `| None`."""
     hints = {name: _present(hint) for name, hint in _annotations(kind).items()}
     for name, hint in hints.items():
         literal = typing.get_origin(hint) is typing.Literal

@@ -50,11 +50,6 @@ def unreadable(path: Path, error: OSError) -> StoreError:
 
 
 def check_kind(path: Path) -> None:
-    """Refuse what is no file: a pipe would never end.
-
-    Raises:
-        Damaged: it is none.
-        OSError: there is nothing.
-    """
+    """Refuse what is no file: a pipe would never end."""
     if not stat.S_ISREG(path.stat().st_mode):
         raise damaged(path, "is not a file")

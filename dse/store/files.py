@@ -107,11 +107,7 @@ def is_held(folder: Path) -> bool | None:
 
 
 def _lock(handle: int) -> None:
-    """Lock an open file; who looks whether it is locked (`is_held`) has it for an instant.
-
-    Raises:
-        OSError: it is locked, or cannot be.
-    """
+    """Lock an open file; who looks whether it is locked (`is_held`) has it for an instant."""
     for left in reversed(range(_GLANCES)):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -84,9 +84,6 @@ def made_as(plain: Mapping[str, Any], epochs: int) -> tuple[int, int, str]:
     Args:
         plain: its record.
         epochs: by its folder, for a record of an earlier version.
-
-    Raises:
-        KeyError: it is the record of something else.
     """
     return plain["states"], plain.get("epochs", epochs), plain["training"]
 

@@ -64,9 +64,6 @@ def claim(space: SearchSpace, book: store.Book) -> list[str]:
 
     Returns:
         What was damaged and is written anew, a sentence each.
-
-    Raises:
-        ConfigError: the folder was started with another search space; one fault per key or plugin.
     """
     folder, notes = book.folder, []
     path = folder / store.SPACE
@@ -135,11 +132,7 @@ def _copied(copy: Path, notes: list[str]) -> str | None:
 
 
 def _check_runs(space: SearchSpace, folder: Path) -> None:
-    """Check that the finished runs were trained as the search space says.
-
-    Raises:
-        ConfigError: one was trained otherwise.
-    """
+    """Check that the finished runs were trained as the search space says."""
     runs = store.runs_in(folder).items()
     for run in (store.run_file(folder, trial, repeat) for trial, of in runs for repeat in of):
         try:

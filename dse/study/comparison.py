@@ -65,11 +65,7 @@ def compare_studies(
 
 
 def _objectives(paths: Sequence[Path]) -> list[Goal]:
-    """Return the objectives of the studies among some paths.
-
-    Raises:
-        ExpressionError: there is no study, or two with other objectives.
-    """
+    """Return the objectives of the studies among some paths."""
     known = {path: open_study(path).objectives for path in paths if path.is_dir()}
     if not known:
         raise ExpressionError(
@@ -94,11 +90,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
 def _common(
     column: str, frames: list[pandas.DataFrame], names: Sequence[str]
 ) -> tuple[list[pandas.DataFrame], list[str]]:
-    """Return the rows with values of a column that both tables have, and a note on the others.
-
-    Raises:
-        ExpressionError: they have none in common.
-    """
+    """Return the rows with values of a column that both tables have, and a note on the others."""
     values = [[str(x) for x in frame[column].unique()] if column in frame else [] for frame in frames]
     if not any(values):
         return frames, []

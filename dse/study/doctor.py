@@ -408,12 +408,7 @@ def _check_chip(folder: Path, path: Path) -> None:
 
 
 def _check_table(study: _Study, path: Path) -> None:
-    """Check a table, and that it holds the runs of the study, but for those that are damaged themselves.
-
-    Raises:
-        Damaged: it is not what was written.
-        ValueError: it holds other runs.
-    """
+    """Check a table, and that it holds the runs of the study, but for those that are damaged themselves."""
     table = held.read(path)
     if ("status" in table) != (path.name == held.TRIALS):
         raise ValueError("is another table")

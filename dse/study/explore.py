@@ -150,11 +150,7 @@ def _until_s(space: SearchSpace, began_s: float) -> float | None:
 def _workers(
     space: SearchSpace, n: int, folder: Path, coordinator: Coordinator, until_s: float | None
 ) -> Workers:
-    """Return the workers that a search space names.
-
-    Raises:
-        ConfigError: there are none as they must be.
-    """
+    """Return the workers that a search space names."""
     execution = space.execution
     if execution.backend == "loky":
         if coordinator.is_first and (dead := process_before(folder)) is not None:

@@ -375,11 +375,7 @@ def _of(job: TrainingJob, numbers: Sequence[int]) -> TrainingJob:
 
 
 def _without(job: TrainingJob, fold: Fold) -> Iterator[tuple[int, OfTargets | Failure]]:
-    """Train the runs of a cohort without a fold; yield the number and the accuracies of each on the fold.
-
-    Raises:
-        RuntimeError: a run that trains alone fails.
-    """
+    """Train the runs of a cohort without a fold; yield the number and the accuracies of each on the fold."""
     run = dataclasses.replace(job.runs[0], sections=fold.sections, data=fold.data)
     data = load(run, job.threads).data
     where = f"without {fold.left_out.column} {fold.left_out.name}"

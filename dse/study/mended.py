@@ -41,9 +41,6 @@ def opened(folder: Path, batch: int = 1) -> Iterator[tuple[Book, list[str]]]:
     Args:
         folder: of the study, which the caller has locked.
         batch: designs that its search proposes at a time.
-
-    Raises:
-        StoreError: it cannot be read or written now.
     """
     notes = convert(folder) if is_earlier(folder) else []
     notes += _restored(folder, batch)
@@ -256,11 +253,7 @@ def _old_runs(folder: Path) -> list[Path]:
 
 
 def _record(old: Path) -> dict[str, Any]:
-    """Return the record of a run whose files are what was written.
-
-    Raises:
-        StoreError, OSError, LookupError, ValueError, TypeError: they are not.
-    """
+    """Return the record of a run whose files are what was written."""
     record: dict[str, Any] | None = _read(old / store.RECORD)
     if record is None:
         raise ValueError("its record cannot be read")

@@ -126,11 +126,7 @@ def _asked(folder: Path, ledger: Ledger, trial: int) -> Entry:
 
 
 def _check(space: SearchSpace, folder: Path, told: Mapping[str, float]) -> None:
-    """Check values that are told.
-
-    Raises:
-        ConfigError: every fault.
-    """
+    """Check values that are told."""
     declared = registry.columns()
     objectives = [name for name, _ in space.objectives]
     known = sorted({*declared, *objectives, "accuracy"})

@@ -60,9 +60,6 @@ def points_table(
         folder: of the study.
         trials: trial number -> records of its runs.
         profiles: hardware to price the points on; not necessarily that of the study.
-
-    Raises:
-        StoreError: an artefact is damaged.
     """
     parts = [*_parts(space, folder, trials, profiles, {})]
     names, asked = corrected.names(space), corrected.asked(space, trials)
@@ -91,9 +88,6 @@ def write_points(
         trials: trial number -> records of its runs.
         profiles: hardware to price the points on.
         digests: of the trials' runs (`dse.study.held.digests`).
-
-    Raises:
-        StoreError: an artefact is damaged.
     """
     common = _digest(space, profiles)
     before = json.loads(store.made_from(path) or "{}")

@@ -398,9 +398,6 @@ def _of_evaluation(space: SearchSpace, first: Sections, recordings: Recordings) 
         space: search space.
         first: a design of it; only its target is varied.
         recordings: of the design.
-
-    Raises:
-        ConfigError: windows have no room for the shifts, or a class cannot be trained without a fold.
     """
     evaluation = first.evaluation
     if evaluation is None:

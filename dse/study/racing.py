@@ -238,12 +238,7 @@ class Race:
         return [entry for entry in entries if entry.trial in trials]
 
     def sentences(self, entries: Sequence[Entry], points_now: Callable[[], pandas.DataFrame]) -> list[str]:
-        """Return what racing has saved and lost, and keep it, when the audited designs have trained.
-
-        Args:
-            entries: all designs.
-            points_now: returns the design points of the study.
-        """
+        """Return what racing has saved and lost, and keep it, when the audited designs have trained."""
         trials = set(self._audited["trials"])
         sentences = [self._saved(entries, trials), *self._lost(trials, points_now)] if self._stopped else []
         if sentences and self._audited.get("sentences") != sentences:

@@ -234,11 +234,7 @@ class RunRecord:
 
 
 def _check(record: object, kinds: Mapping[str, Any]) -> None:
-    """Check the types of fields that were read.
-
-    Raises:
-        TypeError: names a field of another one.
-    """
+    """Check the types of fields that were read."""
     for name, kind in kinds.items():
         if not isinstance(getattr(record, name), kind):
             raise TypeError(f"'{name}'")
@@ -250,21 +246,13 @@ def plain_rungs(rungs: Mapping[int, Numbers]) -> dict[str, Any]:
 
 
 def load_record(folder: Path) -> RunRecord | None:
-    """Return the record of the run in a folder, None if there is none.
-
-    Raises:
-        StoreError: the record or a file that it names is damaged, missing, or of a newer schema.
-    """
+    """Return the record of the run in a folder, None if there is none."""
     plain = store.load_run(folder)
     return None if plain is None else RunRecord.from_plain(plain, folder)
 
 
 def is_stopped(folder: Path) -> bool:
-    """Return whether the folder of a run holds one that racing stopped: it may yet be trained on.
-
-    Raises:
-        StoreError: its record is damaged.
-    """
+    """Return whether the folder of a run holds one that racing stopped: it may yet be trained on."""
     return folder.is_file() and store.read_record(folder).get("status") == STOPPED
 
 
@@ -278,11 +266,7 @@ def load_records(folder: Path, trial: int) -> list[RunRecord]:
 
 
 def plain_records(folder: Path, trial: int) -> list[dict[str, Any]]:
-    """Return the content of record.json of each run of a trial, repeat 0 first.
-
-    Raises:
-        StoreError: an artefact is damaged, or the study has no such trial.
-    """
+    """Return the content of record.json of each run of a trial, repeat 0 first."""
     records = [record for run in store.runs_of(folder, trial) if (record := store.load_run(run)) is not None]
     if not records:
         raise StoreError(f"{folder}: there is no trial {trial}")

@@ -556,11 +556,7 @@ class Runs:
         self._progress.note(f"trial {key[0]} is not trained: {why.reason}; the next run tries again")
 
     def _settle(self, run: jobs.Run, why: Failure | None, until: int | None = None) -> None:
-        """Record a run that has ended, unless it is recorded already.
-
-        Raises:
-            StoreError: its folder was removed, or is damaged.
-        """
+        """Record a run that has ended, unless it is recorded already."""
         if self._has(run.trial, run.repeat):
             return
         record = load_record(run.folder) if why is None else None
@@ -685,11 +681,7 @@ class Runs:
         return self._data_keys[place]
 
     def _resolved(self, design: Mapping[str, object], fold: int | None) -> Sections:
-        """Return the sections of a design, with its fold.
-
-        Raises:
-            ValueError: a component refuses keys that are legal one by one.
-        """
+        """Return the sections of a design, with its fold."""
         sections = self._space.resolve(design)
         return sections if fold is None else sections.on_fold(fold)
 

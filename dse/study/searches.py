@@ -283,11 +283,7 @@ class Batches:
                 self._ledger.book.drop("queue", "place = ?", row["place"])
 
     def _reached(self) -> str:
-        """Return why no further batch is proposed; '' if one is.
-
-        Raises:
-            ConfigError: nothing was trained since the command began.
-        """
+        """Return why no further batch is proposed; '' if one is."""
         stop, hours = self._space.search.stop, self._runs.train_s() * self._space.execution.threads / 3600
         if stop is None or stop.cpu_hours is None or hours < stop.cpu_hours:
             return ""

@@ -40,11 +40,7 @@ class Earlier:
 
 
 def earlier_trials(space: SearchSpace) -> list[Earlier]:
-    """Return the finished trials of the earlier studies that a search space names.
-
-    Raises:
-        ConfigError: a folder is no study, or none of its designs is one of the search space.
-    """
+    """Return the finished trials of the earlier studies that a search space names."""
     now = json.loads(json.dumps(space.to_plain()))
     trials: list[Earlier] = []
     faults = []
@@ -170,11 +166,7 @@ def _plain(sections: Sections | Mapping[str, Any], name: str) -> Any:
 
 
 def _copy(earlier: Earlier, repeat: int, trial: int, target: Path) -> None:
-    """Publish an earlier run as one of this study, with where it was trained.
-
-    Raises:
-        StoreError: the run is damaged, or cannot be written.
-    """
+    """Publish an earlier run as one of this study, with where it was trained."""
     source = store.run_file(earlier.folder, earlier.trial, repeat)
     record = store.read_record(source)
     taken = {"study": str(record["study"]), "trial": earlier.trial, "version": record.get("version")}

@@ -110,11 +110,7 @@ class Workers:
                 self._executor.close()
 
     def _parts(self, ended: Future[bytes]) -> list[Any]:
-        """Return the parts of a task that has ended.
-
-        Raises:
-            StoreError: the executor is lost.
-        """
+        """Return the parts of a task that has ended."""
         try:
             return unpack(ended.result())
         except Exception as error:

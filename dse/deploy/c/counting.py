@@ -137,20 +137,12 @@ class CountingPlan(Code):
 
 
 def code_of(bundle: Bundle) -> Code:
-    """Return the C of a bundle of any family.
-
-    Raises:
-        Unsupported: C cannot hold its classifier; the reason.
-    """
+    """Return the C of a bundle of any family."""
     return plan_of(bundle) if isinstance(bundle.fitted, Network) else counting_plan_of(bundle)
 
 
 def counting_plan_of(bundle: Bundle) -> CountingPlan:
-    """Return the plan of a bundle of a classifier of counts.
-
-    Raises:
-        Unsupported: C cannot hold its classifier; the reason.
-    """
+    """Return the plan of a bundle of a classifier of counts."""
     model: Any = bundle.sections.model
     fitted = bundle.fitted
     kind = bundle.sections.kinds["model"]
@@ -207,11 +199,7 @@ def _most(ends: Sequence[int], per_window: int, n_channels: int) -> int:
 def _classifier(
     model: Any, arrays: Mapping[str, Array], column: int, n_features: int, most: int, n_steps: int
 ) -> Classifier:
-    """Return what looks at counts of up to `most`, by the arrays of a family at a time of its answer.
-
-    Raises:
-        Unsupported: sums may exceed 32 bits.
-    """
+    """Return what looks at counts of up to `most`, by the arrays of a family at a time of its answer."""
     if isinstance(model, KNN):
         return _nearest(arrays["counts"], arrays["target"], model.k, n_features, most)
     if isinstance(model, NaiveBayes):
@@ -277,11 +265,7 @@ _SURE = Classifier("prior.c", "Integers only", {"best": 0})
 
 
 def _integers(arrays: Mapping[str, Array], column: int, n_features: int, most: int) -> Classifier:
-    """Return layers of integers on counts of up to `most`.
-
-    Raises:
-        Unsupported: sums may exceed 32 bits.
-    """
+    """Return layers of integers on counts of up to `most`."""
     readout = IntegerLayers.of(arrays, column)
     if largest_sum(readout, most) > MOST_SUM:
         raise Unsupported("the sums of its integers may exceed 32 bits")
@@ -308,11 +292,7 @@ def _integers(arrays: Mapping[str, Array], column: int, n_features: int, most: i
 
 
 def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
-    """Return the kernels before a readout.
-
-    Raises:
-        Unsupported: sums may exceed 32 bits.
-    """
+    """Return the kernels before a readout."""
     groups, n_bins = arrays["groups"], ring_bins(arrays)
     n_spikes = np.bincount(arrays["place"], minlength=groups.shape[1]) * n_steps  # of a place in a window
     highest = int((np.abs(groups.astype(np.int64)) @ n_spikes).max())

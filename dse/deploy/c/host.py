@@ -66,11 +66,7 @@ _FOR_SIZE = "-Os"
 
 
 def compiler_version() -> str:
-    """Return the name and version of the compiler, such as gcc 12.2.0.
-
-    Raises:
-        NoCompiler: there is none.
-    """
+    """Return the name and version of the compiler, such as gcc 12.2.0."""
     command = compiler()
     told = _answer(command, "--version")
     line, *others = told.splitlines() or [Path(command[0]).name]
@@ -83,11 +79,7 @@ def compiler_version() -> str:
 
 
 def compiler_name() -> str:
-    """Return what compiled the code whose memory `sizes` reports: compiler, version, target and flags.
-
-    Raises:
-        NoCompiler: there is none.
-    """
+    """Return what compiled the code whose memory `sizes` reports: compiler, version, target and flags."""
     answers = [_answer(compiler(), option).split("\n")[0] for option in ("--version", "-dumpmachine")]
     return ", ".join([x for x in answers if x] + [_FOR_SIZE])
 
@@ -166,11 +158,7 @@ def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> re
 
 
 def replaying(folder: Path, place: Path, *options: str) -> Path:
-    """Return the program, in a place, that drives the C in a folder.
-
-    Raises:
-        NoCompiler, RunFailed: as `played`.
-    """
+    """Return the program, in a place, that drives the C in a folder."""
     sources, all_options = driven(folder, place, *options)
     compiled(sources, place / "replay", *all_options)
     return place / "replay"

@@ -69,11 +69,7 @@ def least_memory(
 
 
 def least_plan(sections: Sections, shape: Shape) -> Plan | None:
-    """Return the plan of a design before it is trained; None of a family that is no single spiking network.
-
-    Raises:
-        Unsupported: C cannot hold its classifier, however it is trained.
-    """
+    """Return the plan of a design before training; None of a family that is no single spiking network."""
     model: Any = sections.model
     if not isinstance(model, SNN):
         return None

@@ -153,20 +153,12 @@ class Plan(Spiking, Code):
 
 
 def plan_of(bundle: Classifier) -> Plan:
-    """Return the plan of a bundle of a spiking network.
-
-    Raises:
-        Unsupported: C cannot hold its classifier; the reason.
-    """
+    """Return the plan of a bundle of a spiking network."""
     return planned(spiking_of(bundle))
 
 
 def planned(form: Spiking) -> Plan:
-    """Return the plan of a network with what surrounds it.
-
-    Raises:
-        Unsupported: C cannot hold the network; the reason.
-    """
+    """Return the plan of a network with what surrounds it."""
     if form.arithmetic != "integer":
         raise Unsupported(f"C needs a network in integer arithmetic, got {form.arithmetic} arithmetic")
     for layer in form.layers:

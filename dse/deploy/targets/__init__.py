@@ -92,11 +92,7 @@ class BackEnd(Target, Generic[F]):
 
     @abstractmethod
     def engines(self, form: F, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
-        """Yield every engine that runs the files here, after its run, and those that are not installed.
-
-        Raises:
-            TargetError: as of `verify`.
-        """
+        """Yield every engine that runs the files here, after its run, and those that are not installed."""
 
     def refusal(self, bundle: Bundle) -> str:
         """Return why it cannot hold the classifier, one sentence; '' if it can."""

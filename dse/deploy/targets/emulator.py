@@ -147,11 +147,6 @@ def compiler_name() -> str:
 def compiled(sources: Sequence[Path], core: Core, *options: str) -> Program:
     """Compile sources for a core and link them.
 
-    Args:
-        sources: C files.
-        core: the processor.
-        options: of the compiler.
-
     Raises:
         TargetError: the compiler is missing or refuses them.
     """

@@ -91,11 +91,7 @@ class EventOperations(CountedOperations):
         return load.counts if isinstance(load, Workload) else load.of_events.counts
 
     def plan_operations(self, load: Operations, figures: Figures) -> Plan:
-        """Return the plan of a classifier that can work per spike.
-
-        Raises:
-            NotApplicable: there are no counts of it.
-        """
+        """Return the plan of a classifier that can work per spike."""
         if load.event_additions is None:
             raise NotApplicable(f"{self.name} runs only classifiers that count their work per spike")
         return super().plan_operations(load, figures)

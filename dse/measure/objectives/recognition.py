@@ -79,9 +79,6 @@ def macro(confusion: ArrayLike) -> Macro:
 
     Args:
         confusion: (true class, answered class) counts; further columns hold answers that are no class.
-
-    Raises:
-        ValueError: not a matrix with a column for each class, or a count that is negative or no number.
     """
     counts = np.asarray(confusion, dtype=np.float64)
     if counts.ndim != 2 or counts.shape[1] < counts.shape[0] or not (counts >= 0).all():
@@ -101,9 +98,6 @@ def itr_bits(confusion: ArrayLike) -> float:
 
     Args:
         confusion: (true class, answered class) counts; classes without samples do not matter.
-
-    Raises:
-        ValueError: not a matrix, or a count that is negative or no number.
     """
     counts = np.asarray(confusion, dtype=np.float64)
     if counts.ndim != 2 or not (np.isfinite(counts) & (counts >= 0)).all():
@@ -124,9 +118,6 @@ def itr_bits_per_s(bits: float, decision_ms: float) -> float:
     Args:
         bits: per answer; NaN stays NaN.
         decision_ms: mean time of the decision.
-
-    Raises:
-        ValueError: the time is not > 0.
     """
     if not decision_ms > 0:
         raise ValueError(f"decision_ms must be > 0, got {decision_ms}")

@@ -70,12 +70,7 @@ class IntegerLayers:
 
 
 def largest_sum(layers: IntegerLayers, most: int) -> int:
-    """Return the largest magnitude that any sum of any layer reaches, in any order of its terms.
-
-    Args:
-        layers: a readout.
-        most: the largest input.
-    """
+    """Return the largest magnitude that any sum of any layer reaches, in any order of its terms."""
     reached = 0
     for k, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
         of_inputs = np.abs(weight.astype(np.int64)).sum(axis=0)

@@ -79,11 +79,7 @@ def most_spikes(edges: Sequence[int], n_channels: int) -> int:
 
 
 def event_edges_us(duration_us: int, window_ms: float) -> Array:
-    """Return the first microsecond of every window, and `duration_us`, as (window + 1,) int64.
-
-    Raises:
-        ValueError: windows are shorter than a microsecond.
-    """
+    """Return the first microsecond of every window, and `duration_us`, as (window + 1,) int64."""
     window_us = round(1000 * window_ms)
     if window_us < 1:
         raise ValueError(f"window_ms must be >= 0.001, got {window_ms:g}")

@@ -210,11 +210,6 @@ def even_drive(population: Population[Any], n_neurons: int, rows: Rows) -> Float
     """Return weights of the layer below, (neuron,), whose drive is as even in time as its spikes allow.
 
     Its mean is that which would just make the mean of some neurons fire; 0 where no drive does.
-
-    Args:
-        population: the neurons.
-        n_neurons: how many.
-        rows: spikes of the layer below.
     """
     seen = short_counts(population, n_neurons, rows)
     scale = 1 / np.maximum(np.sqrt((seen**2).mean(axis=0)), np.finfo(np.float32).tiny)

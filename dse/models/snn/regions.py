@@ -26,9 +26,6 @@ def regions_of(positions: Ints, n_regions: int) -> Ints:
     Args:
         positions: (n_channels, 3) x, y and plane.
         n_regions: of each plane, a multiple of `RINGS`.
-
-    Raises:
-        ValueError: there are fewer places than regions.
     """
     places, place = np.unique(positions[:, :2], axis=0, return_inverse=True)
     if len(places) < n_regions:

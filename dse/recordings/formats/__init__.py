@@ -109,11 +109,7 @@ def block_of(t_us: Array, x: Array, y: Array, polarity: Array, chosen: Any = ...
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Return the file, open for reading.
-
-    Raises:
-        RecordingError: it cannot be opened.
-    """
+    """Return the file, open for reading."""
     try:
         return path.open("rb")
     except OSError as problem:
@@ -123,11 +119,7 @@ def open_file(path: Path) -> BinaryIO:
 def read_words(
     path: Path, start: int, size: int, broken: Repairs, n: int | None = None
 ) -> Iterator[tuple[int, bytes]]:
-    """Yield where words of `size` bytes begin, and n whole ones (BLOCK_EVENTS), from byte `start` on.
-
-    Raises:
-        RecordingError: the file cannot be opened, or the last word is cut and `broken` raised it.
-    """
+    """Yield where words of `size` bytes begin, and n whole ones (BLOCK_EVENTS), from byte `start` on."""
     with open_file(path) as file:
         file.seek(start)
         while read := file.read((n or BLOCK_EVENTS) * size):
@@ -172,11 +164,7 @@ def named(name: str) -> Format:
 
 
 def detect(path: Path) -> Format:
-    """Return the format of a file: by its content, or by its suffix where the content does not decide.
-
-    Raises:
-        RecordingError: the file cannot be opened, or several formats or none fit.
-    """
+    """Return the format of a file: by its content, or by its suffix where the content does not decide."""
     with open_file(path) as file:
         head = file.read(_HEAD_BYTES)
     formats: dict[str, Format] = {name: kind() for name, kind in known("recordings.formats").items()}
@@ -196,9 +184,6 @@ def checked(blocks: Iterator[Block], width: int, height: int, broken: Repairs) -
     With repair, in this order: events outside the frame or before 0 us are dropped; a polarity above 1 is ON;
     an event earlier than one before it takes the latest time so far. That loses none and brings none forward,
     but one wrong stamp far ahead holds up all that follow it: the note counts them.
-
-    Raises:
-        RecordingError: an event is not sound, or there is none, and `broken` raised it.
     """
     n_read, n_kept, latest = 0, 0, 0
     for block in blocks:

@@ -46,11 +46,7 @@ def chip_frame(chip: str) -> tuple[int, int] | None:
 
 
 def read_version(file: BinaryIO, name: str, version: str) -> None:
-    """Read the first line, which must be of that version.
-
-    Raises:
-        RecordingError: the file is empty, or begins otherwise.
-    """
+    """Read the first line, which must be of that version."""
     must, line = f"#!AER-DAT{version}", file.readline(32)
     if line.rstrip(b"\r\n") != must.encode() or not line.endswith(b"\n"):
         got = f"begins with {line.rstrip()!r}" if line else "is empty"

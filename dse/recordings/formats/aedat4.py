@@ -86,11 +86,7 @@ class _Header:
 
 
 def _read_header(file: BinaryIO, name: str) -> _Header:
-    """Read up to the first packet.
-
-    Raises:
-        RecordingError: the header is not of this format, or describes no stream of events.
-    """
+    """Read up to the first packet."""
     read_version(file, name, "4.0")
     at, left = file.tell(), os.fstat(file.fileno()).st_size - file.tell()
     size = int.from_bytes(file.read(4), "little")
@@ -120,11 +116,7 @@ def _read_header(file: BinaryIO, name: str) -> _Header:
 
 
 def _streams(text: bytes) -> dict[int, tuple[str, tuple[int, int] | None]]:
-    """Return number -> type, size of the streams that XML describes, in its order.
-
-    Raises:
-        ValueError: it does not, as the end of a sentence.
-    """
+    """Return number -> type, size of the streams that XML describes, in its order."""
     streams = {}
     try:
         for node in ElementTree.fromstring(text).findall("./node[@name='outInfo']/node"):
@@ -181,11 +173,7 @@ def _packets(file: BinaryIO, header: _Header, broken: Repairs) -> Iterator[tuple
 
 
 def _events(data: bytes) -> Array:
-    """Return the events of a packet, a view into it.
-
-    Raises:
-        ValueError: it is no flatbuffer of events, as the end of a sentence.
-    """
+    """Return the events of a packet, a view into it."""
     fields = _root(data, b"EVTS")
     if 0 not in fields:
         return np.empty(0, _EVENT)
@@ -194,11 +182,7 @@ def _events(data: bytes) -> Array:
 
 
 def _root(data: bytes, kind: bytes) -> dict[int, int]:
-    """Return number -> position of the fields that the root table of a size-prefixed flatbuffer holds.
-
-    Raises:
-        ValueError: it is no flatbuffer of that kind, as the end of a sentence.
-    """
+    """Return number -> position of the fields that the root table of a size-prefixed flatbuffer holds."""
     if len(data) < 12 or int.from_bytes(data[:4], "little") != len(data) - 4:
         raise ValueError(f"must hold a flatbuffer of its own length, got {len(data)} bytes")
     if data[8:12] != kind:
@@ -227,11 +211,7 @@ def _at(data: bytes, at: int, layout: str) -> int:
 
 
 def _decompressed(data: bytes, codec: str | None) -> bytes:
-    """Return what was compressed.
-
-    Raises:
-        ValueError: it is damaged, or too large, as the end of a sentence.
-    """
+    """Return what was compressed."""
     if codec is None:
         return data
     import pyarrow

@@ -120,9 +120,6 @@ def fields_of(
         described: name -> shape and type of the arrays of the file.
         stated_names: field -> name, where the user states it; the other fields are looked for beside it.
         where: the file's name, for errors.
-
-    Raises:
-        RecordingError: a given name is not there, or the usual names are those of no events or of several.
     """
     places: dict[str, tuple[str, str | None]] = {}
     for name, (shape, dtype) in described.items():

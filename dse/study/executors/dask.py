@@ -193,11 +193,7 @@ class Dask:
                 raise Unusable(f"the Dask worker {worker} does not see {missing[0]}; all must share it")
 
     def submit(self, task: bytes) -> Future[bytes]:
-        """Start a task on a free worker, or on the first that becomes free.
-
-        Raises:
-            StoreError: the scheduler is lost.
-        """
+        """Start a task on a free worker, or on the first that becomes free."""
         about = _of_this_process(), os.getcwd(), os.environ.get("DSE_DATA", ""), self._cluster is not None
         with self._answering():
             future: Future[bytes] = self._executor.submit(_run, task, *about)
