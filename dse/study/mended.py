@@ -21,7 +21,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from dse.store import BOOK, COPY, Book, Damaged, StoreError
 from dse.study import held, precision
 from dse.study.ledger import Entry
 from dse.study.results import EARLIER
+
+if TYPE_CHECKING:
+    import optuna
 
 _COMPARED = 5
 
@@ -144,8 +147,6 @@ _OLD = (
     "front_repeats.json",
 )
 _OLD_FOLDERS = (_ARTEFACTS, "queue", "racing", "checkpoints")
-# Of the journal of Optuna: its operations, and the state of a trial that is not ended.
-_CREATE, _STATE, _INTERMEDIATE, _USER, _SYSTEM, _RUNNING, _PRUNED = 4, 6, 7, 8, 9, 0, 2
 _LIMIT = "constraints:"
 # The SHA-256 of a file with zeros for its digits, near the beginning of a JSON file.
 _SEAL = re.compile(rb"dse-sha256:([0-9a-f]{64})")
@@ -296,55 +297,42 @@ def _table(path: Path) -> None:
 
 
 def _entries(path: Path) -> list[Entry]:
-    """Return the designs of a journal in the order of proposal, up to the first line that cannot be read."""
-    entries: list[dict[str, Any]] = []
-    for log in _logs(path):
-        operation = log["op_code"]
-        if operation == _CREATE:
-            about = log["user_attrs"]
-            entry: dict[str, Any] = {
-                "trial": len(entries),
-                "batch": int(about["batch"]),
-                "design": about["design"],
-                "proposed_s": _seconds(log["datetime_start"]),
-                "enqueued": bool(about.get("enqueued")),
-                "violations": _violations(log.get("system_attrs", {})),
-                "at_rungs": {},
-            }
-            if log["state"] != _RUNNING:
-                entry |= {"excluded": about["excluded"], "reported_s": entry["proposed_s"]}
-            entries.append(entry)
-        elif operation == _INTERMEDIATE:
-            entries[log["trial_id"]]["at_rungs"][int(log["step"])] = log["intermediate_value"]
-        elif operation == _USER and "excluded" in log["user_attr"]:
-            entries[log["trial_id"]]["excluded"] = log["user_attr"]["excluded"]
-        elif operation == _SYSTEM:
-            entries[log["trial_id"]]["violations"] |= _violations(log["system_attr"])
-        elif operation == _STATE and log["state"] != _RUNNING:
-            values = log.get("values")
-            ended = {
-                "values": None if values is None else tuple(map(float, values)),
-                "reported_s": _seconds(log["datetime_complete"]),
-            }
-            entry = entries[log["trial_id"]]
-            entry |= ended | {"stopped": log["state"] == _PRUNED and "excluded" not in entry}
-    return [Entry(**entry) for entry in entries]
+    """Return the designs of a journal in the order of proposal; none where it is damaged."""
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+
+    if not path.is_file():
+        return []
+    try:
+        storage = JournalStorage(JournalFileBackend(str(path)))
+        trials = [x for study in storage.get_all_studies() for x in storage.get_all_trials(study._study_id)]
+    except (ValueError, LookupError, TypeError, OSError):
+        return []
+    return [_entry(trial) for trial in trials]
 
 
-def _logs(path: Path) -> Iterator[dict[str, Any]]:
-    if path.is_file():
-        for line in path.read_bytes().splitlines():
-            try:
-                log = json.loads(line)
-            except ValueError:
-                return
-            if isinstance(log, dict) and ("trial_id" in log or log.get("op_code") == _CREATE):
-                yield log
+def _entry(trial: optuna.trial.FrozenTrial) -> Entry:
+    about, proposed_s = trial.user_attrs, _seconds(trial.datetime_start)
+    excluded = about.get("excluded", "")
+    return Entry(
+        trial=trial.number,
+        batch=int(about["batch"]),
+        design=about["design"],
+        proposed_s=proposed_s or 0.0,
+        reported_s=_seconds(trial.datetime_complete) or (proposed_s if excluded else None),
+        values=None if trial.values is None else tuple(map(float, trial.values)),
+        excluded=excluded,
+        enqueued=bool(about.get("enqueued")),
+        violations={
+            name.removeprefix(_LIMIT): float(x)
+            for name, x in trial.system_attrs.items()
+            if name.startswith(_LIMIT)
+        },
+        at_rungs=trial.intermediate_values,
+        stopped=trial.state.name == "PRUNED" and not excluded,
+    )
 
 
-def _violations(attributes: Mapping[str, Any]) -> dict[str, float]:
-    return {name.removeprefix(_LIMIT): float(x) for name, x in attributes.items() if name.startswith(_LIMIT)}
-
-
-def _seconds(text: str) -> float:
-    return datetime.fromisoformat(text).timestamp()
+def _seconds(moment: datetime | None) -> float | None:
+    """Return seconds since 1970 of a moment as Optuna has it: local, without a time zone."""
+    return None if moment is None else moment.timestamp()
