@@ -29,9 +29,6 @@ def mean_power_mw(
         contact_ms: t that an inference takes: its window, or its computing time where that is longer.
         idle_mw: P_idle, power while nothing is to be done.
 
-    Raises:
-        ValueError: an argument is negative, contacts are not a finite number, or they overlap.
-
     Example:
         >>> float(mean_power_mw(Schedule(contacts_per_hour=36), 2e5, 5e4, 5.0))  # 2 mW, and 5 for half of it
         4.5

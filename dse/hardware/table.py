@@ -216,11 +216,7 @@ def _quantiles(profile: Profile, inference: Inference, n_draws: int) -> dict[str
 
 
 def _with_power(row: CostRow, plan: Plan, schedule: Schedule) -> CostRow:
-    """Add the mean power and the battery life.
-
-    Raises:
-        ValueError: contacts overlap.
-    """
+    """Add the mean power and the battery life."""
     energy_uj = np.array([*row.energy_throttled_uj], np.float64)
     contact_ms = np.maximum(np.array([*row.hardware_latency_ms], np.float64), row.decision_ms)
     power_mw = mean_power_mw(schedule, energy_uj, contact_ms, plan.idle_mw)

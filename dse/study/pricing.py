@@ -183,9 +183,6 @@ def at_rate(frame: pandas.DataFrame, contacts_per_hour: float) -> pandas.DataFra
 
     They are NaN if contacts would overlap, if the profile does not state the idle power, or if the chip
     cannot run the classifier.
-
-    Raises:
-        StoreError: points lack the necessary costs.
     """
     needed = ("energy_throttled_uj", "idle_mw", "hardware_latency_ms", "decision_latency_ms")
     lacking = [name for name in needed if name not in frame]
@@ -263,10 +260,6 @@ def misfits(folder: str | Path, row: pandas.Series[Any], hardware: Sequence[str]
 def work_is_counted(folder: str | Path, rows: pandas.DataFrame) -> bool:
     """Return whether the program of a trial's classifier was counted: not by runs of earlier versions.
 
-    Args:
-        folder: of the study.
-        rows: of one trial.
-
     Raises:
         StoreError: as in `points`.
     """
@@ -293,10 +286,6 @@ def runs_of(folder: Path, rows: pandas.DataFrame) -> list[RunRecord]:
 def answered(folder: Path, rows: pandas.DataFrame) -> tuple[list[_points.Answered], Ints]:
     """Return the answers of a trial at the precisions of some of its points, and the place of each point.
 
-    Args:
-        folder: of the study.
-        rows: the points.
-
     Raises:
         StoreError: an artefact is damaged, or the answers no longer match the points.
     """
@@ -309,11 +298,7 @@ def answered(folder: Path, rows: pandas.DataFrame) -> tuple[list[_points.Answere
 
 
 def check_studies(paths: Sequence[str | Path], who: str) -> None:
-    """Check that paths are folders of studies.
-
-    Raises:
-        StoreError: one is not; `who` begins the reason.
-    """
+    """Check that paths are folders of studies."""
     for path in paths:
         if not Path(path).is_dir():
             raise StoreError(

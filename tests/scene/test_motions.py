@@ -17,8 +17,7 @@ from dse.scene.motions.triangular import Triangular
 KINDS = registry.known("scene.motions")
 assert {"constant", "table"} <= KINDS.keys()
 
-speeds = st.floats(1.0, 200.0)
-travels = st.floats(1.0, 200.0)
+speeds = travels = st.floats(1.0, 200.0)
 times = st.lists(st.floats(0.01, 2.0), min_size=1, max_size=8).map(lambda x: (0.0, *np.cumsum(x).tolist()))
 motions = st.one_of(
     st.builds(Constant, speeds, travels, st.floats(20.0, 1000.0)),
