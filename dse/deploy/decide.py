@@ -11,15 +11,21 @@ from dse.measure.run import read_out
 from dse.records import Answers, Bools, Dataset, Floats, Ints, Response
 
 
+def read_out_number(bundle: Classifier, response: Answers) -> int:
+    """Return after which of its input lengths a classifier answers."""
+    time_ms = response.time_ms
+    return (
+        len(time_ms) - 1 if bundle.read_out_ms is None else int(np.abs(time_ms - bundle.read_out_ms).argmin())
+    )
+
+
 def decided(bundle: Classifier, data: Dataset, response: Response | Answers) -> tuple[Ints, Floats, Bools]:
     """Return the label, the time of the answer in ms, and whether theta was reached, by the decision rule.
 
     A label of -1 is a combination of the heads' answers that no training recording had.
     """
     if isinstance(response, Answers):
-        column = (
-            -1 if bundle.read_out_ms is None else int(np.abs(response.time_ms - bundle.read_out_ms).argmin())
-        )
+        column = read_out_number(bundle, response)
         label = bundle.answered(response.label[:, column])
         return label, np.full(len(label), response.time_ms[column]), np.ones(len(label), bool)
     n, n_steps = response.output.shape[:2]

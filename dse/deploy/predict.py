@@ -13,11 +13,13 @@ import numpy as np
 
 from dse.data.given import from_arrays
 from dse.deploy.classifier import BundleError, Classifier
-from dse.deploy.decide import decided
+from dse.deploy.decide import decided, read_out_number
 from dse.deploy.reference import answered, prepared
+from dse.measure.heads import softmax
+from dse.models.counts.readouts import Readouts
 from dse.recordings.source import Sampled
 from dse.recordings.time_series import TimeSeries
-from dse.records import Answers, Floats, Ints, Response
+from dse.records import Answers, Dataset, Floats, Ints, Response
 
 
 def predicted(bundle: Classifier, data: Any, axes: str | None = None) -> tuple[Ints, Floats]:
@@ -36,17 +38,22 @@ def predicted(bundle: Classifier, data: Any, axes: str | None = None) -> tuple[I
         new = prepared(of_file, path).dataset
         response = answered(of_file, new, path)
         label, time_ms, _ = decided(of_file, new, response)
-    return label, shares(bundle, response, label, time_ms)
+    return label, shares(bundle, new, response, label, time_ms)
 
 
-def shares(bundle: Classifier, response: Response | Answers, label: Ints, time_ms: Floats) -> Floats:
+def shares(
+    bundle: Classifier, data: Dataset, response: Response | Answers, label: Ints, time_ms: Floats
+) -> Floats:
     """Return what speaks for each class, (n, class); rows sum to 1, and the answer has the most.
 
     Of a spiking network it is the share of output spikes until the answer, where each class begins with one
-    spike. Other families answer a class alone: it gets their accuracy on validation, and others equal parts
-    of the rest.
+    spike; of layers of weights, the softmax of their outputs. What answers a class alone, and one head of
+    several, gives it the accuracy on validation, and the others equal parts of the rest.
     """
     n_classes = len(bundle.answers)
+    model: object = bundle.sections.model
+    if isinstance(model, Readouts) and isinstance(response, Answers) and not bundle.heads:
+        return softmax(model.scores(bundle.fitted, data, data.test, read_out_number(bundle, response)))
     if isinstance(response, Answers) or response.output.shape[2] != n_classes:
         least = 1.01 / n_classes  # the answer has more than any other class
         accuracy = bundle.record.get("accuracy")

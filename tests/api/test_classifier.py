@@ -71,6 +71,19 @@ def test_it_learns_and_keeps_study_pick_and_bundle(fitted, tmp_path):
     assert (pickle.loads(pickle.dumps(fitted)).predict(X) == fitted.predict(X)).all()
 
 
+@pytest.mark.parametrize("kind", ["linear", "mlp", "kernels"])
+def test_plain_families_know_how_sure_they_are_of_each_recording(kind):
+    X, y = waves()
+    learns = {**LEARNS, "model": {"kind": kind, "window_ms": 100.0}, "training.epochs": 20}
+    del learns["model.snn.hidden"]
+    fitted = dse.Classifier(settings=learns).fit(X, y)
+    X = np.concatenate([X, X + np.random.default_rng(2).normal(0, 0.5, X.shape)])
+    proba = fitted.predict_proba(X)
+    np.testing.assert_allclose(proba.sum(axis=1), 1)
+    assert (fitted.classes_[proba.argmax(axis=1)] == fitted.predict(X)).all()
+    assert len(np.unique(proba.max(axis=1).round(6))) > 10  # a number of its own for each
+
+
 @pytest.mark.parametrize(
     "same",
     [list, lambda X: pd.DataFrame({f"c{k}": [pd.Series(x) for x in X[:, k]] for k in range(2)})],

@@ -36,19 +36,28 @@ class Readouts(Windowed):
                 label[:, j] = arrays["classes"][_of_classes(outputs(x, arrays, j)).argmax(axis=1)]
         return label
 
-    def scores(self, fitted: Network | Parameters, dataset: Dataset, samples: Array) -> Floats:
-        """Return the outputs before softmax; those of heads are summed over the joint classes."""
+    def scores(
+        self, fitted: Network | Parameters, dataset: Dataset, samples: Array, read_out: int = -1
+    ) -> Floats:
+        """Return the outputs before softmax; those of heads are summed over the joint classes.
+
+        Args:
+            fitted: the layers.
+            dataset: spikes and windows.
+            samples: which of its samples.
+            read_out: number of the input length that they answer after; -1: the whole window.
+        """
         from threadpoolctl import threadpool_limits
 
         assert isinstance(fitted, Parameters)
         arrays = fitted.arrays
         scores = np.full((len(samples), len(dataset.classes)), -np.inf)
         scores[:, arrays["classes"]] = 0
-        counts, last = self.counts(dataset, samples, arrays), len(arrays["lengths"]) - 1
+        counts, j = self.counts(dataset, samples, arrays), read_out % len(arrays["lengths"])
         with threadpool_limits(1):
-            for x in self._inputs(arrays, counts, arrays["lengths"][last:]):
-                found = _of_classes(outputs(x, arrays, last))
-                scores[:, arrays["classes"]] = found / arrays.get(f"{last}/scale", 1)
+            for x in self._inputs(arrays, counts, arrays["lengths"][j : j + 1]):
+                found = _of_classes(outputs(x, arrays, j))
+                scores[:, arrays["classes"]] = found / arrays.get(f"{j}/scale", 1)
         return head_scores(dataset, scores)
 
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
