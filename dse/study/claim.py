@@ -28,7 +28,7 @@ from dse import store
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.recordings import PLACES
 from dse.store import Book, InUse
-from dse.study.results import plain_space
+from dse.study.held import plain_space
 
 _HINT = "change it back, or use another study name or --results folder"
 # Recordings are compared by their contents, run by run (dse.study.runs), not by their paths.

@@ -25,9 +25,9 @@ from dse.config import ConfigError
 from dse.hardware.profile import load, names
 from dse.store import StoreError
 from dse.study import checkpoints, held, imported, mended, precision, pricing, racing, tables
+from dse.study.held import plain_space
 from dse.study.ledger import Entry, read_entries
 from dse.study.record import IMPORTED, RunRecord, load_record
-from dse.study.results import plain_space
 
 AGAIN = "`dse run` with the study's search space"
 ASIDE = "it is renamed, its name ending in .damaged, to be read by eye"

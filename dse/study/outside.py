@@ -26,12 +26,12 @@ from dse.seeds import design_key
 from dse.store import Book, back_up, explained
 from dse.study import tables, warm
 from dse.study.claim import claim
+from dse.study.held import plain_space
 from dse.study.known import KnownBefore
 from dse.study.ledger import Entry, Ledger
 from dse.study.mended import opened
 from dse.study.progress import Progress
 from dse.study.record import Numbers, RunRecord, load_record
-from dse.study.results import plain_space
 from dse.study.runs import Runs
 from dse.study.searches import Batches, values_of
 from dse.study.warm import axis_value, on_axes

@@ -23,9 +23,9 @@ from dse.skyline.table import read as read_table
 from dse.store import StoreError
 from dse.study import held
 from dse.study import points as _points
+from dse.study.held import plain_space
 from dse.study.precision import AS_TRAINED, Setting
 from dse.study.record import TOLD, RunRecord, load_records
-from dse.study.results import plain_space
 
 if TYPE_CHECKING:
     import pandas

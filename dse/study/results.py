@@ -8,8 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from dse import registry, store
 from dse.study import held
 from dse.study.record import load_records, plain_records
@@ -27,8 +25,6 @@ if TYPE_CHECKING:
 EARLIER = ("journal.log", "environment.json", "artefacts")
 """What folders of earlier versions hold (`dse.study.mended`)."""
 
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C, where PyYAML has it: ten times as fast
-
 
 @dataclass(frozen=True)
 class Study:
@@ -39,7 +35,7 @@ class Study:
     @cached_property
     def space(self) -> dict[str, Any]:
         """The search space with every default written out, as plain data."""
-        return plain_space(self.folder / "search_space.yaml")
+        return held.plain_space(self.folder / "search_space.yaml")
 
     @property
     def objectives(self) -> list[Goal]:
@@ -191,18 +187,3 @@ def open(folder: str | Path) -> Study:
     study = Study(path)
     study.load_plugins()
     return study
-
-
-def plain_space(path: Path) -> dict[str, Any]:
-    """Return a written search space as plain data.
-
-    Raises:
-        StoreError: it is missing or damaged.
-    """
-    try:
-        space = yaml.load(store.read_text(path), _LOADER)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise store.damaged(path, f"cannot be read: {' '.join(str(error).split())}") from error
-    if not isinstance(space, dict) or not space:
-        raise store.damaged(path, "is no search space")
-    return space

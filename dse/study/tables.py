@@ -13,9 +13,9 @@ from dse.hardware.profile import Profile, of_space
 from dse.seeds import design_key
 from dse.study import held, points, pricing
 from dse.study import trials as of_trials
+from dse.study.held import plain_space
 from dse.study.ledger import Entry, read_entries
 from dse.study.record import IMPORTED, RunRecord, is_stopped, load_record
-from dse.study.results import plain_space
 
 if TYPE_CHECKING:
     import pandas

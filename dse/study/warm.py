@@ -14,9 +14,9 @@ from dse.config.axes import Axis
 from dse.config.resolved import Sections
 from dse.config.values import as_tuple
 from dse.config.yaml_lines import Raw
+from dse.study.held import plain_space
 from dse.study.ledger import Entry, read_entries
 from dse.study.record import RunRecord, load_record
-from dse.study.results import plain_space
 
 _SAME = ("decision", "evaluation")
 """Sections of the file that an evaluation follows from, beside the sections of a design."""

@@ -8,8 +8,8 @@ import pytest
 
 from dse import store
 from dse.study.doctor import examine
+from dse.study.held import plain_space
 from dse.study.mended import convert
-from dse.study.results import plain_space
 
 ZEROS = "0" * 64
 SPACE = """study: tiny

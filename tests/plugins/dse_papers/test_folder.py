@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from dse.cli import main
-from dse.study.results import plain_space
+from dse.study.held import plain_space
 from tests.report.made import write
 
 SECTIONS = {

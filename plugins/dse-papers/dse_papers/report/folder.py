@@ -26,7 +26,8 @@ from dse.figures.image import static_image
 from dse.recordings.scene import SceneTrials
 from dse.report.designs import best, sections_of
 from dse.report.rows import number
-from dse.study.results import Study, plain_space
+from dse.study.held import plain_space
+from dse.study.results import Study
 from dse.text import markdown
 from dse_papers.report.compare import PaperReport, fits, paper_report, sides_of
 from dse_papers.report.ours import Side
