@@ -90,9 +90,14 @@ class Window:
         unit="steps",
         low=1,
     )
+    pad: bool = param(
+        False, doc="recordings shorter than n_steps hold their last sample until then (sampled signals)"
+    )
 
     def __post_init__(self) -> None:
         """Check the rules across keys."""
+        if self.pad and (self.n_steps is None or self.cut_steps is not None):
+            raise ValueError("window.pad needs window.n_steps, and no window.cut_steps")
         if self.cut_steps is None and self.every_steps is not None:
             raise ValueError("window.every_steps needs window.cut_steps")
         if self.cut_steps is not None and self.n_steps is not None and self.n_steps > self.cut_steps:

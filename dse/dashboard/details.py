@@ -255,7 +255,8 @@ def _document(source: _Source, trial: int) -> dict[str, Any]:
         raise StoreError(f"{folder}: has no finished trial {trial}")
     notes: list[str] = []
     runs = []
-    for repeat in range(int(rows["repeats"].iloc[0])):
+    known = store.runs_in(folder).get(trial, [])
+    for repeat in known if len(known) >= rows["repeats"].iloc[0] else range(int(rows["repeats"].iloc[0])):
         place = store.run_file(folder, trial, repeat)
         try:
             runs.append((place, RunRecord.from_plain(store.read_record(place), place / store.RECORD)))

@@ -174,7 +174,7 @@ def with_recordings(study: Study, points: pandas.DataFrame) -> pandas.DataFrame:
     of_folds = study.space.get("split", {}).get("k_fold") is not None  # whose recordings are not the same
     n = np.ones(len(points))
     for trial, places in points.groupby("trial", sort=False).indices.items():
-        record = store.read_record(store.run_file(study.folder, int(str(trial)), 0))
+        record = store.read_record(store.first_run(study.folder, int(str(trial))))
         n[places] = max(record["samples"].get("validation", 0), 1)
     n *= np.where(of_folds, np.nan_to_num(numbers(points, "repeats"), nan=1.0), 1.0)
     accuracy = np.where(repeated, numbers(points, "accuracy"), 0.0)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse.recordings import EventSource, RecordingError, arrays
-from dse.recordings.arrays import TABLES, first_text, place, read_table
+from dse.recordings.arrays import first_text, place, read_table
 from dse.recordings.event_files import EventFiles, folder_columns
-from dse.recordings.files import files_below
+from dse.recordings.files import TABLES, files_below, tables_below
 from dse.recordings.formats.arrays import USUAL
 from dse.recordings.table import UNITS_MS, is_even, numbered
 from dse.recordings.time_series import sample_columns
@@ -39,6 +39,13 @@ _CHANNELS = re.compile(r"(?:channel|taxel|sensor|electrode|ch|variable|axis)(?:_
 _VALUES = re.compile(r"(?:value|val|reading|measurement|pressure|force|counts?|signal)$", re.IGNORECASE)
 _STEPS = {"step_ms": 1.0, "dt_ms": 1.0, "period_ms": 1.0, "dt": 1e3, "dt_s": 1e3}
 _RATES = re.compile(r"(?:fs|rate|sampl\w*|s?freq\w*)(?:_?hz)?$|hz$", re.IGNORECASE)
+LABELS = re.compile(
+    r"(?:label|labels|class|target|y|texture|material|fabric|cloth|object|letter|digit|gesture|shape|folder|"
+    r"activity)$",
+    re.IGNORECASE,
+)
+"""Names of label columns."""
+_SHORTEST_RUN = 20  # rows with one label of a log, in the mean
 _FEWEST_SAMPLES = 4
 """Sample columns that make a table a wide one."""
 _JITTER = 0.1  # share of a step by which times may differ without a word
@@ -94,14 +101,14 @@ def look(path: Path, options: Options) -> Look:
         RecordingError: it does not exist, or holds nothing that can be read as recordings.
     """
     of = _Looking(path, options)
-    if path.is_dir():
+    if path.is_dir() and not of.is_of_tables:
         guess = of.of_folder()
-    elif not path.is_file():
+    elif not path.exists() or not (path.is_file() or path.is_dir()):
         what = (
             "must be a file or a folder, got a pipe or device" if path.exists() else "no such file or folder"
         )
         raise RecordingError(f"{path}: {what}")
-    elif path.suffix.lower() in TABLES:
+    elif arrays.is_table(path):
         guess = of.of_table()
     elif path.suffix.lower() in arrays.ARRAYS:
         guess = of.of_arrays()
@@ -110,7 +117,7 @@ def look(path: Path, options: Options) -> Look:
     else:
         raise RecordingError(
             f"{path.name}: must be a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or a "
-            "folder of event files"
+            "folder of tables or event files"
         )
     if options.step_ms is not None and "step_ms" not in guess.data:
         raise RecordingError(f"{path.name}: --step-ms is for sampled signals and spikes, not for events")
@@ -134,6 +141,16 @@ class _Looking:
     def _refuse(self, sentence: str) -> RecordingError:
         return RecordingError(f"{self.path.name}: {sentence}")
 
+    @property
+    def is_of_tables(self) -> bool:
+        """Whether a folder holds nothing but tables, those of labels aside, and none of them is of events."""
+        names, tables = files_below(self.path, "**/*"), tables_below(self.path)
+        others = {x for x in names if not x.startswith("labels.")} - {*tables}
+        if not tables or others:
+            return False
+        known = {str(x).lower() for x in arrays.column_names(self.path)}
+        return not all(known & {*usual} for usual in USUAL.values())
+
     # ---- tables
 
     def of_table(self) -> Look:
@@ -142,19 +159,27 @@ class _Looking:
         table.columns = table.columns.map(str)
         if table.empty:
             raise self._refuse("the table has no rows")
-        names = list(table.columns)
-        recording = self.options.recording or next((x for x in names if _RECORDINGS.match(x)), None)
+        names, dates = list(table.columns), []
+        for name in (name for name in names if _time_unit(name) is not None):
+            if (ms := arrays.dates_ms(table[name].to_numpy())) is not None:
+                table[name] = ms
+                dates.append(name)
+        usual: str | None = (
+            "file" if self.path.is_dir() else next((x for x in names if _RECORDINGS.match(x)), None)
+        )
+        recording = self.options.recording or usual
         if recording is not None and recording not in names:
             raise self._refuse(f"no column '{recording}'; there are {', '.join(names)}")
         number = None if recording is None else _codes(table[recording])
         self._check_cells(table, recording, number)
         numeric = [name for name in names if _is_numeric(table[name])]
         time = next((name for name in numeric if _time_unit(name) is not None), None)
-        if time is None and (starts := _sample_starts(numeric)):
+        if time is None and not self.path.is_dir() and (starts := _sample_starts(numeric)):
             return self._wide(table, starts)
         t_ms, unit = np.zeros(0), "ms"
         if time is not None:
-            unit = self.options.time_unit or _time_unit(time) or self._unit_of(table[time])
+            stated = "ms" if time in dates else self.options.time_unit or _time_unit(time)
+            unit = stated or self._unit_of(table[time])
             t_ms = table[time].to_numpy(np.float64) * UNITS_MS[unit]
         channel = next((name for name in names if _CHANNELS.match(name)), None)
         value = next((name for name in numeric if _VALUES.match(name)), None)
@@ -179,6 +204,8 @@ class _Looking:
                 + _some(names)
             )
         number = numbered(t_ms) if number is None else number
+        if number.max() == 0 and recording is None:
+            number = self._runs(table, t_ms)
         if number.max() == 0:
             raise self._refuse(
                 "must hold several recordings, got one; a column that tells them apart is named by "
@@ -202,6 +229,17 @@ class _Looking:
         fixed = [name for name in rest if name not in channels]
         guess = self._labelled(data, table, fixed, number, recording)
         return replace(guess, lacks_step=time is None)
+
+    def _runs(self, table: pd.DataFrame, t_ms: Floats) -> Array:
+        """Return the number of the recording of each row of a log, where one begins when a label changes."""
+        labels = []
+        for name in table.columns:
+            column = table[name]
+            runs = int((column != column.shift()).sum())
+            if (not _is_numeric(column) or LABELS.match(name)) and 1 < runs <= len(column) / _SHORTEST_RUN:
+                labels.append(column.to_numpy())
+                self.assumed.append(f"'{name}' changes {runs - 1} times: a recording begins at each change")
+        return numbered(t_ms, None, labels)
 
     def _wide(self, table: pd.DataFrame, starts: list[str]) -> Look:
         samples = [name for start in starts for name in sample_columns(list(table.columns), start)]
@@ -495,7 +533,7 @@ class _Looking:
             source = self._read_folder(keys, {name: name for name in columns})
         except RecordingError as error:
             if "has no known format" in str(error) or "no arrays t, x, y and p" in str(error):
-                text = "a folder must hold event files; sampled signals go into one table, a row per sample"
+                text = "a folder must hold event files, or tables alone, with a row per sample"
                 raise RecordingError(f"{path}: {text}; {error}") from None
             if "floating-point times need their unit" in str(error):
                 text = "the unit of the times is not known; state it with --time-unit"
@@ -529,7 +567,7 @@ class _Looking:
 def _labels_in(path: Path) -> dict[str, Array]:
     """Return the vectors of a file of labels."""
     values = {name: x for name, x in arrays.load(path).items() if x.ndim == 1}
-    is_table = path.suffix.lower() in TABLES
+    is_table = arrays.is_table(path)
     return {name: arrays.complete(x, name, path) for name, x in values.items()} if is_table else values
 
 

@@ -17,15 +17,11 @@ import numpy as np
 from dse import registry
 from dse.config.locate import shipped_folder
 from dse.config.yaml_lines import dump
-from dse.data.look import Look
+from dse.data.look import LABELS, Look
 from dse.recordings import RecordingError, Recordings, Source
 from dse.recordings.doubts import MOST, drawn, nearest_neighbours
 from dse.records import Array, Rasters, Signals
 
-_LABELS = re.compile(
-    r"(?:label|labels|class|target|y|texture|material|fabric|cloth|object|letter|digit|gesture|shape|folder)$",
-    re.IGNORECASE,
-)
 _GROUPS = re.compile(
     r"(?:session|subject|participant|person|user|day|date|hand|finger|device|group|block)(?:_?(?:id|no))?$",
     re.IGNORECASE,
@@ -96,7 +92,7 @@ def label_of(look: Look, recordings: Recordings) -> str:
 
     def rank(name: str) -> tuple[bool, bool, int]:
         is_text = np.asarray(recordings.columns[name]).dtype.kind == "U"
-        return not _LABELS.match(name), not is_text, look.n_values[name]
+        return not LABELS.match(name), not is_text, look.n_values[name]
 
     return min(candidates, key=rank)
 
@@ -404,14 +400,20 @@ def _front_end(
         raise RecordingError("signals must change, but every channel has one value in all recordings")
     sections: list[tuple[str, dict[str, Any]]] = []
     shortest, longest = int(recordings.lengths.min()), int(recordings.lengths.max())
-    n_steps = min(shortest, _MOST_STEPS)
-    if n_steps < longest:
-        why = (
-            "the shortest recording" if n_steps == shortest else f"the most that train quickly; of {longest}"
-        )
+    n_steps = min(longest, _MOST_STEPS)
+    if shortest < longest or n_steps < longest:
+        why = "the longest recording" if n_steps == longest else f"the most that train quickly; of {longest}"
         text = f"windows have {n_steps} steps, {n_steps * recordings.step_ms:g} ms ({why})"
-        assumed.append(f"{text}, from the middle of each recording")
-        sections.append((f"{text}: dse describe window.", {"window": {"n_steps": n_steps, "at": "middle"}}))
+        window: dict[str, Any] = {"n_steps": n_steps, "at": "middle"}
+        if shortest < n_steps:
+            window |= {"at": "start", "pad": True}
+            assumed.append(
+                f"{text}; shorter recordings, of {shortest} steps and more, hold their last sample: how long "
+                "one lasts can tell its class"
+            )
+        else:
+            assumed.append(f"{text}, from the middle of each recording")
+        sections.append((f"{text}: dse describe window.", {"window": window}))
     ranges = channel_ranges(recordings)
     unit = float(np.median(ranges[ranges > 0])) if (ranges > 0).any() else 1.0
     first, second = (float(f"{share * unit:.2g}") for share in (0.1, 0.05))

@@ -430,7 +430,7 @@ def _read(source: Source, base: Path, window: Window) -> tuple[Recordings, Ints 
     """Return recordings, cut into windows if the settings say so, and the positions of their channels."""
     read = source.read(base)
     check_frame(read)
-    recordings = cut(read, window.cut_steps, window.every_steps)
+    recordings = cut(read, window)
     return recordings, source.channel_positions(base)
 
 

@@ -20,6 +20,7 @@ _LABELS = ("columns", "class_names")
 # Keys that were added later, with the value that leaves data sets as they were before: it is not hashed, so
 # that these data sets keep their names.
 _ADDED: Mapping[str, Mapping[str, Raw]] = {
+    "window": {"pad": False},
     "preprocessing": {"every_event": False},
     "encoder": {"full_scale": None},
     "data": {"axes": None, "time": None, "time_unit": None, "resample": None},

@@ -25,6 +25,7 @@ from numpy.lib import format as npy
 from dse.config.bounds import MOST_COLUMNS, MOST_COMPRESSION, UNCOMPRESSED_BYTES
 from dse.config.faults import known_names
 from dse.recordings import RecordingError
+from dse.recordings.files import TABLES, by_path, tables_below
 from dse.records import Array, Floats
 
 if TYPE_CHECKING:
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
 
 ONE = "array"
 """Name of the array of an .npy file."""
-TABLES = (".csv", ".tsv", ".parquet")
-"""Endings of tables."""
 ARRAYS = (".npz", ".npy", ".mat", ".h5", ".hdf5")
 """Endings of files of arrays."""
 
@@ -47,6 +46,8 @@ _MATRIX, _COMPRESSED = 14, 15  # types of the elements of a MATLAB file; those o
 _MATLAB_TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18)
 _SEPARATORS = (b",", b";", b"\t")
 _HEAD_BYTES = 1 << 16
+_DATE = r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d"
+_FEWEST_GROUPS = 4  # of HDF5 that are a recording each: fewer may be parts of a data set
 _POINT = re.compile(rb"(?<![\d.])\d+\.\d+(?![\d.])")  # of a number, not of a date
 
 
@@ -63,7 +64,7 @@ def headers(path: Path) -> dict[str, tuple[int, ...]]:
 
 def described(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
     """Return the shape and the type of every array; see `headers`. Columns of a table are float64."""
-    if path.suffix.lower() in TABLES:
+    if is_table(path):
         return {str(x): ((-1,), np.dtype(np.float64)) for x in read_table(path, None, head=True).columns}
     if (kind := _kind(path)) == "npy":
         array = _guarded(path, lambda: np.load(path, mmap_mode="r", allow_pickle=False))
@@ -86,7 +87,7 @@ def load(path: Path, names: Iterable[str] | None = None) -> dict[str, Array]:
         RecordingError: the file is unreadable, a name is not in it, or an array needs pickle.
     """
     chosen = None if names is None else list(dict.fromkeys(names))
-    kind = "table" if path.suffix.lower() in TABLES else _kind(path)
+    kind = "table" if is_table(path) else _kind(path)
     if kind == "table":
         table = read_table(path, None if chosen is None else [x for x in chosen if x in column_names(path)])
         values = {str(name): table[name].to_numpy() for name in table.columns}
@@ -106,7 +107,7 @@ def load(path: Path, names: Iterable[str] | None = None) -> dict[str, Array]:
 
 def missing(path: Path, name: str, known: Iterable[str]) -> str:
     """Return the sentence for an array, or a column of a table, that the file does not hold."""
-    what = "column" if path.suffix.lower() in TABLES else "array"
+    what = "column" if is_table(path) else "array"
     return f"{path.name}: no {what} '{name}'; {known_names(name, list(known))}"
 
 
@@ -278,7 +279,10 @@ def cells_of(arrays: list[Array]) -> Array:
 
 
 def _hdf5(path: Path, names: list[str] | None, only_shapes: bool = False) -> dict[str, Array]:
-    """Return arrays of an HDF5 file; with `only_shapes`, empty memory in place of numbers."""
+    """Return arrays of an HDF5 file; with `only_shapes`, empty memory in place of numbers.
+
+    Where all arrays lie in groups that hold the same ones, a group is a recording: see `_together`.
+    """
     try:
         import h5py
     except ImportError:
@@ -286,7 +290,7 @@ def _hdf5(path: Path, names: list[str] | None, only_shapes: bool = False) -> dic
             f"{path.name}: HDF5 files need h5py, which is not installed; pip install 'dse[h5]'"
         ) from None
     is_matlab = path.suffix.lower() == ".mat"
-    arrays: dict[str, Array] = {}
+    items: dict[str, Any] = {}
     with h5py.File(path, "r") as file:
 
         def text(codes: Array) -> str:
@@ -310,15 +314,40 @@ def _hdf5(path: Path, names: list[str] | None, only_shapes: bool = False) -> dic
             return _plain(value.T) if is_matlab else value
 
         def visit(name: str, item: Any) -> None:
-            is_chosen = isinstance(name, str) and (names is None or name in names)
-            if is_chosen and isinstance(item, h5py.Dataset) and not name.startswith("#"):
-                arrays[name] = read(item)
+            if isinstance(name, str) and isinstance(item, h5py.Dataset) and not name.startswith("#"):
+                items[name] = item
 
         file.visititems(visit)
-    return arrays
+        groups: dict[str, dict[str, Any]] = {}
+        for name, item in items.items():
+            group, _, own = name.rpartition("/")
+            groups.setdefault(group, {})[own] = item
+        alike = {tuple(sorted(group)) for group in groups.values()}
+        is_flat = all(item.ndim <= 2 for item in items.values())
+        if len(groups) < _FEWEST_GROUPS or len(alike) > 1 or not is_flat or is_matlab:
+            return {name: read(item) for name, item in items.items() if names is None or name in names}
+        attributes = [{k: np.asarray(x) for k, x in file[group].attrs.items()} for group in groups]
+        shared = set.intersection(*(set(x) for x in attributes)) - {*alike.copy().pop()}
+        found = {name: _together([x[name] for x in attributes]) for name in sorted(shared)}
+        for own in sorted(alike.pop()):
+            if names is None or own in names:
+                found[own] = _together([read(group[own]) for group in groups.values()])
+    return found
+
+
+def _together(values: list[Array]) -> Array:
+    """Return what each recording has under one name: a vector of single values, else a matrix each."""
+    if all(x.size == 1 for x in values):
+        return np.array([x.ravel()[0] for x in values])
+    return cells_of([x.reshape(len(x), -1) if x.ndim else x.reshape(1, 1) for x in values])
 
 
 # ---- tables
+
+
+def is_table(path: Path) -> bool:
+    """Return whether a file is a table, as a folder of tables is."""
+    return path.is_dir() or path.suffix.lower() in TABLES
 
 
 def column_names(path: Path) -> list[str]:
@@ -331,10 +360,13 @@ def column_names(path: Path) -> list[str]:
 
 
 def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> pd.DataFrame:
-    """Return some columns of a .csv (commas, semicolons or tabs) or .parquet table.
+    """Return some columns of a .csv (commas, semicolons or tabs) or .parquet table, or of a folder of them.
+
+    The tables of a folder lie one below the other, in the order of their paths below it, which are in column
+    `file`; the name of the folder that each lies in is in column `folder`.
 
     Args:
-        path: an existing file.
+        path: an existing file, or a folder.
         columns: their names; None: all.
         head: whether to return no rows.
 
@@ -344,6 +376,8 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
     import pandas as pd
     import pyarrow
 
+    if path.is_dir():
+        return _of_folder(path, columns, head)
     if path.stat().st_size == 0:
         raise RecordingError(f"{path.name}: the file is empty")
     try:
@@ -364,6 +398,24 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
         reason = " ".join(str(error).split())
         raise RecordingError(f"{path.name}: the file cannot be read ({reason})") from None
     raise RecordingError(f"{path.name}: a table must be a .csv or .parquet file")
+
+
+def _of_folder(folder: Path, columns: list[str] | None, head: bool) -> pd.DataFrame:
+    import pandas as pd
+
+    wanted = None if columns is None else [x for x in columns if x not in ("file", "folder")]
+    parts: list[pd.DataFrame] = []
+    for name in tables_below(folder)[: 1 if head else None]:
+        try:
+            table = read_table(folder / name, wanted, head=head)
+        except RecordingError as error:
+            raise RecordingError(f"{folder.name}: {by_path(error, name)}") from None
+        if parts and list(table.columns) != list(parts[0].columns[:-2]):
+            text = f"must have the columns of {tables_below(folder)[0]}, got {', '.join(table.columns)}"
+            raise RecordingError(f"{folder.name}: {name}: {text}")
+        parts.append(table.assign(file=name, folder=(folder / name).parent.name))
+    whole = pd.concat(parts, ignore_index=True)
+    return whole if columns is None else whole[columns]
 
 
 def _marks(path: Path) -> tuple[str, str]:
@@ -400,6 +452,20 @@ def numbers(values: Array, name: str, path: Path) -> Floats:
         where = place(path, int(np.isnan(values).argmax()))
         raise RecordingError(f"{path.name}: column '{name}' is empty or NaN in {where}")
     return np.asarray(values, dtype=np.float64)
+
+
+def dates_ms(values: Array) -> Floats | None:
+    """Return a column of dates with times, as ISO 8601 has them, in ms since the first; None: others."""
+    import pandas as pd
+
+    if values.dtype.kind == "O" and not (len(values) and re.match(_DATE, str(values[0]))):
+        return None
+    if values.dtype.kind not in "OM":
+        return None
+    dates = pd.to_datetime(pd.Series(values), format="ISO8601", errors="coerce", utc=True)
+    if dates.isna().any():
+        return None
+    return np.asarray((dates - dates.iloc[0]) / pd.Timedelta(milliseconds=1), np.float64)
 
 
 def first_text(values: Array, path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Long recordings -> windows, each a recording itself."""
+"""Long recordings -> windows, each a recording itself; short ones -> as long as the window."""
 
 from __future__ import annotations
 
@@ -7,28 +7,29 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from dse.config.settings import Window
 from dse.recordings import RecordingError, Recordings
 from dse.recordings.splits import NUMBER, ORIGINAL
 from dse.records import Array, Ints, Rasters, Signals, Spikes
 
 
-def cut(recordings: Recordings, cut_steps: int | None, every_steps: int | None = None) -> Recordings:
+def cut(recordings: Recordings, window: Window) -> Recordings:
     """Return windows of `cut_steps` steps, one every `every_steps`, from the first step of each recording on.
 
     Steps after the last window of a recording are dropped. Windows keep the order of their recordings and of
     time, and repeat the columns of their recording; column `recording` numbers the recording, `window` the
-    window within it.
+    window within it. Without `cut_steps` they are the recordings, short ones padded where `pad` says so.
 
     Args:
         recordings: sampled signals or rasters.
-        cut_steps: length of a window; None: the recordings as they are.
-        every_steps: distance of the first steps of two windows; None: `cut_steps`, so that none overlap.
+        window: settings; without `every_steps`, windows do not overlap.
 
     Raises:
         RecordingError: recordings of events, a recording shorter than a window, or columns of these names.
     """
+    cut_steps = window.cut_steps
     if cut_steps is None:
-        return recordings
+        return _padded(recordings, window.n_steps or 0) if window.pad else recordings
     if not isinstance(recordings, Signals | Rasters):
         raise RecordingError(
             f"window.cut_steps does not apply to events, which have no steps; got {cut_steps}"
@@ -39,10 +40,21 @@ def cut(recordings: Recordings, cut_steps: int | None, every_steps: int | None =
                 f"data.columns cannot contain '{name}' together with window.cut_steps, which creates this "
                 "column"
             )
-    every = cut_steps if every_steps is None else every_steps
+    every = window.every_steps or cut_steps
     if isinstance(recordings, Rasters):
         return _of_rasters(recordings, cut_steps, every)
     return _of_signals(recordings, cut_steps, every)
+
+
+def _padded(recordings: Recordings, n_steps: int) -> Signals:
+    """Return recordings of n_steps at least, which hold their last sample to the end."""
+    if not isinstance(recordings, Signals):
+        raise RecordingError("window.pad is for sampled signals")
+    before, lengths = recordings.lengths, np.maximum(recordings.lengths, n_steps)
+    step = _ranges(np.zeros(len(lengths), np.int64), lengths)
+    places = np.repeat(recordings.offsets[:-1], lengths) + np.minimum(step, np.repeat(before, lengths) - 1)
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    return dataclasses.replace(recordings, values=recordings.values[places], offsets=offsets)
 
 
 def _of_signals(signals: Signals, cut_steps: int, every: int) -> Signals:

@@ -12,9 +12,14 @@ from typing import Literal
 
 from dse.recordings import RecordingError
 
+TABLES = (".csv", ".tsv", ".parquet")
+"""Endings of tables."""
+
 
 def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> Path:
     """Return the path of data: absolute, or the first below `base`, $DSE_DATA and the working folder.
+
+    A folder of tables is a file as well: one table.
 
     Raises:
         RecordingError: they are in none of these places; the sentence lists them.
@@ -22,7 +27,7 @@ def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> P
     roots = [base, *(Path(x) for x in [os.environ.get("DSE_DATA", "")] if x), Path.cwd()]
     places = [Path(name)] if Path(name).is_absolute() else [root / name for root in roots]
     for place in places:
-        if place.is_file() if kind == "file" else place.is_dir():
+        if place.is_file() or tables_below(place) if kind == "file" else place.is_dir():
             return place
     for place in places:
         if place.exists():
@@ -33,12 +38,22 @@ def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> P
     raise RecordingError(f"data {kind} '{name}' not found; looked in {looked}{advice}")
 
 
+def tables_below(folder: Path) -> list[str]:
+    """Return the tables below a folder, as `files_below`, but for one of labels; none where it is none."""
+    names = files_below(folder, "**/*") if folder.is_dir() else []
+    return [x for x in names if x.lower().endswith(TABLES) and not x.startswith("labels.")]
+
+
 def content(path: Path) -> str:
     """Return the SHA-256 of a file, in hexadecimal; it is read again only where size or time have changed.
+
+    That of a folder is of its tables.
 
     Raises:
         RecordingError: it cannot be read.
     """
+    if path.is_dir():
+        return content_of(path, tables_below(path))
     try:
         about = path.stat()
         return _content(path, about.st_size, about.st_mtime_ns)

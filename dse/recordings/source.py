@@ -25,8 +25,9 @@ def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array,
             raise RecordingError(
                 f"{where} must be (recording, sample, channel) without offsets, got shape {values.shape}"
             )
-        n, n_steps, n_channels = values.shape
-        offsets, values = np.arange(n + 1) * n_steps, values.reshape(n * n_steps, n_channels)
+        lengths = unpadded(values)
+        values = values[np.arange(values.shape[1])[None, :] < lengths[:, None]]
+        offsets = np.concatenate([[0], np.cumsum(lengths)])
     elif values.ndim != 2:
         raise RecordingError(f"{where} must be (sample, channel), got shape {values.shape}")
     borders = checked_offsets(offsets, len(values), where)
@@ -41,8 +42,21 @@ def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array,
         raise RecordingError(
             f"{where} must be finite, got {flat[sample, channel]} in recording {recording}, "
             f"sample {sample - borders[recording]}, channel {channel}"
+            + (
+                ", before its end: fill gaps, as pandas.DataFrame.interpolate does"
+                * bool(np.isnan(flat[bad][0]))
+            )
         )
     return flat, borders
+
+
+def unpadded(cube: Array) -> Ints:
+    """Return the steps of each recording of (recording, step, channel) before it is NaN to its end."""
+    n, n_steps, _ = cube.shape
+    if cube.dtype.kind != "f" or not n_steps or not np.isnan(cube[:, -1]).any():
+        return np.full(n, n_steps)
+    is_sample: Array = np.asarray((~np.isnan(cube)).any(axis=2))
+    return np.where(is_sample.any(axis=1), n_steps - is_sample[:, ::-1].argmax(axis=1), 0)
 
 
 def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bool = False) -> Ints:
@@ -280,7 +294,7 @@ class FileSource(ABC):
         if self.labels is not None:
             path = locate(self.labels, base)
             values = arrays.load(path, self._label_names())
-        if path.suffix.lower() in arrays.TABLES:
+        if arrays.is_table(path):
             values = {name: arrays.complete(values[name], name, path) for name in self._label_names()}
         return label_columns(values, self.columns, self._codes(), n, path.name)
 

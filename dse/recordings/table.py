@@ -20,7 +20,7 @@ from dse.registry import param, register
 UNITS_MS = {"s": 1000.0, "ms": 1.0, "us": 1e-3}
 _RECORDING = (
     "name of the column that identifies the recording, in both tables; null: a recording begins where time, "
-    "in a long table that of a channel, does not rise"
+    "in a long table that of a channel, does not rise, or a label changes"
 )
 
 Rows = tuple[Ints, list[str], Floats | None, Floats]
@@ -66,6 +66,11 @@ class _Samples(Sampled):
 
     def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
         return in_a_row(len(self.channels))
+
+    def _times_ms(self, values: Array, name: str, path: Path) -> Floats:
+        """Return a column of times; of dates, since the first."""
+        dates = arrays.dates_ms(values)
+        return numbers(values, name, path) * UNITS_MS[self.time_unit or "ms"] if dates is None else dates
 
     @abstractmethod
     def _series(self, values: Mapping[str, Array], path: Path) -> Rows:
@@ -117,7 +122,7 @@ class _Samples(Sampled):
         """Return the names of the recordings, the number of each row's, and the label columns."""
         if self.recording is None:
             assert times is not None  # the keys are refused without
-            code = numbered(times, series)
+            code = numbered(times, series, [table[x] for x in self.columns.values()])
             order = [str(i) for i in range(int(code.max()) + 1)]
             return order, code, self._labels_within(table, code, order, path)
         names = _named(table[self.recording], self.recording, path)
@@ -200,7 +205,7 @@ class Table(_Samples):
     def _series(self, values: Mapping[str, Array], path: Path) -> Rows:
         samples = np.stack([numbers(values[name], name, path) for name in self.channels], axis=1)
         time = self.time_ms or self.time
-        times = None if time is None else numbers(values[time], time, path) * UNITS_MS[self.time_unit or "ms"]
+        times = None if time is None else self._times_ms(values[time], time, path)
         return np.zeros(len(samples), np.int64), [""], times, samples
 
 
@@ -224,7 +229,7 @@ class LongTable(_Samples):
         names = _named(values[self.channel], self.channel, path)
         if strange := next((name for name in names if name not in number), None):
             raise RecordingError(f"{path.name}: channel '{strange}' is not among data.channels")
-        times = numbers(values[self.time], self.time, path) * UNITS_MS[self.time_unit or "ms"]
+        times = self._times_ms(values[self.time], self.time, path)
         samples = numbers(values[self.value], self.value, path)[:, None]
         return np.array([number[name] for name in names]), list(self.channels), times, samples
 
@@ -235,18 +240,22 @@ def _named(values: Array, name: str, path: Path) -> list[str]:
     return [str(x) for x in values.tolist()]
 
 
-def numbered(times: Floats, code: Ints | None = None) -> Ints:
-    """Return the number of the recording of every row, where one begins whenever time does not rise.
+def numbered(times: Floats, code: Ints | None = None, labels: Sequence[Array] = ()) -> Ints:
+    """Return the number of the recording of every row: one begins where time does not rise or labels change.
 
     Args:
         times: (row,).
         code: (row,) numbers of channels, each of which has times of its own; None: rows are samples.
+        labels: (row,) each.
     """
     channel = np.zeros(len(times), np.int64) if code is None else code
     number = np.zeros(len(times), np.int64)
     for one in np.unique(channel):
         rows = np.flatnonzero(channel == one)
-        number[rows] = np.concatenate([[0], np.cumsum(np.diff(times[rows]) <= 0)])
+        begins = np.diff(times[rows]) <= 0
+        for label in labels:
+            begins |= label[rows][1:] != label[rows][:-1]
+        number[rows] = np.concatenate([[0], np.cumsum(begins)])
     return number
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dse.recordings import RecordingError, arrays
-from dse.recordings.source import Sampled, class_names_key, end_to_end, in_a_row
+from dse.recordings.source import Sampled, class_names_key, end_to_end, in_a_row, unpadded
 from dse.records import Array, Ints, Signals
 from dse.registry import param, register
 
@@ -187,9 +187,7 @@ class WideTable(Sampled):
             arrays.numbers(values[name], name, path)
         cube: Array = np.array([[values[x] for x in channel] for channel in names], np.float64)
         cube = cube.transpose(2, 1, 0)
-        is_sample: Array = ~np.isnan(cube)
-        lengths = np.asarray(is_sample.any(axis=2))[:, ::-1].argmax(axis=1)
-        lengths = np.where(is_sample.any(axis=(1, 2)), cube.shape[1] - lengths, 0)
+        is_sample, lengths = ~np.isnan(cube), unpadded(cube)
         lasts = np.arange(cube.shape[1])[None, :] < lengths[:, None]
         gaps = lasts[..., None] & ~is_sample
         if gaps.any() or not lengths.all():

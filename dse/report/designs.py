@@ -161,7 +161,7 @@ def record(study: Path, trial: int) -> Mapping[str, Any]:
     Raises:
         StoreError: it is missing or damaged.
     """
-    folder = store.run_file(study, trial, 0)
+    folder = store.first_run(study, trial)
     content = store.read_record(folder)
     if "sections" not in content:
         raise store.damaged(folder, "is not the record of a finished run")

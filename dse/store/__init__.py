@@ -72,6 +72,7 @@ from dse.store.plain import plain as plain
 from dse.store.plain import plain_cell as plain_cell
 from dse.store.runs import RUNS as RUNS
 from dse.store.runs import SCHEMA as SCHEMA
+from dse.store.runs import first_run as first_run
 from dse.store.runs import load_run as load_run
 from dse.store.runs import named as named
 from dse.store.runs import note_files as note_files

@@ -54,6 +54,11 @@ def runs_of(study: Path, trial: int) -> list[Path]:
     return [run_file(study, trial, repeat) for repeat in runs_in(study).get(trial, ())]
 
 
+def first_run(study: Path, trial: int) -> Path:
+    """Return the archive of a trial's first run; of a search that was stopped it need not be repeat 0."""
+    return next(iter(runs_of(study, trial)), run_file(study, trial, 0))
+
+
 def save_run(
     path: Path,
     record: Mapping[str, Any],

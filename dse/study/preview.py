@@ -65,7 +65,7 @@ class _Look:
 
     def cut(self, sections: Sections) -> Recordings:
         """Return the recordings as a design cuts them."""
-        return cut(self.read, sections.window.cut_steps, sections.window.every_steps)
+        return cut(self.read, sections.window)
 
     def shape(self, sections: Sections) -> Shape | None:
         """Return the shape of a design's data set; None where the data decide."""

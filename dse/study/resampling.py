@@ -244,7 +244,7 @@ def _largest_se(folder: Path, rows: pandas.DataFrame) -> Floats:
     se = np.nan_to_num(numbers(rows, "accuracy_se")) if "accuracy_se" in rows else np.zeros(len(rows))
     trials = rows["trial"].to_numpy(np.int64)
     for places in rows.groupby("trial", sort=False).indices.values():
-        record = store.read_record(store.run_file(folder, int(trials[places[0]]), 0))
+        record = store.read_record(store.first_run(folder, int(trials[places[0]])))
         if record["status"] == TOLD:
             continue
         n = max(int(record["samples"]["validation"]), 1)

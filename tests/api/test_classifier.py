@@ -100,8 +100,8 @@ def test_the_other_order_of_axes_and_unequal_lengths_fit():
     turned = clone(there).set_params(axes="recording step channel").fit(X.transpose(0, 2, 1), y)
     assert (there.predict(X) == turned.predict(X.transpose(0, 2, 1))).all()
     unequal = [x[:, : 40 + i % 7] for i, x in enumerate(X)]
-    cut = clone(there).fit(unequal, y)
-    assert cut.study_.space["window"]["n_steps"] == 40 and len(cut.predict(unequal)) == 40
+    padded = clone(there).fit(unequal, y)
+    assert padded.study_.space["window"]["n_steps"] == 46 and len(padded.predict(unequal)) == 40
     with pytest.raises(ValueError, match="must have 2 channels"):
         cut.predict([X[0], X[1, :1, :40]])
 

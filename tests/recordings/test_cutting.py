@@ -2,6 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dse.config.settings import Window
 from dse.recordings.cutting import cut
 from dse.records import Rasters, Signals, Spikes
 
@@ -32,8 +33,8 @@ def sparse(raster, step_ms=2.0):
 def test_cutting_signals_is_the_loop(lengths, cut_steps, every):
     recorded = signals([max(length, cut_steps) for length in lengths])
     before = recorded.values.copy()
-    windows = cut(recorded, cut_steps, every)
-    assert cut(recorded, None) is recorded
+    windows = cut(recorded, Window(cut_steps=cut_steps, every_steps=every))
+    assert cut(recorded, Window()) is recorded
     expected = [
         (i, k, recorded.values[a + start : a + start + cut_steps])
         for i, (a, b) in enumerate(zip(recorded.offsets, recorded.offsets[1:], strict=False))
@@ -57,7 +58,10 @@ def test_cutting_signals_is_the_loop(lengths, cut_steps, every):
 def test_cutting_rasters_is_the_loop(shape, cut_steps, every, rate):
     cut_steps = min(cut_steps, shape[1])
     raster = np.random.default_rng(1).random(shape) < rate
-    windows = cut(Rasters(sparse(raster), {"label": np.arange(shape[0])}), cut_steps, every)
+    windows = cut(
+        Rasters(sparse(raster), {"label": np.arange(shape[0])}),
+        Window(cut_steps=cut_steps, every_steps=every),
+    )
     expected = [
         (i, raster[i, start : start + cut_steps])
         for i in range(shape[0])

@@ -79,12 +79,18 @@ REFUSED = [
         }.items()
     ),
     (lambda: pooling(Preprocessing(1, crop="pins"), 8, 4), "positions of pins are unknown, got pins"),
-    (lambda: cut(signals(9, 5), 6), "window.cut_steps = 6 does not fit recording 1: it has 5 steps"),
-    (lambda: cut(RASTERS, 5), "window.cut_steps = 5 does not fit recording 0: it has 4 steps"),
-    (lambda: cut(EVENTS, 5), "window.cut_steps does not apply to events, .* got 5"),
+    (
+        lambda: cut(signals(9, 5), Window(cut_steps=6)),
+        "window.cut_steps = 6 does not fit recording 1: it has 5 steps",
+    ),
+    (
+        lambda: cut(RASTERS, Window(cut_steps=5)),
+        "window.cut_steps = 5 does not fit recording 0: it has 4 steps",
+    ),
+    (lambda: cut(EVENTS, Window(cut_steps=5)), "window.cut_steps does not apply to events, .* got 5"),
     *(
         (
-            lambda name=name: cut(signals(4, **{name: np.array([3])}), 2),
+            lambda name=name: cut(signals(4, **{name: np.array([3])}), Window(cut_steps=2)),
             f"cannot contain '{name}' together with",
         )
         for name in ("recording", "window")

@@ -29,6 +29,13 @@ def test_a_run_comes_back_with_its_checksums(tmp_path):
     assert store.load_arrays(folder / "a.npz")["x"].tolist() == [0, 1, 2]
 
 
+def test_the_first_run_of_a_search_that_was_stopped_need_not_be_repeat_0(tmp_path):
+    assert store.first_run(tmp_path, 1) == store.run_file(tmp_path, 1, 0)
+    for repeat in (3, 2):
+        _save(store.run_file(tmp_path, 1, repeat), repeat=repeat)
+    assert store.first_run(tmp_path, 1) == store.run_file(tmp_path, 1, 2)
+
+
 def _truncate(path):
     path.write_bytes(path.read_bytes()[:-9])
 

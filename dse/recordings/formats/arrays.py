@@ -57,7 +57,7 @@ class _EventArrays(Format):
         """Yield the events; arrays that end early and values that are no numbers are a fault."""
         places = self._fields(path)
         # All columns of a table: a line with too many cells is a fault only then.
-        is_table = path.suffix.lower() in arrays.TABLES
+        is_table = arrays.is_table(path)
         loaded = arrays.load(path, None if is_table else [name for name, _ in places.values()])
         fields = {key: _numbers(loaded[name], column) for key, (name, column) in places.items()}
         if fields["t"].dtype.kind == "f" and self.time_unit is None:
