@@ -18,16 +18,6 @@ from dse.scene.load import SceneFile
 from dse.scene.scene import Camera, Method, Sensor, Variation
 
 PROFILES = Path(dse.hardware.__file__).parent / "profiles"
-SCENE = [row["section"] for row in reference.sections() if row["section"].split(".")[0] == "scene"]
-
-
-@pytest.mark.parametrize("section", SCENE)
-def test_every_section_and_name_has_its_keys(section):
-    known = reference.names(section)
-    for name in [row["name"] for row in known] or [None]:
-        rows = reference.keys(section, name)
-        assert rows
-        assert all(row["key"] and row["doc"] for row in rows), (section, name)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from dse.neurons import LayerSpec
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.xylo_lif import HIGHEST, LOWEST, Population, XyloLif
-from dse.testing import check_neuron
 
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden" / "xylo.json").read_text())
 INTEGER = NumpyCalculus("integer")
@@ -119,7 +118,3 @@ def test_neurons_differ_between_two_bounds():
 def test_wrong_bounds_are_refused(keys, message):
     with pytest.raises(ValueError, match=message):
         XyloLif(**keys)
-
-
-def test_contract():
-    check_neuron(XyloLif())

@@ -13,12 +13,6 @@ REQUIRED = {"step_ms": 1.0, "channels": ("a",), "taxel": "taxel", "samples": ("a
 ABSENT = {"file": "absent.npz", "folder": "absent", "scene": "absent.yaml"}
 
 
-def test_the_known_formats():
-    assert list(COMPONENTS) == [
-        *("event_files", "events", "long_table", "raster", "scene", "table", "time_series", "wide_table")
-    ]
-
-
 @pytest.mark.parametrize("name", COMPONENTS)
 def test_every_key_is_explained_and_none_is_an_axis(name):
     for field in dataclasses.fields(COMPONENTS[name]):

@@ -25,7 +25,7 @@ from dse.records import Layer, Network
 from tests.deploy.c import nets
 from tests.spaces import FINGERTIP, sections
 
-N_NETS = 30
+N_NETS = 18
 SANITIZERS = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 pytestmark = nets.needs_compiler

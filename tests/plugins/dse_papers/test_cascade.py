@@ -10,7 +10,7 @@ from dse.engine.events import dense, gather
 from dse.measure import heads
 from dse.models.snn.respond import respond
 from dse.models.training import Training
-from dse.records import Network, Parameters, Response, Spikes
+from dse.records import Network, Response, Spikes
 from dse_papers.models.cascade import Cascade, beside, cut
 from tests.joint_data import joint
 from tests.models.snn.toy import rngs
@@ -97,34 +97,6 @@ def test_the_second_stack_reads_what_the_first_one_sends_and_every_spike_is_coun
         == one.n_weights_dense + two.n_weights_dense
         > one.n_weights + two.n_weights
     )
-
-
-def test_what_comes_later_changes_nothing_before():
-    data = joint()
-    model = Cascade(**SMALL, input_delays=(0, 2), cross_fit=0)
-    outcome = fit(model, data)
-    whole = arrays(data.spikes, np.zeros(80, int), 40)
-    whole[:, 25:] = 0
-    flat = whole.reshape(-1, 12)
-    offsets = np.concatenate([[0], np.cumsum(flat.sum(axis=1))]).astype(np.int64)
-    ended = Spikes(offsets, np.nonzero(flat)[1].astype(np.int32), 40, 12, 5.0)
-    found = model.respond(outcome.network, dataclasses.replace(data, spikes=ended), data.validation)
-    np.testing.assert_array_equal(found.output[:, :25], outcome.validation.output[:, :25])
-
-
-def test_stored_arrays_answer_as_the_fit_did_and_the_same_seed_gives_the_same():
-    data, model = joint(margin=3), Cascade(**SMALL, cross_fit=3)
-    outcome, again, other = (fit(model, data, seed=seed) for seed in (0, 0, 1))
-    kept = store.fitted_of(store.record_arrays(outcome.network))
-    assert isinstance(kept, Parameters) and kept.n_channels == 12
-    found = model.respond(kept, data, data.validation)
-    for name in ("output", "spikes", "updates"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(outcome.validation, name))
-        np.testing.assert_array_equal(getattr(again.validation, name), getattr(outcome.validation, name))
-    assert not np.array_equal(other.validation.output, outcome.validation.output)
-    one = model.respond(kept, data, data.validation[:1])
-    np.testing.assert_array_equal(one.output[0], outcome.validation.output[0])
-    assert model.respond(kept, data, data.validation[:0]).output.shape == (0, 40, 5)
 
 
 def watched(monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 
 from dse import seeds
 from dse.models.training import Training
-from dse.records import Answers, Dataset, Spikes
+from dse.records import Dataset, Spikes
 from dse_papers.models.hots import HOTS, histograms, read_out_steps
 from dse_papers.models.time_surfaces import Field, Stream, nearest, surface
 
@@ -252,17 +252,6 @@ def test_no_events_at_all(clustering):
     assert (answers(outcome).label == 0).all()  # all signatures are equally near
     assert answers(outcome).macs.tolist() == [3 * 1 + 1] * 9
     assert outcome.health["hots_events_kept"] == 1.0
-
-
-def test_responding_again_gives_what_training_recorded_and_the_test_part_is_answered():
-    data = waves()
-    tested = dataclasses.replace(data, test=data.validation[:5], validation=data.validation[5:])
-    model = HOTS(signatures="sample")
-    outcome = model.fit(tested, Training(), rngs())
-    again = model.respond(parameters(outcome), tested, tested.validation)
-    for field in dataclasses.fields(Answers):
-        np.testing.assert_array_equal(getattr(again, field.name), getattr(answers(outcome), field.name))
-    assert outcome.test.label.shape == (5, 20)
 
 
 def test_what_does_not_fit_is_refused():

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse import registry
 from dse.deploy import bundle
 from dse.encoders.threshold import Threshold
 from dse.measure.objectives.first_spike import first_spike_ms
@@ -191,10 +190,6 @@ def test_it_is_exported_like_any_network(tmp_path):
         network = bundle.read(tmp_path / weights).fitted
         again = ThresholdLIF().respond(network, data, data.validation)
         assert np.array_equal(again.output, outcome.validation.output)
-
-
-def test_it_is_a_component():
-    assert registry.known("models")["threshold_lif"] is ThresholdLIF
 
 
 def test_the_leak_on_public_recordings(shared_data):
