@@ -21,7 +21,6 @@ from dse.deploy.verify import export_targets
 from dse.testing.targets import small_bundle
 from tests.spaces import write_space
 
-Captured = pytest.CaptureFixture[str]
 INJECTED = "injected_by_a_label"
 LABELS = {
     "spliced end": f"b*\\\n/ int {INJECTED}; /*",
