@@ -103,7 +103,7 @@ def test_the_other_order_of_axes_and_unequal_lengths_fit():
     padded = clone(there).fit(unequal, y)
     assert padded.study_.space["window"]["n_steps"] == 46 and len(padded.predict(unequal)) == 40
     with pytest.raises(ValueError, match="must have 2 channels"):
-        cut.predict([X[0], X[1, :1, :40]])
+        padded.predict([X[0], X[1, :1, :40]])
 
 
 def test_it_is_crossed_validated_in_pipelines_with_tables_and_groups():
