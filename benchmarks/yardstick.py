@@ -1,97 +1,231 @@
 """A first study, untouched, beside plain readers: `dse init`, `run` and `pick` on public recordings.
 
-`python -m benchmarks.yardstick` takes the sets that come inside the wheel of aeon, with their published
-splits (`pip install --no-deps aeon==1.6.0`), and prints a table: test accuracy of the pick, of the best
-spiking design by validation, of 1 nearest neighbour and of logistic regression on the samples.
+    DSE_DATA=... python -m benchmarks.yardstick [--sets GunPoint ridges] [--seeds 3] [--keep FOLDER]
+
+The sets are those inside the wheel of aeon, with their published splits (`pip install --no-deps
+aeon==1.6.0`), and recorded touch, split as below. The table has test accuracies: of the pick, of the best
+spiking design (`pick --budget "family == 'snn'"`), of the best design by validation, and of readers that do
+not spike: 1 nearest neighbour and logistic regression on the samples, and ridge regression on 10 000
+features of MiniRocket's kind, in floating point (Dempster, Schmidt and Webb, KDD 2021). Gaps are to the
+best of these three.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib.util
+import itertools
 import os
 import tempfile
 import warnings
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import dse
 
 SETS = {"BasicMotions": "", "GunPoint": "", "JapaneseVowels": "_eq"}
-"""Names, and the ending of the files in which recordings have one length."""
-STEP_MS = 10.0  # the sets name no sampling period that matters here
+"""Of aeon's wheel: names, and the ending of the files in which recordings have one length."""
+_FEATURES = 10_000
+_HEAD = (
+    "| set | train, test | pick | spiking | best by validation | 1-NN | logistic regression | kernels, ridge "
+    "| gaps: pick, spiking | CPU s |"
+)
+Arrays = dict[str, Any]
+
+
+class FirstStudy(NamedTuple):
+    """Test accuracies of the pick, of the spiking pick and of the best by validation; CPU seconds."""
+
+    pick: float
+    spiking: float
+    best: float
+    cpu_s: float
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sets", nargs="*", choices=SETS, default=list(SETS))
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--sets", nargs="*", choices=[*SETS, *_TOUCH], default=[*SETS, *_TOUCH])
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--keep", type=Path, help="folder for the studies")
     arguments = parser.parse_args()
-    found = importlib.util.find_spec("aeon")
-    if found is None or found.origin is None:
-        parser.error("the sets are in the wheel of aeon: pip install --no-deps aeon==1.6.0")
-    folder = Path(found.origin).parent / "datasets" / "data"
-    print("| set | recordings | pick | best by validation | 1-NN | logistic regression | CPU s of a study |")
-    print("|---|---|---|---|---|---|---|")
+    print(f"{_HEAD}\n{'|---' * (_HEAD.count('|') - 1)}|")
     for name in arguments.sets:
-        arrays = published(folder / name, name, SETS[name])
-        picks, best, cpu_s = np.array([first_study(name, arrays, seed) for seed in range(arguments.seeds)]).T
-        nearest, logistic = plain(arrays)
-        spread = picks.std(ddof=1) if len(picks) > 1 else 0.0
+        studies, readers = [], []
+        for seed in range(arguments.seeds):
+            arrays = published(name) if name in SETS else _TOUCH[name](seed)
+            with contextlib.ExitStack() as stack:
+                folder = arguments.keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
+                studies.append(first_study(name, arrays, seed, folder / f"{name}_{seed + 1}"))
+            readers.append(plain(arrays, seed))
+        (picks, spiking, best, cpu_s), (nearest, logistic, rocket) = np.array(studies).T, np.array(readers).T
+        most = max(x.mean() for x in (nearest, logistic, rocket))
+        is_train = arrays["split"] == "train"
         print(
-            f"| {name} | {len(arrays['label'])} | {picks.mean():.3f} ± {spread:.3f} | {best.mean():.3f} | "
-            f"{nearest:.3f} | {logistic:.3f} | {cpu_s.mean():.0f} |",
+            f"| {name} | {is_train.sum()}, {(~is_train).sum()} | {_spread(picks)} | {_spread(spiking)} | "
+            f"{best.mean():.3f} | {nearest.mean():.3f} | {logistic.mean():.3f} | {_spread(rocket)} | "
+            f"{picks.mean() - most:+.3f}, {spiking.mean() - most:+.3f} | {cpu_s.mean():.0f} |",
             flush=True,
         )
 
 
-def published(folder: Path, name: str, ending: str) -> dict[str, Any]:
-    """Return signals (recording, step, channel), labels and parts of the published split."""
+def _spread(values: np.ndarray) -> str:
+    spread = f" ± {values.std(ddof=1):.3f}" if len(values) > 1 else ""
+    return f"{values.mean():.3f}{spread}"
+
+
+# ---- recordings: signals (recording, step, channel) or spikes, labels, parts, and the period of a step
+
+
+def published(name: str) -> Arrays:
+    """Return a set of aeon's wheel; it names no sampling period that matters here."""
+    found = importlib.util.find_spec("aeon")
+    if found is None or found.origin is None:
+        raise SystemExit(f"{name} is in the wheel of aeon: pip install --no-deps aeon==1.6.0")
+    folder = Path(found.origin).parent / "datasets" / "data" / name
     signals, labels, parts = [], [], []
     for part in ("TRAIN", "TEST"):
-        text = (folder / f"{name}{ending}_{part}.ts").read_text(encoding="utf-8")
+        text = (folder / f"{name}{SETS[name]}_{part}.ts").read_text(encoding="utf-8")
         for line in text.partition("@data")[2].splitlines():
             if line.strip():
                 *channels, label = line.strip().split(":")
                 signals.append(np.array([[float(x) for x in each.split(",")] for each in channels]).T)
                 labels.append(label)
                 parts.append(part.lower())
-    return {"signal": np.stack(signals), "label": np.array(labels), "split": np.array(parts)}
+    return _arrays(np.stack(signals), np.array(labels), np.array(parts) == "train", 10.0)
 
 
-def first_study(name: str, arrays: dict[str, Any], seed: int) -> tuple[float, float, float]:
-    """Return test accuracy of the pick and of the best design by validation, and CPU seconds."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / f"{name}.npz"
-        np.savez(file, **arrays)
-        began = sum(os.times()[:4])
-        path = dse.init(file, Path(folder) / f"{name}.yaml", label="label", step_ms=STEP_MS)
-        space = dse.load_space(path, {"seed": str(seed + 1)})
-        study = dse.run(space, Path(folder) / "results", jobs=1, progress=False)
-        cpu_s = sum(os.times()[:4]) - began
-        picked = float(study.pick()["accuracy_test"])
-        trials = study.trials.sort_values("accuracy", ascending=False)
-        return picked, float(trials["accuracy_test"].iloc[0]), cpu_s
+def _arrays(signal: np.ndarray, label: np.ndarray, is_train: np.ndarray, step_ms: float) -> Arrays:
+    split = np.where(is_train, "train", "test")
+    return {"signal": signal, "label": label.astype(str), "split": split, "step_ms": step_ms}
 
 
-def plain(arrays: dict[str, Any]) -> tuple[float, float]:
-    """Return the test accuracy of 1 nearest neighbour and of logistic regression on the samples."""
-    from sklearn.linear_model import LogisticRegression
+def _file(name: str) -> Any:
+    return np.load(Path(os.environ["DSE_DATA"]) / name, allow_pickle=False)
+
+
+def _letters(_seed: int) -> Arrays:
+    """Seven Braille letters, 12 taxels: the split of the file."""
+    z = _file("braille7_events/braille7_train_val.npz")
+    spikes = np.unpackbits(z["spikes_packed"], axis=1)[:, : z["shape"][1]]
+    return _arrays(spikes, z["class_names"][z["label"]], z["split"] == "train", 5.0)
+
+
+def _objects(_seed: int) -> Arrays:
+    """36 grasped objects, 39 taxels of two polarities: the published split."""
+    z = _file("evtouch_objects/evtouch_objects.npz")
+    spikes = np.unpackbits(z["spikes_packed"], axis=-1)[..., : z["shape"][-1]].reshape(z["shape"])
+    spikes = spikes.transpose(0, 3, 1, 2).reshape(len(spikes), z["shape"][-1], -1)
+    return _arrays(spikes, z["label"], z["split"] == "train", 20.0)
+
+
+def _fabrics(_seed: int) -> Arrays:
+    """Seven fabrics, 16 taxels: repetition 0 trains, 1 tests. The length and the level tell the session."""
+    z = _file("fabric_slide/fabric_slide_train_val.npz")
+    begins = (z["offsets"][:-1] + z["offsets"][1:] - 128) // 2
+    signal = z["signal"][begins[:, None] + np.arange(128)].astype(float)
+    signal -= signal.mean(1, keepdims=True)
+    return _arrays(signal, z["class_names"][z["label"]], z["repetition"] == 0, 28.0)
+
+
+def _ridges(_seed: int) -> Arrays:
+    """26 ridged textures, 9 taxels: strokes 0 to 27 of each train, 28 to 34 test."""
+    z = _file("sankar_ridged_textures/sankar_rigid_finger_train_val.npz")
+    signal = z["adc"][:, : 35 * 517].reshape(-1, 517, 9).astype(float)
+    return _arrays(signal, np.repeat(z["class_names"], 35), np.tile(np.arange(35) < 28, 26), 10.0)
+
+
+def _materials(seed: int) -> Arrays:
+    """20 materials, 60 taxels: one of five folds tests, which one by the seed."""
+    z = _file("icub_roboskin20_test/icub_roboskin20_test200.npz")
+    signal, label = z["signal"], z["label"]
+    signal = signal.reshape(-1, 75, 6, 10).transpose(0, 2, 1, 3).reshape(signal.shape)  # in the order of time
+    place = np.empty(len(label), int)
+    for each in np.unique(label):
+        place[label == each] = np.random.default_rng(1).permutation(np.count_nonzero(label == each))
+    return _arrays(signal.astype(float), label, place % 5 != seed % 5, 20.0)
+
+
+_TOUCH: dict[str, Callable[[int], Arrays]] = {
+    "letters": _letters,
+    "objects": _objects,
+    "fabrics": _fabrics,
+    "ridges": _ridges,
+    "materials": _materials,
+}
+
+
+# ---- the study, and plain readers
+
+
+def first_study(name: str, arrays: Arrays, seed: int, folder: Path) -> FirstStudy:
+    """Return what an untouched study reaches."""
+    folder.mkdir(parents=True)
+    file = folder / f"{name}.npz"
+    step_ms = arrays["step_ms"]
+    np.savez(file, **{key: values for key, values in arrays.items() if key != "step_ms"})
+    began = sum(os.times()[:4])
+    path = dse.init(file, folder / f"{name}.yaml", label="label", step_ms=step_ms)
+    space = dse.load_space(path, {"seed": str(seed + 1)})
+    study = dse.run(space, folder / "results", jobs=1, progress=False)
+    cpu_s = sum(os.times()[:4]) - began
+    picked, spiking = (float(study.pick(x)["accuracy_test"]) for x in ((), "family == 'snn'"))
+    trials = study.trials.sort_values("accuracy", ascending=False)
+    return FirstStudy(picked, spiking, float(trials["accuracy_test"].iloc[0]), cpu_s)
+
+
+def plain(arrays: Arrays, seed: int) -> tuple[float, float, float]:
+    """Return test accuracies: 1 nearest neighbour, logistic regression, random kernels with ridge."""
+    from sklearn.linear_model import LogisticRegression, RidgeClassifierCV
     from sklearn.neighbors import KNeighborsClassifier
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    x, is_train = arrays["signal"].reshape(len(arrays["label"]), -1), arrays["split"] == "train"
-    readers = KNeighborsClassifier(1), make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
+    signal = np.asarray(arrays["signal"], np.float32)
+    x, label, is_train = signal.reshape(len(signal), -1), arrays["label"], arrays["split"] == "train"
+    kernels = positive_shares(signal, is_train, np.random.default_rng(seed))
+    logistic = make_pipeline(StandardScaler(), LogisticRegression(max_iter=500))
+    ridge = make_pipeline(StandardScaler(), RidgeClassifierCV(np.logspace(-3, 3, 10)))
+    found = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for reader in readers:
-            reader.fit(x[is_train], arrays["label"][is_train])
-    nearest, logistic = (float(r.score(x[~is_train], arrays["label"][~is_train])) for r in readers)
-    return nearest, logistic
+        for reader, features in ((KNeighborsClassifier(1), x), (logistic, x), (ridge, kernels)):
+            reader.fit(features[is_train], label[is_train])
+            found.append(float(reader.score(features[~is_train], label[~is_train])))
+    nearest, linear, rocket = found
+    return nearest, linear, rocket
+
+
+def positive_shares(signal: np.ndarray, is_train: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return the share of steps in which kernels exceed a bias, (recording, feature).
+
+    Kernels of MiniRocket: nine taps, of which three are 2 and six -1, on a few channels each, dilated; biases
+    are quantiles of what a kernel gives on a training recording.
+    """
+    n_steps, n_channels = signal.shape[1:]
+    kernels = list(itertools.combinations(range(9), 3))
+    dilations = [2**k for k in range(int(np.log2(max((n_steps - 1) / 8, 1))) + 1)]
+    n_biases = max(_FEATURES // (len(kernels) * len(dilations)), 1)
+    train = np.flatnonzero(is_train)
+    features = []
+    for dilation, (i, taps) in itertools.product(dilations, enumerate(kernels)):
+        n_some = int(2 ** rng.uniform(0, np.log2(min(n_channels, 9) + 1)))
+        some = rng.choice(n_channels, n_some, replace=False)
+        summed = signal[:, :, some].sum(2)
+        padded = np.pad(summed, ((0, 0), (4 * dilation, 4 * dilation)))
+        steps = [padded[:, k * dilation : k * dilation + n_steps] for k in range(9)]
+        given = 3 * np.sum([steps[k] for k in taps], axis=0) - np.sum(steps, axis=0)
+        if i % 2 and n_steps > 8 * dilation:
+            given = given[:, 4 * dilation : n_steps - 4 * dilation]
+        biases = np.quantile(given[rng.choice(train)], (np.arange(n_biases) + rng.uniform()) / n_biases % 1)
+        ordered = np.sort(given, axis=1)
+        above = [given.shape[1] - np.searchsorted(row, biases, "right") for row in ordered]
+        features.append(np.array(above, np.float32) / given.shape[1])
+    return np.concatenate(features, axis=1)
 
 
 if __name__ == "__main__":
