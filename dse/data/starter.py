@@ -38,8 +38,10 @@ _MOST_STEPS = 1000  # of a window: longer ones train slowly
 _STEPS_OF_EVENTS = 100  # bins in the shortest recording of events
 _MOST_POOLS = 400  # pixels that events are pooled to
 _TRAINING_STEPS = 2000
-_FEWEST_VALIDATED = 40  # recordings for which one part validates; a standard error of 0.08 at most
+_FEWEST_VALIDATED = 100  # recordings for which one part validates; a standard error of 0.05 at most
 _MOST_BINS = 256  # of a window, in which random kernels are looked at
+_COUNT_SCALE = 0.15  # of windows of 127 steps and more: the default of the loss
+_LEAST_ODDS = 19.0  # log-odds of an output that fires in every step: with far less, no loss can be small
 _HIDDEN = {"hidden": {"choice": [20, 50]}}
 _NETWORK = {
     "loss": "count_cross_entropy",
@@ -148,7 +150,7 @@ def starter(
             "Should it spike? Plain classifiers of 8-bit integers come first, then the network; what is a\n"
             "choice is explored: dse describe model NAME.",
             {
-                "model": {"choice": [*_rivals(n_steps, step_ms), {"kind": "snn", **_HIDDEN, **_NETWORK}]},
+                "model": {"choice": [*_rivals(n_steps, step_ms), _network(n_steps)]},
                 "training": _training(max(1, round(len(known) * (1 - held_out)))),
             },
         )
@@ -287,6 +289,12 @@ def _whole(recordings: Recordings, sections: Mapping[str, Any]) -> tuple[int, fl
         n_steps = sections.get("window", {}).get("n_steps", int(recordings.lengths.min()))
         return n_steps, recordings.step_ms
     return sections["window"]["n_steps"], sections["preprocessing"]["bin_ms"]
+
+
+def _network(n_steps: int) -> dict[str, Any]:
+    """Return the spiking family; in short windows, which hold few spikes, the loss counts each for more."""
+    count_scale = float(f"{max(_COUNT_SCALE, _LEAST_ODDS / n_steps):.2g}")
+    return {"kind": "snn", **_HIDDEN, **_NETWORK, "count_scale": count_scale}
 
 
 def _rivals(n_steps: int, step_ms: float) -> list[dict[str, Any]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from scipy.io import savemat
 
 import dse
@@ -146,6 +147,16 @@ def answered(capsys, *arguments):
     capsys.readouterr()
     assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
     return list(json.loads(capsys.readouterr().out)["rows"])
+
+
+@pytest.mark.parametrize(("n_steps", "scale"), [(25, 0.76), (100, 0.19), (127, 0.15), (400, 0.15)])
+def test_a_spike_counts_for_more_where_a_window_has_few_steps(n_steps, scale):
+    signal, label = waves(n_steps=n_steps)
+    np.savez("touch.npz", signal=signal, fabric=label)
+    *plain, network = yaml.safe_load(dse.init("touch.npz", "touch.yaml", step_ms=4).read_text())["model"][
+        "choice"
+    ]
+    assert network["count_scale"] == scale and not any("count_scale" in each for each in plain)
 
 
 @pytest.mark.parametrize("axis", [1, 3])
