@@ -79,10 +79,13 @@ def pick(
 def ties(frame: pd.DataFrame, maximise: str, tie_breaks: Sequence[tuple[str, str]]) -> list[Goal]:
     """Return the goals that decide between rows of equal `maximise`, in their order.
 
-    These are the other objectives, so that what is picked is on their front, and then `economy`. Among the
-    objectives, what is maximised comes first, then latency, energy and weights, then other costs. A row
-    without the number of a tie comes last there; rows that are equal in all ties are in the table's order.
+    The first is what `maximise` is expected to be on other recordings, `<maximise>_corrected`, where a table
+    has it: of many points that measured the same, the cheapest is the luckiest. Then come the other
+    objectives and `economy`. Among the objectives, what is maximised comes first, then latency, energy and
+    weights, then other costs. A row without the number of a tie comes last there; rows that are equal in all
+    ties are in the table's order.
     """
+    expected = [Goal(x, "max") for x in (f"{maximise}_corrected",) if x in frame]
     last = economy(frame)
     frugal = [name for names in ECONOMY for name in names]
     goals = [Goal(*pair) for pair in tie_breaks if pair[0] != maximise]
@@ -92,7 +95,7 @@ def ties(frame: pd.DataFrame, maximise: str, tie_breaks: Sequence[tuple[str, str
         return -1 if goal.direction == "max" else known
 
     named = {maximise, *(goal.column for goal in goals)}
-    return [*sorted(goals, key=place), *(goal for goal in last if goal.column not in named)]
+    return [*expected, *sorted(goals, key=place), *(goal for goal in last if goal.column not in named)]
 
 
 def economy(frame: pd.DataFrame) -> list[Goal]:

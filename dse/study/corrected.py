@@ -4,7 +4,8 @@ Validation recordings are few, and designs are chosen for their accuracy on them
 of many settings of one trial owes part of it to luck. What is expected of a point given its accuracy and
 those of all points of its task (`dse.skyline.posterior.expected`) needs no correction for having been chosen,
 whatever the budgets. What it cannot know is whether these recordings are easier than others for all designs;
-the interval includes that.
+the interval includes that. Of points that measured the same, those count for less that the settings beside
+them support least (`unsupported`): the best of many is where luck peaks.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dse.records import Array, Floats
+from dse.records import Array, Bools, Floats
 
 if TYPE_CHECKING:
     import pandas
@@ -31,6 +32,11 @@ Z = 1.645
 
 _PARTS = 1000  # accuracies that are closer than one of them count as equal
 _DECIMALS = 6  # the last bits of an exponential differ between processors
+
+_LOST = 0.05
+"""Of what no neighbour supports, what is taken away: enough to order equal accuracies, and no more."""
+_KERNEL = np.array([1, 8, 28, 56, 70, 56, 28, 8, 1]) / 256
+"""Weights of a setting and of four on either side: binomial, as wide as a Gaussian of 1.4 settings."""
 
 Part = Mapping[str, Array]
 Key = tuple[str, str, int, int]
@@ -131,6 +137,7 @@ def with_corrected(
         luck = {x: x / _PARTS - known[name, group, n, x] for x in np.unique(places).tolist()}
         lost = np.array([luck[x] for x in places.tolist()])
         # Bad luck is not credited: what a tight budget leaves may be no better than it looks.
+        lost = np.maximum(lost, 0.0) + _LOST * unsupported(part, name, rows, n)
         value = np.where(lost > 0, (measured - lost).clip(0.0).round(_DECIMALS), measured)
         low, high = wilson_interval(value, n_recordings, Z)
         if part["repeats"][0] > 1 and f"{name}_se" in part:  # seeds may matter more than recordings
@@ -143,6 +150,47 @@ def with_corrected(
         for column, x in zip(corrected_of(name), ends, strict=True)
     }
     return {**part, **added}
+
+
+def unsupported(part: Part, name: str, rows: Bools, n: int) -> Floats:
+    """Return by how much accuracies of a trial's points exceed what settings beside theirs support, (row,).
+
+        min(1, e / v) max(0, m - s)
+
+    m is what was measured and s the mean of m and its neighbours' (`_KERNEL`), over read-outs in the order
+    of time, and over phi and theta. v is the mean square of m - s over the settings, e that of binomial
+    errors: where accuracy changes faster than errors explain, more is supported.
+
+    Args:
+        part: columns of points of one trial on one chip.
+        name: of the accuracy.
+        rows: (point,) which points.
+        n: recordings that it is of.
+    """
+    measured = part[name][rows].astype(np.float64)
+    phi, theta, read_out, *others = (
+        part[key][rows].astype(np.float64) if key in part else np.full(len(measured), np.nan)
+        for key in ("phi", "theta", "read_out_ms", "weight_bits", "pruned_after")
+    )
+    excess = np.zeros(len(measured))
+    kinds = np.nan_to_num(np.stack([np.isnan(phi), *others]), nan=-1)
+    _, kind = np.unique(kinds, axis=1, return_inverse=True)
+    for one in range(kind.max(initial=-1) + 1):
+        here = np.flatnonzero(kind.ravel() == one)
+        here = here[np.lexsort((theta[here], phi[here], read_out[here]))]  # NaN, the whole window, last
+        m, n_theta = measured[here], len(np.unique(theta[here]))  # of read-outs all are NaN: one value
+        grid = m.reshape(-1, n_theta) if len(m) % n_theta == 0 else m[:, None]
+        above = m - _smooth(_smooth(grid).T).T.ravel()
+        bends, error = float((above**2).mean()), float((m * (1 - m)).mean()) / n
+        excess[here] = np.maximum(above, 0.0) * (min(1.0, error / bends) if bends else 0.0)
+    return excess
+
+
+def _smooth(values: Floats) -> Floats:
+    """Return means with what lies beside along the first axis; beyond its ends lies what is there."""
+    half = len(_KERNEL) // 2
+    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
+    return np.asarray(sum(w * padded[k : k + len(values)] for k, w in enumerate(_KERNEL)))
 
 
 def _groups(part: Part, names: Sequence[str], n: int) -> Iterator[tuple[str, str, Array]]:

@@ -11,6 +11,7 @@ import pytest
 import dse
 from dse.cli import main
 from dse.config import load_space
+from dse.skyline.pick import pick
 from dse.skyline.posterior import expected
 from dse.study import corrected, explore
 from dse.study.record import load_records
@@ -134,3 +135,60 @@ def test_an_open_interval_is_its_low_end_and_both_energies_are_shown(example, ca
     times = max(row["energy_throttled_uj"] / row["energy_uj"] for row in waiting["rows"])
     assert times > 1000 and any(f"{times:.0f} times as much" in note for note in waiting["notes"])
     assert "at least" in front and "at least" in printed(capsys, "report", str(example))
+
+
+def columns(accuracy, **places):
+    n = len(accuracy)
+    missing = {key: np.full(n, np.nan) for key in ("phi", "theta", "read_out_ms", "weight_bits")}
+    return {"accuracy": np.array(accuracy, float), **missing, **{k: np.array(x) for k, x in places.items()}}
+
+
+def excess(part, n=30):
+    return corrected.unsupported(part, "accuracy", np.ones(len(part["accuracy"]), bool), n)
+
+
+def test_a_lone_peak_is_supported_least():
+    time_ms = [10.0, 20, 30, 40, 50, 60, np.nan]
+    found = excess(columns([0.5, 0.6, 0.9, 0.7, 0.9, 0.9, 0.9], read_out_ms=time_ms))
+    assert found[2] > 2 * found[4] > 4 * found[6] >= 0  # all measured 0.9; the whole window comes last
+    assert found.argmax() == 2 and found[3] == 0  # what is below its neighbours loses nothing
+    level = excess(columns([0.8] * 7, read_out_ms=time_ms))
+    np.testing.assert_allclose(level, 0, atol=1e-12)
+    many = excess(columns([0.5, 0.6, 0.9, 0.7, 0.9, 0.9, 0.9], read_out_ms=time_ms), n=10**9)
+    np.testing.assert_allclose(many, 0, atol=1e-6)  # of so many recordings nothing is luck
+
+
+def test_neighbours_lie_in_time_or_in_phi_and_theta_in_any_order_of_the_rows():
+    rng = np.random.default_rng(0)
+    phi, theta = (x.ravel() for x in np.meshgrid(np.arange(6.0), [0.2, 0.4, 0.6], indexing="ij"))
+    peak = np.full((6, 3), 0.5)
+    peak[3, 1] = 1.0
+    accuracy = np.concatenate([peak.ravel(), [0.5, 0.5, 0.9]])
+    places = {
+        "phi": np.append(phi, [np.nan] * 3),
+        "theta": np.append(theta, [np.nan] * 3),
+        "read_out_ms": np.append([np.nan] * 18, [10.0, 20.0, np.nan]),
+    }
+    found = excess(columns(accuracy, **places))
+    assert found[:18].reshape(6, 3).argmax() == 3 * 3 + 1 and (found[:18] > 0).sum() == 1
+    assert found[18:].argmax() == 2  # a read-out is no neighbour of a decision
+    order = rng.permutation(21)
+    np.testing.assert_allclose(
+        excess(columns(accuracy[order], **{k: x[order] for k, x in places.items()})), found[order]
+    )
+    twice = {k: np.tile(x, 2) for k, x in places.items()}
+    bits = np.repeat([8.0, 4.0], 21)
+    np.testing.assert_allclose(
+        excess(columns(np.tile(accuracy, 2), **twice, weight_bits=bits)), np.tile(found, 2)
+    )
+
+
+def test_of_equal_points_that_is_picked_which_its_neighbours_support():
+    table = pd.DataFrame(
+        {"accuracy": [0.9, 0.9, 0.8], "accuracy_corrected": [0.85, 0.86, 0.8], "energy_uj": [1.0, 5.0, 0.1]}
+    )
+    found = pick(table, [], tie_breaks=[("energy_uj", "min")])
+    assert found.row is not None and found.row["energy_uj"] == 5.0
+    assert found.notes == ["2 design points have the same accuracy; the best accuracy_corrected decides"]
+    alone = pick(table.drop(columns="accuracy_corrected"), [], tie_breaks=[("energy_uj", "min")])
+    assert alone.row is not None and alone.row["energy_uj"] == 1.0
