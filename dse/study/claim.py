@@ -25,7 +25,7 @@ from typing import Any
 import yaml
 
 from dse import store
-from dse.config import ConfigError, Fault, SearchSpace
+from dse.config import ConfigError, Fault, SearchSpace, load_space
 from dse.recordings import PLACES
 from dse.store import Book, InUse
 from dse.study.held import plain_space
@@ -41,15 +41,37 @@ def join(space: SearchSpace, folder: Path) -> None:
     Raises:
         ConfigError: it does not, or designs race.
     """
+    now = yaml.safe_load(space.to_yaml())
     texts = [
         f"{key} is {new!r}, but {old!r} in the study that runs in {folder}"
-        for key, old, new in changes(plain_space(folder / store.SPACE), yaml.safe_load(space.to_yaml()))
+        for key, old, new in changes(_started_with(folder / store.SPACE, now), now)
         if (not key.startswith("execution.") or key == "execution.device") and key not in _PLACES
     ]
     if space.search.racing is not None:
         texts.append(f"search.racing: {folder} runs, and its designs race against all others of one process")
     if texts:
         raise ConfigError([Fault(str(space.source), 0, text) for text in texts])
+
+
+def _started_with(path: Path, now: dict[str, Any]) -> dict[str, Any]:
+    """Return the search space of a study, with the defaults of keys that it did not know when it began.
+
+    Args:
+        path: of its copy.
+        now: the search space that it is compared with.
+
+    Raises:
+        StoreError: the copy is missing or damaged.
+    """
+    before = plain_space(path)
+    chips = {"hardware": now.get("hardware", [])}  # files of chips lie beside another file
+    with contextlib.suppress(ConfigError):  # of an earlier version, or of plugins that are files
+        if before != now:
+            return {
+                **yaml.safe_load(load_space(before | chips).to_yaml()),
+                "hardware": before.get("hardware"),
+            }
+    return before
 
 
 def claim(space: SearchSpace, book: store.Book) -> list[str]:
@@ -78,7 +100,7 @@ def claim(space: SearchSpace, book: store.Book) -> list[str]:
     else:
         before = now
         try:
-            before = plain_space(path)
+            before = _started_with(path, now)
         except store.Damaged as error:
             _check_runs(space, folder)
             notes.append(f"{error}; it is written anew: the finished runs fit this search space")
@@ -111,7 +133,7 @@ def claim(space: SearchSpace, book: store.Book) -> list[str]:
 def _trains_the_same(path: Path, now: Any, copies: Mapping[Path, Path]) -> bool:
     """Return whether trainings that a folder has begun may go on."""
     try:
-        differing = changes(plain_space(path), now)
+        differing = changes(_started_with(path, now), now)
         same = all(copy.is_file() and store.read_text(copy) == _text(x) for x, copy in copies.items())
     except store.StoreError:
         return False

@@ -4,8 +4,9 @@ import re
 
 import pytest
 
-from dse import registry
+from dse import registry, store
 from dse.config import ConfigError, load_space
+from dse.config.yaml_lines import dump
 from dse.store import Book, read_text
 from dse.study.claim import claim
 from dse.study.results import Study
@@ -54,3 +55,20 @@ def test_a_plugin_that_changed_or_is_gone_is_one_line(trusting, tmp_path):
     Study(folder).load_plugins()
     [why] = registry.left_out()
     assert re.match(r"plugin '\S+': cannot read \S+: No such file or directory$", why)
+
+
+def test_a_study_that_began_before_a_key_was_known_goes_on(tmp_path):
+    folder, path = tmp_path / "results" / "tiny", write_space(tmp_path)
+    folder.mkdir(parents=True)
+    book, space = Book(folder, writes=True), load_space(path)
+    claim(space, book)
+    (folder / "runs" / "00000-0.npz").mkdir(parents=True)
+    written = space.to_plain()
+    assert written["window"].pop("pad") is False and written["training"].pop("keep") == "last"
+    store.write_text(folder / "search_space.yaml", dump(written))
+    claim(space, book)
+    assert "pad" in read_text(folder / "search_space.yaml")
+    store.write_text(folder / "search_space.yaml", dump({**written, "window": {"n_steps": 7}}))
+    with pytest.raises(ConfigError, match=r"window\.n_steps is .* was started with 7") as other:
+        claim(space, book)
+    assert len(other.value.faults) == 1
