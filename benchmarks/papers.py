@@ -25,6 +25,7 @@ SPACES = {
         "texture_profile_lags",
         "texture_profile_lags_soft",
         "texture_profile_quiet",
+        "texture_profile_front",
     ),
     "003": ("threshold_icub",),
     "004": ("elm_sankar", "elm_sankar_printed_split", "elm_scene"),
