@@ -15,7 +15,6 @@ from dse.skyline.table import Goal
 from dse.store import StoreError, runs_of
 from dse.study import corrected, health, held, pricing, resampling
 from dse.study.question import DRAWS, Question
-from dse.study.record import TOLD
 from dse.study.results import open as open_study
 from dse.study.rivals import of_study
 
@@ -146,7 +145,7 @@ class Choice(Mapping[str, Any]):
         """Return the design point as a bundle; nothing is written.
 
         Raises:
-            StoreError: it is of a table, or was measured elsewhere.
+            StoreError: it is of a table.
             BundleError: its classifier cannot be deployed.
             NothingFeasible: there is none.
         """
@@ -158,9 +157,6 @@ class Choice(Mapping[str, Any]):
         """Return the study that has the network."""
         if not self.results.is_dir():
             raise StoreError(f"{self.results}: only a design of a study's folder can be exported")
-        if self.found.get("origin") == TOLD:
-            why = "was measured elsewhere (`dse tell`): there is no network to export"
-            raise StoreError(f"{self.results}: trial {self['trial']} {why}")
         return open_study(self.results)
 
 

@@ -18,7 +18,6 @@ from dse.config.values import plain
 from dse.recordings.targets import target_columns
 from dse.records import Array
 from dse.study import precision
-from dse.study.record import TOLD
 from dse.study.results import Study
 
 if TYPE_CHECKING:
@@ -142,11 +141,8 @@ def alike(parts: Sequence[StudyTask]) -> list[list[StudyTask]]:
 def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
     """Return the points that answer at the end of the window, at the precision of the training.
 
-    Designs that were measured elsewhere are left out: a report knows nothing of their networks. Every row has
-    a value of `transductive`, False by default.
+    Every row has a value of `transductive`, False by default.
     """
-    if "origin" in points:
-        points = points[points["origin"].ne(TOLD)]
     for name in _SETTINGS:
         if name in points:
             points = points[points[name].isna()]

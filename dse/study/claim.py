@@ -80,7 +80,7 @@ def claim(space: SearchSpace, book: store.Book) -> list[str]:
     Some keys change no result and may differ: the folder of the recordings, the number of processes, more
     trials, other precisions of trained networks, targets, limits, when a search stops, and hardware after
     the first. The device may not: another one rounds differently. Until a run has finished or a design was
-    asked for, any search space may replace the one before.
+    enqueued, any search space may replace the one before.
 
     A damaged copy of the search space is written anew if the finished runs were trained as this one says.
 

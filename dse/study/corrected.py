@@ -69,14 +69,11 @@ def lacking(rows: pandas.DataFrame, names: Iterable[str]) -> list[str]:
     notes = []
     for name in [name for name in ACCURACIES if name in set(names) and name in rows]:
         column = corrected_of(name)[0]
-        if column not in rows:
+        if column not in rows or (rows[name].notna() & rows[column].isna()).any():
             notes.append(
                 f"no {column}: a table does not say how many recordings its {name} is of; a study does "
                 "(one of an earlier version has the column after `dse run`)"
             )
-        elif n := int((rows[name].notna() & rows[column].isna()).sum()):
-            where = f" in {n} of {len(rows)} rows" if len(rows) > 1 else ""
-            notes.append(f"no {column}{where}: measured elsewhere, or one run of several")
     return notes
 
 

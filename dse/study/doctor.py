@@ -281,8 +281,7 @@ def _missing(study: _Study) -> Iterator[Damage]:
     repeats = int(study.space.get("search", {}).get("repeats", 1))
     ended = [entry.trial for entry in study.entries if entry.is_reported and not entry.excluded]
     expected |= set(itertools.product(ended, range(repeats)))
-    told = {trial for trial, of in study.records.items() if any(x.told for x in of.values())}
-    for trial, repeat in sorted(run for run in expected if run is not None and run[0] not in told):
+    for trial, repeat in sorted(run for run in expected if run is not None):
         run = store.run_file(study.folder, trial, repeat)
         if repeat not in study.records.get(trial, {}) and run not in study.runs:
             again = f"{AGAIN} trains it again" if trial < IMPORTED else "`dse import` brings it back"

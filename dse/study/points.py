@@ -201,8 +201,6 @@ def _parts(
         if trial in kept:
             yield from kept[trial]
             continue
-        if runs[0].told:
-            yield from _told(space, runs[0], [chip.name for chip in profiles])
         if not all(record.finished for record in runs):
             continue
         try:
@@ -230,18 +228,6 @@ def _of_trial(
             if column.shape != (n,) or column.dtype.kind == "c":
                 raise ValueError(f"{name} has shape {column.shape} of {column.dtype}, not {n} rows")
         yield design | rows | costs
-
-
-def _told(space: SearchSpace, record: RunRecord, chips: Sequence[str]) -> Iterator[Part]:
-    """Yield the one point of a trial that was measured elsewhere, on the chip that it was measured for."""
-    numbers = record.measured
-    chip = next(iter(numbers.hardware), None)
-    if chip is None or chip in chips:
-        about = tables.named(space, record.trial, record.design, 1, record.origin)
-        row = {**about, "point": 0, **tables.summary([numbers], chip)}
-        row |= {} if chip is None else {"hardware": chip}
-        row |= {"phi": np.nan, "theta": np.nan, "read_out_ms": np.nan}
-        yield {name: _repeated(value, 1) for name, value in row.items()}
 
 
 def _table(parts: Sequence[Mapping[str, Array]], space: SearchSpace) -> pandas.DataFrame:

@@ -25,7 +25,7 @@ from dse.study import held
 from dse.study import points as _points
 from dse.study.held import plain_space
 from dse.study.precision import AS_TRAINED, Setting
-from dse.study.record import TOLD, RunRecord, load_records
+from dse.study.record import RunRecord, load_records
 
 if TYPE_CHECKING:
     import pandas
@@ -138,8 +138,6 @@ def points(folder: str | Path, hardware: Sequence[str]) -> pandas.DataFrame:
     folder = Path(folder)
     chips = profiles(folder, hardware)
     table = held.without_lost(folder, read_table(folder))
-    if "origin" in table:  # costs that were told are those of one chip
-        table = table[table["origin"].ne(TOLD)]
     if "hardware" in table and len(table):
         table = table[table["hardware"] == table["hardware"].iloc[0]]
     of_hardware = registry.columns("hardware")
@@ -226,10 +224,6 @@ def drawn(
     figures_of = {name: chip.draws(n_draws) for name, chip in chips.items()}
     for indices in rows.groupby("trial", sort=False).indices.values():
         of_trial = rows.iloc[indices]
-        if "origin" in rows and of_trial["origin"].iloc[0] == TOLD:  # it stands as it was told
-            for column in columns:
-                samples[column][:, indices] = of_trial[column].to_numpy(np.float64, na_value=np.nan)
-            continue
         answers, places = answered(folder, of_trial)
         for name, chip in chips.items():
             on_chip = np.flatnonzero(of_trial["hardware"] == name)

@@ -20,8 +20,6 @@ STOPPED = "stopped"
 """The status of a run that racing stopped before its end."""
 IMPORTED = 90_000
 """Number of the first trial that was trained on elsewhere (`dse.study.imported`); no search reaches it."""
-TOLD = "told"
-"""The status of a run that was measured elsewhere (`dse tell`): it has numbers, and no files."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,6 @@ class RunRecord:
     files: names of its artefacts.
     taken_from: study and trial that trained it, where it was taken over; with `weights`, the name of a file,
         where it was trained on and imported.
-    told: whether its numbers were measured elsewhere (`dse tell`).
     """
 
     trial: int
@@ -122,7 +119,6 @@ class RunRecord:
     rungs: Mapping[int, Numbers] = field(default_factory=dict)
     files: tuple[str, ...] = ()
     taken_from: Mapping[str, Any] = field(default_factory=dict)
-    told: bool = False
 
     @property
     def failed(self) -> bool:
@@ -131,8 +127,8 @@ class RunRecord:
 
     @property
     def finished(self) -> bool:
-        """Whether the run trained to its end, and is no told one."""
-        return self.numbers is not None and not self.told
+        """Whether the run trained to its end."""
+        return self.numbers is not None
 
     @property
     def last(self) -> Numbers:
@@ -145,9 +141,7 @@ class RunRecord:
 
     @property
     def origin(self) -> str:
-        """What an imported network was before, or that a run was told; '' of all others."""
-        if self.told:
-            return TOLD
+        """What an imported network was before; '' of all others."""
         taken = self.taken_from
         return f"trial {taken['trial']}, {taken['weights']}" if "weights" in taken else ""
 
@@ -179,8 +173,6 @@ class RunRecord:
         if self.numbers is None:
             needs = {} if self.needs_bytes is None else {"needs_bytes": self.needs_bytes}
             return {**about, "status": "failed", "reason": self.reason, "details": self.details, **needs}
-        if self.told:
-            return {**about, "status": TOLD, "reason": "", **self.numbers.to_plain()}
         return {
             **about,
             "sections": self.sections,
@@ -203,6 +195,8 @@ class RunRecord:
         Raises:
             StoreError: a key is missing or invalid; `where` names the file.
         """
+        if plain.get("status") == "told":
+            raise store.damaged(where, "holds values of `dse tell`, which are no longer read")
         try:
             record = cls(
                 trial=int(plain["trial"]),
@@ -223,7 +217,6 @@ class RunRecord:
                 rungs={int(n): Numbers.from_plain(x) for n, x in plain.get("rungs", {}).items()},
                 files=tuple(plain.get("files", ())),
                 taken_from=plain.get("taken_from", {}),
-                told=plain["status"] == TOLD,
             )
             _check(record, _KINDS)
             if not all(isinstance(name, str) for name in record.classes):

@@ -25,7 +25,7 @@ from dse.skyline.posterior import posterior_samples
 from dse.skyline.table import group_numbers, numbers
 from dse.store import StoreError
 from dse.study import corrected, pricing
-from dse.study.record import TOLD, RunRecord, load_records
+from dse.study.record import RunRecord, load_records
 
 if TYPE_CHECKING:
     import pandas
@@ -56,8 +56,6 @@ def errors(folder: Path, rows: pandas.DataFrame, n_draws: int) -> Floats:
     for places in groups:
         of_trial = rows.iloc[places]
         records = load_records(folder, int(trials[places[0]]))[: repeats[places[0]]]
-        if records[0].told:  # single answers are not known: it stands as it was told
-            continue
         right = [right_answers(folder, record, of_trial) for record in records]
         of_runs = np.stack(
             [_resampled(record, *answers, n_draws) for record, answers in zip(records, right, strict=True)]
@@ -245,8 +243,6 @@ def _largest_se(folder: Path, rows: pandas.DataFrame) -> Floats:
     trials = rows["trial"].to_numpy(np.int64)
     for places in rows.groupby("trial", sort=False).indices.values():
         record = store.read_record(store.first_run(folder, int(trials[places[0]])))
-        if record["status"] == TOLD:
-            continue
         n = max(int(record["samples"]["validation"]), 1)
         se[places] += wilson_se(np.rint(np.nan_to_num(accuracy[places]) * n), n)
     return se

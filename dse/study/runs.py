@@ -147,10 +147,6 @@ class Runs:
         """Return whether the machine kept a run of a trial from being trained."""
         return any(trial == number for number, _ in self._untrained)
 
-    def is_settled(self, trial: int) -> bool:
-        """Return whether no run of a trial is to be trained: the machine kept it, or it was told."""
-        return self.is_untrained(trial) or any(x.told for x in self._records.get(trial, {}).values())
-
     def untrained(self) -> list[str]:
         """Return a sentence on the designs that the machine kept from being trained, if there are any."""
         if not self._untrained:
@@ -267,12 +263,7 @@ class Runs:
             OutOfTime: the time is over.
         """
         self.recall(entries)
-        wanted = {
-            (entry.trial, repeat): (entry, repeat)
-            for entry in entries
-            if not any(record.told for record in self._records.get(entry.trial, {}).values())
-            for repeat in range(repeats)
-        }
+        wanted = {(entry.trial, repeat): (entry, repeat) for entry in entries for repeat in range(repeats)}
         tried: set[Key] = set()
         while missing := [
             key

@@ -104,7 +104,7 @@ class FrontRepeats:
         short = [
             e
             for e in self._ledger.entries
-            if e.trial in front and len(runs.of(e.trial)) < repeats and not runs.is_settled(e.trial)
+            if e.trial in front and len(runs.of(e.trial)) < repeats and not runs.is_untrained(e.trial)
         ]
         self._report.expect(sum(repeats - len(runs.of(e.trial)) for e in short))
         return Asked(short, repeats) if short else None
@@ -182,22 +182,16 @@ class Batches:
             if n > 0 and not entries and number:
                 self.stopped = self._reached()
             if n > 0 and not self.stopped:
-                new = self.propose(number, n)
+                new = self._propose(number, n)
                 if new is not None and len(new) < n:
                     n_now = n_before + len(entries) + len(new)
                     self._report.note(f"the sampler found no further designs; the study has {n_now}")
         is_begun = any(not entry.excluded or entry.enqueued for entry in self._ledger.batch(number))
         return Asked(self.of(number), self._space.search.repeats, number) if is_begun else None
 
-    def propose(self, number: int, n: int, *, enqueued: bool = False) -> list[Design] | None:
-        """Add up to n designs of the sampler to a batch and return them; None: another coordinator did.
-
-        Args:
-            number: of the batch.
-            n: number of designs.
-            enqueued: whether the user asked for them.
-        """
-        known = {design_key(e.design) for e in self._ledger.entries if not e.excluded}  # `dse ask` too
+    def _propose(self, number: int, n: int) -> list[Design] | None:
+        """Add up to n designs of the sampler to a batch and return them; None: another coordinator did."""
+        known = {design_key(e.design) for e in self._ledger.entries if not e.excluded}
         there = self._ledger.batch(number)
         proposed = self._sampler.ask(len(self.of(number)) + n)
         new = [design for design in proposed if design_key(design) not in known][:n]
@@ -209,7 +203,7 @@ class Batches:
                 if design_key(design) not in self._excluded and not is_full:
                     self._excluded.add(design_key(design))
                     self._ledger.exclude(number, design, why)
-            self._ledger.ask(number, new, enqueued=enqueued)
+            self._ledger.ask(number, new)
         return new
 
     def tell(self, asked: Asked) -> None:
@@ -223,10 +217,6 @@ class Batches:
                     missed = {} if values is None else self._missed(entry, records)
                     stopped = any(one.stopped_at_epoch is not None for one in records)
                     self._ledger.tell(entry.trial, values, missed, at_rungs, stopped=stopped)
-        self.learn(number)
-
-    def learn(self, number: int) -> None:
-        """Let the sampler learn from the designs of a batch, as the book has them."""
         if self._limited is not None:
             for entry in self._ledger.batch(number):
                 if entry.excluded and (why := self._check(entry.design)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dse import store
 from dse.config import SearchSpace, load_space
@@ -71,8 +71,8 @@ def n_held(space: SearchSpace, folder: Path) -> str:
     return f"the tables hold {n} of {n_trials} trials"
 
 
-def write_again(folder: Path) -> dict[int, dict[str, Any]]:
-    """Write the tables of a study from the files in its folder; return trial -> its row.
+def write_again(folder: Path) -> None:
+    """Write the tables of a study from the files in its folder.
 
     Args:
         folder: of the study, which the caller has locked.
@@ -88,6 +88,4 @@ def write_again(folder: Path) -> dict[int, dict[str, Any]]:
         for trial, repeats in store.runs_in(folder).items()
         if trial < len(entries) or trial >= IMPORTED
     }
-    table = write(space, folder, runs, of_space(space), entries)
-    rows = table.to_dict("records")
-    return {int(row["trial"]): {str(name): store.plain_cell(x) for name, x in row.items()} for row in rows}
+    write(space, folder, runs, of_space(space), entries)

@@ -19,7 +19,7 @@ from dse.measure.objectives import flat
 from dse.measure.objectives.accuracy import seeds_se
 from dse.measure.objectives.accuracy_unseen import as_arrays, merged, unseen_columns
 from dse.study.ledger import Entry
-from dse.study.record import STOPPED, TOLD, Numbers, RunRecord
+from dse.study.record import STOPPED, Numbers, RunRecord
 
 if TYPE_CHECKING:
     import pandas
@@ -50,8 +50,7 @@ def trials_table(
         row = named(space, trial, records[0].design, len(records), records[0].origin)
         failed = [record for record in records if record.failed]
         stopped = [record for record in records if record.stopped_at_epoch is not None]
-        told = TOLD if records[0].told else "finished"
-        row["status"] = "failed" if failed else STOPPED if stopped else told
+        row["status"] = "failed" if failed else STOPPED if stopped else "finished"
         row["reason"] = "; ".join(_blamed(r, len(records)) for r in failed)
         if stopped and not failed:
             row["reason"] = stopped[0].reason

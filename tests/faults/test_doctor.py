@@ -21,7 +21,7 @@ from dse.audit.audit import Audit
 from dse.cli import main
 from dse.config import load_space
 from dse.records import Array, Dataset, Network, Response
-from dse.study import explore, held, notes, outside, tables
+from dse.study import explore, held, notes, queue, tables
 from dse.study.ledger import read_entries
 from dse.study.results import Study
 from dse.study.workers import Workers
@@ -92,7 +92,7 @@ def whole(patched):
     notes.write(study.folder, 3, None, "likes wool", True)
     store.keep(study.folder, store.WARNINGS, ["labels are few"])
     store.keep(study.folder, audit.DOCUMENT, audit.plain(Audit((), ())))
-    outside.enqueue(study.folder, [dict(read_entries(study.folder)[2].design)])
+    queue.enqueue(study.folder, [dict(read_entries(study.folder)[2].design)])
     return study
 
 

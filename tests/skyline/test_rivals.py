@@ -109,6 +109,6 @@ def test_accuracies_that_a_side_lacks_are_not_compared():
 
 
 def test_a_family_spikes_if_a_design_of_it_has_spikes_of_its_own():
-    points = table(("snn", 0, 0.9), ("snn", 1, 0.2), ("mlp", 2, 0.9), ("told", 3, 0.9))
+    points = table(("snn", 0, 0.9), ("snn", 1, 0.2), ("mlp", 2, 0.9), ("unknown", 3, 0.9))
     own = points.assign(spikes_per_inference_no_input=[12.0, 0.0, 0.0, math.nan])
     assert spiking(own).tolist() == [True, True, False, False]

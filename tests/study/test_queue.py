@@ -4,7 +4,7 @@ import pytest
 
 from dse.config import ConfigError
 from dse.store import Book
-from dse.study import explore, outside
+from dse.study import explore, queue
 from dse.study.ledger import read_entries
 from tests.tiny_study import make_space
 
@@ -24,9 +24,9 @@ def written(folder, text):
 def test_enqueued_designs_are_trained_first_and_once(space, tmp_path):
     folder = tmp_path / "results/tiny"
     both = "- {model.hidden: [16], model.true_rate: 0.8}\n- {model.hidden: 4, model.true_rate: 0.2}\n"
-    designs = outside.read_designs(space, written(tmp_path, both))
-    outside.enqueue(folder, designs)
-    outside.enqueue(folder, designs[:1])  # waits already
+    designs = queue.read_designs(space, written(tmp_path, both))
+    queue.enqueue(folder, designs)
+    queue.enqueue(folder, designs[:1])  # waits already
     study = explore.run(space, tmp_path / "results", progress=False)
     entries = read_entries(folder)
     assert [e.design["model.hidden"] for e in entries] == [16, 4, 4, 8, 8, 16]
@@ -35,7 +35,7 @@ def test_enqueued_designs_are_trained_first_and_once(space, tmp_path):
     with Book(folder) as book:
         assert book.rows("queue") == []
     assert study.trials["status"].eq("finished").all()
-    outside.enqueue(folder, designs)  # both are trained
+    queue.enqueue(folder, designs)  # both are trained
     again = explore.run(space, tmp_path / "results", progress=False)
     assert len(again.trials) == 6
     with Book(folder) as book:
@@ -64,7 +64,7 @@ def test_enqueued_designs_are_trained_first_and_once(space, tmp_path):
 def test_every_fault_has_its_line(space, tmp_path, text, faults):
     path = written(tmp_path, text)
     with pytest.raises(ConfigError) as caught:
-        outside.read_designs(space, path)
+        queue.read_designs(space, path)
     lines = str(caught.value).splitlines()
     assert len(lines) == len(faults)
     for line, fault in zip(lines, faults, strict=True):

@@ -48,7 +48,7 @@ class Population:
             return np.arange(len(answers)), answers
 
         def records(folder, trial):
-            return [SimpleNamespace(told=False, trial=trial, repeat=repeat) for repeat in range(self.repeats)]
+            return [SimpleNamespace(trial=trial, repeat=repeat) for repeat in range(self.repeats)]
 
         monkeypatch.setattr(resampling, "right_answers", right)
         monkeypatch.setattr(resampling, "load_records", records)

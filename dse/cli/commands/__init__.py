@@ -9,7 +9,7 @@ from typing import Any
 
 GROUPS = {
     "begin": ("init", "prepare"),
-    "search": ("ask", "audit", "check", "doctor", "enqueue", "run", "tell"),
+    "search": ("audit", "check", "doctor", "enqueue", "run"),
     "choose": ("compare", "dashboard", "figure", "note", "pick", "report", "skyline"),
     "deploy": ("evaluate", "export", "import", "measure", "stream", "verify"),
     "look_up": ("cost", "describe", "simulate"),

@@ -9,35 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dse.cli.answer import Answer, audit_answer, listing
-from dse.cli.signature import Amount, Count, Positive, Texts
+from dse.cli.signature import Amount, Count, Texts
 from dse.cli.spaces import load, overrides_of
-from dse.config import ConfigError, Fault, SearchSpace
+from dse.config import ConfigError, SearchSpace
 
 if TYPE_CHECKING:
     from dse.study.results import Study
 
 _BAD_INPUT = 2
-
-
-def ask(
-    space: str, *, set: Texts = (), repair: bool = False, results: str = "results", n: Positive = 1
-) -> Answer:
-    """Print the design that the sampler proposes next, with its number, to be measured elsewhere.
-
-    Args:
-        results (DIR): folder for studies (default: results).
-        n: number of designs (default: 1).
-    """
-    loaded = load(space, set, repair)
-    import yaml
-
-    from dse.store import plain
-    from dse.study import outside
-
-    asked, notes = outside.ask(loaded, results, n)
-    rows = [{"trial": trial, "design": plain(design)} for trial, design in asked]
-    text = yaml.safe_dump(rows, sort_keys=False).rstrip() if rows else ""
-    return Answer(rows, notes, text=text, code=0 if rows else 1)
 
 
 def audit(space: str, *, set: Texts = (), repair: bool = False, shifts: tuple[int, ...] = ()) -> Answer:
@@ -135,11 +114,11 @@ def enqueue(
         results (DIR): folder for studies (default: results).
     """
     loaded = load(space, set, repair)
-    from dse.study import outside
+    from dse.study import queue
 
-    read = outside.read_designs(loaded, Path(designs))
+    read = queue.read_designs(loaded, Path(designs))
     folder = Path(results) / loaded.study
-    outside.enqueue(folder, read)
+    queue.enqueue(folder, read)
     n = f"{len(read)} design{'s' if len(read) > 1 else ''}"
     return Answer(read, [f"{n} enqueued in {folder}; `dse run` trains them"])
 
@@ -227,28 +206,3 @@ def _page(study: Study) -> str:
         return (
             f"the page could not be written: {why}; try again with dse dashboard {study.folder} --html FILE"
         )
-
-
-def tell(results: str, design: int, values: Texts = (), *, failed: str = "") -> Answer:
-    """Record the values of a design of dse ask; the tables mark them as told.
-
-    Args:
-        design: number that dse ask gave the design.
-        values (COLUMN=VALUE): its values, such as accuracy=0.91 energy_uj=12.5; every objective of the study
-            is needed.
-        failed (REASON): the design has no values, and why.
-    """
-    told, faults = {}, []
-    for text in values:
-        name, _, value = text.partition("=")
-        try:
-            told[name] = float(value)
-        except ValueError:
-            faults.append(Fault(f"'{text}'", 0, "must be COLUMN=VALUE with a number, such as accuracy=0.91"))
-    if bool(values) == bool(failed):
-        faults.append(Fault("dse tell", 0, "needs values, such as accuracy=0.91, or --failed REASON"))
-    if faults:
-        raise ConfigError(faults)
-    from dse.study import outside
-
-    return Answer([outside.tell(Path(results), design, told, failed)])
