@@ -23,6 +23,8 @@ _UNITS = {
     "_us": "µs",
     "_mv": "mV",
     "_uj": "µJ",
+    "_mj": "mJ",
+    "_days": "d",
     "_mw": "mW",
     "_bits": "bit",
     "_bytes": "byte",

@@ -397,7 +397,7 @@ def _check_plugin(source: Path | None, path: Path) -> None:
 
 def _check_chip(folder: Path, path: Path) -> None:
     try:
-        found = pricing.profile(folder, path.stem)
+        found = pricing.kept(folder, path.stem)
     except ConfigError as error:
         raise ValueError(error.faults[0].message.split(";")[0]) from None
     if found.name != path.stem:

@@ -50,7 +50,7 @@ def check(profiles: Sequence[Profile], folder: Path) -> list[str]:
     for chip in profiles:
         stored = folder / _FOLDER / f"{chip.name}.yaml"
         try:
-            before = profile(folder, chip.name) if stored.is_file() else chip
+            before = kept(folder, chip.name) if stored.is_file() else chip
         except store.Damaged as error:
             notes.append(f"{error}; it is written anew")
             continue
@@ -82,6 +82,16 @@ def keep(profiles: Sequence[Profile], folder: Path) -> None:
 
 
 def profile(folder: Path, name: str) -> Profile:
+    """Return a hardware profile on the schedule of a study: the study's copy, or a shipped one, or a file.
+
+    Raises:
+        ConfigError: as `kept`.
+        StoreError: the search space is damaged.
+    """
+    return replace(kept(folder, name), schedule=schedule_of(folder))
+
+
+def kept(folder: Path, name: str) -> Profile:
     """Return a hardware profile: the study's copy, or a shipped one, or a file.
 
     Raises:
@@ -89,10 +99,10 @@ def profile(folder: Path, name: str) -> Profile:
     """
     stored = folder / _FOLDER / f"{name}.yaml"
     if not stored.is_file():
-        return replace(load(name), schedule=schedule_of(folder))
+        return load(name)
     text = store.read_text(stored)
     try:
-        return replace(read(text, str(stored)), schedule=schedule_of(folder))
+        return read(text, str(stored))
     except ConfigError as error:
         why = f"another version of dse wrote this profile ({error.faults[0].message.split(';')[0]})"
         remedy = f"`dse doctor {folder} --repair` prices the study with the profile as it is now"

@@ -14,6 +14,7 @@ from dse.testing.small import records
 UNITS = {
     "ms": "_ms",
     "uJ": "_uj",
+    "mJ": "_mj",
     "mW": "_mw",
     "W": "_w",
     "Hz": "_hz",

@@ -112,7 +112,7 @@ def test_every_layout_gives_a_space_that_runs(tmp_path, monkeypatch, capsys):
         ("touch.csv", ["--out", "taken.yaml"], "taken.yaml: exists already; --force replaces it"),
         ("one.csv", [], "one.csv: must hold several recordings, got one"),
         ("bare.csv", [], "no label column was found"),
-        ("signals", [], "signals: a folder must hold event files; sampled signals go into one table"),
+        ("signals", [], "signals: must hold several recordings, got one"),
         ("seconds", [], "seconds: the unit of the times is not known; state it with --time-unit"),
         ("cube.npz", [], "cube.npz: the sampling period is not in the file; state it with --step-ms N"),
         ("rows.csv", ["--step-ms", "4"], "rows_labels.csv: 'trial' must be as in rows.csv, in the same"),
