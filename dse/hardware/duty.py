@@ -43,7 +43,7 @@ def mean_power_mw(
         raise ValueError(f"contacts_per_hour must be a number, got {rate}")
     per_ms = contacts_per_ms(schedule, contact)
     if schedule.continuous:
-        return np.asarray(per_ms * energy + 0.0 * idle)
+        return np.broadcast_arrays(per_ms * energy, idle)[0].copy()
     awake = np.maximum(contact, schedule.awake_ms or 0.0)
     busy = rate * awake / _MS_PER_HOUR
     if (busy > 1 + _ROUNDING).any():

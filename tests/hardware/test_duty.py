@@ -83,7 +83,8 @@ def test_between_contacts_it_sleeps():
 
 
 def test_what_is_continuous_never_idles():
-    assert on(Schedule(continuous=True), [100.0, 300.0], [50.0, 100.0], 7.0).tolist() == [2.0, 3.0]
+    for idle_mw in 7.0, np.nan:
+        assert on(Schedule(continuous=True), [100.0, 300.0], [50.0, 100.0], idle_mw).tolist() == [2.0, 3.0]
 
 
 def test_columns_of_points_on_a_schedule():
