@@ -149,7 +149,7 @@ class _Looking:
         if not tables or others:
             return False
         known = {str(x).lower() for x in arrays.column_names(self.path)}
-        return not all(known & {*usual} for usual in USUAL.values())
+        return not all(known & {*USUAL[key]} for key in "txp")  # taxels have no y
 
     # ---- tables
 

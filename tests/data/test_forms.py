@@ -112,3 +112,14 @@ def test_padding_holds_the_last_sample():
     for keys in {"pad": True}, {"pad": True, "n_steps": 3, "cut_steps": 9}:
         with pytest.raises(ValueError, match=r"window\.pad needs window\.n_steps"):
             Window(**keys)
+
+
+def test_a_folder_of_events_of_taxels_is_no_folder_of_samples(tmp_path):
+    for label in ("denim", "silk"):
+        for k in range(4):
+            (tmp_path / "touch" / label).mkdir(parents=True, exist_ok=True)
+            times = np.arange(1, 30) * 1000 * (2 if label == "silk" else 1)
+            table = pd.DataFrame({"t": times, "taxel": np.arange(29) % 4, "p": np.arange(29) % 2})
+            table.to_csv(tmp_path / "touch" / label / f"{k}.csv", index=False)
+    space = dse.load_space(dse.init(tmp_path / "touch", tmp_path / "space.yaml"))
+    assert space.parts["data"].kind == "event_files"
