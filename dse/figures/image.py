@@ -6,7 +6,11 @@ one that kaleido finds on this machine.
 
 from __future__ import annotations
 
+import contextlib
 import os
+import queue
+import threading
+from collections.abc import Callable
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +27,9 @@ SIZE_PX = (700, 450)
 PX_PER_MM = 96 / 25.4
 PNG_SCALE = 3.0
 """Dots of a PNG per pixel: 288 dpi."""
+
+_PATIENCE_S = 300.0
+"""How long a browser may take for a figure, its start included."""
 
 FONT_PX = 8 * 96 / 72
 """8 pt, the text of a figure in most journals."""
@@ -91,8 +98,9 @@ def static_image(
     options = {"format": form, "width": width, "height": height, "scale": png_scale if form == "png" else 1}
     browser = {"path": os.environ["DSE_CHROMIUM"]} if os.environ.get("DSE_CHROMIUM") else {}
     try:
-        content: bytes = kaleido.calc_fig_sync(
-            on_white(figure).to_dict(), options, kopts={"mathjax": False, **browser}
+        plain = on_white(figure).to_dict()
+        content = _answered(
+            lambda: kaleido.calc_fig_sync(plain, options, kopts={"mathjax": False, **browser})
         )
     except ChromeNotFoundError:
         raise MissingExtra(
@@ -104,6 +112,30 @@ def static_image(
             f"{browser.get('path', 'the one on this machine')} did not; name another in DSE_CHROMIUM"
         ) from None
     return content
+
+
+def _answered(draw: Callable[[], bytes]) -> bytes:
+    """Return what a browser draws; kaleido waits for ever for one that is gone, so another is asked.
+
+    Raises:
+        MissingExtra: two of them have not answered.
+    """
+    for _ in range(2):
+        found: queue.Queue[bytes | BaseException] = queue.Queue()
+
+        def run(found: queue.Queue[bytes | BaseException] = found) -> None:
+            try:
+                found.put(draw())
+            except BaseException as error:
+                found.put(error)
+
+        threading.Thread(target=run, daemon=True).start()  # as are those that it starts: none outlives us
+        with contextlib.suppress(queue.Empty):
+            content = found.get(timeout=_PATIENCE_S)
+            if isinstance(content, BaseException):
+                raise content
+            return content
+    raise MissingExtra(f"a browser must draw a figure within {_PATIENCE_S:g} s, and two have not")
 
 
 def on_white(figure: plotly.graph_objects.Figure) -> plotly.graph_objects.Figure:

@@ -1,5 +1,6 @@
 import importlib.util
 import re
+import threading
 
 import plotly.graph_objects as go
 import pytest
@@ -67,3 +68,21 @@ def test_no_browser(monkeypatch, tmp_path):
     monkeypatch.setenv("DSE_CHROMIUM", str(tmp_path / "none"))
     with pytest.raises(MissingExtra, match="Chromium: install one, or name it in DSE_CHROMIUM"):
         static_image(figure(), "png")
+
+
+def test_a_browser_that_never_answers_is_given_up_after_another(monkeypatch):
+    asked, gone = [], threading.Event()
+
+    def draw():
+        asked.append(1)
+        if len(asked) in (1, 3, 4):
+            gone.wait()
+        return b"drawn"
+
+    monkeypatch.setattr(image, "_PATIENCE_S", 0.2)
+    assert image._answered(draw) == b"drawn" and len(asked) == 2
+    with pytest.raises(MissingExtra, match=r"within 0\.2 s, and two have not"):
+        image._answered(draw)
+    gone.set()
+    with pytest.raises(ZeroDivisionError):
+        image._answered(lambda: 1 // 0)
