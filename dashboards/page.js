@@ -197,7 +197,7 @@
     // What is known of a gain, where that is known of every point.
     const corrected = (name) => columns[`${name}_corrected`]?.values;
     const leading = (name) => (corrected(name) && columns[name].values.every((value, row) => value === null || corrected(name)[row] !== null) ? `${name}_corrected` : name);
-    const preferred = [...objectives.slice(0, 1).map(leading), ...objectives.filter((c) => ["energy_uj", page.period?.instead].includes(c)), ...objectives];
+    const preferred = [...objectives.slice(0, 1).map(leading), ...objectives.filter((c) => ["energy_uj", page.period?.instead].includes(c)), ...objectives.slice(1)];
     const left = [...new Set([...preferred.filter(varies), ...objectives, ...axes])].filter((column) => !fixed.includes(column));
     const [y, x, z] = fixed.map((column) => column ?? left.shift() ?? axes[0]);
     const sort = definition.sort ?? objectives[0] ?? "";

@@ -77,11 +77,17 @@ def contenders(points: pandas.DataFrame, objectives: Mapping[str, str], maximise
     """Return the row numbers that decide a front, a pick or the nearest row under any budgets and filters.
 
     A row cannot be picked if another row of the same task, family and hardware beats it in the objectives and
-    is at least as good in every column with a budget: any budget that admits the first admits the second.
+    is at least as good in what decides between equals and in every column with a budget: any budget that
+    admits the first admits the second.
     Rows with the same objectives as a returned row are returned too, since equal rows share a front.
     """
     deciding = {goal.column: goal.direction for goal in economy(points)}
-    limited = {**deciding, **budget_columns(points, objectives), **({maximise: "max"} if maximise else {})}
+    gain = [maximise, f"{maximise}_corrected"] if maximise else []  # as `ties` has it
+    limited = {
+        **deciding,
+        **budget_columns(points, objectives),
+        **{name: "max" for name in gain if name in points},
+    }
     limited = {**objectives, **limited}
     if not objectives or not len(points):
         return np.zeros(0, np.int64)

@@ -103,7 +103,7 @@ def look(path: Path, options: Options) -> Look:
     of = _Looking(path, options)
     if path.is_dir() and not of.is_of_tables:
         guess = of.of_folder()
-    elif not path.exists() or not (path.is_file() or path.is_dir()):
+    elif not (path.is_file() or path.is_dir()):
         what = (
             "must be a file or a folder, got a pipe or device" if path.exists() else "no such file or folder"
         )
@@ -604,7 +604,7 @@ def _changes(column: pd.Series[Any], number: Array) -> bool:
 
 def _separation(recording: str | None, number: Array) -> str:
     how = (
-        "a recording begins where time falls"
+        "a recording begins where time falls or a label changes"
         if recording is None
         else f"'{recording}' tells recordings apart"
     )

@@ -254,3 +254,14 @@ def test_contenders_of_a_large_table_are_few_and_hold_every_front():
         goals = [name for name, _ in objectives]
         held = set(frame.loc[rows, goals].itertuples(index=False, name=None))
         assert set(front[goals].itertuples(index=False, name=None)) <= held
+
+
+def test_contenders_hold_the_pick_that_the_corrected_accuracy_decides():
+    frame = points(
+        accuracy=[0.9, 0.9, 0.9, 0.8, 0.7],
+        accuracy_corrected=[0.85, 0.86, 0.84, 0.8, 0.7],
+        **{name: [1.0, 2.0, 3.0, 4.0, 5.0] for name in ("energy_uj", "latency_ms", "n_weights")},
+    )
+    rows = contenders(frame, OBJECTIVES, "accuracy").tolist()
+    assert rows == [0, 1]  # the second costs more than the first, and is picked
+    assert pick(frame, [], "accuracy", TIES).row["energy_uj"] == 2.0
