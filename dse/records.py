@@ -205,6 +205,7 @@ class Dataset:
     heads: the parts of a joint target; empty for a single target.
     room_low, room_high: (n,) int32 inclusive bounds of the first step of any window whose steps are stored;
         None: those of training windows.
+    rises: (n_channels,) int32 what a spike of each channel adds to the level of its place; None: not known.
     """
 
     spikes: Spikes
@@ -221,6 +222,7 @@ class Dataset:
     heads: tuple[Head, ...] = ()
     room_low: Ints | None = None
     room_high: Ints | None = None
+    rises: Ints | None = None
 
     @property
     def room(self) -> tuple[Ints, Ints]:

@@ -165,6 +165,13 @@ class Encoder(Protocol):
             inputs: (n_in, 3) int32, those of the sampled channels; planes tell copies of a channel apart.
         """
 
+    def rises(self, n_in: int) -> Ints | None:
+        """Return what a spike of each channel adds to the level of its place, whole numbers that are not 0.
+
+        None where spikes do not add up to a signal.
+        """
+        return None
+
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:

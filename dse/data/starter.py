@@ -39,6 +39,7 @@ _STEPS_OF_EVENTS = 100  # bins in the shortest recording of events
 _MOST_POOLS = 400  # pixels that events are pooled to
 _TRAINING_STEPS = 2000
 _FEWEST_VALIDATED = 100  # recordings for which one part validates; a standard error of 0.05 at most
+_LEVELS = 64  # of the usual range of a channel
 _MOST_BINS = 256  # of a window, in which random kernels are looked at
 _COUNT_SCALE = 0.15  # of windows of 127 steps and more: the default of the loss
 _LEAST_ODDS = 19.0  # log-odds of an output that fires in every step: with far less, no loss can be small
@@ -306,7 +307,7 @@ def _rivals(n_steps: int, step_ms: float) -> list[dict[str, Any]]:
     return [
         {"kind": "linear", "window_ms": window_ms(4)},
         {"kind": "mlp", "channels": "each", "window_ms": window_ms(8), "hidden": 32, "precision": "int8"},
-        {"kind": "kernels", "window_ms": window_ms(_MOST_BINS)},
+        {"kind": "kernels", "window_ms": window_ms(_MOST_BINS), "kernels": {"choice": [300, 1000]}},
     ]
 
 
@@ -424,10 +425,11 @@ def _front_end(
         sections.append((f"{text}: dse describe window.", {"window": window}))
     ranges = channel_ranges(recordings)
     unit = float(np.median(ranges[ranges > 0])) if (ranges > 0).any() else 1.0
-    first, second = (float(f"{share * unit:.2g}") for share in (0.1, 0.05))
+    theta, quantised = float(f"{0.05 * unit:.2g}"), _quantised(recordings, unit)
     assumed.append(
-        f"a channel spikes when it has changed by {first:g}, a tenth of the usual range within a recording "
-        f"({unit:.3g})"
+        f"a channel spikes when it has changed by {theta:g}, a twentieth of the usual range within a "
+        f"recording ({unit:.3g}), or with the {quantised['digits']} binary digits of its changes by "
+        f"{quantised['step']:g}"
     )
     live = ranges[ranges > 0]
     if len(live) and live.max() > 20 * live.min():
@@ -437,18 +439,30 @@ def _front_end(
         )
     if (ranges == 0).any():
         assumed.append(f"{int((ranges == 0).sum())} of {len(ranges)} channels hardly ever change")
-    encoder: dict[str, Any] = {
-        "kind": "send_on_delta",
-        "thresholds": {"choice": [[first], [second, 4 * second]]},
-    }
-    comment = "Signals become spikes where they change by a threshold, in their unit: dse describe encoder."
+    common: dict[str, Any] = {}
+    comment = (
+        "Signals become spikes where they change by a threshold, in their unit, or the binary digits of\n"
+        "their changes, which add up to the signal: dse describe encoder."
+    )
     if (accuracy := _of_levels(recordings, labels, known)) is not None:
-        encoder["start"] = {"choice": ["sample", "mean"]}
+        common["start"] = {"choice": ["sample", "mean"]}
         assumed.append(
             f"the mean of each channel tells the class in {accuracy:.2f} of the recordings: with "
             "encoder.start mean it is sent too; keep sample if a session or how the sensor was placed sets it"
         )
-    return [*sections, (comment, {"encoder": encoder})]
+    encoders = [
+        {"kind": "send_on_delta", "thresholds": [theta, 4 * theta], **common},
+        {"kind": "quantised", **quantised, **common},
+    ]
+    return [*sections, (comment, {"encoder": {"choice": encoders}})]
+
+
+def _quantised(signals: Signals, unit: float) -> dict[str, Any]:
+    """Return a step of a 64th of a range, whole for whole samples, and digits for twice that range."""
+    step = float(f"{unit / _LEVELS:.2g}")
+    if (signals.values == np.rint(signals.values)).all():
+        step = float(max(round(step), 1))
+    return {"step": step, "digits": max(int(np.ceil(np.log2(2 * unit / step + 1))), 1)}
 
 
 def _of_levels(signals: Signals, labels: Array, known: Array) -> float | None:

@@ -105,7 +105,7 @@ def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:
     return Part(
         stored.start, stored.low, stored.high, stored.n_steps, int(lengths.max()),
         positions, stored.spikes.step_ms, stored.lengths, stored.levels, rows,
-        lambda: stored.notes,
+        lambda: stored.notes, rises=encoder.rises(stored.spikes.n_channels),
     )  # fmt: skip
 
 

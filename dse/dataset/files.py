@@ -1,7 +1,7 @@
 """Spikes and data sets on disk: written piece by piece, read as memory maps.
 
     spikes      row_offsets, channel, t_us (may be absent); start, low, high of the windows; positions of the
-                channels; lengths, levels (may be absent)
+                channels; lengths; levels, rises (may be absent)
     data set    target, train, validation, test; `meta.json` names the spikes, which lie in the folder beside
 
 Spikes alone are mapped: a map keeps a file open, and a study may have hundreds of data sets.
@@ -93,8 +93,9 @@ def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1, progress
         np.save(folder / f"{name}.npy", np.concatenate([getattr(part, name) for part in parts]))
     np.save(folder / "positions.npy", parts[0].positions.astype(np.int32))
     np.save(folder / "lengths.npy", parts[0].lengths)
-    if parts[0].levels is not None:
-        np.save(folder / "levels.npy", parts[0].levels)
+    for name, values in (("levels", parts[0].levels), ("rises", parts[0].rises)):
+        if values is not None:
+            np.save(folder / f"{name}.npy", values)
     _write_meta(
         folder,
         {
@@ -115,7 +116,7 @@ class Stored:
     """Spikes with their windows.
 
     start, low, high: (n,) as in Dataset. n_steps: length of a window.
-    positions: (n_channels, 3) int32 as in Dataset.
+    positions, rises: as in Dataset.
     lengths, levels: as in Part, of the data without the test file.
     notes: what had to be repaired.
     """
@@ -129,6 +130,7 @@ class Stored:
     lengths: Array
     levels: Array | None
     notes: list[str]
+    rises: Array | None = None
 
 
 def read_spikes(folder: Path) -> Stored:
@@ -139,8 +141,9 @@ def read_spikes(folder: Path) -> Stored:
         t_us = np.load(path, mmap_mode="r") if (path := folder / "t_us.npy").is_file() else None
         spikes = Spikes(rows, channel, **meta["spikes"], t_us=t_us)
         arrays = {name: np.load(folder / f"{name}.npy") for name in (*_OF_WINDOWS, "positions", "lengths")}
-        levels = np.load(path) if (path := folder / "levels.npy").is_file() else None
-        return Stored(spikes, **arrays, n_steps=meta["n_steps"], levels=levels, notes=meta["notes"])
+        for name in ("levels", "rises"):
+            arrays[name] = np.load(path) if (path := folder / f"{name}.npy").is_file() else None
+        return Stored(spikes, **arrays, n_steps=meta["n_steps"], notes=meta["notes"])
 
 
 def write_dataset(folder: Path, target: Array, split: tuple[Array, Array, Array], meta: Meta) -> None:
@@ -207,7 +210,7 @@ def joined(
     return Dataset(
         spikes=stored.spikes, target=target, classes=classes, start=start, start_low=low, start_high=high,
         n_steps=stored.n_steps, train=train, validation=validation, test=test,
-        positions=stored.positions, heads=heads, room_low=room_low, room_high=room_high,
+        positions=stored.positions, heads=heads, room_low=room_low, room_high=room_high, rises=stored.rises,
     )  # fmt: skip
 
 

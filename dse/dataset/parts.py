@@ -71,6 +71,7 @@ class Part:
     rows: called with a number of threads; yields the spikes of every recording, in order.
     notes: called after that; what had to be repaired.
     first: (n,) first step of each recording that is stored; None where it was stored before.
+    rises: as in Dataset.
     """
 
     start: Ints
@@ -85,6 +86,7 @@ class Part:
     rows: Callable[[int], Iterator[Rows]]
     notes: Callable[[], list[str]] = list
     first: Ints | None = None
+    rises: Ints | None = None
 
     @property
     def n_channels(self) -> int:
@@ -246,6 +248,7 @@ def _of_signals(signals: Signals, window: Window, encoder: Encoder, used: Bools,
     return Part(
         start - low, np.zeros_like(low), high - low, n_steps, int(n_kept.max()),
         places, signals.step_ms, signals.lengths, levels, rows, signals.notes, low,
+        encoder.rises(signals.n_channels),
     )  # fmt: skip
 
 

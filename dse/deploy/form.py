@@ -28,7 +28,7 @@ from dse.deploy.bounds import UNITS_PER_STEP, Bounds, bounds
 from dse.deploy.classifier import Classifier, Input
 from dse.deploy.confidence import simplest_fraction
 from dse.encoders.receptors import Receptors, parameters
-from dse.encoders.send_on_delta import SendOnDelta
+from dse.encoders.send_on_delta import Deltas
 from dse.measure.heads import joint_label
 from dse.neurons import Population, cuba_lif, population_of, resonator, xylo_lif
 from dse.neurons.fixed_point import WEIGHT_SCALE, quantise
@@ -253,7 +253,7 @@ class SendOnDeltaForm:
     thresholds: as in the encoder.
     whole: the thresholds in 2^-shift, where whole samples are encoded in integers exactly; None: they need
         floating point.
-    rule: how the level moves: step, value or level. merged: ON and OFF share a channel.
+    rule: how the level moves (`dse.encoders.send_on_delta`). merged: ON and OFF share a channel.
     first: (sensor,) level that a recording begins at; empty: its first sample.
     """
 
@@ -268,6 +268,11 @@ class SendOnDeltaForm:
     @property
     def n_thresholds(self) -> int:
         return len(self.thresholds)
+
+    @property
+    def n_levels(self) -> int:
+        """Levels of a channel."""
+        return 1 if self.rule == "digits" else self.n_thresholds
 
     @property
     def takes_whole(self) -> bool:
@@ -425,7 +430,7 @@ def _front_end(
     pools, why = None, ""
     if encoder is not None and preprocessing is not None:
         why = "an encoder of pooled events is not written in C"
-    elif encoder is not None and not isinstance(encoder, SendOnDelta | Receptors):
+    elif encoder is not None and not isinstance(encoder, Deltas | Receptors):
         why = f"encoder {sections.kinds['encoder']} is not written in C"
     elif encoder is not None and sections.window.remove_mean:
         why = "window.remove_mean needs the whole window before its first spike"
@@ -433,7 +438,7 @@ def _front_end(
         why = "an encoder of spikes is not written in C"
     elif isinstance(encoder, Receptors):
         return "samples", "", ReceptorsForm(taken.n_channels, encoder, taken.step_ms), None
-    elif isinstance(encoder, SendOnDelta):
+    elif isinstance(encoder, Deltas):
         return "samples", "", send_on_delta_form(encoder, taken.n_channels), None
     elif preprocessing is not None:
         pools = pooling(preprocessing, taken.width, taken.height)
@@ -443,7 +448,7 @@ def _front_end(
     return "spikes", why, None, None
 
 
-def send_on_delta_form(encoder: SendOnDelta, n_sensors: int) -> SendOnDeltaForm:
+def send_on_delta_form(encoder: Deltas, n_sensors: int) -> SendOnDeltaForm:
     """Return how an encoder runs; in integers where whole samples of up to 24 bits give the same spikes.
 
     Thresholds that are multiples of 2^-shift keep every level on that grid, in float64 as in integers. A

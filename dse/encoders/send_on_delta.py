@@ -31,11 +31,75 @@ from dse.registry import param, register
 REFERENCES = ("step", "value", "level")
 POLARITIES = ("separate", "merged")
 STARTS = ("sample", "mean")
+_RULES = (*REFERENCES, "digits")  # the last that of `quantised`
+
+
+class Deltas(OneByOne):
+    """An encoder whose spikes say that a channel has moved by a threshold.
+
+    thresholds, reference, polarity, start, means: as the parameters of `SendOnDelta`.
+    """
+
+    thresholds: tuple[float, ...]
+    reference: str
+    polarity: str
+    start: str
+    means: tuple[float, ...]
+
+    @property
+    def learns(self) -> bool:
+        """Whether it learns the means of the channels."""
+        return self.start == "mean"
+
+    def fitted(
+        self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
+    ) -> Self:
+        """Return the encoder with the means of the windows of the training recordings."""
+        if not self.learns:
+            return self
+        begins = signals.offsets[train] + first[train]
+        total = sum(signals.values[begin : begin + n_steps].sum(axis=0, dtype=np.float64) for begin in begins)
+        least = min(self.thresholds)
+        means = np.round(total / (len(train) * n_steps) / least) * least
+        return replace(self, means=tuple(means.tolist()))  # type: ignore[type-var]
+
+    def first_level(self, n_in: int) -> Floats | None:
+        """Return the level that a recording begins at, (channel,) float64; None: its first sample.
+
+        Raises:
+            ValueError: the means have not been learnt, or are those of another number of channels.
+        """
+        if not self.learns:
+            return None
+        if len(self.means) != n_in:
+            raise ValueError(f"encoder.start mean must know {n_in} means, got {len(self.means)}")
+        return np.asarray(self.means, dtype=np.float64)
+
+    def _copies(self) -> int:
+        return len(self.thresholds) * (1 if self.polarity == "merged" else 2)
+
+    def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
+        thresholds = np.asarray(self.thresholds, dtype=np.float64)
+        rule, merged = _RULES.index(self.reference), self.polarity == "merged"
+        values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
+        counts = np.zeros(length, dtype=np.int64)
+        level = self.first_level(values.shape[1])
+        level = values[0].astype(np.float64) if level is None else level
+        return counts, _encode(values, level, thresholds, rule, merged, first, first + length, counts)
+
+    def running(self, n_in: int, step_ms: float) -> RunningEncoder:
+        """Return the encoder at the start of a recording.
+
+        Args:
+            n_in: sampled channels.
+            step_ms: not read.
+        """
+        return _Running(self, n_in)
 
 
 @register("encoders", "send_on_delta")
 @dataclass(frozen=True)
-class SendOnDelta(OneByOne):
+class SendOnDelta(Deltas):
     """ON and OFF spikes of each channel at each of several thresholds (Miskowicz, Sensors 6, 2006).
 
     Each recording is encoded from its first sample on, as a running sensor would encode it. Copy 2 k + p is
@@ -62,63 +126,13 @@ class SendOnDelta(OneByOne):
     )
     means: tuple[float, ...] = param((), axis=False, doc="fitted: of each channel, for start mean")
 
-    @property
-    def learns(self) -> bool:
-        """Whether it learns the means of the channels."""
-        return self.start == "mean"
-
-    def fitted(
-        self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
-    ) -> Self:
-        """Return the encoder with the means of the windows of the training recordings."""
-        if not self.learns:
-            return self
-        begins = signals.offsets[train] + first[train]
-        total = sum(signals.values[begin : begin + n_steps].sum(axis=0, dtype=np.float64) for begin in begins)
-        least = min(self.thresholds)
-        means = np.round(total / (len(train) * n_steps) / least) * least
-        return replace(self, means=tuple(means.tolist()))
-
-    def first_level(self, n_in: int) -> Floats | None:
-        """Return the level that a recording begins at, (channel,) float64; None: its first sample.
-
-        Raises:
-            ValueError: the means have not been learnt, or are those of another number of channels.
-        """
-        if not self.learns:
-            return None
-        if len(self.means) != n_in:
-            raise ValueError(f"encoder.start mean must know {n_in} means, got {len(self.means)}")
-        return np.asarray(self.means, dtype=np.float64)
-
-    def _copies(self) -> int:
-        return len(self.thresholds) * (1 if self.polarity == "merged" else 2)
-
-    def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
-        thresholds = np.asarray(self.thresholds, dtype=np.float64)
-        rule, merged = REFERENCES.index(self.reference), self.polarity == "merged"
-        values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
-        counts = np.zeros(length, dtype=np.int64)
-        level = self.first_level(values.shape[1])
-        level = values[0].astype(np.float64) if level is None else level
-        return counts, _encode(values, level, thresholds, rule, merged, first, first + length, counts)
-
-    def running(self, n_in: int, step_ms: float) -> RunningEncoder:
-        """Return the encoder at the start of a recording.
-
-        Args:
-            n_in: sampled channels.
-            step_ms: not read.
-        """
-        return _Running(self, n_in)
-
 
 class _Running:
     """Send-on-delta within one recording; it holds the levels sent last."""
 
-    def __init__(self, encoder: SendOnDelta, n_in: int) -> None:
+    def __init__(self, encoder: Deltas, n_in: int) -> None:
         self._thresholds = np.asarray(encoder.thresholds, dtype=np.float64)
-        self._rule, self._merged = REFERENCES.index(encoder.reference), encoder.polarity == "merged"
+        self._rule, self._merged = _RULES.index(encoder.reference), encoder.polarity == "merged"
         self._level = np.zeros((len(self._thresholds), n_in))
         self._sign = np.zeros(n_in, np.int8)
         self._channels = np.empty(len(self._thresholds) * n_in, np.int32)
@@ -143,9 +157,9 @@ def _send(values, thresholds, rule, merged, r, sign, is_kept, channels, filled):
     Args:
         values: (channel,) the sample.
         thresholds: (threshold,).
-        rule: place in `REFERENCES`.
+        rule: place in `_RULES`.
         merged: whether ON and OFF are one channel.
-        r: (threshold, channel) levels sent last, which move.
+        r: (threshold, channel) levels sent last, which move; of digits the first is that of all.
         sign: (channel,) int8, overwritten.
         is_kept: whether spikes are listed.
         channels: int32 with room for all that may spike.
@@ -155,17 +169,17 @@ def _send(values, thresholds, rule, merged, r, sign, is_kept, channels, filled):
     for k in range(len(thresholds)):
         theta = thresholds[k]
         for c in range(n):
-            x = np.float64(values[c])
-            d = x - r[k, c]
+            x, at = np.float64(values[c]), 0 if rule == 3 else k
+            d = x - r[at, c]
             sign[c] = 0
             if abs(d) >= theta:
                 sign[c] = 1 if d > 0 else -1
                 if rule == 1:
-                    r[k, c] = x
-                elif rule == 0:
-                    r[k, c] += sign[c] * theta
+                    r[at, c] = x
+                elif rule != 2:
+                    r[at, c] += sign[c] * theta
                 else:
-                    r[k, c] += sign[c] * (theta * np.floor(abs(d) / theta))
+                    r[at, c] += sign[c] * (theta * np.floor(abs(d) / theta))
         if is_kept and merged:
             for c in range(n):
                 if sign[c] != 0:

@@ -20,6 +20,11 @@ def recorded(*recordings, step_ms=10.0):
     return Signals(values, np.cumsum([0, *map(len, recordings)]), step_ms, {})
 
 
+def fitted(encoder, signals, n_steps):
+    n = signals.n_recordings
+    return encoder.fitted(signals, np.zeros(n, int), n_steps, np.zeros(n, int), 1, np.arange(n))
+
+
 def encoded(encoder, signals):
     return dense(encoder.encode_all(signals, np.zeros(signals.n_recordings, int), np.diff(signals.offsets)))
 

@@ -8,7 +8,7 @@ from dse.encoders.send_on_delta import POLARITIES, REFERENCES, STARTS, SendOnDel
 from dse.recordings.time_series import TimeSeries
 from dse.records import Signals
 from dse.testing import check_encoder
-from tests.encoders.plain import encoded, recorded, send_on_delta
+from tests.encoders.plain import encoded, fitted, recorded, send_on_delta
 
 
 @pytest.mark.parametrize(
@@ -63,11 +63,6 @@ def test_the_fast_path_is_the_definition(values, thresholds, reference, polarity
     first = encoder.means if start == "mean" else None
     wanted = send_on_delta(values, tuple(thresholds), reference, polarity, first)
     assert np.array_equal(encoded(encoder, recorded(values))[0], wanted)
-
-
-def fitted(encoder, signals, n_steps):
-    n = signals.n_recordings
-    return encoder.fitted(signals, np.zeros(n, int), n_steps, np.zeros(n, int), 1, np.arange(n))
 
 
 def test_from_the_mean_of_the_training_windows_the_resting_level_is_sent():

@@ -294,8 +294,9 @@ def _integers(arrays: Mapping[str, Array], column: int, n_features: int, most: i
 def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
     """Return the kernels before a readout."""
     groups, n_bins = arrays["groups"], ring_bins(arrays)
-    n_spikes = np.bincount(arrays["place"], minlength=groups.shape[1]) * n_steps  # of a place in a window
-    highest = int((np.abs(groups.astype(np.int64)) @ n_spikes).max())
+    sign = arrays["sign"]
+    highest_levels = n_steps * np.bincount(arrays["place"], np.abs(sign.astype(np.int64)), groups.shape[1])
+    highest = int((np.abs(groups.astype(np.int64)) @ highest_levels).max())
     if 2 * TAPS * highest > MOST_SUM:
         raise Unsupported("the sums of its kernels may exceed 32 bits")
     ring = "int16_t" if highest < 2**15 else "int32_t"
@@ -305,7 +306,7 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
     first = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(groups)))])
     tables = (
         Table(index(groups.shape[1]), "place", arrays["place"]),
-        Table("int8_t", "sign", arrays["sign"]),
+        Table(f"{sign.dtype}_t", "sign", sign),
         Table("uint16_t" if row.size < 2**16 else "uint32_t", "first", first),
         Table(index(groups.shape[1]), "member", member),
         Table("int8_t", "turn", groups[row, member]),

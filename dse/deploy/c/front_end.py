@@ -23,7 +23,10 @@ def _send_on_delta(encoder: SendOnDeltaForm) -> str:
     return filled(
         "send_on_delta.c",
         encoder,
-        **{f"is_{rule}": encoder.rule == rule for rule in ("value", "step", "level")},
+        **{f"is_{rule}": encoder.rule == rule for rule in ("value", "level")},
+        adds=encoder.rule in ("step", "digits"),
+        at="0" if encoder.rule == "digits" else "k",
+        and_once=" && k == 0u" if encoder.rule == "digits" else "",
         exact=", ".join(map(real, encoder.thresholds)),
         whole=", ".join(map(str, encoder.whole or ())),
         exact_first=wrapped(map(real, encoder.first)),

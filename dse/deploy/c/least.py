@@ -24,7 +24,7 @@ from dse.deploy.c.plan import Plan, planned
 from dse.deploy.classifier import Input
 from dse.deploy.form import Rule, Unsupported, frame_with, spiking_with
 from dse.encoders.receptors import Receptors
-from dse.encoders.send_on_delta import SendOnDelta
+from dse.encoders.send_on_delta import Deltas
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import populations_of
 from dse.models.snn.settings import Stack
@@ -123,7 +123,7 @@ def _input(sections: Sections, shape: Shape, n_steps: int) -> Input:
     encoder, preprocessing = sections.encoder, sections.preprocessing
     if preprocessing is not None:
         return Input("events", 0, *_frame(preprocessing, shape.positions), n_steps, shape.step_ms)
-    known = encoder if isinstance(encoder, SendOnDelta | Receptors) else None
+    known = encoder if isinstance(encoder, Deltas | Receptors) else None
     return Input.of_channels(known, len(shape.positions), n_steps, shape.step_ms)
 
 

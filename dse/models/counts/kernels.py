@@ -1,15 +1,17 @@
 """Random dilated kernels over levels of spikes: how often each is above its threshold, and a linear readout.
 
-    level[p](t) = spikes of place p up to bin t; those of even planes as -1 where planes come in pairs
+    level[p](t) = sum of what each spike of place p up to bin t adds to it (`dse.records.Dataset.rises`);
+                  where that is not known 1, but -1 of even planes where planes come in pairs
     z[g](t)     = sum over the places p of group g of s[g, p] level[p](t),     s = 1 or -1
     c[k](t)     = 3 sum over 3 of 9 taps j of z[g](t - j d)  -  sum over all 9 taps of z[g](t - j d)
     x[k]        = bins t with c[k](t) > b[k]
 
 Before the window a level is 0. What ON and OFF spikes (planes 1 and 0, 3 and 2, ...) of a place add up to is
-the signal that they are changes of; kernels, whose weights -1 and 2 sum to 0, see its shape and not where it
-starts. Kernel k has dilation d = 2^(k mod D), the D powers of 2 whose nine taps the window holds, and group
-k // D: up to `places` places and their signs, drawn. Its 3 taps are drawn; b is a drawn quantile, 0.1 to 0.9,
-of its values on some training recordings.
+the signal that they are changes of, and of the digits of `quantised` the quantised signal itself.
+Kernels, whose weights -1 and 2 sum to 0, see its shape and not where it starts. Kernel k has dilation d =
+2^(k mod D), the D powers of 2 whose nine taps the window holds, and group k // D: up to `places` places and
+their signs, drawn. Its 3 taps are drawn; b is a drawn quantile, 0.1 to 0.9, of its values on some training
+recordings.
 
 All numbers are integers, and the state is a ring of 8 d + 1 bins per group. The readout is that of `linear`:
 on three sets of touch it is as accurate as the ridge classifier of the source, or more.
@@ -59,20 +61,25 @@ class Kernels(Readouts):
     epochs: int = param(1000, low=1, doc="largest number of steps of the solver of the readout")
 
     def wiring(self, dataset: Dataset) -> Mapping[str, Array]:
-        """Return the place of each channel, and what its spike adds: 1, or -1 of even planes in pairs."""
+        """Return the place of each channel, and what its spike adds to the level."""
         positions = dataset.positions
         place = np.unique(positions[:, :2], axis=0, return_inverse=True)[1].ravel()
-        planes = np.unique(positions[:, 2])
-        is_pair = len(planes) % 2 == 0 and np.array_equal(planes, np.arange(len(planes)))
-        sign = np.where(positions[:, 2] % 2 == 0, -1, 1) if is_pair else np.ones(len(place))
-        return {"place": place.astype(np.int32), "sign": sign.astype(np.int8)}
+        planes, sign = np.unique(positions[:, 2]), dataset.rises
+        if sign is None:
+            is_pair = len(planes) % 2 == 0 and np.array_equal(planes, np.arange(len(planes)))
+            sign = np.where(is_pair & (positions[:, 2] % 2 == 0), -1, 1)
+        least = np.min_scalar_type(-1 - np.abs(sign).max())
+        return {"place": place.astype(np.int32), "sign": sign.astype(least)}
 
     def counts(self, dataset: Dataset, samples: Array, wiring: Mapping[str, Array]) -> Array:
         """Return what the level of each place rises by in each bin, (n, bin, place) int32."""
         place, n_places = wiring["place"].astype(np.int64), int(wiring["place"].max()) + 1
-        found = self.counted(dataset, samples, place + n_places * (wiring["sign"] < 0))
-        rises = found[:, :, :n_places]
-        rises[:, :, : found.shape[2] - n_places] -= found[:, :, n_places:]
+        values, copy = np.unique(wiring["sign"], return_inverse=True)
+        found = self.counted(dataset, samples, place + n_places * copy)
+        rises = np.zeros((*found.shape[:2], n_places), np.int32)
+        for k, value in enumerate(values.tolist()):
+            part = found[:, :, k * n_places : (k + 1) * n_places]
+            rises[:, :, : part.shape[2]] += value * part
         return rises
 
     def most(self, dataset: Dataset) -> int:
@@ -158,7 +165,7 @@ class Kernels(Readouts):
             and arrays["dilations"].tolist() == [1 << k for k in range(n_dilations)]
             and n_dilations < 32
             and set(arrays["place"].tolist()) == set(range(n_places))
-            and np.isin(arrays["sign"], (-1, 1)).all()
+            and arrays["sign"].dtype in (np.int8, np.int16, np.int32)
             and np.isin(arrays["groups"], (-1, 0, 1)).all()
             and (arrays["taps"] < TAPS).all()
         )

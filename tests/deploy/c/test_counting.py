@@ -33,10 +33,10 @@ from tests.spaces import RASTER, sections
 pytestmark = nets.needs_compiler
 
 
-def fitted(model, read_out_ms=None):
+def fitted(model, read_out_ms=None, rises=None):
     """Return the bundle of a trained classifier, and what it answers to recordings it was not trained on."""
     data = dataset(n_samples=120, n_steps=40, n_channels=9)
-    data = replace(data, test=np.concatenate([data.validation, data.test]))
+    data = replace(data, test=np.concatenate([data.validation, data.test]), rises=rises)
     outcome = model.fit(data, Training(), generators(1))
     design = replace(sections(RASTER), model=model)
     design = replace(design, kinds={**design.kinds, "model": type(model).__name__.lower()})
@@ -116,6 +116,14 @@ def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
     assert footprint["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], abs=400)
     cycles = verdict.figures["cycles_per_inference"]
     assert _predicted(made, reference) == pytest.approx(cycles, rel=0.1)  # of small ones; benchmarks: 5 %
+
+
+def test_kernels_of_digits(tmp_path):
+    made, reference = fitted(
+        Kernels(window_ms=5, kernels=40, read_outs=3), rises=np.array([300, -300, *[1, -2, 4] * 2, -70])
+    )
+    C99().write(made, tmp_path)
+    assert C99().verify(made, tmp_path, reference).kind == "faithful"
 
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])

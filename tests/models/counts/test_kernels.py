@@ -36,11 +36,14 @@ def above(arrays, levels, n_bins):
     return found
 
 
-def test_counts_are_those_of_the_definition():
-    data = on_and_off()
+@pytest.mark.parametrize("rises", [None, [-1, 1, -1, 1], [-3, 3, -200, 200]])
+def test_counts_are_those_of_the_definition(rises):
+    data = replace(on_and_off(), rises=None if rises is None else np.array(rises, np.int32))
     outcome = FAMILY.fit(data, Training(), rngs)
     arrays = outcome.network.arrays
-    assert arrays["place"].tolist() == [0, 0, 1, 1] and arrays["sign"].tolist() == [-1, 1, -1, 1]
+    signs = rises or [-1, 1, -1, 1]
+    assert arrays["place"].tolist() == [0, 0, 1, 1] and arrays["sign"].tolist() == signs
+    assert arrays["sign"].dtype == (np.int8 if max(signs) < 127 else np.int16)
     assert arrays["dilations"].tolist() == [1, 2, 4]  # 8 x 8 is beyond 40 bins
     rises = FAMILY.counts(data, data.validation[:3], arrays)
     lengths = arrays["lengths"]
@@ -51,7 +54,7 @@ def test_counts_are_those_of_the_definition():
         for t in range(40):
             begin, end = data.spikes.row_offsets[first + t : first + t + 2]
             for channel in data.spikes.channel[begin:end]:
-                level[channel // 2] += 1 if channel % 2 else -1
+                level[channel // 2] += signs[channel]
             levels.append(list(level))
         for j, length in enumerate(lengths):
             assert inputs[n, j].tolist() == above(arrays, levels, int(length))

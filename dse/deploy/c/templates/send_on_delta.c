@@ -46,21 +46,21 @@ uint8_t dse_push(const dse_sample_t *sample)
         for (c = 0; c < DSE_SENSORS; c++) {
             const level_t x = (level_t)sample[c] * LEVEL_UNIT;
             level_t d, size;
-            if (!net.begun) {
-                net.level[k][c] = $first_level;
+            if (!net.begun$and_once) {
+                net.level[$at][c] = $first_level;
             }
-            d = x - net.level[k][c];
+            d = x - net.level[$at][c];
             size = d < 0 ? -d : d;
             if (size >= theta) {
 @if is_value
-                net.level[k][c] = x;
+                net.level[$at][c] = x;
 @end
-@if is_step
-                net.level[k][c] += d > 0 ? theta : -theta;
+@if adds
+                net.level[$at][c] += d > 0 ? theta : -theta;
 @end
 @if is_level
                 const level_t moved = WHOLE_STEPS;
-                net.level[k][c] += d > 0 ? moved : -moved;
+                net.level[$at][c] += d > 0 ? moved : -moved;
 @end
                 dse_push_spike((uint16_t)($channel));
             }
