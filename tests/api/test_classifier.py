@@ -16,7 +16,11 @@ from dse.study import workers
 from tests.in_process import InProcess
 
 FAST = {
-    **{"training.epochs": 2, "model": {"kind": "snn", "hidden": 4}, "encoder.thresholds": [0.2]},
+    **{
+        "training.epochs": 2,
+        "model": {"kind": "snn", "hidden": 4},
+        "encoder": {"kind": "send_on_delta", "thresholds": [0.2]},
+    },
     **{"hardware": [], "objectives": ["accuracy:max"], "split": {"stratified": {"validation": 0.3}}},
 }
 
@@ -40,7 +44,11 @@ def waves(n=40, steps=50, channels=2):
     return np.sin(turn + rng.normal(size=(n, channels, 1))), y
 
 
-LEARNS = {"training.epochs": 40, "model.snn.hidden": [20], "encoder.thresholds": [0.2]}
+LEARNS = {
+    "training.epochs": 40,
+    "model.snn.hidden": [20],
+    "encoder": {"kind": "send_on_delta", "thresholds": [0.2]},
+}
 
 
 @pytest.fixture(scope="module")

@@ -191,7 +191,10 @@ def installed(folder):
     return python.with_name("dse")
 
 
-QUICK = "--set training.epochs=40 --set encoder.thresholds=0.2 --set model.snn.hidden=12"
+QUICK = (
+    "--set training.epochs=40 --set model.snn.hidden=12 "
+    "--set 'encoder={kind: send_on_delta, thresholds: [0.2]}'"
+)
 KNOWN = "warning: the design was trained and selected on these recordings"
 
 

@@ -18,7 +18,7 @@ from dse.deploy.c.text import filled
 from dse.deploy.form import ReceptorsForm, Unsupported, frame_of
 from dse.models.counts.elm import ELM, borders
 from dse.models.counts.integers import MOST_SUM, MOST_UNIT, IntegerLayers, largest_sum
-from dse.models.counts.kernels import TAPS, Kernels, ring_bins
+from dse.models.counts.kernels import MOST_LEVEL, Kernels, ring_bins
 from dse.models.counts.knn import KNN
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.rate_windows import RateClassifier, input_lengths, most_spikes, window_edges
@@ -297,9 +297,8 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
     sign = arrays["sign"]
     highest_levels = n_steps * np.bincount(arrays["place"], np.abs(sign.astype(np.int64)), groups.shape[1])
     highest = int((np.abs(groups.astype(np.int64)) @ highest_levels).max())
-    if 2 * TAPS * highest > MOST_SUM:
+    if highest > MOST_SUM:
         raise Unsupported("the sums of its kernels may exceed 32 bits")
-    ring = "int16_t" if highest < 2**15 else "int32_t"
     back = index(n_bins)
     dilations = np.resize(arrays["dilations"], len(arrays["taps"]))
     row, member = np.nonzero(groups)
@@ -316,7 +315,7 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
     n_ring = 2 * n_bins  # each sum twice, so that the last bins are a row wherever it begins
     members = (
         Member("int32_t", "levels", (groups.shape[1],), "what the spikes of each place add up to"),
-        Member(ring, "ring", (len(groups) * n_ring,), "sums of every group in the last bins, twice"),
+        Member("int16_t", "ring", (len(groups) * n_ring,), "sums of every group in the last bins, twice"),
         Member("uint32_t", "at", (), "place of this bin in the rings"),
     )
     values = {
@@ -326,7 +325,7 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
         "n_places": groups.shape[1],
         "n_ring": n_ring,
         "back": back,
-        "ring": ring,
+        "most_level": MOST_LEVEL if highest > MOST_LEVEL else 0,
     }
     return replace(
         readout,

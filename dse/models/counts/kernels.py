@@ -2,7 +2,8 @@
 
     level[p](t) = sum of what each spike of place p up to bin t adds to it (`dse.records.Dataset.rises`);
                   where that is not known 1, but -1 of even planes where planes come in pairs
-    z[g](t)     = sum over the places p of group g of s[g, p] level[p](t),     s = 1 or -1
+    z[g](t)     = sum over the places p of group g of s[g, p] level[p](t),     s = 1 or -1; 16 bits, held at
+                  their ends
     c[k](t)     = 3 sum over 3 of 9 taps j of z[g](t - j d)  -  sum over all 9 taps of z[g](t - j d)
     x[k]        = bins t with c[k](t) > b[k]
 
@@ -35,6 +36,7 @@ from dse.records import Array, Dataset, Ints, Parameters
 from dse.registry import param, register
 
 TAPS = 9
+MOST_LEVEL = 2**15 - 1
 _TRIPLES = np.array(list(combinations(range(TAPS), 3)))
 _OF_A_QUANTILE = 32  # recordings
 _BATCH = 256
@@ -113,17 +115,17 @@ class Kernels(Readouts):
         for k, taps in enumerate(arrays["taps"]):
             group, dilation = groups[k // n_dilations], 1 << k % n_dilations
             some = counts[rng.choice(n, min(n, _OF_A_QUANTILE), replace=False)]
-            values = convolved(np.cumsum(some @ group.astype(np.int32), axis=1), dilation, taps)
+            values = convolved(summed(some, group), dilation, taps)
             thresholds[k] = np.floor(np.quantile(values, rng.uniform(0.1, 0.9)))
         return arrays | {"thresholds": thresholds}
 
     def inputs(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Iterator[Array]:
         """Yield how often each kernel is above its threshold in each input length, (n, kernel)."""
-        groups, dilations = arrays["groups"].astype(np.int32), arrays["dilations"].tolist()
+        dilations = arrays["dilations"].tolist()
         above = np.empty((len(lengths), len(counts), len(arrays["taps"])), np.int32)
         for first in range(0, len(counts), _BATCH):
             part = slice(first, first + _BATCH)
-            z = np.cumsum(counts[part] @ groups.T, axis=1, dtype=np.int32)
+            z = summed(counts[part], arrays["groups"])
             for k, (taps, threshold) in enumerate(zip(arrays["taps"], arrays["thresholds"], strict=True)):
                 values = convolved(z[:, :, k // len(dilations)], dilations[k % len(dilations)], taps)
                 above[:, part, k] = np.cumsum(values > threshold, axis=1, dtype=np.int32).T[lengths - 1]
@@ -176,6 +178,17 @@ class Kernels(Readouts):
 def ring_bins(arrays: Mapping[str, Array]) -> int:
     """Return the bins that the longest kernel sees."""
     return (TAPS - 1) * int(arrays["dilations"].max()) + 1
+
+
+def summed(rises: Ints, groups: Array) -> Ints:
+    """Return what groups sum in each bin, (n, bin, group), or (n, bin) of a single one.
+
+    Args:
+        rises: (n, bin, place) int32 of the levels.
+        groups: (group, place), or (place,), 1 or -1 of the places of a group, else 0.
+    """
+    z = np.cumsum(rises @ groups.T.astype(np.int32), axis=1, dtype=np.int32)
+    return np.clip(z, -MOST_LEVEL, MOST_LEVEL, out=z)
 
 
 def convolved(z: Ints, dilation: int, taps: Array) -> Ints:

@@ -1,8 +1,8 @@
 /* At the end of a bin: what each group sums enters its ring, and kernels above their thresholds are counted. */
 static APART void slide(void)
 {
-    $ring *row = net.ring + net.at;
-    const $ring *now = row + ${n_bins}u; /* the last bins lie before it in a row */
+    int16_t *row = net.ring + net.at;
+    const int16_t *now = row + ${n_bins}u; /* the last bins lie before it in a row */
     const $back *tap = taps;
     uint32_t i, j, dilation = 1;
     for (i = 0; i < ${n_groups}u; i++) {
@@ -10,11 +10,14 @@ static APART void slide(void)
         for (j = first[i]; j < first[i + 1u]; j++) {
             z += turn[j] * net.levels[member[j]];
         }
-        row[0] = row[${n_bins}u] = ($ring)z;
+@if most_level
+        z = z > $most_level ? $most_level : z < -$most_level ? -$most_level : z;
+@end
+        row[0] = row[${n_bins}u] = (int16_t)z;
         row += ${n_ring}u;
     }
     for (i = 0; i < ${n_features}u; i++) {
-        const $ring *then = now;
+        const int16_t *then = now;
         int32_t sum = 0;
         for (j = 0; j < 9u; j++) {
             sum += *then;
