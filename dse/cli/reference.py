@@ -54,8 +54,8 @@ _DOCS = {
     "objectives": "Columns to minimise or maximise, each as NAME:min or NAME:max.",
     "limits": "Conditions that each design must be able to meet, such as n_weights <= 20000 or fits; one "
     "that cannot, by what is known before training, is not trained, nor one that a measured design dominates "
-    "for certain. Of several hardware profiles or targets, one has to do. Axes, task and family may be "
-    "named, and these columns, flash_bytes and ram_bytes with `targets: [cortex_m4]`:",
+    "for certain. Of several hardware profiles or targets, one has to do. Axes, task, family and encoder may "
+    "be named, and these columns, flash_bytes and ram_bytes with `targets: [cortex_m4]`:",
 }
 _COMPONENTS = (*COMPONENTS.values(), "search.samplers", "figures", "neurons", "losses", "scene.motions")
 _WITH_AXES = (*WITH_AXES, "neurons", "losses", "decision", "scene", "scene.motions")

@@ -119,7 +119,8 @@ def _limit_faults(
     columns, of_hardware = registry.columns(), registry.columns("hardware")
     of_targets = registry.columns_of_targets()
     known = {name: column.known for name, column in columns.items() if column.known}
-    is_text = {name: axis.is_text for name, axis in axes.items()} | {"task": True, "family": True}
+    is_text = {name: axis.is_text for name, axis in axes.items()}
+    is_text |= dict.fromkeys(("task", "family", "encoder"), True)
     names, good = dict.fromkeys(column_names(tree)), True
     for name in names:
         able = [target for target, its in of_targets.items() if name in its]
@@ -143,7 +144,7 @@ def _limit_faults(
             good = False
             yield f": column '{name}' {fault}"
     if not names:
-        yield " must name a column, an axis, task or family"
+        yield " must name a column, an axis, task, family or encoder"
     elif good:
         yield from (x.removeprefix("limit") for x in condition_faults(tree, "limit", is_text, {"fits"}))
 

@@ -118,7 +118,9 @@ class KnownBefore:
 
     def _cells(self, design: Mapping[str, Raw]) -> dict[str, Known]:
         task, family = self.group(design)
-        cells: dict[str, Known] = {"task": task, "family": family}
+        has_encoder = "encoder" in self._space.parts
+        encoder = self._space.kind("encoder", design) if has_encoder else "none"
+        cells: dict[str, Known] = {"task": task, "family": family, "encoder": encoder}
         for name, axis in self._space.axes.items():
             cells[name] = MISSING if name not in design else _number(axis.cell(design[name]))
         return cells

@@ -229,7 +229,7 @@ def _without_spikes(
 
 
 def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None]) -> dict[str, object]:
-    """Return how many designs of a grid are never trained, and which limit each cannot meet.
+    """Return how many designs of a grid are never trained, which limit each cannot meet, and what is left.
 
     Args:
         space: search space.
@@ -258,6 +258,9 @@ def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None])
     why = [before.exclusion(design_at(space, place * total // n)) for place in range(n)]
     excluded = [x for x in why if x is not None]
     row: dict[str, object] = {"excluded": len(excluded)}
+    if space.search.n_trials is None and n == total:
+        row["trained"] = total - len(excluded)
+        row["runs"] = (total - len(excluded)) * space.search.repeats
     if None in shapes.values():
         row["excluded_later"] = "perhaps more, once the data are prepared"
     if n < total:

@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shlex
 import shutil
 import subprocess
 import sysconfig
@@ -191,10 +192,7 @@ def installed(folder):
     return python.with_name("dse")
 
 
-QUICK = (
-    "--set training.epochs=40 --set model.snn.hidden=12 "
-    "--set 'encoder={kind: send_on_delta, thresholds: [0.2]}'"
-)
+QUICK = "--set training.epochs=40 --set model.snn.hidden=12 --set 'encoder={kind: quantised, step: 0.03}'"
 KNOWN = "warning: the design was trained and selected on these recordings"
 
 
@@ -223,7 +221,7 @@ def test_the_first_hour_on_a_bare_clone(tmp_path, monkeypatch, capsys):
     rows = []
     for command, artefact in steps.items():
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        words = command.split()[1:]
+        words = shlex.split(command)[1:]
         done = subprocess.run(
             [dse_command, *words], cwd=desk, env=environment, capture_output=True, text=True, check=False
         )

@@ -69,7 +69,7 @@ def init(
     written = first.write(seen, label or _label(look, seen.likely), group)
     row = written.row
     parts = ", ".join(f"{row[part]} {part}" for part in ("train", "validation", "test") if part in row)
-    n = f"{row['designs']} designs, {seen.recordings.n_recordings} recordings"
+    n = f"{row['trained']} designs, {seen.recordings.n_recordings} recordings"
     lines = [
         *listing([("-", sentence) for sentence in written.assumed]).splitlines(),
         wrapped(f"{place}: {n}{f' ({parts})' if parts else ''}"),
