@@ -47,6 +47,7 @@ _PARTS = {
     "integers": (440.0, 711.0),
     "integer_layers": (546.0, 649.0),
     "kernels": (820.0, 510.0),
+    "levels": (560.0, 330.0),
     "extreme": (1123.0, 2961.0),
     "extreme_double": (4234.0, 4254.0),
     "doubles_again": (-1850.0, -1950.0),

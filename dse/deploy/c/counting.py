@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from dse.models.counts.elm import ELM, borders
 from dse.models.counts.integers import MOST_SUM, MOST_UNIT, IntegerLayers, largest_sum
 from dse.models.counts.kernels import MOST_LEVEL, Kernels, ring_bins
 from dse.models.counts.knn import KNN
+from dse.models.counts.levels import HELD, LevelReader
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.rate_windows import RateClassifier, input_lengths, most_spikes, window_edges
 from dse.models.counts.readouts import Readouts, layers_of
@@ -86,8 +88,15 @@ class CountingPlan(Code):
         return (max(self.rows) + 1) * self.per_window
 
     @property
+    def counts_spikes(self) -> bool:
+        """Whether a spike is counted as it comes."""
+        return not (self.classifier.slides or self.classifier.values.get("reads_levels"))
+
+    @property
     def counter(self) -> str:
         """Type of a count."""
+        if self.classifier.values.get("reads_levels"):  # of which there are negative ones
+            return "int32_t"
         return "uint16_t" if self.most < 2**16 else "uint32_t"
 
     @property
@@ -106,7 +115,7 @@ class CountingPlan(Code):
         """Counting windows, answers, and what the classifier has learnt."""
         return [
             Table("uint32_t", "ends", np.array(self.ends)),
-            *([] if self.classifier.slides else [Table("int16_t", "rows", np.array(self.rows))]),
+            *([Table("int16_t", "rows", np.array(self.rows))] if self.counts_spikes else []),
             Table("int16_t", "labels", np.array(self.labels)),
             *self.classifier.tables,
         ]
@@ -127,6 +136,7 @@ class CountingPlan(Code):
         values = {**shared, **self.classifier.values}
         slides = self.classifier.slides
         return {
+            "reads_levels": False,
             **self.classifier.values,
             "slides": slides,
             "n_windows": len(self.ends),
@@ -176,18 +186,58 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
         rows, per_window = (0,) * n, len(fitted.arrays["taps"])
     elif isinstance(model, RateClassifier) and model.channels == "sum":
         per_window = 1
+    elif reads_levels(model):
+        per_window = 2 * (int(fitted.arrays["place"].max()) + 1)
     n_features = (max(rows) + 1) * per_window
     classes = np.unique(fitted.arrays["target"]) if isinstance(model, KNN) else fitted.arrays["classes"]
     ends = tuple(edges[1 : n + 1].tolist())
     most = n if isinstance(model, Kernels) else _most(ends, per_window, frame.n_channels)
+    most = HELD if reads_levels(model) else most
+    classifier = _classifier(model, fitted.arrays, column, n_features, most, frame.n_steps)
     return CountingPlan(
         **vars(frame),
         family=kind,
-        classifier=_classifier(model, fitted.arrays, column, n_features, most, frame.n_steps),
+        classifier=_of_levels(classifier, fitted.arrays, ends) if reads_levels(model) else classifier,
         ends=ends,
         rows=rows,
         per_window=per_window,
         labels=tuple(bundle.answered(classes).tolist()),
+    )
+
+
+def reads_levels(model: object) -> bool:
+    """Return whether a classifier reads levels in place of counts."""
+    return isinstance(model, LevelReader) and model.reads == "levels"
+
+
+def _of_levels(classifier: Classifier, arrays: Mapping[str, Array], ends: Sequence[int]) -> Classifier:
+    """Return a classifier of levels in windows that end at some steps."""
+    sign = arrays["sign"].astype(np.int64)
+    longest = max(b - a for a, b in pairwise([0, *ends]))
+    if ends[-1] * longest * int(np.bincount(arrays["place"], np.abs(sign)).max()) > MOST_SUM:
+        raise Unsupported("the sums of its levels may exceed 32 bits")
+    n_levels = int(arrays["place"].max()) + 1
+    shift = int(arrays["shift"])  # of negative numbers, towards minus infinity
+    values = {
+        "reads_levels": True,
+        "n_levels": n_levels,
+        "shift": shift,
+        "rest": (1 << shift) - 1,
+        "held": HELD,
+    }
+    return replace(
+        classifier,
+        values={**classifier.values, **values},
+        tables=(
+            *classifier.tables,
+            Table(index(n_levels), "place", arrays["place"]),
+            Table(f"{arrays['sign'].dtype}_t", "sign", arrays["sign"]),
+        ),
+        members=(
+            *classifier.members,
+            Member("int32_t", "levels", (n_levels,), "what the spikes of each place add up to"),
+        ),
+        parts={**classifier.parts, "levels": 1},
     )
 
 

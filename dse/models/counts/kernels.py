@@ -1,7 +1,6 @@
 """Random dilated kernels over levels of spikes: how often each is above its threshold, and a linear readout.
 
-    level[p](t) = sum of what each spike of place p up to bin t adds to it (`dse.records.Dataset.rises`);
-                  where that is not known 1, but -1 of even planes where planes come in pairs
+    level[p](t) = sum of what each spike of place p up to bin t adds to it (`dse.models.counts.levels`)
     z[g](t)     = sum over the places p of group g of s[g, p] level[p](t),     s = 1 or -1; 16 bits, held at
                   their ends
     c[k](t)     = 3 sum over 3 of 9 taps j of z[g](t - j d)  -  sum over all 9 taps of z[g](t - j d)
@@ -28,6 +27,7 @@ from itertools import combinations
 import numpy as np
 
 from dse.models.counts.integers import rounded
+from dse.models.counts.levels import is_wired, wiring
 from dse.models.counts.linear import logistic
 from dse.models.counts.rate_windows import Learnt, window_edges
 from dse.models.counts.readouts import Readouts
@@ -64,14 +64,7 @@ class Kernels(Readouts):
 
     def wiring(self, dataset: Dataset) -> Mapping[str, Array]:
         """Return the place of each channel, and what its spike adds to the level."""
-        positions = dataset.positions
-        place = np.unique(positions[:, :2], axis=0, return_inverse=True)[1].ravel()
-        planes, sign = np.unique(positions[:, 2]), dataset.rises
-        if sign is None:
-            is_pair = len(planes) % 2 == 0 and np.array_equal(planes, np.arange(len(planes)))
-            sign = np.where(is_pair & (positions[:, 2] % 2 == 0), -1, 1)
-        least = np.min_scalar_type(-1 - np.abs(sign).max())
-        return {"place": place.astype(np.int32), "sign": sign.astype(least)}
+        return wiring(dataset)
 
     def counts(self, dataset: Dataset, samples: Array, wiring: Mapping[str, Array]) -> Array:
         """Return what the level of each place rises by in each bin, (n, bin, place) int32."""
@@ -161,13 +154,12 @@ class Kernels(Readouts):
         n_places = arrays["groups"].shape[1]
         n_dilations = len(arrays["dilations"])
         is_right = (
-            arrays["place"].shape == arrays["sign"].shape == (n,)
+            is_wired(arrays, n)
             and arrays["taps"].shape == (len(arrays["thresholds"]), 3)
             and len(arrays["groups"]) == -(-len(arrays["taps"]) // n_dilations)
             and arrays["dilations"].tolist() == [1 << k for k in range(n_dilations)]
             and n_dilations < 32
-            and set(arrays["place"].tolist()) == set(range(n_places))
-            and arrays["sign"].dtype in (np.int8, np.int16, np.int32)
+            and arrays["place"].max() + 1 == n_places
             and np.isin(arrays["groups"], (-1, 0, 1)).all()
             and (arrays["taps"] < TAPS).all()
         )

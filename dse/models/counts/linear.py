@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.models.counts.integers import rounded
-from dse.models.counts.rate_windows import Channels, Learnt, RateClassifier
+from dse.models.counts.levels import LevelReader
+from dse.models.counts.rate_windows import Channels, Learnt
 from dse.models.counts.readouts import Readouts, scaling, unscaled
 from dse.models.training import Generators
 from dse.records import Array, Floats
@@ -17,8 +18,8 @@ from dse.registry import param, register
 
 @register("models", "linear")
 @dataclass(frozen=True)
-class Linear(Readouts, RateClassifier):
-    """Linear classifier of spike counts, in integers: a weight of 8 bits per count and class.
+class Linear(LevelReader, Readouts):
+    """Linear classifier of spike counts, or of levels, in integers: a weight of 8 bits per number and class.
 
     Multinomial logistic regression of counts that are scaled to mean 0 and variance 1 in training, in double;
     scales then go into weights and biases, which are rounded (`dse.models.counts.integers`). What is measured

@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from dse.models.counts.integers import rounded
-from dse.models.counts.rate_windows import Learnt, RateClassifier, as_features
+from dse.models.counts.levels import LevelReader
+from dse.models.counts.rate_windows import Learnt, as_features
 from dse.models.counts.readouts import Readouts, scaling, unscaled
 from dse.models.training import Generators, TrainingDiverged
 from dse.records import Array
@@ -19,8 +20,8 @@ from dse.registry import param, register
 
 @register("models", "mlp")
 @dataclass(frozen=True)
-class MLP(Readouts, RateClassifier):
-    """Multi-layer perceptron of spike counts, each feature scaled to mean 0 and variance 1 in training.
+class MLP(LevelReader, Readouts):
+    """Multi-layer perceptron of spike counts or levels, each scaled to mean 0 and variance 1 in training.
 
     Adam in batches of 200, in float32; training ends where the loss has not fallen by 1e-4 for ten epochs.
     Counts that are constant in training are only moved to 0. Where training holds one class, it is answered.

@@ -101,6 +101,16 @@ def test_answers_are_those_of_the_engine(model, read_out_ms, tmp_path):
         Linear(window_ms=20),
         MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2, precision="int8"),
         Kernels(window_ms=5, kernels=40, read_outs=3),
+        Linear(window_ms=20, reads="levels"),
+        MLP(
+            window_ms=35,
+            channels="each",
+            hidden=(12,),
+            epochs=20,
+            read_outs=2,
+            precision="int8",
+            reads="levels",
+        ),
     ],
 )
 def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
@@ -118,10 +128,16 @@ def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
     assert _predicted(made, reference) == pytest.approx(cycles, rel=0.1)  # of small ones; benchmarks: 5 %
 
 
-def test_kernels_of_digits(tmp_path):
-    made, reference = fitted(
-        Kernels(window_ms=5, kernels=40, read_outs=3), rises=np.array([300, -300, *[1, -2, 4] * 2, -70])
-    )
+@pytest.mark.parametrize(
+    "model",
+    [
+        Kernels(window_ms=5, kernels=40, read_outs=3),
+        Linear(window_ms=35, reads="levels"),
+        MLP(window_ms=20, channels="each", hidden=(12,), epochs=20, read_outs=2, reads="levels"),
+    ],
+)
+def test_what_reads_the_level_of_digits(model, tmp_path):
+    made, reference = fitted(model, rises=np.array([300, -300, *[1, -2, 4] * 2, -70]))
     C99().write(made, tmp_path)
     assert C99().verify(made, tmp_path, reference).kind == "faithful"
 

@@ -42,9 +42,19 @@ void dse_push_spike(uint16_t channel)
         net.levels[place[channel]] += sign[channel];
     }
 @else
+@if reads_levels
+    if (net.window < ${n_windows}u) {
+        const int32_t rise = sign[channel];
+        int32_t *sum = net.counts + 2u * (${n_levels}u * net.window + place[channel]);
+        net.levels[place[channel]] += rise;
+        sum[0] += rise * (int32_t)(ends[net.window] - net.step);
+        sum[1] += rise < 0 ? -rise : rise;
+    }
+@else
     if (net.window < ${n_windows}u && rows[net.window] >= 0) {
         net.counts[$place]++;
     }
+@end
 @end
 }
 
@@ -66,7 +76,20 @@ void dse_step(void)
 @if slides
         slide();
 @end
+@if reads_levels
+        for (i = 0; i < ${n_levels}u && net.window < ${n_windows}u; i++) {
+            const int32_t n_steps = (int32_t)(ends[net.window] - ends[net.window - 1u]);
+            net.counts[2u * (${n_levels}u * net.window + i)] = net.levels[i] * n_steps;
+        }
+@end
         if (net.window == ${n_windows}u) {
+@if reads_levels
+            for (i = 0; i < ${n_features}u; i++) {
+                const int32_t sum = net.counts[i], size = sum < 0 ? -sum : sum;
+                const int32_t shifted = sum < 0 ? -((size + $rest) >> $shift) : size >> $shift;
+                net.counts[i] = shifted > $held ? $held : shifted < -$held ? -$held : shifted;
+            }
+@end
             net.answer = (int16_t)(labels[classify()] + 1);
             net.answered = net.step;
         }
@@ -91,6 +114,11 @@ void dse_reset(void)
     for (i = 0; i < ${n_features}u; i++) {
         net.counts[i] = 0;
     }
+@if reads_levels
+    for (i = 0; i < ${n_levels}u; i++) {
+        net.levels[i] = 0;
+    }
+@end
 @if slides
     for (i = 0; i < ${n_places}u; i++) {
         net.levels[i] = 0;
