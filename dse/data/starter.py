@@ -146,12 +146,13 @@ def starter(
     before = _front_end(recordings, columns[label], known, assumed)
     sections += before
     n_steps, step_ms = _whole(recordings, {name: keys for _, each in before for name, keys in each.items()})
+    of_signals = any("encoder" in each for _, each in before)
     sections.append(
         (
             "Should it spike? Plain classifiers of 8-bit integers come first, then the network; what is a\n"
             "choice is explored: dse describe model NAME.",
             {
-                "model": {"choice": [*_rivals(n_steps, step_ms), _network(n_steps)]},
+                "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), _network(n_steps)]},
                 "training": _training(max(1, round(len(known) * (1 - held_out)))),
             },
         )
@@ -167,9 +168,9 @@ def starter(
             },
         )
     )
-    if any("encoder" in each for _, each in before):
-        limits = ["family != 'kernels' or encoder == 'quantised'"]
-        sections.append(("Kernels read the signal alone, and not its larger changes.", {"limits": limits}))
+    if of_signals:
+        limits = ["family == 'snn' or encoder == 'quantised'"]
+        sections.append(("What does not spike reads the quantised signal alone.", {"limits": limits}))
     said = (*look.assumed, *assumed, *recordings.notes())
     return Starter(_yaml(out, said, sections), label, said)
 
@@ -301,15 +302,25 @@ def _network(n_steps: int) -> dict[str, Any]:
     return {"kind": "snn", **_HIDDEN, **_NETWORK, "count_scale": count_scale}
 
 
-def _rivals(n_steps: int, step_ms: float) -> list[dict[str, Any]]:
-    """Return families that do not spike: counts in a quarter and in an eighth of the window, kernels."""
+def _rivals(n_steps: int, step_ms: float, of_signals: bool) -> list[dict[str, Any]]:
+    """Return families that do not spike.
+
+    Args:
+        n_steps: of a window.
+        step_ms: of a step.
+        of_signals: whether spikes add up to a signal, which is read in eighths of the window; or they are
+            counted in quarters and eighths.
+    """
 
     def window_ms(parts: int) -> float:
         return float(f"{-(-n_steps // parts) * step_ms:.10g}")  # whole steps
 
+    mlp = {"kind": "mlp", "channels": "each", "window_ms": window_ms(8), "hidden": 32, "precision": "int8"}
     return [
-        {"kind": "linear", "window_ms": window_ms(4)},
-        {"kind": "mlp", "channels": "each", "window_ms": window_ms(8), "hidden": 32, "precision": "int8"},
+        {"kind": "linear", "window_ms": window_ms(8), "reads": {"choice": ["counts", "levels"]}}
+        if of_signals
+        else {"kind": "linear", "window_ms": window_ms(4)},
+        mlp | ({"reads": "levels"} if of_signals else {}),
         {"kind": "kernels", "window_ms": window_ms(_MOST_BINS), "kernels": {"choice": [300, 1000]}},
     ]
 
