@@ -3,11 +3,10 @@
     python -m benchmarks.page [--browser chromium] [--trials 100 1000 10000]
 
 Studies are made up: accuracy rises with energy, weights and latency are drawn. `paint` is the first
-contentful paint, `figure` when the front is drawn. After a step of a slider, median, first and worst:
-`done` until counts, pick, table, front and parallel coordinates are drawn;
-`shown` until the browser has put that on the screen; `CPU` is the time of the page's thread until then, which
-other work on the machine hardly changes. Times are the browser's own, headless: it draws in software.
-Intervals of the front are drawn once the slider rests.
+contentful paint, `figure` when the chart is drawn. After a step of a limit on the chart, median, first and
+worst: `done` until sentence, cards and chart are drawn; `shown` until the browser has put that on the screen;
+`CPU` is the time of the page's thread for the step and all that follows within `REST_MS`, such as the table,
+which other work on the machine hardly changes. Times are the browser's own, headless: it draws in software.
 """
 
 from __future__ import annotations
@@ -29,24 +28,24 @@ from dse.dashboard.write import write_filled
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min", "latency_ms": "min"}
 TASKS, CHIPS = ("texture", "profile"), ("loihi1_silicon", "mcu_cortex_m4f_nrf52840_64mhz")
-SLIDER_STEPS = tuple(range(150, 60, -10))
+STEPS, REST_MS = 9, 900
 
-MOVED = """async ([slider, steps]) => {
-  const moved = document.querySelector(slider);
+MOVED = """async ([steps, rest]) => {
+  const moved = document.querySelector(".limit[data-column=energy_uj]");
   const took = [];
-  for (const step of steps) {
+  for (let step = 0; step < steps; step += 1) {
     performance.mark("step");
     const start = performance.now();
-    moved.value = step;
-    moved.dispatchEvent(new Event("input", {bubbles: true}));
+    moved.dispatchEvent(new KeyboardEvent("keydown", {key: "PageDown", bubbles: true}));
     const done = performance.now() - start;
     await new Promise((next) => requestAnimationFrame(() => setTimeout(next)));
-    performance.mark("step");
     took.push([done, performance.now() - start]);
-    await new Promise((next) => setTimeout(next, 20));
+    await new Promise((next) => setTimeout(next, rest));
+    performance.mark("step");
   }
   return took;
 }"""
+DRAWN = ".limit[data-column=energy_uj]"
 
 
 def main() -> None:
@@ -56,7 +55,7 @@ def main() -> None:
     arguments = parser.parse_args()
     from playwright.sync_api import sync_playwright
 
-    table = Table(title="the page of a study: size, first drawing, a step of a budget's slider")
+    table = Table(title="the page of a study: size, first drawing, a step of a limit")
     for name in (
         "trials",
         "points",
@@ -127,14 +126,10 @@ def measured(browser: Any, path: Path) -> list[str]:
     """Return the cells of a page's row: first paint and figure, then what a step takes."""
     tab = browser.new_page(viewport={"width": 1280, "height": 720})
     tab.goto(path.as_uri())
-    tab.wait_for_selector("#plot .scatterlayer", state="attached")
+    tab.wait_for_selector(DRAWN, state="attached")
     figure_ms = tab.evaluate("performance.now()")
     paint_ms = tab.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
-    took = [
-        both
-        for slider in range(len(OBJECTIVES))
-        for both in tab.evaluate(MOVED, [f"#slider-{slider}", SLIDER_STEPS])
-    ]
+    took = tab.evaluate(MOVED, [STEPS, 20])
     tab.close()
     columns = [*np.array(took).T, np.array(cpu_ms(browser, path))]
     steps = [x for column in columns for x in (np.median(column), column[0], column.max())]
@@ -142,12 +137,12 @@ def measured(browser: Any, path: Path) -> list[str]:
 
 
 def cpu_ms(browser: Any, path: Path) -> list[float]:
-    """Return the CPU time of the page's thread for each step of the first slider, in a tab of its own."""
+    """Return the CPU time of the page's thread for each step of a limit, in a tab of its own."""
     tab = browser.new_page(viewport={"width": 1280, "height": 720})
     tab.goto(path.as_uri())
-    tab.wait_for_selector("#plot .scatterlayer", state="attached")
+    tab.wait_for_selector(DRAWN, state="attached")
     browser.start_tracing(page=tab, categories=["blink.user_timing"])
-    tab.evaluate(MOVED, ["#slider-0", SLIDER_STEPS])
+    tab.evaluate(MOVED, [STEPS, REST_MS])
     events = json.loads(browser.stop_tracing())["traceEvents"]
     tab.close()
     marks = sorted((event for event in events if event.get("name") == "step"), key=lambda event: event["ts"])

@@ -1,9 +1,8 @@
 "use strict";
-// Budgets: what is within them, the front that is left, the pick, and the panel that moves them.
+// Budgets: what is within them, the front that is left, and the pick.
 // The rules are those of dse.skyline, so that the page and the commands give the same rows.
 const Budgets = (() => {
   const STEPS = 200; // of a slider
-  const { element, button } = Dom;
 
   // ---- pure: rows and numbers in, rows and numbers out
 
@@ -183,17 +182,14 @@ const Budgets = (() => {
       const selected = remembered("selected", key, () => admissible.filter((row) => conditions.every((one) => passes(one, row))));
       const limits = limitsOf(state);
       const within = new Uint8Array(nRows);
-      const alone = limits.map(() => 0); // weight of rows that only this budget excludes
       let [count, total] = [0, 0];
       const numbered = values[budgets.maximise];
       for (const row of selected) {
         if (numbered && !Number.isFinite(numbered[row])) continue;
         total += weight(row);
-        let [missed, which] = [0, -1];
-        for (let k = 0; k < limits.length && missed < 2; k += 1) {
-          if (!meets(limits[k], row)) { missed += 1; which = k; }
-        }
-        if (missed === 0) { within[row] = 1; count += weight(row); } else if (missed === 1) alone[which] += weight(row);
+        if (!limits.every((one) => meets(one, row))) continue;
+        within[row] = 1;
+        count += weight(row);
       }
       const rivals = remembered("rivals", key, () => {
         if (conditions.length) return selected; // who decides under any budget does not under any filter
@@ -210,20 +206,19 @@ const Budgets = (() => {
         key: JSON.stringify([key, limits.map(({ column, text }) => [column, text]), sure]), page, chosen, limits, within, count, total, admitted, conditions, rivals,
         matches: (row) => conditions.every((one) => passes(one, row)),
         misfits, weight, isUnable, isMisfit: (row) => isLarge(row) || isUnable(row), noneFits: admissible.length === 0 && misfits.length > 0, front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
-        cost: Object.fromEntries(limits.map(({ column }, k) => [column, alone[k]])),
-        ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, pick: -1, second: -1, nearest: [], relaxed: [], picks: [],
+        ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, best: -1, pick: -1, half: -1, alike: [], among: [], atMost: null, nearest: [], relaxed: [],
         command: command(state, chosen, limits, conditions),
       };
       if (!budgets.maximise) return result;
       const ranking = [costOf(budgets.maximise, "max"), ...budgets.ties.filter(([c]) => values[c]).map(([c, way]) => costOf(c, way))];
       const sameDesign = (a, b) => (columns.trial ? columns.trial.values[a] === columns.trial.values[b] : a === b);
       const feasible = rivals.filter(isWithin);
-      result.pick = least(feasible, ranking);
-      if (result.pick >= 0) {
-        // Accuracies of different tasks are not compared: each has a pick.
-        result.picks = chosen.task !== null || tasks.length < 2 ? [{ task: "", row: result.pick }]
-          : tasks.map((name) => ({ task: name, row: least(feasible.filter((row) => task[row] === name), ranking) }));
-        result.second = least(selected.filter((row) => isWithin(row) && !sameDesign(row, result.pick)), ranking);
+      result.best = least(feasible, ranking);
+      if (result.best >= 0) {
+        Object.assign(result, frugal(feasible, ranking, result.best));
+        result.among = feasible;
+        result.command = command(state, chosen, limits, conditions, result.atMost);
+        result.half = cost ? least(feasible.filter((row) => values[cost][row] <= values[cost][result.pick] / 2), ranking) : -1;
         return result;
       }
       const known = (row) => [numbered, ...limits.map(({ column }) => values[column])].every((x) => Number.isFinite(x[row]));
@@ -251,20 +246,34 @@ const Budgets = (() => {
       return result;
     }
 
+    // The pick: of all that gain as much as the best but for its standard error, the cheapest. No cheaper point gains as
+    // much, so that it is the best within a limit of what it costs: the command says this limit.
+    const cost = ["energy_uj", page.period?.instead, ...Object.keys(page.objectives)].find((name) => page.objectives[name] === "min" && values[name]);
+    const errorOf = (row) => (Object.hasOwn(page.intervals, budgets.maximise) ? page.intervals[budgets.maximise].low[row] : 0);
+    function frugal(feasible, ranking, best) {
+      const enough = values[budgets.maximise][best] - errorOf(best);
+      const alike = feasible.filter((row) => values[budgets.maximise][row] >= enough);
+      const atMost = cost ? Math.min(...alike.map((row) => values[cost][row]).filter(Number.isFinite)) : Infinity;
+      if (!Number.isFinite(atMost)) return { pick: best, alike, atMost: null };
+      const pick = least(feasible.filter((row) => values[cost][row] <= atMost), ranking);
+      return { pick, alike, atMost: pick === best ? null : atMost };
+    }
+
     // The literal of a value in the language of conditions.
     function literal(column, text) {
       const value = columns[column].values.find((one) => String(one) === text);
       return typeof value === "boolean" ? (value ? "True" : "False") : JSON.stringify(text);
     }
 
-    function command(state, chosen, limits, filtered) {
+    function command(state, chosen, limits, filtered, atMost = null) {
       const conditions = Object.entries({ task: several(task), family: several(family), hardware: several(hardware) })
         .filter(([name, needed]) => needed && chosen[name] !== null).map(([name]) => `${name} == ${JSON.stringify(chosen[name])}`);
       for (const { column, low, high, values: names } of filtered) {
         if (names) conditions.push(`${column} in [${[...names].map((name) => literal(column, name)).join(", ")}]`);
         else conditions.push(...(low !== null ? [`${column} >= ${low}`] : []), ...(high !== null ? [`${column} <= ${high}`] : []));
       }
-      const expressions = [...conditions, ...limits.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
+      const kept = atMost === null ? limits : [...limits.filter(({ column }) => column !== cost), { column: cost, way: "min", text: String(atMost) }];
+      const expressions = [...conditions, ...kept.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
       const priced = budgets.hardware.map((name) => `--hardware ${quoted(name)}`);
       return ["dse pick", quoted(budgets.results), ...priced, ...(chosen.oversize ? ["--oversize"] : []), ...expressions.map((one) => `--budget ${quoted(one)}`),
         ...(budgets.maximise === (objectives.find(([, way]) => way === "max")?.[0] ?? "accuracy") ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
@@ -275,11 +284,7 @@ const Budgets = (() => {
       result.rivals.filter((row) => result.within[row] && isSure(result.sure, row) && named.every((c) => Number.isFinite(values[c][row]))),
       named.map((c) => costOf(c, page.objectives[c]))));
 
-    // Each budget alone, at half of its slider.
-    const halfway = (state) => Object.entries(rangesOf(filters(state))).filter(([column, range]) => range && budgets.columns[column])
-      .map(([column, range]) => ({ [`b.${column}`]: scale(range, budgets.columns[column]).limit(STEPS / 2) }));
-
-    return { evaluate, joined, leftOut, halfway };
+    return { evaluate, joined, leftOut, cost };
   }
 
   // ---- the panel
@@ -289,141 +294,5 @@ const Budgets = (() => {
     [`b.${column}`, String(page.definition.budgets[column] ?? "")]));
   const allowed = (page) => Object.fromEntries(Object.keys(page.budgets.columns).map((column) => [`b.${column}`, isLimit]));
 
-  // Returns what shows a result of `evaluate`. Inputs last as long as the columns with a budget do, so that a drag
-  // or the focus survives new points.
-  function panel(root, { clip, number, many, withInterval, beside, nameOf, change, keyOf }) {
-    let [inputs, built] = [[], ""];
-    const build = ({ columns, budgets }) => Object.entries(budgets.columns).map(([column, way], k) => {
-      const { label, unit } = columns[column];
-      const sign = way === "max" ? "≥" : "≤";
-      const words = `${label} ${way === "max" ? "at least" : "at most"}${unit ? `, ${unit}` : ""}`;
-      const set = (text) => change({ [`b.${column}`]: text });
-      const box = element("input", { type: "number", step: "any", id: `budget-${k}`, placeholder: "any", "aria-label": words,
-        oninput: () => set(box.validity.badInput ? "" : box.value) });
-      const cost = element("small", { id: `cost-${k}` });
-      const slider = element("input", { type: "range", min: 0, max: STEPS, step: 1, id: `slider-${k}`, "aria-label": words, "aria-describedby": cost.id,
-        oninput: () => set(one.steps.limit(Number(slider.value))) });
-      const one = { column, words, box, slider, cost, steps: null };
-      root.querySelector("#sliders").append(element("div", { className: "budget" },
-        element("label", { htmlFor: box.id, textContent: `${clip(label, 40)} ${sign}`, title: column }), box,
-        element("span", { textContent: unit }), slider, cost));
-      return one;
-    });
-    const part = (name) => root.querySelector(name) ?? document.querySelector(name); // the pick has a column of its own
-    part("#clear").onclick = () => change(Object.fromEntries(inputs.map(({ column }) => [`b.${column}`, ""])));
-    part("#copy").onclick = () => copy(part("#command"), part("#copied"));
-
-    // A pick as a card: first what it gains, corrected for having been chosen as the best, then what it costs.
-    function design(page, row, missed = []) {
-      const { columns, objectives, budgets } = page;
-      const key = keyOf(row);
-      const choose = button(clip(nameOf(row), 40), () => change({ chosen: key }), { data: { key } });
-      const whole = (c) => element("span", { className: "whole", textContent: `${withInterval(c, row)}\u00a0${columns[c].unit}`.trim() });
-      const named = (c) => element("span", {}, `${clip(columns[c].label, 40)} `, whole(c));
-      const line = (nodes) => element("span", { className: "line" }, ...nodes.flatMap((node, k) => (k ? [" · ", node] : [node])));
-      const gain = budgets.maximise;
-      const known = (c) => Object.hasOwn(columns, c) && columns[c].values[row] !== null;
-      const [corrected, test] = [`${gain}_corrected`, `${gain}_test`];
-      const gains = !gain ? [] : [
-        element("strong", {}, `${clip(columns[gain].label, 40)} `, whole(known(corrected) ? corrected : gain)),
-        line([
-          ...(known(corrected) ? ["corrected for being the best of many", element("span", {}, whole(gain), " on validation")]
-            : ["on validation", element("span", { className: "note", textContent: "not corrected for being the best of many" })]),
-          known(test) ? element("span", {}, whole(test), " on test") : "not tested",
-        ]),
-      ];
-      const costs = beside(Object.keys(objectives).filter((c) => c !== gain)).map(named);
-      return element("p", {}, choose, " ", ...gains, line(costs), ...missed.map(({ column, by }) =>
-        element("span", { className: "note missed", textContent: `misses ${clip(columns[column].label, 40)} by ${number(by, true)}\u00a0${columns[column].unit}`.trim() })));
-    }
-
-    function show(state, result) {
-      const { page } = result;
-      const { budgets } = page;
-      if (built !== JSON.stringify(budgets.columns)) {
-        built = JSON.stringify(budgets.columns);
-        part("#sliders").replaceChildren();
-        inputs = build(page);
-      }
-      for (const one of inputs) {
-        const { column, words, box, slider, cost } = one;
-        const limit = state[`b.${column}`];
-        const range = result.ranges[column];
-        slider.disabled = !range || range[0] === range[1];
-        if (!slider.disabled) {
-          one.steps = scale(range, budgets.columns[column]);
-          if (one.steps.limit(Number(slider.value)) !== limit) slider.value = one.steps.step(limit);
-        }
-        if (box.value !== limit && document.activeElement !== box) box.value = limit;
-        slider.setAttribute("aria-valuetext", limit === "" ? "no limit" : `${words} ${limit}`);
-        const easier = result.relaxed.find((other) => other.column === column);
-        cost.title = limit === "" ? "" : result.count ? "points that would be feasible without this budget" : "what this budget must be if the others stay";
-        cost.textContent = !range ? "no numbers" : slider.disabled ? "the same for all designs"
-          : limit === "" ? "no limit" : result.count ? `costs ${result.exact ? "" : "~"}${many(result.cost[column])}`
-            : easier ? `from ${number(page.columns[column].values[easier.row])}` : "not alone";
-      }
-      const total = result.noneFits ? result.misfits.reduce((sum, row) => sum + result.weight(row), 0) : result.total;
-      write("#feasible", `${result.exact || result.count === 0 ? "" : "about "}${many(result.count)} of ${many(total)} points feasible`);
-      write("#n-front", `${many(result.front.length)} on the front${result.sure ? `, in at least ${Math.round(100 * result.sure)}\u202f% of the samples` : ""}`);
-      write("#fit", fitOf(page, result));
-      part("#clear").disabled = result.limits.length === 0;
-      const several = result.picks.length > 1;
-      const [heading, ...nodes] = !budgets.maximise ? ["Pick", element("p", { textContent: "No objective is maximised, so no design can be picked." })]
-        : several ? ["Picks", ...result.picks.flatMap(({ task, row }) => [element("h3", { textContent: clip(task, 40) }),
-          row >= 0 ? design(page, row) : element("p", { textContent: "nothing is feasible" })])]
-          : result.pick >= 0
-            ? ["Pick", design(page, result.pick), ...(result.second >= 0 ? [element("h3", { textContent: "Runner-up" }), design(page, result.second)] : [])]
-            : ["Nothing is feasible", ...(result.noneFits || !result.nearest.length ? [element("p", { textContent: fitOf(page, result) || "No design has values for all budgets." })] : []),
-              ...offered("relax one budget", result.relaxed, page), ...offered(result.noneFits ? "nearest, on a larger chip" : "nearest in all", result.nearest, page)];
-      write("#pick h2", heading);
-      writePick(nodes);
-      part("#export").hidden = result.pick < 0 || !budgets.results; // two studies have no command
-      part("#command").hidden = part("#copy").hidden = several;
-      part("#which").hidden = !several;
-      part("#command").textContent = result.command;
-    }
-
-    const offered = (words, designs, page) => (designs.length ? [element("h3", { textContent: words }), ...designs.map(({ row, missed }) => design(page, row, missed))] : []);
-
-    // What the chip that is shown does with the designs that are shown.
-    function fitOf({ budgets }, { misfits, isUnable, isMisfit, noneFits, chosen, conditions, admitted }) {
-      const chip = chosen.hardware ?? "the chip";
-      if (noneFits) {
-        const large = misfits.some((row) => !isUnable(row));
-        const unable = misfits.some(isUnable);
-        return !large ? `${chip} cannot run ${chosen.family ?? "these designs"}.`
-          : `No design fits ${chip}: ${unable ? "it cannot run some, and the others are" : "all are"} too large.`;
-      }
-      const larger = chosen.oversize && admitted.some((is, row) => is && isMisfit(row)) ? `What does not fit ${chip} is priced as if on a larger chip. ` : "";
-      return conditions.length && budgets.stands_for > 1 ? `${larger}With filters, the front and the pick are the best of the points that this page holds.` : larger;
-    }
-
-    // What is read aloud when it changes is not written again as it was.
-    function write(name, text) {
-      if (part(name).textContent !== text) part(name).textContent = text;
-    }
-
-    function writePick(nodes) {
-      const place = part("#pick > div");
-      if (place.innerHTML === nodes.map((node) => node.outerHTML).join("")) return;
-      const focused = [...place.querySelectorAll("button")].indexOf(document.activeElement);
-      place.replaceChildren(...nodes);
-      place.querySelectorAll("button")[focused]?.focus();
-    }
-
-    return show;
-  }
-
-  // A page from disk may have no clipboard of its own; the selection always works.
-  async function copy(from, status) {
-    try {
-      await navigator.clipboard.writeText(from.textContent);
-      status.textContent = "copied";
-    } catch {
-      getSelection().selectAllChildren(from);
-      status.textContent = document.execCommand("copy") ? "copied" : "selected; copy it with the keyboard";
-    }
-  }
-
-  return { over, front, least, quoted, scale, plain, allowed, panel };
+  return { over, front, least, quoted, scale, plain, allowed, STEPS };
 })();

@@ -29,5 +29,34 @@ const Data = (() => {
   // The least and the largest of some numbers.
   const ends = (values) => values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
 
-  return { read, unpacked, ends };
+  function rounds(low, high, most) {
+    const rough = (high - low) / most;
+    const unit = 10 ** Math.floor(Math.log10(rough));
+    const step = unit * [1, 2, 5, 10].find((n) => n * unit >= rough * 0.999);
+    const first = Math.ceil(low / step - 1e-9);
+    return Array.from({ length: Math.floor(high / step + 1e-9) - first + 1 }, (_, k) => Number(((first + k) * step).toPrecision(12)));
+  }
+
+  function decades(low, high, most) {
+    const [first, last] = [Math.ceil(Math.log10(low) - 1e-9), Math.floor(Math.log10(high) + 1e-9)];
+    const step = Math.max(1, Math.ceil((last - first + 1) / most));
+    const whole = Array.from({ length: Math.max(0, Math.floor((last - first) / step) + 1) }, (_, k) => Number(`1e${first + k * step}`));
+    return whole.length > 2 || step > 1 ? whole : [1, 2, 5].flatMap((n) => Array.from({ length: last - first + 3 }, (_, k) => n * Number(`1e${first - 1 + k}`)))
+      .filter((value) => value >= low && value <= high).sort((a, b) => a - b);
+  }
+
+  // An axis over numbers, or over the places of `names`: where a value lies as a share of it, the value at a share, and
+  // ticks [value, text], at most `most`. `room` is a share beside the outermost values.
+  function axis(low, high, { log = false, names = [], number = String, most = 6, room = 0 }) {
+    if (names.length) [low, high] = [-0.5, names.length - 0.5];
+    const [from, to] = log ? [Math.log(low), Math.log(high)] : [low, high];
+    const span = to - from || 1;
+    const [start, length] = from === to ? [from - 0.5, 1] : [from - room * span, span * (1 + 2 * room)];
+    const share = (value) => ((log ? Math.log(value) : value) - start) / length;
+    const value = (at) => (log ? Math.exp(start + at * length) : start + at * length);
+    const ticks = names.length ? names.map((name, k) => [k, name]) : (low === high ? [low] : log ? decades(value(0), value(1), most) : rounds(value(0), value(1), most)).map((one) => [one, number(one)]);
+    return { share, value, ticks };
+  }
+
+  return { read, unpacked, ends, axis };
 })();

@@ -13,6 +13,15 @@ const Dom = (() => {
     return node;
   }
 
+  // A node of a drawing; `text` is its text, `on` its listeners by event.
+  function svg(tag, { text, on = {}, ...attributes } = {}, ...children) {
+    const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    for (const [name, value] of Object.entries(attributes)) if (value !== undefined) node.setAttribute(name, value);
+    for (const [event, heard] of Object.entries(on)) node.addEventListener(event, heard);
+    node.append(...(text === undefined ? [] : [text]), ...children);
+    return node;
+  }
+
   const button = (textContent, onclick, more = {}) => element("button", { type: "button", textContent, onclick, ...more });
 
   // What scrolls sideways inside the page, by keyboard too.
@@ -51,6 +60,26 @@ const Dom = (() => {
     [...root.querySelectorAll("button, input, select, [tabindex]")].find((node) => nameOf(node) === name)?.focus({ preventScroll: true });
   }
 
+  // One tab of a strip is open, and the arrow keys go through them.
+  function select(strip, open) {
+    for (const tab of strip.children) {
+      const isOpen = tab.dataset.tab === open;
+      tab.setAttribute("aria-selected", String(isOpen));
+      tab.tabIndex = isOpen ? 0 : -1;
+    }
+  }
+
+  function moveTab(event, opened) {
+    const tabs = [...event.currentTarget.children];
+    const at = tabs.indexOf(document.activeElement);
+    const to = { ArrowLeft: at - 1 + tabs.length, ArrowRight: at + 1, Home: 0, End: tabs.length - 1 }[event.key];
+    if (to === undefined || at < 0) return;
+    event.preventDefault();
+    const next = tabs[to % tabs.length];
+    opened(next);
+    next.focus({ preventScroll: true });
+  }
+
   // What draws a selection: at once, or, while a budget moves, when it rests.
   function settled(draw, ms = 150) {
     let waiting = 0;
@@ -61,5 +90,5 @@ const Dom = (() => {
     };
   }
 
-  return { element, button, scroll, table, rowHead, fill, keepFocus, settled };
+  return { element, svg, button, scroll, table, rowHead, fill, keepFocus, select, moveTab, settled };
 })();

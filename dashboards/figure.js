@@ -122,21 +122,26 @@ const Figure = (() => {
     return place;
   }
 
-  // A figure as a picture in the colours of print: a data address.
-  async function picture(figure, palette, format, [width, height]) {
-    const look = print(palette);
-    const frame = node("picture", height);
-    frame.classList.add("aside");
-    frame.style.width = `${width}px`;
-    document.body.append(frame);
-    try {
-      await draw(frame, figure, look, (layout) => ({ ...fitted(layout), paper_bgcolor: look.page }));
-      return await Plotly.toImage(frame, { format, width, height, scale: format === "png" ? 2 : 1 });
-    } finally {
-      Plotly.purge(frame);
-      frame.remove();
-    }
+  const STOPS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"]; // Cividis
+  // The colour of a share of a scale; `stops` are its colours.
+  function shade(share, stops = STOPS) {
+    const at = Math.min(1, Math.max(0, share)) * (stops.length - 1);
+    const k = Math.min(stops.length - 2, Math.floor(at));
+    const parts = [stops[k], stops[k + 1]].map((hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)));
+    return `rgb(${parts[0].map((low, i) => Math.round(low + (at - k) * (parts[1][i] - low))).join(",")})`;
   }
 
-  return { library, style, print, recoloured, config, face, draw, fitted, heightOf, replace, brush, node, picture, NOTATION };
+  // A drawing as a picture that is kept: a data address of it, or of its pixels.
+  async function saved(text, [width, height], format) {
+    const address = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
+    if (format === "svg") return address;
+    const picture = new Image();
+    picture.src = address;
+    await picture.decode();
+    const canvas = Dom.element("canvas", { width: 2 * width, height: 2 * height });
+    canvas.getContext("2d").drawImage(picture, 0, 0, canvas.width, canvas.height);
+    return canvas.toDataURL("image/png");
+  }
+
+  return { saved, library, style, print, recoloured, config, face, draw, fitted, heightOf, replace, brush, node, shade, STOPS, NOTATION };
 })();

@@ -7,13 +7,13 @@
   const BOTH = "all";
   const COMPARED = 4; // designs side by side, at most
   const MAX_CATEGORIES = 40; // of a column that can be an axis, a colour or a filter
-  const WARM_ROWS = 2000; // of a page that is warmed
   const SURE = ["", ...Array.from({ length: 19 }, (_, k) => String((k + 1) / 20))]; // shares of the samples
   const OPEN = 100; // of an interval's ends: beyond it the upper one says nothing
-  const MAX_PAST = 100; // changes that can be undone
-  const UNDO_MS = 1000; // steps of a slider nearer than this are one change
-  const SMALL = matchMedia("(max-width: 800px)");
-  const NOTES = SMALL.matches ? 0 : 2; // that are open to begin with
+  const ONE_MS = 1000; // steps of a drag nearer than this are one change, which Back undoes
+  const TABS = { choose: "Choose", chips: "Chips", inside: "Inside", matters: "What matters", all: "All designs", run: "Run" };
+  const FAMILIES = { snn: "spiking network", mlp: "plain network", naive_bayes: "naive Bayes", elm: "random network", kernel: "random kernels" };
+  const AGE_MS = 5000;
+  const SIZES = { "µJ": [[1e6, "J"], [1e3, "mJ"], [1, "µJ"], [0, "nJ", 1e-3]], ms: [[1e3, "s"], [1, "ms"], [0, "µs", 1e-3]] };
   const { element, button } = Dom;
 
   // ---- words and numbers
@@ -67,6 +67,13 @@
     return `${mantissa === "1" ? "" : `${mantissa}\u202f·\u202f`}10${raised}`;
   }
 
+  // A number with its unit in the unit that suits its size.
+  function sized(column, value) {
+    const { unit } = columns[column];
+    const [from, name, by = from] = (SIZES[unit] ?? []).find(([least]) => Math.abs(value) >= least) ?? [1, unit];
+    return `${number(typeof value === "number" && name !== unit ? value / by : value)}\u202f${value === 0 ? unit : name}`.trim();
+  }
+
   const error = (value) => `± ${number(Number(value.toPrecision(1)))}`;
 
   // The objective that a column is the correction of. The correction keeps the order of a task's points: a front of the
@@ -77,11 +84,39 @@
   // Fractions whose zeros are written.
   const isShare = (column) => objectives.includes(column.replace(/_(corrected|test)$/, ""));
 
+  // Those that lie between 0 and 1, and are more as they are better: they are said as percentages.
+  function isFraction(column) {
+    const name = column.replace(/_(corrected|test)$/, "");
+    return page.objectives[name] === "max" && numbers(name).every((value) => Number.isNaN(value) || (value >= 0 && value <= 1));
+  }
+
   // Whether all that is known of a number is its lower end: the upper one is more than a hundred times that.
   function isOpen(column, row) {
     const ends = Object.hasOwn(page.intervals, column) ? page.intervals[column] : null;
     const value = columns[column].values[row];
     return ends !== null && value > ends.low[row] && value + ends.high[row] > OPEN * (value - ends.low[row]);
+  }
+
+  // What is known of a gain: as measured, as expected on other recordings, as tested.
+  const trusts = (gain) => [gain, `${gain}_corrected`, `${gain}_test`].filter((name) => Object.hasOwn(columns, name) && columns[name].values.some((value) => value !== null));
+
+  // What is believed of a gain first, and what is drawn, if that is one of these.
+  function headline() {
+    const known = trusts(page.budgets.maximise ?? "");
+    return known.includes(state.y) ? state.y : known.find((name) => name.endsWith("_corrected")) ?? known[0];
+  }
+  const costsOf = () => Object.keys(page.budgets.columns).filter((column) => page.budgets.columns[column] === "min");
+
+  // A design beside another: shares in points, costs as factors.
+  function differences(at, base) {
+    return [headline(), ...costsOf().filter((column) => objectives.includes(column) || /latency/.test(column))].filter(Boolean).map((column) => {
+      const [label, value, from] = [clip(columns[column].label, 40), at.value(column), base.value(column)];
+      if (typeof value !== "number" || typeof from !== "number") return "";
+      if (value === from) return `same ${label}`;
+      if (isFraction(column)) return `${value > from ? "+" : "−"}${number(100 * Math.abs(value - from))} points`;
+      const factor = value > 0 && from > 0 ? number(Math.max(value / from, from / value)) : "";
+      return factor === "" ? `${label} ${sized(column, value)}` : factor === "1" ? `about the same ${label}` : `${value < from ? "÷" : "×"}${factor} ${label}`;
+    }).filter(Boolean);
   }
 
   // Columns with what is read beside them: a gain corrected for the choice before it and as tested after it, and
@@ -112,6 +147,7 @@
   const nameOf = (row) => (columns.trial ? trialName(columns.trial.values[row]) : `Point ${row}`);
 
   const taskOf = (row) => (columns.task ? String(columns.task.values[row]) : "");
+  const familyName = (family) => FAMILIES[family] ?? String(family);
   const colourOf = (task, { palette }) => palette[Math.max(0, tasks.indexOf(task)) % palette.length];
 
   // ---- state
@@ -142,7 +178,7 @@
     const renamed = (name) => (name === energy ? instead : name);
     const swapped = (object) => Object.fromEntries(Object.entries(object ?? {}).map(([name, value]) => [renamed(name), value]));
     const { definition: given, columns: { [energy]: flat, [instead]: paced, ...rest } } = data;
-    const front = { ...given.front, ...Object.fromEntries(["x", "y", "z"].map((axis) => [axis, renamed(given.front[axis])])), log: given.front.log.map(renamed) };
+    const front = { ...given.front, ...Object.fromEntries(["x", "y"].map((axis) => [axis, renamed(given.front[axis])])), log: given.front.log.map(renamed) };
     const list = (names) => names && names.map(renamed);
     return {
       ...data, objectives: swapped(data.objectives), budgets: { ...data.budgets, columns: swapped(data.budgets.columns) },
@@ -172,10 +208,9 @@
     families = [...new Set((columns.family?.values ?? []).filter((name) => name !== null))];
     engine = Budgets.over(page);
     allowed = {
-      view: ["2", "3", ...(tasks.length > 1 ? ["s"] : [])], x: axes, y: axes, z: axes, lx: ["0", "1"], ly: ["0", "1"], lz: ["0", "1"],
-      task: [...(tasks.length > 1 ? [BOTH] : []), ...tasks], hardware, order: ["ascending", "descending"],
+      x: axes, y: axes, lx: ["0", "1"], ly: ["0", "1"], task: tasks, hardware, order: ["ascending", "descending"], show: Object.keys(TABS), ask: isWord, give: ["", ...Object.keys(columns)], improve: ["", ...Object.keys(columns)], find: { includes: () => true },
       sort: Object.keys(columns), chosen: isKey, compare: areKeys, tab: isWord, rows: ["", "all"],
-      family: [BOTH, ...families], pace: page.period ? ["flat", "period"] : ["flat"], left: ["0", "1"], oversize: ["0", "1"], once: ["0", "1"], colour: ["", ...axes], sure: SURE, ...Budgets.allowed(page),
+      family: [BOTH, ...families], pace: page.period ? ["flat", "period"] : ["flat"], left: ["0", "1"], oversize: ["0", "1"], once: ["", "0", "1"], expert: ["0", "1"], colour: ["", ...axes], sure: SURE, ...Budgets.allowed(page),
       ...Object.fromEntries(filterable.map((column) => [`f.${column}`, isFilter])),
     };
     plain = initialState();
@@ -193,19 +228,18 @@
 
   function initialState() {
     const definition = page.definition;
-    const fixed = ["y", "x", "z"].map((axis) => (axes.includes(definition.front[axis]) ? definition.front[axis] : null));
+    const fixed = ["y", "x"].map((axis) => (axes.includes(definition.front[axis]) ? definition.front[axis] : null));
     // What is known of a gain, where that is known of every point.
     const corrected = (name) => columns[`${name}_corrected`]?.values;
     const leading = (name) => (corrected(name) && columns[name].values.every((value, row) => value === null || corrected(name)[row] !== null) ? `${name}_corrected` : name);
     const preferred = [...objectives.slice(0, 1).map(leading), ...objectives.filter((c) => ["energy_uj", page.period?.instead].includes(c)), ...objectives.slice(1)];
     const left = [...new Set([...preferred.filter(varies), ...objectives, ...axes])].filter((column) => !fixed.includes(column));
-    const [y, x, z] = fixed.map((column) => column ?? left.shift() ?? axes[0]);
+    const [y, x] = fixed.map((column) => column ?? left.shift() ?? axes[0]);
     const sort = definition.sort ?? objectives[0] ?? "";
     return {
-      view: String(definition.front.dimensions), y, x, z, lx: log(x), ly: log(y), lz: log(z),
-      task: tasks.length > 1 ? BOTH : tasks[0] ?? BOTH, hardware: hardware[0] ?? "",
+      y, x, lx: log(x), ly: log(y), task: tasks[0] ?? BOTH, hardware: hardware[0] ?? "", show: "choose", ask: "", find: "", give: "", improve: "",
       sort, order: page.objectives[sort] === "max" ? "descending" : "ascending",
-      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", oversize: "0", once: "0", colour: axes.includes(page.colour) ? page.colour : "", sure: "",
+      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", oversize: "0", once: "", expert: "0", colour: axes.includes(page.colour) ? page.colour : "", sure: "",
       ...Object.fromEntries(filterable.map((column) => [`f.${column}`, ""])), ...Budgets.plain(page),
     };
   }
@@ -217,7 +251,7 @@
     for (const [key, value] of new URLSearchParams(location.hash.slice(1))) {
       if (Object.hasOwn(allowed, key) && allowed[key].includes(value)) read[key] = value;
     }
-    for (const axis of ["x", "y", "z"]) if (!canBeLog(read[axis])) read[`l${axis}`] = "0";
+    for (const axis of ["x", "y"]) if (!canBeLog(read[axis])) read[`l${axis}`] = "0";
     return read;
   }
 
@@ -225,36 +259,23 @@
   let state = readState();
   let writing;
 
-  const past = []; // states before each change, of a drag before its first step
   let last = { keys: "", at: -Infinity };
-
-  function remember(part, moving) {
-    const keys = Object.keys(part).join();
-    const goesOn = moving && keys === last.keys && performance.now() - last.at < UNDO_MS;
-    if (!goesOn) past.push(state);
-    if (past.length > MAX_PAST) past.shift();
-    last = { keys, at: performance.now() };
-  }
-
-  function undo() {
-    if (!past.length) return;
-    const before = past.pop();
-    if (before.pace !== state.pace) take(given, before.pace);
-    state = { ...plain, ...Object.fromEntries(Object.entries(before).filter(([key, value]) => allowed[key]?.includes(value))) };
-    last = { keys: "", at: -Infinity };
-    writeState();
-    render();
-  }
+  let ghost = -1; // the pick before the last change that moved it
 
   // `moving`: more of the same follows at once, as when a slider is dragged.
   function change(part, moving = Object.keys(part).some((key) => key.startsWith("b.") || key === "sure")) {
-    if (Object.entries(part).some(([key, value]) => state[key] !== value)) remember(part, moving);
-    for (const axis of ["x", "y", "z"]) {
+    const keys = Object.keys(part).join();
+    const goesOn = moving && keys === last.keys && performance.now() - last.at < ONE_MS;
+    last = { keys, at: performance.now() };
+    const before = goesOn ? null : subjectOf(engine.evaluate(state)).row;
+    for (const axis of ["x", "y"]) {
       if (axis in part) part[`l${axis}`] = log(part[axis]);
     }
     if (part.pace !== undefined && part.pace !== state.pace) setPace(part.pace);
     state = { ...state, ...part };
-    writeState(moving);
+    if ("hardware" in part || "task" in part || "pace" in part) ghost = -1;
+    else if (before !== null && before >= 0) ghost = before;
+    writeState(moving, goesOn);
     render(moving);
   }
 
@@ -263,17 +284,19 @@
     const { energy, instead } = given.period;
     const renamed = (name) => (pace === "period" ? (name === energy ? instead : name) : name === instead ? energy : name);
     take(given, pace);
-    const kept = Object.entries({ ...state, ...Object.fromEntries(["x", "y", "z", "sort"].map((key) => [key, renamed(state[key])])) });
+    const kept = Object.entries({ ...state, ...Object.fromEntries(["x", "y", "sort"].map((key) => [key, renamed(state[key])])) });
     state = { ...plain, ...Object.fromEntries(kept.filter(([key, value]) => allowed[key]?.includes(value))) };
   }
 
-  function writeState(later = false) {
+  // What was before stays in the browser's history, so that Back undoes a change.
+  function writeState(later = false, replaces = false) {
     const moved = Object.entries(state).filter(([key, value]) => value !== plain[key]);
+    const to = "#" + new URLSearchParams(moved);
+    if (!replaces && to !== (location.hash || "#")) history.pushState(null, "", to);
     clearTimeout(writing);
-    const write = () => history.replaceState(null, "", "#" + new URLSearchParams(moved));
     // A drag is many changes, and browsers limit how often a link may change.
-    if (later) writing = setTimeout(write, 100);
-    else write();
+    if (later) writing = setTimeout(() => history.replaceState(null, "", to), 100);
+    else if (replaces) history.replaceState(null, "", to);
   }
 
   // ---- new data of a served page (live.js)
@@ -285,14 +308,15 @@
     const valid = Object.entries(before.state).filter(([key, value]) => allowed[key]?.includes(value) &&
       !(key === "task" && value === before.plain.task));
     state = before.empty ? readState() : { ...plain, ...Object.fromEntries(valid) };
-    if (page.state === null) writeState();
+    ghost = -1;
+    if (page.state === null) writeState(false, true);
     render();
   }
 
   // ---- what the state selects
 
   const isShown = (row) =>
-    (state.task === BOTH || !columns.task || String(columns.task.values[row]) === state.task) &&
+    (!columns.task || String(columns.task.values[row]) === state.task) &&
     (!columns.hardware || String(columns.hardware.values[row]) === state.hardware) &&
     (state.family === BOTH || columns.family.values[row] === state.family);
 
@@ -304,8 +328,8 @@
   }
   const surfaces = new Map();
 
-  // What points are told apart by, where the reader has not chosen: tasks, or else families.
-  const ownColour = () => ((state.task === BOTH && tasks.length > 1) || state.family !== BOTH || families.length < 2 ? "task" : "family");
+  // What points are told apart by, where the reader has not chosen.
+  const ownColour = () => (state.family !== BOTH || families.length < 2 ? "" : "family");
 
   // The rows that are shown stay one list while budgets move, so that views recognise it.
   let listed = { page: null, key: "", rows: [] };
@@ -315,6 +339,13 @@
       listed = { page, key, rows: rows.filter((row) => isShown(row) && budgeted.matches(row) && (state.left === "1" || budgeted.admitted[row])) };
     }
     return listed.rows;
+  }
+
+  // The design that the page is about: the chosen one, or else the pick, or else the nearest to it.
+  function subjectOf({ pick, relaxed, nearest }) {
+    if (state.chosen) return point(state.chosen);
+    const row = pick >= 0 ? pick : relaxed[0]?.row ?? nearest[0]?.row ?? -1;
+    return row < 0 ? { key: "", row, value: () => null } : point(keyOf(row));
   }
 
   // What every view is a function of.
@@ -330,7 +361,7 @@
         const known = new Set(named).size === named.length && named.every((column) => Object.hasOwn(page.objectives, column));
         return known ? engine.joined(budgeted, named) : null;
       },
-      chosen: state.chosen ? point(state.chosen) : null,
+      chosen: state.chosen ? point(state.chosen) : null, subject: subjectOf(budgeted), ghost: ghost >= 0 && ghost < nRows ? ghost : -1,
       compared: state.compare ? state.compare.split(",").map(point) : [],
     };
   }
@@ -354,6 +385,7 @@
     download(`${fileName()}-${name}.csv`, address);
     setTimeout(() => URL.revokeObjectURL(address), 60000);
   }
+  const save = async ({ name, view }, format) => (format === "csv" ? csv(name, view.listed()) : download(`${fileName()}-${name}.${format}`, await view.image(format)));
   const fileName = () => clip(page.name, 80).replace(/[^\p{L}\p{N}_-]+/gu, "_");
 
   // Values of a point that is no row of the page; `values` is {column: value}.
@@ -367,28 +399,16 @@
   };
 
   const app = {
-    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, trialNumber, escaped, title, many, plural, change, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
-    toggleCompared, download, csv, point, style: () => Figure.style(page.palette),
+    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, trialNumber, escaped, title, sized, trusts, isShare, isFraction, familyName, saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, spansDecades, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
+    headline, costsOf, costOf: () => engine.cost, differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), toggleCompared, download, csv, point, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
   const views = [...document.querySelectorAll("[data-view]")].map((root) => {
-    const { view: name, place } = root.dataset;
-    if (place === "top") document.querySelector("main").before(root);
-    if (place === "side") byId("side").append(root);
-    return { name, root, whenEmpty: Views[name].whenEmpty === true, view: Views[name].view(root, app) };
+    const { view: name } = root.dataset;
+    const { whenEmpty = false, tabs = ["choose"], has = () => true } = Views[name];
+    return { name, root, whenEmpty, tabs, has, view: Views[name].view(root, app) };
   });
-  const showBudgets = Budgets.panel(byId("budgets"), app);
-
-  for (const { name, root, view } of views.filter((one) => one.view.image)) {
-    const place = root.querySelector(".save") ?? root.appendChild(element("span", { className: "save" }));
-    const save = (format) => async () => download(`${fileName()}-${name}.${format}`, await view.image(format));
-    place.append(...["svg", "png"].map((format) => button(format.toUpperCase(), save(format), { title: `save this figure as ${format.toUpperCase()}` })));
-  }
-
-  for (const { root, view } of views.filter((one) => one.view.listed)) {
-    const title = "save the points that are shown here, with all their columns";
-    root.querySelector(".save").append(button("CSV", () => csv(root.dataset.view, view.listed()), { title }));
-  }
+  const showAnswer = Answer.panel(byId("answer"), byId("cards"), app);
 
   // ---- views of the page itself
 
@@ -399,115 +419,27 @@
     const age = page.points_at && Details.isServed(page) ? ` as of ${new Date(page.points_at).toLocaleTimeString()}` : "";
     const isSample = page.budgets.stands_for > 1; // of how many points, a note says
     if (nRows && !isSample) counts.push(`${plural(n, "point")}${age}`);
-    byId("counts").textContent = counts.join(" · ");
+    byId("counts").textContent = [page.progress ? Progress.said(page) : "", ...counts].filter(Boolean).join(" · ");
     byId("title").textContent = page.definition.title;
-    const open = byId("notes").querySelector("details")?.open ?? false;
-    const notes = page.notes.map((text) => element("li", { textContent: text }));
-    const rest = notes.splice(NOTES);
-    byId("notes").replaceChildren(...notes, ...(rest.length ? [element("li", {},
-      element("details", { open }, element("summary", { textContent: plural(rest.length, NOTES ? "more note" : "note") }), element("ul", {}, ...rest)))] : []));
+    const notes = byId("notes");
+    notes.hidden = page.notes.length === 0;
+    notes.open ||= page.state !== null;
+    notes.querySelector("summary").textContent = plural(page.notes.length, "note");
+    notes.querySelector("ul").replaceChildren(...page.notes.map((text) => element("li", { textContent: text })));
   }
 
-  const fillSelect = (id, options, nameOf) => Dom.fill(byId(id), options.map((value) => [value, clip(nameOf(value), 40)]), state[id]);
-
-  function renderControls() {
-    for (const axis of ["x", "y", "z"]) {
-      fillSelect(axis, axes, title);
-      byId(`l${axis}`).checked = state[`l${axis}`] === "1";
-      byId(`l${axis}`).disabled = !canBeLog(state[axis]);
+  // Tabs of what this study has.
+  function renderTabs(names) {
+    const strip = byId("tabs");
+    const offered = Object.keys(TABS).filter((tab) => views.some(({ name, tabs, has }) => names.includes(name) && tabs.includes(tab) && has(page)));
+    const open = offered.includes(state.show) ? state.show : offered[0];
+    if (strip.dataset.offered !== offered.join()) {
+      strip.dataset.offered = offered.join();
+      strip.replaceChildren(...offered.map((tab) => button(TABS[tab], () => change({ show: tab }), { id: `show-${tab}`, role: "tab", data: { tab } })));
     }
-    fillSelect("task", allowed.task, String);
-    fillSelect("hardware", hardware, String);
-    fillSelect("colour", allowed.colour, (column) => (column === "" ? `auto: ${ownColour() === "task" && tasks.length < 2 ? "none" : ownColour()}` : title(column)));
-    fillSelect("pace", allowed.pace, (pace) => ({ flat: "flat out", period: "at the sensor's period" })[pace]);
-    fillSelect("family", [BOTH, ...families], String);
-    for (const [name, several] of Object.entries({ pace: allowed.pace, family: families, task: tasks, hardware })) byId(`${name}-label`).hidden = several.length < 2;
-    byId("view-s").hidden = tasks.length < 2;
-    byId("third").hidden = state.view !== "3";
-    for (const n of ["2", "3", "s"]) byId(`view-${n}`).setAttribute("aria-pressed", String(state.view === n));
-    const words = [`${columns[state.y].label} over ${columns[state.x].label}`, tasks.length > 1 ? (state.task === BOTH ? "all tasks" : state.task) : "", state.hardware];
-    byId("shown-as").querySelector("summary").textContent = clip(words.filter(Boolean).join(" · "), 60);
+    Dom.select(strip, open);
+    return open;
   }
-
-  function renderSure() {
-    const has = columns.front_probability?.values.some((value) => value !== null) ?? false;
-    byId("sure-label").hidden = !has;
-    const share = Math.round(100 * Number(state.sure || 0));
-    if (Number(byId("sure").value) !== share) byId("sure").value = share;
-    byId("sure-text").textContent = `${share}\u202f% of the samples`;
-  }
-
-  function renderLeftOut(shown) {
-    const reasons = new Map();
-    byId("oversize").checked = state.oversize === "1";
-    byId("larger").hidden = !rows.some((row) => isShown(row) && columns.fits?.values[row] === false);
-    for (const row of rows) {
-      const reason = isShown(row) && shown.budgeted.matches(row) ? shown.leftOut(row) : "";
-      if (reason) reasons.set(reason, (reasons.get(reason) ?? 0) + 1);
-    }
-    const sampled = shown.budgeted.exact ? "" : " of those shown";
-    byId("left").hidden = reasons.size === 0;
-    byId("left-out").checked = state.left === "1";
-    byId("left").querySelector("span").textContent = [...reasons].map(([reason, n]) => `${plural(n, "point")}${sampled} ${n === 1 ? reason : severally(reason)}`).join(", ");
-  }
-
-  // ---- filters: two ends of any column of numbers, or some values of any other
-
-  let opened = []; // columns whose filter is shown, though it may not exclude anything yet
-  const filterOf = (column) => byId("filters").querySelector(`fieldset[data-column="${CSS.escape(column)}"]`);
-
-  function newFilter(column) {
-    const { label } = columns[column];
-    const node = element("fieldset", { data: { column } }, element("legend", { textContent: clip(title(column), 40), title: column }));
-    const set = (text) => change({ [`f.${column}`]: text });
-    const inputs = () => [...node.querySelectorAll("input")];
-    if (isNumeric(column)) {
-      const moved = () => set(inputs().every(({ value }) => value === "") ? "" : inputs().map(({ value }) => value).join("~"));
-      const [from, to] = ["from", "to"].map((end) => element("input", { type: "number", step: "any", "aria-label": `${label} ${end}`, oninput: moved }));
-      node.append(from, " to ", to);
-    } else {
-      const moved = () => {
-        const taken = inputs().filter(({ checked }) => checked).map(({ value }) => encodeURIComponent(value));
-        set(taken.length === categories(column).length ? "" : `in:${taken.join("|")}`);
-      };
-      node.append(...categories(column).map((value) => element("label", {}, element("input", { type: "checkbox", value, onchange: moved }), ` ${clip(value, 24)}`)));
-    }
-    const remove = () => {
-      opened = opened.filter((other) => other !== column);
-      set("");
-      byId("add-filter").focus();
-    };
-    node.append(" ", button("×", remove, { title: "remove this filter", "aria-label": `remove the filter of ${label}` }));
-    return node;
-  }
-
-  function renderFilters() {
-    const place = byId("filters").querySelector("div");
-    opened = filterable.filter((column) => opened.includes(column) || state[`f.${column}`]);
-    for (const node of [...place.children]) if (!opened.includes(node.dataset.column)) node.remove();
-    for (const column of opened) {
-      const node = filterOf(column) ?? place.appendChild(newFilter(column));
-      const text = state[`f.${column}`];
-      const inputs = [...node.querySelectorAll("input")];
-      if (isNumeric(column)) {
-        const range = Data.ends([...numbers(column)].filter(Number.isFinite));
-        text.split("~").concat("").slice(0, 2).forEach((end, k) => {
-          if (inputs[k].value !== end && document.activeElement !== inputs[k]) inputs[k].value = end;
-          inputs[k].placeholder = number(range[k]);
-        });
-      } else {
-        const taken = text === "" ? null : new Set(text.slice(3).split("|").map(decodeURIComponent));
-        for (const box of inputs) box.checked = taken === null || taken.has(box.value);
-      }
-    }
-    const left = filterable.filter((column) => !opened.includes(column));
-    byId("filters").hidden = filterable.length === 0;
-    const select = byId("add-filter");
-    select.replaceChildren(element("option", { value: "", textContent: "add …" }), ...left.map((value) => element("option", { value, textContent: clip(title(value), 40) })));
-    select.disabled = left.length === 0;
-  }
-
-  const severally = (reason) => reason.replace(/^does /, "do ").replace(/^has seen /, "have seen ");
 
   function renderFailures(names) {
     const failed = page.progress && names.includes("progress") ? [] : page.failures; // which lists them by reason
@@ -519,15 +451,6 @@
     const words = (design) => Object.entries(design).map(([key, value]) => `${key} ${number(value)}`).join(", ");
     details.replaceChildren(details.querySelector("summary"), Dom.table("Failed trials", [["trial"], ["reason"], ["design"]],
       failed.map(({ trial, reason, design }) => [number(trial), clip(reason, 600), words(design)])));
-  }
-
-  function renderBundle({ budgeted }) {
-    const link = byId("bundle");
-    link.hidden = !Details.isServed(page) || budgeted.pick < 0 || budgeted.picks.length > 1 || !isNamed();
-    if (link.hidden) return;
-    const [trial, number] = keyOf(budgeted.pick).split(".");
-    const chip = columns.hardware ? { hardware: columns.hardware.values[budgeted.pick] } : {};
-    link.href = Details.address("bundle.zip", { trial, point: number, ...chip });
   }
 
   // What stands where a figure will be. Trials end before the table of points is written.
@@ -542,46 +465,47 @@
     const empty = page.state !== null;
     const names = page.definition.views;
     byId("state").hidden = !empty;
-    byId("budgets").hidden = byId("choice").hidden = empty;
-    for (const { name, root, whenEmpty } of views) {
-      if (!names.includes(name) || !whenEmpty) root.hidden = empty || !names.includes(name);
+    byId("answer").hidden = byId("cards").hidden = byId("tabs").hidden = empty;
+    const open = renderTabs(names);
+    for (const { name, root, tabs, has } of views) {
+      root.hidden = empty || !names.includes(name) || !has(page) || !(tabs.includes("always") || tabs.includes(open));
       root.style.order = names.indexOf(name);
     }
     const shown = selection(moving);
     renderHeader();
     renderFailures(names);
-    for (const { name, view, whenEmpty } of views) if (whenEmpty && names.includes(name)) view.render(shown);
     if (empty) {
+      for (const { name, root, view, whenEmpty } of views.filter((one) => one.whenEmpty && names.includes(one.name))) {
+        root.hidden = false;
+        view.render(shown);
+      }
       const { title: heading, text } = stateOf(page);
       byId("state").querySelector("h2").textContent = heading;
       byId("state").querySelector("p").textContent = text;
       return;
     }
-    byId("undo").disabled = past.length === 0;
-    showBudgets(state, shown.budgeted, moving);
-    renderSure();
-    if (!moving) {
-      renderLeftOut(shown);
-      renderFilters();
+    showAnswer(shown);
+    // A link may name points that are no rows of the page: their trial knows them.
+    for (const at of [shown.chosen, ...shown.compared].filter((one) => one && one.row < 0 && isNamed())) {
+      Details.of(page, at.key.split(".")[0]).then((details) => { if (Design.restore(app, shown, at, details)) change({}); });
     }
-    renderBundle(shown);
-    renderControls();
-    for (const { name, view, whenEmpty } of views) if (!whenEmpty && names.includes(name)) view.render(shown);
+    // What nobody sees is computed when its tab is opened.
+    for (const { root, view } of views) if (!root.hidden) view.render(shown);
   }
 
   // ---- what a reader does
 
   const KEYS = [
-    ["Tab, Shift+Tab", "through budgets, figures and tables"], ["← → on a slider", "moves the budget, φ or θ by a step; ↑ ↓ on a handle of an axis too"],
+    ["Tab, Shift+Tab", "through the sentence, the chart and the tabs"], ["← → on a handle", "moves a limit of the chart, φ or θ by a step"],
     ["Enter on a row", "chooses its design"], ["c", "adds the chosen design to the comparison, or removes it"],
-    ["u", "undoes the last change"], ["2, 3", "the front in the plane, in space"], ["Escape", "chooses nothing"], ["?", "these keys"],
+    ["Back, or u", "undoes the last change"], ["Escape", "chooses nothing"], ["?", "these keys"],
   ];
   const WORDS = [
     ["point", "a trial at one setting: φ and θ or a read-out time, bits per weight, hardware"],
     ["front", "points that no other beats in every objective; fronts of tasks and chips are apart"],
     ["φ", "output spikes that a decision needs at least"], ["θ", "fraction of them that must be for one class"],
     ["flat out", "energy of computing as fast as the chip can; at the sensor's period it waits for each step"],
-    ["corrected", "what a point should show on other recordings: less the luck of being the best of many"],
+    ["spikes", "what such a network computes with, and what its input is"], ["corrected", "what a point should show on other recordings: less the luck of being the best of many"],
     ["true rate", "spikes per step that training aims at for the right class"],
     ["t_c", "shortest time by which recordings give the best accuracy"], ["t_p", "mean time of a decision at the most accurate φ and θ"],
     ["t_h", "mean time of a decision as accurate as people"],
@@ -590,8 +514,7 @@
   byId("keys").querySelector("dl").append(...KEYS.flatMap(([key, does]) =>
     [element("dt", {}, element("kbd", { textContent: key })), element("dd", { textContent: does })]));
   const does = {
-    "?": () => byId("keys").showModal(), Escape: () => change({ chosen: "" }), 2: () => change({ view: "2" }), 3: () => change({ view: "3" }),
-    u: undo,
+    "?": () => byId("keys").showModal(), Escape: () => change({ chosen: "", ask: "" }), u: () => history.back(),
     c: () => { if (state.chosen) toggleCompared(state.chosen); },
   };
   addEventListener("keydown", (event) => {
@@ -599,44 +522,19 @@
     if (typed || event.ctrlKey || event.altKey || event.metaKey || page.state !== null || !Object.hasOwn(does, event.key)) return;
     does[event.key]();
   });
-  byId("undo").addEventListener("click", undo);
-
   byId("help").addEventListener("click", does["?"]);
-  // On a small screen budgets are a drawer at its foot, and what the figure shows is one line.
-  byId("drawer").addEventListener("click", () => {
-    const isClosed = byId("budgets").classList.toggle("closed");
-    byId("drawer").setAttribute("aria-expanded", String(!isClosed));
-    byId("drawer").textContent = isClosed ? "show" : "hide";
-  });
-  byId("shown-as").open = !SMALL.matches;
-  SMALL.addEventListener("change", () => { byId("shown-as").open ||= !SMALL.matches; });
-  byId("controls").addEventListener("submit", (event) => event.preventDefault());
-  for (const id of ["x", "y", "z", "task", "family", "hardware", "pace", "colour"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.value }));
-  for (const id of ["lx", "ly", "lz"]) byId(id).addEventListener("change", (e) => change({ [id]: e.target.checked ? "1" : "0" }));
-  for (const n of ["2", "3", "s"]) byId(`view-${n}`).addEventListener("click", () => change({ view: n }));
-  byId("sure").addEventListener("input", (e) => change({ sure: SURE[Number(e.target.value) / 5] }));
-  byId("oversize").addEventListener("change", (e) => change({ oversize: e.target.checked ? "1" : "0" }));
-  byId("left-out").addEventListener("change", (e) => change({ left: e.target.checked ? "1" : "0" }));
-  byId("add-filter").addEventListener("change", (e) => {
-    opened.push(e.target.value);
-    const column = e.target.value;
-    renderFilters();
-    filterOf(column).querySelector("input").focus();
-  });
+  byId("tabs").addEventListener("keydown", (event) => Dom.moveTab(event, (tab) => change({ show: tab.dataset.tab })));
   addEventListener("live", (event) => show(event.detail));
   addEventListener("hashchange", () => {
     const pace = paceOf(location.hash.slice(1));
     if (pace !== state.pace) take(given, pace);
     state = readState();
+    ghost = -1;
     render();
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => render());
   for (const event of ["beforeprint", "afterprint"]) addEventListener(event, () => render());
+  // How long ago a running study was heard of.
+  setInterval(() => { if (page.progress && Details.isServed(page)) renderHeader(); }, AGE_MS);
   render();
-  // The first step of a slider would take twice as long as the others: what it needs is made before it.
-  if (nRows > WARM_ROWS) {
-    const isUntouched = () => !past.length && page.state === null;
-    setTimeout(() => { if (isUntouched()) for (const limits of engine.halfway(state)) engine.evaluate({ ...state, ...limits }); });
-    Figure.library().then(() => requestAnimationFrame(() => setTimeout(() => { if (isUntouched()) render(true); })));
-  }
 })();

@@ -41,6 +41,6 @@ const Audit = (() => {
     return { render };
   }
 
-  return { view };
+  return { view, tabs: ["run"], has: (page) => (page.audit ?? []).length > 0 };
 })();
 Views.audit = Audit;

@@ -1,5 +1,5 @@
 "use strict";
-// The panel of one design: what it is, what was measured, and what its runs recorded. Moving φ and θ chooses another
+// Inside one design: what it is, what was measured, and what its runs recorded. Moving φ and θ chooses another
 // point of the same trial; its numbers come from the trial's decision surface, so that no server is asked.
 const Design = (() => {
   const TABS = {
@@ -14,8 +14,9 @@ const Design = (() => {
     first_spike: "Validation recordings, all repeats: median of each class, from its least to its largest time.",
     histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
   };
+  const EXPERT = ["surface", "bits", "histograms", "cores"]; // tabs that a first look does not need
   const NO_PARTS = "Its runs recorded nothing to draw.";
-  const { element, button } = Dom;
+  const { element, svg, button } = Dom;
 
   // ---- pure: a trial's document in, numbers and words out
 
@@ -193,26 +194,20 @@ const Design = (() => {
     const { clip, number, change } = app;
     const heading = element("h2", {}, "Design");
     const compare = button("compare", () => app.toggleCompared(shown.chosen.key), { title: "beside other designs, below (c)" });
-    const bundle = element("a", { textContent: "export", title: "download the bundle of this design" });
-    const command = element("code", { tabIndex: 0, "aria-label": "Command that exports this design" });
-    const line = element("details", { className: "export" }, element("summary", { textContent: "export" }), command);
     const standing = element("p", { className: "standing" });
     const misfit = element("div");
-    const win = element("p", { className: "quiet" });
     const [objectives, parameters, others] = [0, 1, 2].map(() => element("dl"));
     const everything = element("details", {}, element("summary", { textContent: "everything measured" }), others);
-    const strip = element("div", { className: "tabs", role: "tablist", "aria-label": "What its runs recorded", onkeydown: moveTab });
+    const strip = element("div", { className: "tabs", role: "tablist", "aria-label": "What its runs recorded", onkeydown: (event) => Dom.moveTab(event, (tab) => change({ tab: tab.dataset.tab })) });
     const pane = element("div", { className: "pane", id: "design-pane", tabIndex: 0, role: "tabpanel" });
     const owner = element("p", { className: "owner" });
     const notes = element("div", { className: "quiet" });
-    const save = element("span", { className: "save" });
-    const hint = element("p", { className: "quiet" });
-    const body = element("div", {}, standing, win, misfit, objectives, parameters, everything, strip, owner, pane, notes, save, line);
-    root.append(element("div", { className: "head" }, heading, bundle, compare), hint, body);
+    const body = element("div", { className: "body" }, element("div", {}, strip, owner, pane, notes), element("div", {}, standing, misfit, objectives, parameters, everything));
+    root.append(element("div", { className: "head" }, heading, compare), body);
 
     let shown = null;
     let loaded = { trial: null, page: null, details: undefined, text: "" }; // details: undefined while they are awaited
-    let drawn = null; // what is in the pane: {key, figure(), draw(), move()}
+    let drawn = null; // what is in the pane: {key, draw(), move()}
 
     // ---- the head
 
@@ -226,19 +221,13 @@ const Design = (() => {
 
     // A point that is no row of the page is on no front: those are carried whole.
     function standingOf({ chosen, budgeted, onFront, within }) {
-      const meets = ({ column, way, limit }) => {
-        const value = chosen.value(column);
-        return value !== null && (way === "max" ? value >= limit : value <= limit);
-      };
-      const isWithin = isRow(shown, chosen.row) ? within(chosen.row) : budgeted.limits.every(meets);
       const isLarge = chosen.value("fits") === false;
-      const reason = isRow(shown, chosen.row) ? shown.leftOut(chosen.row) : isLarge && !budgeted.chosen.oversize ? `does not fit ${chosen.value("hardware")}` : "";
+      const isHere = isRow(shown, chosen.row);
+      const reason = isHere ? shown.leftOut(chosen.row) : isLarge && !budgeted.chosen.oversize ? `does not fit ${chosen.value("hardware")}` : "";
       if (reason) return reason;
-      if (!isWithin) return "outside the budgets";
-      if (!isRow(shown, chosen.row) || !onFront.has(chosen.row)) return "dominated";
-      const [share, of] = [[chosen.value("front_probability"), "samples of recordings, seeds and chip"], [chosen.value("front_share"), "samples of the chip's numbers"]]
-        .find(([value]) => typeof value === "number") ?? [null];
-      return `on the front${isLarge ? " of a larger chip" : ""}${share === null ? "" : `, in ${number(100 * share)} % of the ${of}`}`;
+      const meets = ({ column, way, limit }) => (way === "max" ? chosen.value(column) >= limit : chosen.value(column) <= limit);
+      if (!(isHere ? within(chosen.row) : budgeted.limits.every(meets))) return "outside the limits";
+      return isHere && onFront.has(chosen.row) ? `on the front${isLarge ? " of a larger chip" : ""}` : "another is better in everything";
     }
 
     // The parts of a latency: waiting for the decision, and what the chip still computes then.
@@ -251,52 +240,6 @@ const Design = (() => {
       return [element("small", { className: "quiet parts", textContent: after + whole })];
     }
 
-    // What would put a dominated point on the front, each change alone: no other of its task is as good in all else.
-    function winning({ chosen, budgeted, columns, objectives: aims, page, within, onFront, leftOut }) {
-      if (!isRow(shown, chosen.row) || onFront.has(chosen.row) || leftOut(chosen.row)) return "";
-      const at = Object.fromEntries(aims.map((column) => [column, chosen.value(column)]));
-      if (!Object.values(at).every(Number.isFinite)) return "";
-      const missed = budgeted.limits.filter(({ column, way, limit }) => !(way === "max" ? chosen.value(column) >= limit : chosen.value(column) <= limit));
-      const side = (way) => (way === "max" ? "at least" : "at most");
-      const sized = (column, value) => `${columns[column].label}`.trim() + ` ${value} ${columns[column].unit}`.trimEnd();
-      if (!within(chosen.row)) {
-        return missed.length ? `Within the budgets with ${missed.map(({ column, way, text }) =>
-          `${columns[column].label} ${side(way)} ${text} (now ${number(chosen.value(column))})`).join(" and ")}.` : "";
-      }
-      const task = columns.task?.values[chosen.row];
-      const value = (column, row) => app.numbers(column)[row];
-      const asGood = (row, column) => (page.objectives[column] === "max" ? value(column, row) >= at[column] : value(column, row) <= at[column]);
-      const rivals = budgeted.rivals.filter((row) => within(row) && (!columns.task || columns.task.values[row] === task) && aims.every((column) => Number.isFinite(value(column, row))));
-      const needs = aims.flatMap((column) => {
-        const way = page.objectives[column];
-        const values = rivals.filter((row) => aims.every((other) => other === column || asGood(row, other))).map((row) => value(column, row));
-        if (!values.length) return [];
-        return [sized(column, `${way === "max" ? "above" : "below"} ${number(way === "max" ? Math.max(...values) : Math.min(...values))}`)];
-      });
-      return needs.length ? `On the front with ${needs.join(", or ")}.` : "";
-    }
-
-    // What would make a design the pick, each change alone: more of what is maximised, or a budget that excludes all with more.
-    function picking({ chosen, budgeted, columns, page, within, leftOut }) {
-      const gain = page.budgets.maximise;
-      if (!gain || !isRow(shown, chosen.row) || leftOut(chosen.row) || !within(chosen.row) || budgeted.picks.some(({ row }) => row === chosen.row)) return "";
-      const task = columns.task ? String(columns.task.values[chosen.row]) : "";
-      const pick = (budgeted.picks.find((one) => one.task === task) ?? budgeted.picks[0])?.row ?? -1;
-      const value = (column, row) => app.numbers(column)[row];
-      if (pick < 0 || (task && app.taskOf(pick) !== task) || !Number.isFinite(value(gain, chosen.row))) return "";
-      const better = budgeted.rivals.filter((row) => within(row) && (!task || app.taskOf(row) === task) && value(gain, row) > value(gain, chosen.row));
-      if (!better.length) return ""; // equals are told apart by what else is better
-      const budgets = Object.entries(page.budgets.columns).flatMap(([column, way]) => {
-        const at = value(column, chosen.row);
-        if (way !== "min" || !Number.isFinite(at) || !better.every((row) => value(column, row) > at)) return [];
-        const unit = 10 ** (Math.floor(Math.log10(Math.abs(at) || 1)) - 2);
-        const limit = Number((Math.ceil(at / unit - 1e-9) * unit).toPrecision(12)); // never below the design
-        return better.every((row) => value(column, row) > limit) ? [`${columns[column].label} at most ${number(limit)} ${columns[column].unit}`.trim()] : [];
-      });
-      const more = `with ${columns[gain].label} above ${number(value(gain, pick), true)}`;
-      return `The pick ${[more, ...budgets.map((text) => `under the budget ${text}`)].join(", or ")}.`;
-    }
-
     function renderHead() {
       const { chosen, columns, page, state, objectives: aims } = shown;
       const has = (column) => chosen.value(column) !== null;
@@ -304,27 +247,12 @@ const Design = (() => {
       heading.textContent = clip(trial === null ? `Point ${chosen.key}` : app.trialName(trial), 60);
       const where = ["task", "hardware"].filter(has).map((column) => ` · ${clip(String(chosen.value(column)), 40)}`);
       standing.replaceChildren(element("strong", { textContent: standingOf(shown) }), ...where);
-      win.textContent = [winning(shown), picking(shown)].filter(Boolean).join(" ");
       compare.setAttribute("aria-pressed", String(shown.compared.some(({ key }) => key === chosen.key)));
       const measured = app.beside([...aims, ...Object.keys(page.budgets.columns)]);
       list(objectives, measured.filter(has));
       const inHead = ["trial", "task", "hardware"];
       list(parameters, page.design.filter((column) => !inHead.includes(column) && has(column)));
       list(others, Object.keys(columns).filter((column) => ![...measured, ...page.design, ...inHead].includes(column) && has(column)));
-      const [, point] = named(shown, chosen.key);
-      const deployable = page.budgets.results !== "" && point !== null && chosen.value("transductive") !== true;
-      bundle.hidden = !deployable || !Details.isServed(page);
-      line.hidden = !deployable || Details.isServed(page);
-      const chip = columns.hardware ? { hardware: state.hardware } : {};
-      if (!bundle.hidden) bundle.href = Details.address("bundle.zip", { trial, point, ...chip });
-      if (!line.hidden) command.textContent = exported(page.budgets.results, trial, point, chip.hardware);
-    }
-
-    function exported(results, trial, point, hardware) {
-      const chip = hardware === undefined ? [] : [`(p.hardware == ${JSON.stringify(hardware)})`];
-      const row = [`(p.trial == ${trial})`, `(p.point == ${point})`, ...chip].join(" & ");
-      const script = `import dse; s = dse.open(${JSON.stringify(results)}); p = s.points(); dse.export(s, p[${row}].iloc[0], "bundle")`;
-      return `python -c ${Budgets.quoted(script)}`;
     }
 
     // ---- its document
@@ -350,7 +278,6 @@ const Design = (() => {
     function showText(text) {
       drawn = null;
       owner.textContent = "";
-      save.hidden = true;
       Figure.replace(pane, element("p", { className: "quiet", textContent: text }));
     }
 
@@ -359,7 +286,7 @@ const Design = (() => {
       const { details } = loaded;
       const part = details ? partOf(details, chosen.value("task")) : {};
       misfit.replaceChildren();
-      const names = details ? tabsOf(part, state.hardware, page.definition?.design) : [];
+      const names = details ? tabsOf(part, state.hardware, page.definition?.design).filter((name) => state.expert === "1" || state.tab === name || !EXPERT.includes(name)) : [];
       const open = names.includes(state.tab) ? state.tab : names[0];
       renderTabs(names, open);
       const [, point] = named(shown, chosen.key);
@@ -387,7 +314,6 @@ const Design = (() => {
         if ([...select.options].some(({ value }) => value === selected.get(select.dataset.name))) select.value = selected.get(select.dataset.name);
       }
       if (focused) pane.querySelector(`[data-name=${focused}]`)?.focus({ preventScroll: true });
-      save.hidden = false;
       drawn.move();
       drawn.draw();
     }
@@ -415,24 +341,9 @@ const Design = (() => {
       const made = (name) => button(TABS[name], () => change({ tab: name }), { id: `tab-${name}`, role: "tab", "aria-controls": pane.id, data: { tab: name } });
       if (now.join() !== names.join()) Dom.keepFocus(strip, ({ dataset }) => dataset.tab, () => strip.replaceChildren(...names.map(made)));
       strip.hidden = names.length === 0;
-      for (const tab of strip.children) {
-        const isOpen = tab.dataset.tab === open;
-        tab.setAttribute("aria-selected", String(isOpen));
-        tab.tabIndex = isOpen ? 0 : -1;
-      }
+      Dom.select(strip, open);
       if (open) pane.setAttribute("aria-labelledby", `tab-${open}`);
       else pane.removeAttribute("aria-labelledby");
-    }
-
-    function moveTab(event) {
-      const tabs = [...strip.children];
-      const at = tabs.indexOf(document.activeElement);
-      const to = { ArrowLeft: at - 1 + tabs.length, ArrowRight: at + 1, Home: 0, End: tabs.length - 1 }[event.key];
-      if (to === undefined || at < 0) return;
-      event.preventDefault();
-      const next = tabs[to % tabs.length];
-      change({ tab: next.dataset.tab });
-      next.focus({ preventScroll: true });
     }
 
     // ---- figures
@@ -443,7 +354,7 @@ const Design = (() => {
       const quiet = (...texts) => texts.filter(Boolean).map((textContent) => element("p", { className: "quiet", textContent }));
       return {
         nodes: [...quiet(tab === "energy" ? apart() : ""), node, ...quiet(OF[tab])],
-        node, figure: () => figure, draw: () => Figure.draw(node, figure, app.style(), Figure.fitted), move() {},
+        draw: () => Figure.draw(node, figure, app.style(), Figure.fitted), move() {},
       };
     }
 
@@ -548,113 +459,48 @@ const Design = (() => {
       return after === null ? "This design answers at the end of the recording." : `This design answers after ${number(after)}\u00a0ms.`;
     }
 
-    const HALVES = [[0.57, 1], [0, 0.43]]; // of the two maps, upwards
-
+    // One number of every setting as a map; the setting that is chosen is ringed, the best is crossed.
     function surfacePane(part, surface) {
       const known = columnsOn(surface, shown.state.hardware);
       const { phi, theta } = surface;
-      const offered = Object.keys(known).filter((column) => column !== "accuracy" && !/_(se|low|high)$/.test(column) && new Set(known[column]).size > 1);
-      if (!offered.includes("decision_latency_ms")) offered.unshift("decision_latency_ms");
-      const select = chooser("quantity", "Quantity of the lower map", offered.map((column) => [column, clip(titled(column), 40)]), redraw);
-      select.value = "decision_latency_ms";
-      const node = Figure.node("surface", 368);
-      // Rings over the maps: plotly would take longer to move them than a slider may.
-      const rings = HALVES.map(() => element("span", { className: "ring", hidden: true }));
-      const maps = element("div", { className: "maps" }, node, ...rings);
+      const offered = Object.keys(known).filter((column) => !/_(se|low|high)$/.test(column) && new Set(known[column]).size > 1);
+      const select = chooser("quantity", "What the map shows", (offered.length ? offered : ["accuracy"]).map((column) => [column, clip(titled(column), 40)]), draw);
+      const [wide, high] = [Math.max(8, Math.min(40, 560 / theta.length)), Math.max(8, Math.min(28, 320 / phi.length))];
+      const [left, top] = [56, 8];
+      const size = [left + theta.length * wide + 8, top + phi.length * high + 40];
+      const spot = (place) => [left + (place % theta.length) * wide, top + (phi.length - 1 - Math.floor(place / theta.length)) * high];
+      const node = element("div", { role: "img", className: "map", data: { figure: "surface" } });
+      const caption = element("p", { className: "quiet" });
       let at = -1;
-      let plot = null;
       const sliders = settings(surface, known, (place) => {
         at = place;
-        ring();
-        describe();
-      });
-
-      function ring() {
-        rings.forEach((mark, k) => {
-          const [x, y] = ["x", "y"].map((letter) => plot?._fullLayout?.[`${letter}axis${k ? 2 : ""}`]);
-          mark.hidden = at < 0 || !x || !y;
-          if (mark.hidden) return;
-          const [across, down] = [x._offset + x.d2p(at % theta.length), y._offset + y.d2p(Math.floor(at / theta.length))];
-          mark.style.transform = `translate(${across}px, ${down}px)`;
-        });
-      }
-
-      // `whole` has the rings too, for a picture that is kept.
-      function figure(whole = true) {
-        const quantities = ["accuracy", select.value];
-        const grid = (values) => phi.map((_, i) => values.slice(i * theta.length, (i + 1) * theta.length));
-        const frame = (k) => ({ xaxis: k ? "x2" : "x", yaxis: k ? "y2" : "y" });
-        const spot = (place) => ({ x: [place % theta.length], y: [Math.floor(place / theta.length)] });
-        const marks = (place, marker) => quantities.map((_, k) => ({
-          type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false, cliponaxis: false, ...frame(k), ...spot(place), marker,
-        }));
-        // White on black is seen on every colour of the maps.
-        const crosses = [["#000000", 4], ["#ffffff", 1.5]].flatMap(([color, width]) =>
-          marks(sliders.best, { symbol: "x-thin", size: 8, line: { color, width } }));
-        const ringed = !whole || at < 0 ? [] : [["#000000", 4.5], ["#ffffff", 1.5]].flatMap(([color, width]) =>
-          marks(at, { symbol: "circle-open", size: 14, color, line: { width } }));
-        const cellText = (column, value, i, j) =>
-          `φ ${number(phi[i])}, θ ${number(theta[j])}: ${app.escaped(words(column))} ${number(value)}\u00a0${app.escaped(unit(column))}`;
-        const data = [
-          ...quantities.map((column, k) => ({
-            type: "heatmap", z: grid(known[column]), ...frame(k), colorscale: "Cividis", xgap: 1, ygap: 1, hoverinfo: "text",
-            text: grid(known[column]).map((row, i) => row.map((value, j) => cellText(column, value, i, j))),
-            colorbar: {
-              thickness: 8, len: HALVES[k][1] - HALVES[k][0], y: HALVES[k][0], yanchor: "bottom", ypad: 0, outlinewidth: 0,
-              nticks: 5, ...Figure.NOTATION,
-            },
-          })),
-          ...crosses, ...ringed,
-        ];
-        const ticks = (values, most) => {
-          const every = Math.ceil(values.length / most);
-          const places = values.map((_, k) => k).filter((k) => k % every === 0);
-          const ticktext = places.map((k) => number(values[k]));
-          return { tickmode: "array", tickvals: places, ticktext, showgrid: false, fixedrange: true, range: [-0.5, values.length - 0.5] };
-        };
-        const layout = { margin: { l: 40, r: 8, t: 20, b: 36 }, dragmode: false, annotations: [] };
-        quantities.forEach((column, k) => {
-          const suffix = k ? "2" : "";
-          layout[`xaxis${suffix}`] = { ...ticks(theta, 10), anchor: `y${suffix}`, title: { text: k ? "θ (share of the spikes)" : "" } };
-          layout[`yaxis${suffix}`] = { ...ticks(phi, 8), anchor: `x${suffix}`, domain: HALVES[k], title: { text: "φ (spikes)" } };
-          layout.annotations.push({
-            text: app.escaped(clip(titled(column), 40)), showarrow: false, xref: "paper", x: 0, xanchor: "left",
-            yref: "paper", y: HALVES[k][1], yanchor: "bottom",
-          });
-        });
-        return { data, layout };
-      }
-
-      function describe() {
-        const values = (place) => ["accuracy", select.value].map((column) => `${words(column)} ${number(known[column][place])} ${unit(column)}`.trim());
-        const setting = (place) => `φ ${number(phi[Math.floor(place / theta.length)])}, θ ${number(theta[place % theta.length])}`;
-        const phrase = (place) => `${setting(place)}: ${values(place).join(", ")}.`;
-        const chosen = at < 0 ? "" : ` Chosen, at the ring: ${phrase(at)}`;
-        node.setAttribute("aria-label",
-          `Accuracy and ${words(select.value)} over ${phi.length} φ and ${theta.length} θ. Best, at the cross: ${phrase(sliders.best)}${chosen}`);
-      }
-
-      async function draw() {
-        plot = await Figure.draw(node, figure(false), app.style(), Figure.fitted);
-        if (!plot) return;
-        plot.removeAllListeners("plotly_click");
-        plot.removeAllListeners("plotly_afterplot");
-        plot.on("plotly_click", ({ points: [{ x, y }] }) => { if (isMovable()) sliders.aim(y * theta.length + x); });
-        plot.on("plotly_afterplot", ring);
-        ring();
-      }
-      function redraw() {
-        describe();
         draw();
+      });
+      const setting = (place) => `φ ${number(phi[Math.floor(place / theta.length)])}, θ ${number(theta[place % theta.length])}`;
+      const phrase = (place) => `${setting(place)}: ${[...new Set(["accuracy", select.value])].map((column) => `${words(column)} ${number(known[column][place])} ${unit(column)}`.trim()).join(", ")}`;
+
+      function draw() {
+        const values = known[select.value];
+        const [low, most] = Data.ends(values.filter(Number.isFinite));
+        const cells = values.map((value, place) => {
+          const [x, y] = spot(place);
+          const choose = () => { if (isMovable()) sliders.aim(place); };
+          return svg("rect", { x, y, width: wide - 1, height: high - 1, fill: Figure.shade(low === most ? 0.5 : (value - low) / (most - low)), on: { click: choose } }, svg("title", { text: phrase(place) }));
+        });
+        const label = (text, x, y, anchor = "middle") => svg("text", { x, y, "text-anchor": anchor, fill: "currentColor", text });
+        const each = (some, room) => some.map((value, k) => [value, k]).filter(([, k]) => k % Math.ceil(some.length / room) === 0);
+        const mark = (place, path, name) => {
+          const [x, y] = spot(place);
+          return ["#000000", "#ffffff"].map((stroke, k) => svg("path", { class: name, d: path, transform: `translate(${x + wide / 2} ${y + high / 2})`, fill: "none", stroke, "stroke-width": k ? 1.5 : 4, "pointer-events": "none" }));
+        };
+        const [width, height] = size;
+        node.replaceChildren(svg("svg", { width, height, viewBox: `0 0 ${width} ${height}` }, ...cells, ...each(theta, 10).map(([value, k]) => label(number(value), left + (k + 0.5) * wide, height - 24)),
+          ...each(phi, 8).map(([value, k]) => label(number(value), left - 6, spot(k * theta.length)[1] + high / 2 + 4, "end")), label("θ (share of the spikes)", left + (theta.length * wide) / 2, height - 6), label("φ", 12, top + (phi.length * high) / 2),
+          ...mark(sliders.best, "M-4 -4L4 4M-4 4L4 -4", "best"), ...(at < 0 ? [] : mark(at, "M8 0A8 8 0 1 1 -8 0A8 8 0 1 1 8 0Z", "ring"))));
+        node.setAttribute("aria-label", `${titled(select.value)} over ${phi.length} φ and ${theta.length} θ. Best, at the cross: ${phrase(sliders.best)}.${at < 0 ? "" : ` Chosen, at the ring: ${phrase(at)}.`}`);
+        caption.textContent = `${precision(surface, part)}Dark ${number(low)}, bright ${number(most)}. Ring: chosen. Cross: the fastest of the most accurate settings.`;
       }
-      const legend = `${precision(surface, part)}Ring: chosen. Cross: the fastest of the most accurate settings.`;
-      return {
-        nodes: [
-          ...(isMovable() ? sliders.nodes : []), element("label", {}, "lower map ", select), maps,
-          element("p", { className: "quiet", textContent: legend }),
-        ],
-        node, figure, draw, move: sliders.move,
-      };
+      return { nodes: [...(isMovable() ? sliders.nodes : []), element("label", {}, "map of ", select), node, caption], draw, move: sliders.move };
     }
 
     const titled = (column) => `${words(column)}${unit(column) ? ` (${unit(column)})` : ""}`;
@@ -747,27 +593,22 @@ const Design = (() => {
           select, ...(sliders?.nodes ?? []), summary, node,
           element("p", { className: "quiet", textContent: `${drawnParts}; first repeat.` }),
         ],
-        node, figure, draw, move: () => (sliders ? sliders.move() : follow(-1)),
+        draw, move: () => (sliders ? sliders.move() : follow(-1)),
       };
     }
 
     // ---- the view
 
-    // Where nothing is chosen, the panel shows the pick; while a budget moves, that may change with every step.
-    const soon = Dom.settled(({ pick, ...next }) => show(pick ? { ...next, moving: false, chosen: app.point(app.keyOf(pick.row)) } : next, pick));
-    function render(next) {
-      const pick = next.chosen ? undefined : next.budgeted.picks.find(({ row }) => row >= 0);
-      soon({ ...next, pick, moving: next.moving && pick !== undefined });
-    }
+    // What is chosen is shown at once; while a limit moves, the pick may change with every step.
+    const soon = Dom.settled(show);
+    const render = (next) => soon({ ...next, chosen: next.subject, moving: next.moving && !next.chosen });
 
-    function show(next, pick) {
+    function show(next) {
       shown = next;
-      hint.hidden = Boolean(shown.chosen) && !pick;
-      hint.textContent = pick ? `The pick${pick.task ? ` of ${clip(pick.task, 24)}` : ""}. Choose any design in the figure or a table.` : "Choose a point of the figure or a row of the table.";
-      body.hidden = compare.hidden = !shown.chosen;
-      if (!shown.chosen) {
-        heading.textContent = "Design";
-        bundle.hidden = true;
+      const isKnown = Boolean(shown.chosen.key);
+      body.hidden = compare.hidden = !isKnown;
+      if (!isKnown) {
+        heading.textContent = "No design";
         return;
       }
       renderHead();
@@ -776,11 +617,9 @@ const Design = (() => {
       else renderParts();
     }
 
-    const image = (format) => Figure.picture(drawn.figure(), shown.page.palette, format, [drawn.node.clientWidth, drawn.node.clientHeight]);
-
-    return { render, image };
+    return { render };
   }
 
-  return { view, decide, named, restore, worded, partOf, figureOf, listed, plain, told };
+  return { view, decide, named, restore, worded, tabs: ["inside"] };
 })();
 Views.design = Design;

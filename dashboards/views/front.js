@@ -1,722 +1,420 @@
 "use strict";
-// The front over two or three columns. In the plane, plotly draws axes, the joined front and what is marked, and a
-// canvas behind it every other point: twenty thousand of them follow a slider, which no chart library's do.
+// The chart: designs over two columns, the front that joins the best, the pick, and limits that are dragged on it. A canvas
+// has the points, of which twenty thousand follow a limit; what is written and what is dragged lies over it.
 const Front = (() => {
-  const BARS = 14; // intervals on a front: more would hide its points
-  const SPACE_POINTS = 2000; // dominated points drawn in space
-  const ARROW_PX = 20;
+  const [LEFT, RIGHT, TOP, BELOW] = [64, 16, 20, 44]; // px beside the axes
+  const ROOM = 0.03; // share of an axis beside its outermost values
   const NEAR_PX = 16; // how far from a point a pointer means it
-  const SETTLED_MS = 150; // after a budget's last step: until then the canvas draws what plotly is too slow for
-  const FADE_MS = 1200; // of points that a running study adds
+  const FLY_MS = 450; // from one chip to another
   const HOVER_CHARACTERS = 60;
-  const CHARACTER_PX = 8; // about the width of one
-  const STOPS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"]; // Cividis
   const LEVELS = 32; // of colour
-  const DASHES = ["solid", "dot", "dash", "dashdot"]; // of tasks whose colour is taken
-  const BOTH = "all";
-  const POINTED = "pointed";
-  const { element } = Dom;
-  const [OUTSIDE, DIM, BEST, JOINED, LEFT] = [0, 1, 2, 3, 4]; // points: beyond a budget, dominated, on the front, on the joined one, left out
-
-  const hasWebGL = (() => {
-    try {
-      return Boolean(document.createElement("canvas").getContext("webgl"));
-    } catch {
-      return false;
-    }
-  })();
-
-  // Plotly's own picture would lack the canvas.
-  const config = { ...Figure.config, modeBarButtonsToRemove: [...Figure.config.modeBarButtonsToRemove, "toImage"] };
-
-  const { ends } = Data;
+  const { element, svg } = Dom;
+  const [OUTSIDE, LEFT_OUT, WITHIN, JOINED] = [0, 1, 2, 3]; // points: beyond a limit, left out, within, on the front
 
   function view(root, app) {
-    const { number, escaped, clip, title, taskOf, colourOf } = app;
+    const { number, clip, title, sized } = app;
     const part = (name) => root.querySelector(name);
-    const [plot, canvas, ring, tip] = ["#plot", "#cloud", "#ring", "#tip"].map(part);
+    const [plane, plot, canvas, ring, tip, dial] = ["#plane", "#plot", "#cloud", "#ring", "#tip", "#dial"].map(part);
     let shown = null;
-    let panels = []; // of the plane: {tasks, suffix, points: rows, kinds of each, line: the joined front}
-    let places = []; // of the canvas: {rows, x, y} in pixels, per panel
-    let known = new Set(); // keys of the points drawn before, so that new ones can fade in
-    let born = { rows: new Set(), at: -Infinity };
+    let drawn = null; // {key, axes, points: rows, x, y: pixels, kinds, line: rows of the front, size}
+    let look = null;
 
-    // ---- what is drawn
+    // ---- places
 
-    const flat = () => shown.state.view !== "3";
-    const axes = () => (flat() ? ["x", "y"] : ["x", "y", "z"]).map((axis) => shown.state[axis]);
-    // In space the vertical is plotly's z; the column chosen as y points up in both views.
-    const letters = () => (flat() ? "xy" : "xzy");
-    const namesShown = () => (!shown.columns.task ? [""] : shown.state.task === BOTH ? app.distinct("task") : [shown.state.task]);
-    let drawn = { rows: null, key: "", points: [] }; // one list while budgets move
-    function drawable() {
-      const key = axes().join("|");
-      if (drawn.rows !== shown.rows || drawn.key !== key) {
-        const values = axes().map(app.numbers);
-        drawn = { rows: shown.rows, key, points: shown.rows.filter((row) => values.every((numbers) => !Number.isNaN(numbers[row]))) };
+    const names = () => [shown.state.x, shown.state.y];
+    function axesOf(points, [width, height]) {
+      return names().map((column, k) => {
+        const values = app.numbers(column);
+        const [low, high] = points.length ? Data.ends(points.map((row) => values[row])) : [0, 1];
+        const log = shown.state[`l${"xy"[k]}`] === "1" && low > 0;
+        const words = app.categories(column).map((name) => clip(name, 24));
+        const length = k ? height - TOP - BELOW : width - LEFT - RIGHT;
+        const axis = Data.axis(low, high, { log, names: app.isNumeric(column) ? [] : words, number, room: ROOM, most: Math.max(2, Math.floor(length / (k ? 56 : 96))) });
+        const px = (share) => (k ? height - BELOW - share * length : LEFT + share * length);
+        return { ...axis, column, log, to: (value) => px(axis.share(value)), from: (at) => axis.value(k ? (height - BELOW - at) / length : (at - LEFT) / length) };
+      });
+    }
+
+    function place(size) {
+      const values = names().map(app.numbers);
+      const key = JSON.stringify([names(), shown.state.lx, shown.state.ly, size]);
+      if (drawn?.rows !== shown.rows || drawn.key !== key) {
+        const points = shown.rows.filter((row) => values.every((one) => !Number.isNaN(one[row])));
+        const axes = axesOf(points, size);
+        const [x, y] = axes.map(({ to }, k) => Float32Array.from(points, (row) => to(values[k][row])));
+        drawn = { ...drawn, rows: shown.rows, key, size, points, axes, x, y };
       }
-      return drawn.points;
-    }
-
-    function coordinates(some) {
-      return Object.fromEntries(axes().map((column, k) => [letters()[k], some.map((row) => app.numbers(column)[row])]));
-    }
-
-    // On a crowded front every n-th point carries its interval.
-    function bars(some, colour) {
-      const step = Math.ceil(some.length / BARS);
-      const thinned = (values, column) => some.map((row, k) => (k % step === 0 && !(column && app.isOpen(column, row)) ? values[row] : null));
-      return Object.fromEntries(axes().flatMap((column, k) => {
-        const interval = Object.hasOwn(shown.page.intervals, column) ? shown.page.intervals[column] : undefined;
-        return !interval ? [] : [[`error_${letters()[k]}`, {
-          type: "data", symmetric: false, color: `${colour}99`, thickness: 1, width: 2,
-          array: thinned(interval.high, column), arrayminus: thinned(interval.low),
-        }]];
-      }));
-    }
-
-    // Of an interval whose upper end says nothing, an arrow.
-    function arrows(some, look, suffix) {
-      const step = Math.ceil(some.length / BARS);
-      return axes().flatMap((column, axis) => some.filter((row, k) => k % step === 0 && app.isOpen(column, row)).map((row) => {
-        const at = axes().map((name, k) => (shown.state[`l${"xy"[k]}`] === "1" ? Math.log10(app.numbers(name)[row]) : app.numbers(name)[row]));
-        const along = axis === 0 ? { xshift: ARROW_PX, ax: -ARROW_PX, ay: 0 } : { yshift: ARROW_PX, ax: 0, ay: ARROW_PX };
-        return { x: at[0], y: at[1], xref: `x${suffix}`, yref: `y${suffix}`, text: "", showarrow: true, arrowhead: 2, arrowwidth: 1, arrowcolor: look.quiet, ...along };
-      }));
-    }
-
-    // A point that stays on the front in few samples looks less certain.
-    function certainty(row) {
-      const { front_probability: probability, front_share: sampled } = shown.columns;
-      const share = (probability ?? sampled)?.values[row];
-      return typeof share === "number" ? 0.25 + 0.75 * share : 1;
-    }
-
-    function hoverText(row) {
-      const { columns, objectives, page } = shown;
-      const reason = shown.leftOut(row);
-      const lines = page.design.filter((column) => columns[column].values[row] !== null)
-        .map((column) => `${title(column)}  ${number(columns[column].values[row])}`);
-      const measured = app.beside([...objectives, ...axes()]).filter((column) => !page.design.includes(column));
-      return [...(reason ? [reason] : []), ...lines, ...measured.map((column) => `${title(column)}  ${app.withInterval(column, row)}`)]
-        .map((line) => clip(line, HOVER_CHARACTERS));
+      const line = new Set(shown.joined(names()) ?? []);
+      drawn.kinds = Uint8Array.from(drawn.points, (row) => (shown.leftOut(row) ? LEFT_OUT : !shown.within(row) ? OUTSIDE : line.has(row) ? JOINED : WITHIN));
+      const [xs, ys] = values;
+      drawn.line = drawn.points.filter((row) => line.has(row)).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
     }
 
     // ---- colours
 
-    function blended(stops, share) {
-      const at = share * (stops.length - 1);
-      const k = Math.min(stops.length - 2, Math.floor(at));
-      const parts = [stops[k], stops[k + 1]].map((hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)));
-      return `rgb(${parts[0].map((low, i) => Math.round(low + (at - k) * (parts[1][i] - low))).join(",")})`;
-    }
-
-    // A colour nearer to that of the page: plotly has no opacity per point in space.
-    function faded(colour, share, look) {
-      const [ground, ink] = [look.page, colour].map((name) =>
-        (name.startsWith("#") ? [1, 3, 5].map((i) => parseInt(name.slice(i, i + 2), 16)) : name.match(/\d+/g).slice(0, 3).map(Number)));
-      return `rgb(${ink.map((part, i) => Math.round(ground[i] + share * (part - ground[i]))).join(",")})`;
-    }
-
-    // What a column other than the task paints points with: {of(row), names: [[name, colour]]} or {of(row), scale}.
-    function tintOf(look) {
+    // What paints points: {of(row), names: [[name, colour]]}, or {of(row), scale} of a column of numbers.
+    let tint = null;
+    function tintOf() {
       const column = shown.colour;
-      if (!column || column === "task") return null;
+      const key = JSON.stringify([column, look.dark]);
+      if (tint?.key === key && tint.rows === shown.rows) return tint;
+      return { ...tinted(column), key, rows: shown.rows };
+    }
+    function tinted(column) {
+      if (!column) return { of: () => look.palette[0], names: [] };
       const values = app.numbers(column);
-      const names = app.categories(column);
-      if (names.length) {
-        const counts = names.map((name, k) => [shown.rows.filter((row) => values[row] === k).length, k]).sort((a, b) => b[0] - a[0] || a[1] - b[1]);
-        const own = new Map(counts.slice(0, names.length > look.palette.length ? look.palette.length - 1 : names.length).map(([, k]) => k).sort((a, b) => a - b)
-          .map((k, place) => [k, look.palette[place]]));
-        const listed = [...own].map(([k, colour]) => [names[k], colour]);
-        return { of: (row) => own.get(values[row]) ?? look.quiet, names: own.size < names.length ? [...listed, ["others", look.quiet]] : listed };
+      const words = app.categories(column);
+      if (words.length) {
+        const most = look.palette.length - (words.length > look.palette.length ? 1 : 0);
+        const of = (row) => (values[row] < most ? look.palette[values[row]] : look.quiet);
+        return { of, names: [...words.slice(0, most).map((name, k) => [column === "family" ? app.familyName(name) : name, look.palette[k]]), ...(words.length > most ? [["others", look.quiet]] : [])] };
       }
-      const stops = look.dark ? STOPS.slice(2) : STOPS.slice(0, -1); // the ends vanish on dark and on white
+      const stops = look.dark ? Figure.STOPS.slice(2) : Figure.STOPS.slice(0, -1); // the ends vanish on dark and on white
       const known = shown.rows.map((row) => values[row]).filter(Number.isFinite);
-      const [low, high] = ends(known);
-      const log = low > 0 && high / low > 100;
-      const along = (value) => (low === high ? 0.5 : log ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low));
-      const levels = Array.from({ length: LEVELS + 1 }, (_, k) => blended(stops, k / LEVELS));
-      const of = (row) => (Number.isFinite(values[row]) ? levels[Math.round(LEVELS * along(values[row]))] : look.quiet);
-      const scale = levels.filter((_, k) => k % 4 === 0).map((colour, k, all) => [k / (all.length - 1), colour]);
-      return known.length ? { of, names: [], scale: { low, high, log, scale } } : { of, names: [] };
+      if (!known.length) return { of: () => look.quiet, names: [] };
+      const [low, high] = Data.ends(known);
+      const { share } = Data.axis(low, high, { log: low > 0 && high / low > 100 });
+      const levels = Array.from({ length: LEVELS + 1 }, (_, k) => Figure.shade(k / LEVELS, stops));
+      const of = (row) => (Number.isFinite(values[row]) ? levels[Math.round(LEVELS * share(values[row]))] : look.quiet);
+      return { of, names: [], scale: { low, high, levels } };
     }
 
-    // The key of a tint, as traces without points.
-    function keyTraces(tint) {
-      if (!tint) return [];
-      const base = { type: "scatter", mode: "markers", x: [null], y: [null], hoverinfo: "skip" };
-      const named = tint.names.map(([name, color]) => ({ ...base, name: escaped(clip(name, 32)), showlegend: true, marker: { color, size: 9 } }));
-      if (!tint.scale) return named;
-      const { low, high, log, scale } = tint.scale;
-      const at = log ? Math.log10 : (value) => value;
-      const decades = Array.from({ length: 40 }, (_, k) => k - 20).filter((k) => k >= Math.log10(low) && k <= Math.log10(high));
-      const ticks = log ? { tickvals: decades, ticktext: decades.map((k) => number(10 ** k)) } : { nticks: 5 };
-      const title = { text: escaped(clip(app.title(shown.colour), 32)), side: "right" };
-      const colorbar = { thickness: 8, outlinewidth: 0, len: 0.9, title, ...ticks };
-      return [{ ...base, showlegend: false, marker: { color: [at(low)], cmin: at(low), cmax: at(high), colorscale: scale, showscale: true, colorbar } }];
+    // ---- the canvas
+
+    let flight = null; // {from: places by key, at}: of the points of another chip
+    function flown(k, share) {
+      const before = flight?.from.get(app.keyOf(drawn.points[k]));
+      return before ? [before[0] + share * (drawn.x[k] - before[0]), before[1] + share * (drawn.y[k] - before[1])] : [drawn.x[k], drawn.y[k]];
     }
-
-    const isOnFront = (row) => shown.onFront.has(row);
-
-    function panelsOf() {
-      const names = namesShown();
-      const front = shown.joined(axes());
-      const points = drawable();
-      const groups = shown.state.view === "s" && names.length > 1 ? names.map((name) => [name]) : [names];
-      return groups.map((tasks, k) => {
-        const ofTasks = tasks.length === names.length ? points : points.filter((row) => tasks.includes(taskOf(row)));
-        const line = new Set((front ?? []).filter((row) => !shown.columns.task || tasks.includes(taskOf(row))));
-        const kinds = Uint8Array.from(ofTasks, (row) => (shown.leftOut(row) ? LEFT : line.has(row) ? JOINED : !shown.within(row) ? OUTSIDE : isOnFront(row) ? BEST : DIM));
-        return { tasks, suffix: k ? String(k + 1) : "", points: ofTasks, kinds, line: [...line] };
-      });
-    }
-
-    // What the canvas draws of a panel, the least first. Dense clouds are thinner: the front stays what is seen first.
-    function layers({ kinds }) {
-      const counts = [0, 0, 0, 0, 0];
-      for (const kind of kinds) counts[kind] += 1;
-      const thin = (kind, alpha) => Math.max(0.08, alpha * Math.min(1, Math.sqrt(1000 / counts[kind])));
-      return [
-        { kind: LEFT, size: 3, alpha: thin(LEFT, 0.5) }, { kind: OUTSIDE, size: 2, alpha: thin(OUTSIDE, 0.2) }, { kind: DIM, size: 2.5, alpha: thin(DIM, 0.35) },
-        { kind: BEST, size: 3.5, alpha: 0.8 },
-      ];
-    }
-
-    function marked(look) {
-      const { budgeted, chosen, compared, columns } = shown;
-      const best = budgeted.pick >= 0 ? budgeted.picks.map(({ row }) => row) : [budgeted.relaxed[0]?.row ?? budgeted.nearest[0]?.row];
-      const symbol = (kind, size, width, colour) => ({ symbol: kind, color: colour, size, line: { color: colour, width } });
-      const inTask = (row) => row < 0 || shown.state.task === BOTH || !columns.task || taskOf(row) === shown.state.task;
-      const taskAt = ({ row, value }) => String((row < 0 ? value("task") : columns.task?.values[row]) ?? "");
-      const marks = [];
-      for (const row of budgeted.limits.length ? best.filter((one) => one >= 0) : []) {
-        const at = { row, value: (column) => columns[column].values[row] };
-        marks.push({ at, task: taskAt(at), marker: symbol("diamond-open", 16, 2, look.text), name: budgeted.pick >= 0 ? "pick" : "nearest" });
-      }
-      compared.forEach((at, k) => marks.push({ at, task: taskAt(at), marker: symbol("square-open", 16, 1.5, look.text), name: String(k + 1), words: true }));
-      if (chosen) marks.push({ at: chosen, task: taskAt(chosen), marker: symbol("circle-open", 18, 2, look.text), name: "chosen" });
-      return marks.filter(({ at }) => inTask(at.row) && axes().every((column) => Number.isFinite(app.placed(column, at.value(column)))));
-    }
-
-    const published = () => (shown.page.marks).filter(({ task, values }) =>
-      (!task || shown.state.task === BOTH || task === shown.state.task) && axes().every((column) => Number.isFinite(values[app.measuredOf(column)])));
-
-    // Plotly's traces of the plane; `whole` has the canvas's points too, for a picture that is kept.
-    function planeTraces(look, whole) {
-      const { state } = shown;
-      const tint = tintOf(look);
-      const traces = shown.rows.length ? keyTraces(tint) : [];
-      for (const panel of panels) {
-        const on = { xaxis: `x${panel.suffix}`, yaxis: `y${panel.suffix}` };
-        const add = (trace) => traces.push({ type: "scatter", mode: "markers", hoverinfo: "skip", showlegend: false, ...on, ...trace });
-        if (panel.points.length) {
-          const reach = axes().map((column) => ends(panel.points.map((row) => app.numbers(column)[row])));
-          add({ x: reach[0], y: reach[1], marker: { opacity: 0 } }); // the axes reach over what the canvas draws
-        }
-        for (const name of panel.tasks) {
-          const colour = colourOf(name, look);
-          const ofTask = (rows) => rows.filter((row) => taskOf(row) === name);
-          if (whole) {
-            for (const { kind, size, alpha } of layers(panel)) {
-              const some = ofTask(panel.points.filter((_, k) => panel.kinds[k] === kind));
-              const marker = { color: kind === OUTSIDE || kind === LEFT ? look.quiet : colour, size: 2 * size, opacity: alpha, line: { width: 0 } };
-              if (kind === LEFT) Object.assign(marker, { symbol: "square-open", line: { width: 1 } });
-              else if (tint && kind !== OUTSIDE) marker.color = some.map(tint.of);
-              if (some.length) add({ ...coordinates(some), marker });
-            }
-          }
-          const [xs, ys] = [state.x, state.y].map(app.numbers);
-          const line = ofTask(panel.line).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
-          if (!line.length) continue;
-          // The staircase is what the front attains: nothing lies beyond it.
-          add({ mode: "lines", ...coordinates(line), line: {
-            color: tint ? look.text : colour, width: 1.5, shape: app.wayOf(state.x) === "min" ? "hv" : "vh", dash: tint ? DASHES[panel.tasks.indexOf(name) % DASHES.length] : "solid",
-          } });
-          add({
-            ...coordinates(line), customdata: line, ...bars(line, tint ? look.quiet : colour), name: escaped(clip(name, 40)), showlegend: panel.tasks.length > 1 && !tint,
-            marker: { color: tint ? line.map(tint.of) : colour, size: 9, opacity: line.map(certainty), line: { color: look.page, width: 1 } },
-          });
-        }
-        overlays(look, ({ task }) => panel.tasks.length !== 1 || !task || task === panel.tasks[0]).forEach(add);
-      }
-      return traces;
-    }
-
-    // What lies over the points, in the plane and in space: published designs, and what is marked.
-    function overlays(look, here = () => true) {
-      const at = (values) => Object.fromEntries(axes().map((column, k) => [letters()[k], values.map((value) => app.placed(column, value(column)))]));
-      const cited = published().filter(here);
-      const marker = flat() ? { symbol: "x-thin", size: 9, color: look.quiet, line: { color: look.quiet, width: 2 } } : { symbol: "cross", size: 4, color: look.quiet };
-      const hovertext = cited.map(({ name, caption }) => `${escaped(clip(name, 60))}<br>${escaped(clip(caption, 120))}`);
-      const named = { name: "published", showlegend: true, marker, hoverinfo: "text", hovertext };
-      return [
-        ...(cited.length ? [{ ...at(cited.map(({ values }) => (column) => values[app.measuredOf(column)])), ...named }] : []),
-        ...marked(look).filter(here).map(({ at: { value }, marker: one, name, words }) => ({
-          ...at([value]), marker: flat() ? one : { ...one, size: 0.65 * one.size },
-          ...(words ? { mode: "markers+text", text: [name], textposition: `top ${flat() ? "right" : "center"}`, textfont: { color: look.text } } : {}),
-        })),
-      ];
-    }
-
-    function spaceTraces(look) {
-      const tint = tintOf(look);
-      const traces = keyTraces(tint).map((trace) => ({ ...trace, type: "scatter3d", z: [null] }));
-      const painted = (rows, colour) => (tint ? rows.map(tint.of) : colour);
-      const front = shown.joined(axes());
-      const points = drawable();
-      for (const name of namesShown()) {
-        const colour = colourOf(name, look);
-        const ofTask = points.filter((row) => taskOf(row) === name);
-        const visible = new Set(ofTask);
-        const line = (front ?? []).filter((row) => visible.has(row));
-        const inLine = new Set(line);
-        const thinned = (rows) => rows.filter((_, k) => k % Math.ceil(rows.length / SPACE_POINTS) === 0);
-        const add = (rows, marker, more = {}) => rows.length && traces.push({
-          type: "scatter3d", mode: "markers", ...coordinates(rows), customdata: rows, legendgroup: name, showlegend: false,
-          text: rows.map((row) => hoverText(row).map(escaped).join("<br>")), hovertemplate: "%{text}<extra></extra>", marker, ...more,
-        });
-        const cloud = ofTask.filter((row) => !inLine.has(row) && !shown.leftOut(row));
-        add(thinned(ofTask.filter(shown.leftOut)), { symbol: "square-open", color: look.quiet, size: 3, opacity: 0.5, line: { width: 1 } });
-        add(thinned(cloud.filter((row) => !shown.within(row))), { color: look.quiet, size: 2, opacity: 0.12, line: { width: 0 } });
-        const dim = thinned(cloud.filter((row) => shown.within(row) && !isOnFront(row)));
-        add(dim, { color: painted(dim, colour), size: 3, opacity: 0.22, line: { width: 0 } });
-        const best = cloud.filter((row) => shown.within(row) && isOnFront(row));
-        add(best, { color: best.map((row) => faded(tint ? tint.of(row) : colour, certainty(row), look)), size: 3.5, opacity: 0.75, line: { width: 0 } }, front ? {} : bars(best, colour));
-        const shaded = line.map((row) => faded(tint ? tint.of(row) : colour, certainty(row), look));
-        add(line, { color: shaded, size: 4.5, line: { color: look.page, width: 1 } },
-          { ...bars(line, colour), name: escaped(clip(name, 40)), showlegend: namesShown().length > 1 && !tint });
-      }
-      const pointed = { x: [], y: [], z: [], name: POINTED, marker: { symbol: "circle-open", size: 12, color: look.text, line: { color: look.text, width: 2 } } };
-      const plain = { type: "scatter3d", mode: "markers", hoverinfo: "skip", showlegend: false };
-      return [...traces, ...[...overlays(look), pointed].map((trace) => ({ ...plain, ...trace }))];
-    }
-
-    // ---- its frame
-
-    // Over many decades, ticks between them would run into each other.
-    function decadesOf(column) {
-      const values = app.numbers(column);
-      const [low, high] = ends(shown.rows.map((row) => values[row]).filter((value) => value > 0));
-      return { dtick: high / low > 1e7 ? 2 : high / low > 1e3 ? 1 : "D2" };
-    }
-
-    // In space an axis is short: few ticks, of a logarithm whole decades.
-    function ticksInSpace(column, log) {
-      if (!log) return { nticks: 5 };
-      const values = app.numbers(column);
-      const [low, high] = ends(shown.rows.map((row) => values[row]).filter((value) => value > 0)).map(Math.log10);
-      const decades = Array.from({ length: 80 }, (_, k) => k - 40).filter((k) => k > low - 0.5 && k < high + 0.5);
-      const tickvals = decades.filter((_, k) => k % Math.ceil(decades.length / 4) === 0).map((k) => 10 ** k);
-      return { tickmode: "array", tickvals, ticktext: tickvals.map((value) => number(value)) };
-    }
-
-    function axis(letter, look) {
-      const { state } = shown;
-      const log = state[`l${letter}`] === "1";
-      const names = app.categories(state[letter]);
-      const words = names.length ? { tickmode: "array", tickvals: names.map((_, k) => k), ticktext: names.map((name) => escaped(clip(name, 24))), range: [-0.5, names.length - 0.5] } : {};
-      return {
-        title: { text: escaped(clip(title(state[letter]), 48)), standoff: 8 }, automargin: true, type: log ? "log" : "linear",
-        ...Figure.NOTATION, showticklabels: shown.rows.length > 0, gridcolor: look.rule, linecolor: look.rule, zeroline: false, showbackground: false, color: look.text,
-        ...(!flat() ? ticksInSpace(state[letter], log) : log ? decadesOf(state[letter]) : {}), ...words,
-      };
-    }
-
-    // A narrow figure is seen from further away, so that its axes stay inside.
-    function camera(width) {
-      const far = Math.min(1.5, Math.max(1, 720 / width));
-      return { eye: { x: 1.7 * far, y: -1.9 * far, z: 0.6 * far }, center: { x: 0, y: 0, z: -0.25 } };
-    }
-
-    // `whole` has the grid too, which the canvas else draws below its points.
-    function layout(look, whole = false) {
-      const { state } = shown;
-      const narrow = plot.clientWidth < 560;
-      const figureLayout = {
-        ...Figure.face(look, narrow),
-        margin: flat() ? { l: 48, r: 8, t: 24, b: 40 } : { l: 0, r: 0, t: 8, b: 0 },
-        legend: { orientation: "h", x: 0, y: !flat() ? 1.08 : panels.length > 1 ? 1.07 : 1, yanchor: flat() ? "bottom" : "top", itemclick: false, itemdoubleclick: false, itemsizing: "constant" },
-        ...(look.paper ? { width: plot.clientWidth, height: plot.clientHeight } : {}),
-        uirevision: [state.view, state.x, state.y, state.z, state.lx, state.ly, state.lz].join(),
-      };
-      if (!flat()) {
-        figureLayout.scene = {
-          xaxis: axis("x", look), yaxis: axis("z", look), zaxis: axis("y", look), aspectmode: "manual",
-          aspectratio: { x: 1.5, y: 1.5, z: 1 }, camera: camera(plot.clientWidth),
-        };
-        return figureLayout;
-      }
-      figureLayout.annotations = panels.some(({ points }) => points.length) ? [] : [{
-        text: shown.budgeted.noneFits ? escaped(`No design fits ${clip(shown.state.hardware || "the chip", 40)}`) : "No point has both numbers",
-        xref: "paper", yref: "paper", x: 0.5, y: 0.5, showarrow: false, font: { size: 16, color: look.quiet },
-      }];
-      panels.forEach(({ suffix, tasks }, k) => {
-        const [low, high] = [k / panels.length, (k + 1) / panels.length - (k + 1 < panels.length ? 0.04 : 0)];
-        const room = Math.max(4, Math.floor(plot.clientWidth / panels.length / CHARACTER_PX));
-        figureLayout[`xaxis${suffix}`] = { ...axis("x", look), showgrid: whole, domain: [low, high], anchor: `y${suffix}` };
-        if (k && clip(title(state.x), 48).length > room) figureLayout[`xaxis${suffix}`].title = { text: "" }; // it is that of the first
-        figureLayout[`yaxis${suffix}`] = { ...axis("y", look), showgrid: whole, anchor: `x${suffix}`, ...(k ? { matches: "y", showticklabels: false, title: { text: "" } } : {}) };
-        figureLayout.annotations.push(...arrows(panels[k].line, look, suffix));
-        if (panels.length > 1) {
-          figureLayout.annotations.push({
-            text: escaped(clip(tasks[0], Math.min(40, room))), xref: "paper", yref: "paper", x: low, y: 1, xanchor: "left", yanchor: "bottom",
-            showarrow: false, font: { color: colourOf(tasks[0], look) },
-          });
-        }
-      });
-      return figureLayout;
-    }
-
-    // ---- the canvas behind the axes
-
-    // Where a panel's values lie in pixels; what a logarithm cannot show lies nowhere.
-    function projected(panel) {
-      const frame = plot._fullLayout;
-      return ["x", "y"].map((letter) => {
-        const along = frame[`${letter}axis${panel.suffix}`];
-        const log = along.type === "log";
-        return (value) => along._offset + along.l2p(log ? Math.log10(value) : value);
-      });
-    }
-
-    // Where points lie in pixels, as long as the points and the axes stay.
-    const placed = new WeakMap();
-    function placesOf(points, alongX, alongY, toX, toY) {
-      const key = [alongX, alongY].map(({ type, range, _offset, _length }) => [type, range, _offset, _length].join()).join("|") + axes().join("|");
-      if (placed.get(points)?.key !== key) {
-        const [xs, ys] = axes().map(app.numbers);
-        placed.set(points, { key, rows: points, x: Float32Array.from(points, (row) => toX(xs[row])), y: Float32Array.from(points, (row) => toY(ys[row])) });
-      }
-      return placed.get(points);
-    }
-
-    // Its size is asked for when it changes: to ask at every step would lay the page out twice.
-    let size = [plot.clientWidth, plot.clientHeight];
-    new ResizeObserver(() => {
-      const now = [plot.clientWidth, plot.clientHeight];
-      if (String(now) === String(size)) return;
-      size = now;
-      paint();
-    }).observe(plot);
 
     function paint() {
-      const frame = plot._fullLayout;
+      if (!drawn) return;
+      const { points, kinds, size } = drawn;
       const brush = Figure.brush(canvas, size);
-      places = [];
-      if (!shown || !flat() || !frame?.xaxis || plot.dataset.view !== drawnView()) return;
-      const look = app.style();
-      const tint = tintOf(look);
-      const age = Math.min(1, (performance.now() - born.at) / FADE_MS);
-      for (const panel of panels) {
-        const [alongX, alongY] = [frame[`xaxis${panel.suffix}`], frame[`yaxis${panel.suffix}`]];
-        if (!alongX || !alongY) return;
-        const [toX, toY] = projected(panel);
-        const { points, kinds } = panel;
-        const place = placesOf(points, alongX, alongY, toX, toY);
-        places.push(place);
-        brush.save();
-        brush.beginPath();
-        brush.rect(alongX._offset, alongY._offset, alongX._length, alongY._length);
-        brush.clip();
-        grid(brush, alongX, alongY, look);
-        bins(brush, panel, toX, toY, look);
-        const fresh = (k) => (age < 1 && born.rows.has(points[k]) ? age : 1);
-        const ofKind = [[], [], [], [], []];
-        for (let k = 0; k < points.length; k += 1) ofKind[kinds[k]].push(k);
-        for (const { kind, size, alpha } of layers(panel)) {
-          for (const name of kind === OUTSIDE || kind === LEFT ? panel.tasks.slice(0, 1) : panel.tasks) {
-            brush.fillStyle = kind === OUTSIDE ? look.quiet : colourOf(name, look);
-            brush.strokeStyle = look.quiet;
-            brush.lineWidth = 1;
-            brush.globalAlpha = alpha;
-            for (const k of ofKind[kind]) {
-              if (kind !== OUTSIDE && kind !== LEFT && panel.tasks.length > 1 && taskOf(points[k]) !== name) continue;
-              if (tint && kind !== OUTSIDE) brush.fillStyle = tint.of(points[k]);
-              if (age < 1) brush.globalAlpha = alpha * fresh(k);
-              if (kind === BEST) {
-                brush.globalAlpha = alpha * certainty(points[k]) * fresh(k);
-                brush.beginPath();
-                brush.arc(place.x[k], place.y[k], size, 0, 7);
-                brush.fill();
-              } else if (kind === LEFT) {
-                brush.strokeRect(place.x[k] - size, place.y[k] - size, 2 * size, 2 * size);
-              } else {
-                brush.fillRect(place.x[k] - size, place.y[k] - size, 2 * size, 2 * size);
-              }
-            }
-          }
+      const share = flight ? Math.min(1, (performance.now() - flight.at) / FLY_MS) : 1;
+      if (share === 1) flight = null;
+      const ofKind = [[], [], [], []];
+      for (let k = 0; k < points.length; k += 1) ofKind[kinds[k]].push(k);
+      const thin = (kind, alpha) => Math.max(0.08, alpha * Math.min(1, Math.sqrt(1000 / ofKind[kind].length)));
+      for (const [kind, half, alpha] of [[OUTSIDE, 2, thin(OUTSIDE, 0.25)], [LEFT_OUT, 3, thin(LEFT_OUT, 0.5)], [WITHIN, 2.5, thin(WITHIN, 0.45)], [JOINED, 4.5, 1]]) {
+        brush.fillStyle = brush.strokeStyle = look.quiet;
+        brush.globalAlpha = alpha;
+        for (const k of ofKind[kind]) {
+          const [x, y] = flight ? flown(k, share) : [drawn.x[k], drawn.y[k]];
+          if (kind >= WITHIN) brush.fillStyle = tint.of(points[k]);
+          if (kind === JOINED) {
+            brush.globalAlpha = certainty(points[k]);
+            brush.beginPath();
+            brush.arc(x, y, half, 0, 7);
+            brush.fill();
+          } else if (kind === LEFT_OUT) brush.strokeRect(x - half, y - half, 2 * half, 2 * half);
+          else brush.fillRect(x - half, y - half, 2 * half, 2 * half);
         }
-        if (isStale()) sketch(brush, panel, toX, toY, look, tint);
-        brush.restore();
       }
-      if (age < 1) requestAnimationFrame(paint);
+      if (flight) requestAnimationFrame(paint);
     }
 
-    // Lines at the ticks that plotly has written.
-    function grid(brush, alongX, alongY, look) {
-      Object.assign(brush, { strokeStyle: look.rule, lineWidth: 1, globalAlpha: 0.6 });
-      brush.beginPath();
-      for (const [along, across, line] of [[alongX, alongY, (at, over) => [at, over]], [alongY, alongX, (at, over) => [over, at]]]) {
-        for (const { x } of along._vals ?? []) {
-          const at = Math.round(along._offset + along.l2p(x)) + 0.5;
-          brush.moveTo(...line(at, across._offset));
-          brush.lineTo(...line(at, across._offset + across._length));
-        }
-      }
-      brush.stroke();
+    // A point that stays on the front in few samples looks less certain.
+    function certainty(row) {
+      const share = (shown.columns.front_probability ?? shown.columns.front_share)?.values[row];
+      return typeof share === "number" ? 0.25 + 0.75 * share : 1;
     }
 
-    // The joined front and the marks, without intervals.
-    const isStale = () => plot.classList.contains("stale");
-    function sketch(brush, panel, toX, toY, look, tint) {
-      const { state } = shown;
-      const [xs, ys] = axes().map(app.numbers);
-      brush.globalAlpha = 1;
-      for (const name of panel.tasks) {
-        const line = panel.line.filter((row) => taskOf(row) === name).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
-        brush.strokeStyle = brush.fillStyle = tint ? look.text : colourOf(name, look);
-        brush.lineWidth = 1.5;
-        brush.beginPath();
-        line.forEach((row, k) => {
-          const [x, y] = [toX(xs[row]), toY(ys[row])];
-          if (k === 0) brush.moveTo(x, y);
-          else if (app.wayOf(state.x) === "min") brush.lineTo(x, toY(ys[line[k - 1]]));
-          else brush.lineTo(toX(xs[line[k - 1]]), y);
-          brush.lineTo(x, y);
-        });
-        brush.stroke();
-        for (const row of line) {
-          if (tint) brush.fillStyle = tint.of(row);
-          brush.beginPath();
-          brush.arc(toX(xs[row]), toY(ys[row]), 4.5, 0, 7);
-          brush.fill();
-        }
-      }
-      brush.strokeStyle = look.text;
-      brush.lineWidth = 2;
-      for (const { at, task, marker } of marked(look)) {
-        if (panel.tasks.length === 1 && task && task !== panel.tasks[0]) continue;
-        const [x, y, r] = [toX(app.placed(state.x, at.value(state.x))), toY(app.placed(state.y, at.value(state.y))), marker.size / 2];
-        const corners = { "diamond-open": [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]], "square-open": [[-1, -1], [1, -1], [1, 1], [-1, 1]] }[marker.symbol];
-        brush.beginPath();
-        if (corners) {
-          for (const [right, down] of corners) brush.lineTo(x + r * right, y + r * down);
-          brush.closePath();
-        } else {
-          brush.arc(x, y, r, 0, 7);
-        }
-        brush.stroke();
-      }
+    // ---- what lies over it
+
+    // {name, at, symbol}: what is marked, the pick last.
+    function marks() {
+      const { budgeted, chosen, compared, subject, ghost } = shown;
+      const at = (row) => app.point(app.keyOf(row));
+      return [
+        ...(ghost >= 0 && ghost !== subject.row ? [{ name: "before", at: at(ghost), symbol: "ghost" }] : []),
+        ...compared.map((one, k) => ({ name: String(k + 1), at: one, symbol: "square" })),
+        ...(chosen && budgeted.pick >= 0 && budgeted.pick !== chosen.row ? [{ name: "pick", at: at(budgeted.pick), symbol: "diamond" }] : []),
+        ...(subject.key ? [{ name: chosen ? "your choice" : budgeted.pick >= 0 ? "your pick" : "nearest", at: subject, symbol: chosen ? "circle" : "diamond" }] : []),
+      ].map((one) => ({ ...one, value: names().map((column) => app.placed(column, one.at.value(column))) })).filter(({ value }) => value.every(Number.isFinite));
     }
 
-    // How many of all points lie where, behind a sample of them.
-    function bins(brush, panel, toX, toY, look) {
-      const { state, page } = shown;
-      for (const { task, hardware, x, y, x_edges, y_edges, counts } of page.bins) {
-        const isShown = (!task || panel.tasks.includes(task)) && (!hardware || hardware === state.hardware);
-        const turned = x === state.y && y === state.x;
-        if (!isShown || state.family !== BOTH || !(turned || (x === state.x && y === state.y))) continue;
-        const [right, up] = turned ? [y_edges, x_edges] : [x_edges, y_edges];
-        const most = Math.log1p(Math.max(...counts.map(([, , n]) => n)));
-        brush.fillStyle = look.quiet;
-        for (const [first, second, n] of counts) {
-          const [i, j] = turned ? [second, first] : [first, second];
-          brush.globalAlpha = (0.25 * Math.log1p(n)) / most;
-          const [left, bottom, edge, top] = [toX(right[i]), toY(up[j]), toX(right[i + 1]), toY(up[j + 1])];
-          brush.fillRect(left, top, edge - left, bottom - top);
-        }
-      }
+    const SHAPES = { diamond: "M0 -11L11 0L0 11L-11 0Z", square: "M-8 -8H8V8H-8Z", circle: "M9 0A9 9 0 1 1 -9 0A9 9 0 1 1 9 0Z", ghost: "M0 -11L11 0L0 11L-11 0Z" };
+    function markNode({ name, value, symbol }, words = name) {
+      const [x, y] = value.map((one, k) => drawn.axes[k].to(one));
+      const isRight = x > drawn.size[0] * 0.7;
+      return svg("g", { class: `mark ${symbol}`, transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` },
+        svg("path", { d: SHAPES[symbol], fill: "none", stroke: look.text, "stroke-width": 2, "stroke-dasharray": symbol === "ghost" ? "3 3" : undefined }),
+        svg("text", { x: isRight ? -14 : 14, y: symbol === "ghost" ? 18 : -8, "text-anchor": isRight ? "end" : "start", fill: look.text, stroke: look.page, "stroke-width": 3, "paint-order": "stroke", "font-weight": symbol === "ghost" ? 400 : 600, text: words }));
     }
 
-    const drawnView = () => `${shown.state.view}|${panels.length}|${axes().join("|")}|${shown.state.lx}${shown.state.ly}`;
+    // The error of what the pick is compared with: a band, in which all are as good.
+    function band() {
+      const { budgeted: { best }, page, state } = shown;
+      const gain = page.budgets.maximise;
+      const se = best >= 0 && Object.hasOwn(page.intervals, gain) ? page.intervals[gain].low[best] : 0;
+      const value = best >= 0 && app.trusts(gain).includes(state.y) ? shown.columns[state.y].values[best] : null;
+      if (!se || value === null) return [];
+      const [top, foot] = [value, value - se].map(drawn.axes[1].to);
+      return [svg("rect", { class: "band", x: LEFT, width: drawn.size[0] - LEFT - RIGHT, y: top, height: Math.max(1, foot - top), fill: look.quiet, opacity: 0.13 }, svg("title", { text: "as good within the error of the best" }))];
+    }
+
+    // Published designs, on data of their own.
+    function cited() {
+      const known = shown.page.marks.map((one) => ({ ...one, value: names().map((column) => one.values[app.measuredOf(column)]) }))
+        .filter(({ task, value }) => (!task || task === shown.state.task) && value.every(Number.isFinite));
+      return known.map(({ name, caption, value }) => svg("g", { class: "cited", transform: `translate(${value.map((one, k) => drawn.axes[k].to(one).toFixed(1)).join(" ")})` },
+        svg("path", { d: "M-5 -5L5 5M-5 5L5 -5", stroke: look.quiet, "stroke-width": 2 }), svg("title", { text: `${clip(name, 60)}: ${clip(caption, 120)}` })));
+    }
+
+    function staircase() {
+      const [xs, ys] = names().map(app.numbers);
+      const [toX, toY] = drawn.axes.map(({ to }) => to);
+      const isMin = app.wayOf(shown.state.x) === "min";
+      const path = drawn.line.map((row, k) => {
+        const [x, y] = [toX(xs[row]).toFixed(1), toY(ys[row]).toFixed(1)];
+        return k === 0 ? `M${x} ${y}` : isMin ? `H${x}V${y}` : `V${y}H${x}`;
+      }).join("");
+      return path ? [svg("path", { class: "joined", d: path, fill: "none", stroke: shown.colour ? look.text : look.palette[0], "stroke-width": 1.5 })] : [];
+    }
+
+    function frame() {
+      const [width, height] = drawn.size;
+      const [x, y] = drawn.axes;
+      const line = (d) => svg("path", { d, stroke: look.rule, "stroke-width": 1 });
+      const word = (text, attributes) => svg("text", { fill: look.text, text, ...attributes });
+      const inside = ([value]) => (one) => one.share(value) >= -0.001 && one.share(value) <= 1.001;
+      const ticks = (axis) => axis.ticks.filter((tick) => inside(tick)(axis));
+      return [
+        ...ticks(x).flatMap(([value, text]) => [line(`M${x.to(value).toFixed(1)} ${TOP}V${height - BELOW}`), word(text, { x: x.to(value), y: height - BELOW + 16, "text-anchor": "middle", class: "tick-x" })]),
+        ...ticks(y).flatMap(([value, text]) => [line(`M${LEFT} ${y.to(value).toFixed(1)}H${width - RIGHT}`), word(text, { x: LEFT - 6, y: y.to(value) + 4, "text-anchor": "end" })]),
+        word(clip(title(x.column), 60), { x: (LEFT + width - RIGHT) / 2, y: height - 8, "text-anchor": "middle", class: "x-title" }),
+        word(clip(title(y.column), 60), { x: -(TOP + height - BELOW) / 2, y: 14, transform: "rotate(-90)", "text-anchor": "middle", class: "y-title" }),
+      ];
+    }
+
+    // ---- limits: lines that are dragged, with a handle for the keyboard
+
+    const limited = () => names().map((column, k) => ({ column, k, way: shown.page.budgets.columns[column], range: shown.budgeted.ranges[column] }))
+      .filter(({ column, way, range }) => way && range && range[0] < range[1] && app.isNumeric(column));
+    const handles = new Map(); // by column: a drag or the focus survives what is drawn anew
+    function handle({ column, k, way, range }) {
+      const [width, height] = drawn.size;
+      const axis = drawn.axes[k];
+      const text = shown.state[`b.${column}`];
+      const loose = way === "min" ? range[1] : range[0];
+      const value = text === "" ? loose : Math.min(Math.max(Number(text), axis.value(0)), axis.value(1));
+      const at = axis.to(value);
+      if (!handles.has(column)) {
+        handles.set(column, svg("g", { tabindex: 0, role: "slider", "data-column": column, on: { pointerdown: (event) => grab(event, column), keydown: (event) => step(event, column) } }));
+      }
+      const node = handles.get(column);
+      const { label, unit } = shown.columns[column];
+      const steps = Budgets.scale(range, way);
+      const said = `${label} ${way === "max" ? "at least" : "at most"}`;
+      for (const [name, value_] of Object.entries({
+        class: `limit ${text === "" ? "free" : "set"} ${k ? "across" : "upright"}`, "aria-label": `${said}${unit ? `, ${unit}` : ""}`, "aria-valuemin": 0, "aria-valuemax": Budgets.STEPS,
+        "aria-valuenow": steps.step(text), "aria-valuetext": text === "" ? "no limit" : sized(column, Number(text)),
+      })) node.setAttribute(name, value_);
+      const beyond = k ? { x: LEFT, width: width - LEFT - RIGHT, ...(way === "max" ? { y: at, height: Math.max(0, height - BELOW - at) } : { y: TOP, height: Math.max(0, at - TOP) }) }
+        : { y: TOP, height: height - TOP - BELOW, ...(way === "min" ? { x: at, width: Math.max(0, width - RIGHT - at) } : { x: LEFT, width: Math.max(0, at - LEFT) }) };
+      const grip = k ? { x: width - RIGHT - 26, y: at - 12 } : { x: at - 12, y: height - BELOW - 12 };
+      node.replaceChildren(svg("rect", { class: "beyond", ...beyond, fill: look.quiet, opacity: text === "" ? 0 : 0.1 }),
+        svg("path", { d: k ? `M${LEFT} ${at}H${width - RIGHT}` : `M${at} ${TOP}V${height - BELOW}`, stroke: look.focus, "stroke-width": text === "" ? 1 : 2, "stroke-dasharray": text === "" ? "2 4" : undefined }),
+        svg("rect", { class: "grip", ...grip, width: 24, height: 24, rx: 12, fill: look.page, stroke: look.focus, "stroke-width": 2 }),
+        svg("text", { x: grip.x + 12, y: grip.y + 17, "text-anchor": "middle", fill: look.focus, "aria-hidden": "true", text: k ? "↕" : "↔" }),
+        ...(text === "" ? [] : [svg("text", { x: k ? width - RIGHT - 32 : at - 16, y: k ? at - 6 : TOP + 14, "text-anchor": "end", fill: look.text, stroke: look.page, "stroke-width": 3, "paint-order": "stroke", "font-weight": 600, text: `${said} ${sized(column, Number(text))}` })]));
+      return node;
+    }
+
+    const find = (column) => limited().find((one) => one.column === column);
+    function put(column, text) {
+      if (text !== shown.state[`b.${column}`]) app.change({ [`b.${column}`]: text });
+    }
+    function grab(event, column) {
+      if (event.button !== 0) return;
+      event.preventDefault();
+      handles.get(column).focus({ preventScroll: true });
+      const moved = ({ clientX, clientY }) => {
+        const { k, way, range } = find(column);
+        const box = plane.getBoundingClientRect();
+        const steps = Budgets.scale(range, way);
+        put(column, steps.limit(steps.step(String(drawn.axes[k].from(k ? clientY - box.top : clientX - box.left)))));
+      };
+      const ended = () => {
+        removeEventListener("pointermove", moved);
+        for (const end of ["pointerup", "pointercancel"]) removeEventListener(end, ended);
+      };
+      addEventListener("pointermove", moved);
+      for (const end of ["pointerup", "pointercancel"]) addEventListener(end, ended);
+    }
+    function step(event, column) {
+      const by = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10, Home: -Budgets.STEPS, End: Budgets.STEPS }[event.key];
+      if (by === undefined) return;
+      event.preventDefault();
+      const { way, range } = find(column);
+      const steps = Budgets.scale(range, way);
+      put(column, steps.limit(Math.min(Budgets.STEPS, Math.max(0, steps.step(shown.state[`b.${column}`]) + by))));
+    }
+
+    // ---- the trust dial: what is drawn of an accuracy
+
+    const TRUST = [["", "as validated"], ["_corrected", "corrected for luck"], ["_test", "on the test recordings"]];
+    function renderDial() {
+      const gain = shown.page.budgets.maximise ?? "";
+      const known = app.trusts(gain);
+      dial.hidden = known.length < 2;
+      const slider = dial.querySelector("input");
+      slider.max = known.length - 1;
+      slider.value = Math.max(0, known.indexOf(shown.state.y));
+      const words = known.includes(shown.state.y) ? TRUST.find(([end]) => `${gain}${end}` === shown.state.y)[1] : "not drawn";
+      dial.querySelector("output").textContent = words;
+      slider.setAttribute("aria-valuetext", words);
+      slider.oninput = () => app.change({ y: known[Number(slider.value)] });
+    }
 
     // ---- pointing
 
+    function hoverText(row) {
+      const { columns, objectives, page } = shown;
+      const reason = shown.leftOut(row);
+      const lines = page.design.filter((column) => columns[column].values[row] !== null).map((column) => `${title(column)}  ${number(columns[column].values[row])}`);
+      const measured = app.beside([...objectives, ...names()]).filter((column) => !page.design.includes(column));
+      return [...(reason ? [reason] : []), ...lines, ...measured.map((column) => `${title(column)}  ${app.withInterval(column, row)}`)].map((line) => clip(line, HOVER_CHARACTERS));
+    }
+
     function nearest(event) {
-      const box = plot.getBoundingClientRect();
+      const box = plane.getBoundingClientRect();
       const [px, py] = [event.clientX - box.left, event.clientY - box.top];
       let [best, least] = [-1, NEAR_PX ** 2];
-      for (const { rows, x, y } of places) {
-        for (let k = 0; k < rows.length; k += 1) {
-          // Of points on the same spot, one on the front is meant.
-          const distance = (x[k] - px) ** 2 + (y[k] - py) ** 2 + (isOnFront(rows[k]) ? 0 : 4);
-          if (distance < least) [best, least] = [rows[k], distance];
-        }
+      for (let k = 0; k < drawn.points.length; k += 1) {
+        // Of points on the same spot, one on the front is meant.
+        const distance = (drawn.x[k] - px) ** 2 + (drawn.y[k] - py) ** 2 + (drawn.kinds[k] === JOINED ? 0 : 4);
+        if (distance < least) [best, least] = [k, distance];
       }
       return best;
     }
 
-    function spot(row) {
-      for (const { rows, x, y } of places) {
-        const k = rows.indexOf(row);
-        if (k >= 0) return [x[k], y[k]];
-      }
-      return null;
+    function showTip(k) {
+      tip.hidden = k < 0;
+      if (k < 0) return;
+      tip.replaceChildren(...hoverText(drawn.points[k]).map((text) => element("div", { textContent: text })));
+      const [[width, height], x] = [drawn.size, drawn.x[k]];
+      tip.style.left = `${x > width / 2 ? "" : x + 12}px`;
+      tip.style.right = `${x > width / 2 ? width - x + 12 : ""}px`;
+      tip.style.top = `${Math.max(0, Math.min(drawn.y[k] - 16, height - tip.offsetHeight))}px`;
     }
 
-    function showTip(row) {
-      const at = row >= 0 ? spot(row) : null;
-      tip.hidden = at === null;
-      if (at === null) return;
-      tip.replaceChildren(...hoverText(row).map((text) => element("div", { textContent: text })));
-      const width = plot.clientWidth;
-      tip.style.left = `${at[0] > width / 2 ? "" : at[0] + 12}px`;
-      tip.style.right = `${at[0] > width / 2 ? width - at[0] + 12 : ""}px`;
-      tip.style.top = `${Math.max(0, Math.min(at[1] - 16, plot.clientHeight - tip.offsetHeight))}px`;
-    }
-
-    let [pressed, pointed] = [null, -1]; // where a button went down, on which row; the row under the pointer
-    plot.addEventListener("pointermove", (event) => {
-      if (!shown || !flat() || event.buttons) return;
-      const row = nearest(event);
-      if (row === pointed) return;
-      pointed = row;
-      showTip(row);
-      app.hover(row < 0 ? null : app.keyOf(row));
+    let [pointed, pressed] = [-1, null];
+    plane.addEventListener("pointermove", (event) => {
+      if (!drawn || event.buttons || event.target.closest?.(".limit")) return;
+      const k = nearest(event);
+      if (k === pointed) return;
+      pointed = k;
+      showTip(k);
+      app.hover(k < 0 ? null : app.keyOf(drawn.points[k]));
     });
-    plot.addEventListener("pointerleave", () => {
+    plane.addEventListener("pointerleave", () => {
       pointed = -1;
-      showTip(-1);
+      tip.hidden = true;
       app.hover(null);
     });
-    // Plotly covers the page while a button is held: what is pressed and let go on one spot is a choice.
-    plot.addEventListener("pointerdown", (event) => { pressed = { x: event.clientX, y: event.clientY, row: pointed }; }, true);
-    addEventListener("pointerup", (event) => {
-      const { x, y, row: before } = pressed ?? {};
-      const still = pressed && Math.hypot(event.clientX - x, event.clientY - y) < 4;
-      pressed = null;
-      if (!shown || !still) return;
-      const row = flat() ? nearest(event) : before; // in space a button that goes down already turns the scene
-      if (row >= 0) app.change({ chosen: app.keyOf(row) });
-    }, true);
-
-    function pointInSpace(row) {
-      if (flat() || row === pointed) return;
-      pointed = row;
-      app.hover(row < 0 ? null : app.keyOf(row));
-    }
-
-    // In space the mark is a trace of its own, the last: it moves at most once a frame.
-    let marking = null;
-    function markInSpace(row) {
-      const waiting = marking !== null;
-      marking = row;
-      if (waiting) return;
-      requestAnimationFrame(() => {
-        const at = axes().map((column) => (marking >= 0 ? app.numbers(column)[marking] : NaN));
-        marking = null;
-        if (flat() || !plot.data?.length || plot.data.at(-1).name !== POINTED) return;
-        const values = Object.fromEntries(at.map((value, k) => [letters()[k], [Number.isNaN(value) ? [] : [value]]]));
-        Plotly.restyle(plot, values, [plot.data.length - 1]);
-      });
-    }
+    plane.addEventListener("pointerdown", (event) => { pressed = event.target.closest(".limit") ? null : [event.clientX, event.clientY]; });
+    plane.addEventListener("click", (event) => {
+      if (!drawn || !pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
+      const k = nearest(event);
+      if (k >= 0) app.change({ chosen: app.keyOf(drawn.points[k]) });
+    });
 
     function hover(key) {
-      const row = key === null ? -1 : app.rowOf(key);
-      if (shown && !flat()) {
-        if (row !== pointed) markInSpace(row); // what the pointer is on says so itself
-        return;
-      }
-      const at = row >= 0 && shown ? spot(row) : null;
-      ring.hidden = at === null;
-      if (at !== null) ring.style.transform = `translate(${at[0] - 9}px, ${at[1] - 9}px)`;
+      const k = key === null || !drawn ? -1 : drawn.points.indexOf(app.rowOf(key));
+      ring.hidden = k < 0;
+      if (k >= 0) ring.style.transform = `translate(${drawn.x[k] - 9}px, ${drawn.y[k] - 9}px)`;
     }
 
     // ---- drawing
 
-    let listening = null;
-    function listen() {
-      if (listening === plot._ev) return;
-      listening = plot._ev;
-      paint(); // from now on with every drawing
-      plot.on("plotly_afterplot", paint);
-      plot.on("plotly_relayouting", paint);
-      plot.on("plotly_hover", (event) => pointInSpace(event.points[0].customdata ?? -1));
-      plot.on("plotly_unhover", () => pointInSpace(-1));
+    const overlay = svg("svg", { role: "group", "aria-label": "Chart" });
+    const picture = svg("g", { role: "img" });
+    overlay.append(picture);
+    plot.append(overlay);
+
+    // Points as nodes: of a picture that is kept, and on paper, where canvases stay empty.
+    function pointNodes() {
+      return drawn.points.map((row, k) => {
+        const kind = drawn.kinds[k];
+        const fill = kind >= WITHIN ? tint.of(row) : look.quiet;
+        return svg("circle", { class: "point", cx: drawn.x[k].toFixed(1), cy: drawn.y[k].toFixed(1), r: kind === JOINED ? 4.5 : 2.5, fill, opacity: kind === JOINED ? 1 : kind === WITHIN ? 0.35 : 0.15 });
+      });
     }
 
-    let drawing;
-    function draw() {
-      if (!flat() && !hasWebGL) {
-        if (window.Plotly) Plotly.purge(plot);
-        plot.textContent = "The 3-D view needs WebGL, which this browser does not offer. The 2-D view works.";
-        return;
-      }
-      const current = shown;
-      Figure.library().then(() => {
-        if (current !== shown) return;
-        const look = app.style();
-        const space = `${!flat()} ${look.paper}`; // as wide as it was drawn
-        if (plot.dataset.space !== space) Plotly.purge(plot);
-        plot.dataset.space = space;
-        plot.dataset.view = drawnView();
-        plot.classList.remove("stale");
-        Plotly.react(plot, flat() ? planeTraces(look, false) : spaceTraces(look), layout(look), config).then(listen);
-      });
+    function nodes(whole) {
+      const { subject, ghost } = shown;
+      const words = ({ name, symbol }) => (symbol === "ghost" ? ["before:", ...app.differences(subject, app.point(app.keyOf(ghost)))].join(" ") : name);
+      const empty = drawn.points.length ? [] : [svg("text", { x: drawn.size[0] / 2, y: drawn.size[1] / 2, "text-anchor": "middle", fill: look.quiet, "font-size": 16, text: shown.budgeted.noneFits ? `No design fits ${clip(shown.state.hardware || "the chip", 40)}` : "No point has both numbers" })];
+      return [...frame(), ...band(), ...(whole ? pointNodes() : []), ...staircase(), ...cited(), ...marks().map((one) => markNode(one, words(one))), ...empty];
     }
 
     function describe() {
-      const { columns, objectives, budgeted, state } = shown;
-      const front = shown.joined(axes());
-      const labels = axes().map((column) => columns[column].label);
-      const every = app.plural(objectives.length, "objective");
-      const item = (symbol, text) => element("span", {}, element("span", { className: `key ${symbol}` }), ` ${text}`);
-      part("#caption").replaceChildren(...[
-        front && item("joined", `front of ${labels.slice(0, -1).join(", ")} and ${labels.at(-1)}`), item("solid", `front of all ${every}`), item("dim", "dominated"),
-        (shown.columns.front_probability ?? shown.columns.front_share) && item("faint", `paler: on the front in few samples of ${shown.columns.front_probability ? "recordings, seeds and chip" : "the chip's numbers"}`),
-        front && item("whisker", "standard error, or the model's interval"), budgeted.limits.length && item("beyond", "outside the budgets"),
-        budgeted.limits.length && item("diamond", budgeted.pick >= 0 ? "pick" : "nearest"), shown.rows.some(shown.leftOut) && item("left", "left out"),
-        published().length && item("cross", "published, on its own data"),
-      ].filter(Boolean));
-      const rows = (front ?? budgeted.front).filter((row) => state.task === BOTH || !columns.task || taskOf(row) === state.task);
-      const ranges = !rows.length ? ["nothing is within the budgets"] : axes().map((column) => {
-        const [low, high] = ends(rows.map((row) => app.numbers(column)[row]).filter((value) => !Number.isNaN(value)));
+      const labels = names().map((column) => shown.columns[column].label);
+      const ranges = drawn.line.length ? names().map((column) => {
+        const [low, high] = Data.ends(drawn.line.map((row) => app.numbers(column)[row]));
         return `${title(column)} ${number(low)} to ${number(high)}`;
-      });
-      plot.setAttribute("aria-label", `${labels.join(" against ")}: ${rows.length} points on the front, ${ranges.join(", ")}. The table below holds the numbers.`);
+      }).join(", ") : "nothing is within the limits";
+      picture.setAttribute("aria-label", `${labels.join(" against ")}: ${app.many(drawn.line.length)} points on the front, ${ranges}. The tables below hold the numbers.`);
+      const { names: words, scale } = tint;
+      const square = (colour) => {
+        const node = element("span", { className: "key" });
+        node.style.background = colour;
+        return node;
+      };
+      const { budgeted } = shown;
+      const reason = budgeted.misfits.length ? `${app.many(budgeted.misfits.reduce((sum, row) => sum + budgeted.weight(row), 0))} settings ${budgeted.isUnable(budgeted.misfits[0]) ? "cannot run on" : "do not fit"} ${clip(shown.state.hardware || "the chip", 40)}` : "";
+      part("#caption").replaceChildren(...words.map(([name, colour]) => element("span", {}, square(colour), ` ${clip(name, 32)}`)),
+        ...(scale ? [element("span", {}, `${title(shown.colour)}: ${number(scale.low)} `, ...scale.levels.filter((_, k) => k % 4 === 0).map(square), ` ${number(scale.high)}`)] : []),
+        ...(cited().length ? [element("span", { textContent: "× published, on its own data" })] : []), ...(reason ? [element("span", { id: "misfits", textContent: reason })] : []));
     }
 
-    function fresh() {
-      const keys = new Set(shown.rows.map(app.keyOf));
-      const added = shown.rows.filter((row) => !known.has(app.keyOf(row)));
-      const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-      if (known.size && !still) born = { rows: new Set(added), at: added.length ? performance.now() : born.at };
-      known = keys;
+    function draw() {
+      const size = [plane.clientWidth, plane.clientHeight];
+      if (!shown || !size[0]) return;
+      look = app.style();
+      tint = tintOf();
+      place(size);
+      for (const [name, value] of [["width", size[0]], ["height", size[1]], ["viewBox", `0 0 ${size.join(" ")}`]]) overlay.setAttribute(name, value);
+      paint();
+      picture.replaceChildren(...nodes(look.paper));
+      const held = look.paper ? [] : limited().map(handle);
+      if (overlay.children.length - 1 !== held.length || held.some((node, k) => overlay.children[k + 1] !== node)) overlay.replaceChildren(picture, ...held);
+      if (!shown.moving) describe();
+      // What tests and other scripts may ask of it.
+      plot.drawn = { axes: drawn.axes, line: drawn.line, marks: marks(), points: drawn.points };
     }
+    new ResizeObserver(() => { if (shown && String(drawn?.size) !== String([plane.clientWidth, plane.clientHeight])) draw(); }).observe(plane);
 
     function render(next) {
-      const isNew = shown?.page !== next.page;
+      // From one chip to another the same designs fly to their other prices.
+      if (shown && shown.page === next.page && shown.state.hardware !== next.state.hardware && drawn && !matchMedia("(prefers-reduced-motion: reduce)").matches) {
+        flight = { from: new Map(drawn.points.map((row, k) => [app.keyOf(row), [drawn.x[k], drawn.y[k]]])), at: performance.now() };
+      }
       shown = next;
-      if (!next.moving) size = [plot.clientWidth, plot.clientHeight]; // the observer is late for paper
-      if (isNew) fresh();
-      panels = flat() ? panelsOf() : [];
       ring.hidden = tip.hidden = true;
       pointed = -1;
-      clearTimeout(drawing);
-      // Axes that stay need no drawing at once.
-      const isMoving = next.moving && flat() && plot.dataset.view === drawnView();
-      plot.classList.toggle("stale", isMoving);
-      paint();
-      if (isMoving) drawing = setTimeout(draw, SETTLED_MS);
-      else draw();
-      describe();
+      renderDial();
+      draw();
     }
 
-    // The figure as a picture, in the colours of print: a data address.
     async function image(format) {
-      await Figure.library();
-      const look = Figure.print(shown.page.palette);
-      const figure = { data: flat() ? planeTraces(look, true) : spaceTraces(look), layout: { ...layout(look, true), paper_bgcolor: look.page } };
-      return Plotly.toImage(figure, { format, width: plot.clientWidth, height: plot.clientHeight, scale: format === "png" ? 2 : 1 });
+      look = Figure.print(shown.page.palette);
+      tint = tintOf();
+      const [width, height] = drawn.size;
+      const whole = svg("svg", { xmlns: "http://www.w3.org/2000/svg", width, height, viewBox: `0 0 ${width} ${height}`, "font-family": "sans-serif", "font-size": 12 },
+        svg("rect", { width, height, fill: look.page }), ...nodes(true));
+      const text = new XMLSerializer().serializeToString(whole);
+      draw();
+      return Figure.saved(text, [width, height], format);
     }
 
-    // What a CSV of the figure holds: the points within the budgets and filters.
     const listed = () => shown.rows.filter(shown.within);
 
     return { render, hover, image, listed };
   }
 
-  return { view, hasWebGL };
+  return { view, tabs: ["always"] };
 })();
 Views.front = Front;

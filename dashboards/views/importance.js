@@ -1,65 +1,53 @@
 "use strict";
-// Which parameter matters for which objective: bars of a random forest's permutation importance, with how far to
-// trust it, and the mean of the objective at each value of the parameter that is chosen.
+// Which parameter matters for which objective, all in one chart: bars of a random forest's permutation importance where it
+// explains enough to say so, and the means of each objective at the values of the parameter that is chosen.
 const Importance = (() => {
-  const MOST = 10; // parameters with a bar
+  const MOST = 10; // parameters with a line
   const LITTLE = 0.3; // explained variance below which a ranking says nothing
   const { element, button } = Dom;
 
   function view(root, app) {
-    const { number, clip, title } = app;
-    const select = element("select", { onchange: () => render(shown) });
-    const words = element("p", { className: "quiet" });
-    const [bars, slices] = [element("div", { className: "bars" }), element("div")];
-    root.append(element("h2", { textContent: "What matters" }), element("label", {}, "for ", select), words, element("div", { className: "halves" }, bars, slices));
-    let [shown, parameter] = [null, null];
+    const { number, clip } = app;
+    let parameter = null;
 
-    const isOf = ({ task, hardware }, { state, columns }) =>
-      (!task || !columns.task || state.task === "all" || state.task === task) && (!hardware || hardware === state.hardware);
-    const labelOf = (column, n) => clip(shown.columns[column]?.label ?? column, n);
-
-    function bar(one, most) {
-      const choose = () => {
-        parameter = one.column;
-        render(shown);
+    function draw(shown) {
+      const { page, state, columns } = shown;
+      const isOf = ({ task, hardware, objective }) => page.objectives[objective] && (!task || !columns.task || state.task === task) && (!hardware || hardware === state.hardware);
+      const found = page.importance.filter(isOf);
+      const told = found.filter(({ r2 }) => r2 >= LITTLE);
+      const label = (column, n = 40) => clip(columns[column]?.label ?? column, n);
+      const share = (one, column) => one.parameters.find((each) => each.column === column)?.importance ?? 0;
+      const parts = ({ parameters }) => parameters.reduce((sum, { importance }) => sum + Math.max(0, importance), 0) || 1;
+      const names = [...new Set(found.flatMap(({ parameters }) => parameters.map(({ column }) => column)))];
+      const weight = (column) => Math.max(0, ...told.map((one) => share(one, column) / parts(one)));
+      const ranked = names.sort((a, b) => weight(b) - weight(a)).slice(0, MOST);
+      if (!ranked.includes(parameter)) [parameter = null] = ranked;
+      const choose = (column) => button(label(column, 48), () => {
+        parameter = column;
+        draw(shown);
+      }, { title: `means of ${column}`, "aria-pressed": column === parameter });
+      const bar = (one, column) => {
+        const fill = element("span", { className: "fill" });
+        fill.style.width = `${(100 * Math.max(0, share(one, column))) / parts(one)}%`;
+        return [element("span", { className: "track" }, fill), element("small", { textContent: ` ${Math.round((100 * Math.max(0, share(one, column))) / parts(one))}\u202f%` })];
       };
-      const fill = element("span", { className: "fill" });
-      fill.style.width = `${(100 * one.importance) / most}%`;
-      return element("div", { className: "bar" }, button(labelOf(one.column, 48), choose, { title: `means of ${one.column}`, "aria-pressed": one.column === parameter }),
-        element("span", { className: "track" }, fill), element("span", { className: "number", textContent: `${one.importance.toFixed(2)} ± ${one.se.toFixed(2)}` }));
+      const chart = Dom.table("Importance", [["parameter", "text"], ...told.map(({ objective }) => [label(objective)])], ranked.map((column) => [Dom.rowHead(choose(column)), ...told.map((one) => bar(one, column))]));
+      const silent = found.filter((one) => !told.includes(one)).map(({ objective, r2 }) => `${label(objective)} (${Math.round(100 * Math.max(0, r2))}\u202f% explained)`);
+      const values = found.flatMap((one) => one.parameters.filter(({ column }) => column === parameter).flatMap(({ slices }) => slices.map(({ value }) => value)));
+      const at = (one, value) => one.parameters.find(({ column }) => column === parameter)?.slices.find((slice) => slice.value === value);
+      const mean = (one, value) => {
+        const slice = at(one, value);
+        return slice ? `${number(slice.mean, app.isShare(one.objective))}${slice.se === null ? "" : ` ${app.error(slice.se)}`}` : "–";
+      };
+      const means = Dom.table("Means", [[label(parameter ?? ""), "text"], ...found.map(({ objective }) => [`mean ${app.title(objective)}`])], [...new Set(values)].map((value) => [Dom.rowHead(clip(value, 48)), ...found.map((one) => mean(one, value))]));
+      Dom.keepFocus(root, ({ title }) => title, () => root.replaceChildren(element("h2", { textContent: "What matters" }),
+        element("p", { className: "quiet", textContent: told.length ? "How much of what can be explained is lost without each parameter." : "The parameters explain too little of designs left out for a ranking." }),
+        ...(told.length ? [chart] : ranked.map(choose)), ...(silent.length ? [element("p", { className: "quiet", textContent: `Nothing can be said of ${silent.join(", ")}.` })] : []), ...(parameter === null ? [] : [means])));
     }
 
-    function meanTable({ column, slices: found }, objective) {
-      const { unit, label } = shown.columns[objective];
-      const rows = found.map(({ value, n, mean, se }) => [Dom.rowHead(clip(value, 48)),
-        `${number(mean, objective === "accuracy")}${se === null ? "" : ` ${app.error(se)}`}${unit ? `\u202f${unit}` : ""}`, app.many(n)]);
-      return Dom.table("Means", [[labelOf(column, 40), "text"], [`mean ${label}`], ["designs"]], rows);
-    }
-
-    function render(next) {
-      shown = next;
-      const { page } = shown;
-      const offered = (page.importance ?? []).filter((one) => page.objectives[one.objective] && isOf(one, shown));
-      root.hidden = offered.length === 0;
-      if (root.hidden || shown.moving) return;
-      const several = new Set(offered.map(({ task }) => task)).size > 1;
-      const names = offered.map(({ task, objective }) => `${title(objective)}${several ? ` · ${task}` : ""}`);
-      Dom.fill(select, names.map((name) => [name, clip(name, 60)]));
-      const { objective, n, r2, parameters: all } = offered[Math.max(0, names.indexOf(select.value))];
-      const parameters = all.slice(0, MOST);
-      if (!parameters.some(({ column }) => column === parameter)) parameter = parameters[0].column;
-      const share = `${Math.round(100 * Math.max(0, r2))}\u202f%`;
-      words.textContent = r2 < LITTLE ? `The parameters explain ${share} of designs left out (${app.many(n)} designs): too little for a ranking. Read the means.`
-        : `By how much of the explained variance is lost without it; all explain ${share} of designs left out (${app.many(n)} designs).`;
-      const most = Math.max(...parameters.map(({ importance }) => importance), 1e-9);
-      Dom.keepFocus(bars, ({ title: of }) => of, () => bars.replaceChildren(...parameters.map((one) => bar(one, most))));
-      bars.classList.toggle("weak", r2 < LITTLE);
-      slices.replaceChildren(meanTable(parameters.find(({ column }) => column === parameter), objective));
-    }
-
-    return { render };
+    return { render: Dom.settled(draw) };
   }
 
-  return { view };
+  return { view, tabs: ["matters"], has: (page) => (page.importance ?? []).length > 0 };
 })();
 Views.importance = Importance;

@@ -26,8 +26,8 @@ const Notes = (() => {
     }
 
     function fill() {
-      const { page, chosen, columns } = shown;
-      form.hidden = !Details.isServed(page) || !chosen || !columns.point;
+      const { page, subject: chosen, columns } = shown;
+      form.hidden = !Details.isServed(page) || !chosen.key || !columns.point;
       if (form.hidden) return;
       label.textContent = `on trial ${number(chosen.value("trial"))}, point ${number(chosen.value("point"))}`;
       const note = (page.design_notes ?? []).find((one) => keyOf(one) === chosen.key) ?? null;
@@ -41,7 +41,7 @@ const Notes = (() => {
 
     async function save(event) {
       event.preventDefault();
-      const [trial, point] = [shown.chosen.value("trial"), shown.chosen.value("point")];
+      const [trial, point] = ["trial", "point"].map(shown.subject.value);
       const body = JSON.stringify({ trial, point, text: text.value, pinned: pin.checked });
       status.textContent = "…";
       try {
@@ -55,7 +55,7 @@ const Notes = (() => {
     function render(next) {
       shown = next;
       const notes = shown.page.design_notes ?? [];
-      root.hidden = !notes.length && (!Details.isServed(shown.page) || !shown.chosen);
+      root.hidden = !notes.length && !Details.isServed(shown.page);
       if (root.hidden || shown.moving) return;
       list.replaceChildren(...notes.map(item));
       fill();
@@ -64,6 +64,6 @@ const Notes = (() => {
     return { render };
   }
 
-  return { view, keyOf };
+  return { view, keyOf, tabs: ["choose", "inside"] };
 })();
 Views.notes = Notes;

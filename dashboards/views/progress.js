@@ -1,9 +1,7 @@
 "use strict";
-// How the study goes, in a line; behind it how its front grew, and what is under way, failed or stopped early.
+// How the study goes: how its front grew, and what is under way, failed or stopped early.
 const Progress = (() => {
-  const [WIDTH, HEIGHT] = [560, 240]; // of the figure, in px, at least
   const FAR = "\u202f"; // between a number and its unit
-  const AGE_MS = 5000; // after which the age of the last sign of life is written anew
   const { element } = Dom;
 
   function duration(seconds) {
@@ -46,19 +44,25 @@ const Progress = (() => {
     ].filter(Boolean).join(" · ");
   }
 
+  const isLive = (page) => Details.isServed(page) && page.progress.is_running !== false;
+
+  // How the study goes, in a line.
+  function said(page) {
+    const state = Details.isServed(page) ? stateOf(page.progress, Date.now()) : "";
+    return [state, summary(page.progress, isLive(page))].filter(Boolean).join(" · ");
+  }
+
   function view(root, app) {
     const { clip, number, plural } = app;
-    const line = element("summary");
     const plot = element("div", { className: "plot", role: "img" });
     const caption = element("p", { className: "caption" });
-    const figure = element("div", { className: "growth" }, plot, caption, element("span", { className: "save" }));
+    const figure = element("div", { className: "growth" }, plot, caption);
     const lists = element("div", { className: "lists" });
-    const box = element("details", { ontoggle: () => draw() }, line, element("div", { className: "body" }, figure, lists));
-    root.append(box);
-    let [shown, drawn, listed, isEmpty] = [null, "", null, null];
+    root.append(element("div", { className: "body" }, figure, lists));
+    let [shown, drawn, listed] = [null, "", null];
 
     const isChosen = ({ task, hardware }, { state }) =>
-      (!task || !shown.columns.task || state.task === "all" || state.task === task)
+      (!task || !shown.columns.task || state.task === task)
       && (!hardware || !state.hardware || state.hardware === hardware);
 
     // The curves of the task and the chip that the page shows.
@@ -81,7 +85,7 @@ const Progress = (() => {
       const { progress } = shown?.page ?? {};
       const has = Boolean(progress?.figure) && chosen().data.length > 0;
       figure.hidden = !has;
-      if (!has || !box.open) return;
+      if (!has) return;
       const look = app.style();
       const key = JSON.stringify([progress.hypervolume, progress.trials.done, words(), look.dark]);
       if (key === drawn) return;
@@ -130,35 +134,18 @@ const Progress = (() => {
       for (const node of lists.querySelectorAll("details > summary")) node.parentElement.open = open.has(node.title);
     }
 
-    const isLive = (page) => Details.isServed(page) && page.progress.is_running !== false;
-
-    function name() {
-      const { page } = shown;
-      const state = Details.isServed(page) ? stateOf(page.progress, Date.now()) : "";
-      const text = [state, summary(page.progress, isLive(page))].filter(Boolean).join(" · ");
-      if (line.textContent !== text) line.textContent = text;
-    }
-    setInterval(() => { if (shown?.page.progress) name(); }, AGE_MS);
-
     function render(now) {
       shown = now;
-      const { progress, state } = shown.page;
-      root.hidden = !progress;
+      const { progress } = shown.page;
       if (!progress || shown.moving) return;
-      // Open where nothing else is there to look at, until there is.
-      if (isEmpty !== (state !== null)) box.open = state !== null;
-      isEmpty = state !== null;
-      name();
       if (listed !== progress) list(progress);
       listed = progress;
       draw();
     }
 
-    const image = (format) => Figure.picture(chosen(), shown.page.palette, format, [Math.max(WIDTH, plot.clientWidth), Math.max(HEIGHT, plot.clientHeight)]);
-
-    return { render, image };
+    return { render };
   }
 
-  return { view, duration, summary, stateOf };
+  return { view, duration, summary, stateOf, said };
 })();
-Views.progress = { ...Progress, whenEmpty: true };
+Views.progress = { ...Progress, whenEmpty: true, tabs: ["run"], has: (page) => Boolean(page.progress) };

@@ -21,7 +21,7 @@ const Studies = (() => {
     }
 
     function draw({ page, columns, state, budgeted }) {
-      const isOf = ({ task, hardware }) => (!task || state.task === "all" || state.task === task) && (!hardware || state.hardware === hardware);
+      const isOf = ({ task, hardware }) => (!task || state.task === task) && (!hardware || state.hardware === hardware);
       const summary = page.studies.filter(isOf);
       const now = (one) => budgeted.front.filter((row) => columns.study.values[row] === one.study && (!one.task || columns.task.values[row] === one.task)).length;
       const keys = Object.keys(HEADINGS).filter((key) => summary.some((one) => one[key] !== undefined) && !(key === "hardware" && app.distinct("hardware").length < 2));
@@ -39,15 +39,9 @@ const Studies = (() => {
         table("Best within a budget", [...names, "gain"], lines.map((one) => [...names.map((key) => one[key]), signed(one)])));
     }
 
-    const soon = Dom.settled(draw);
-    function render(shown) {
-      root.hidden = !shown.page.studies?.length;
-      if (!root.hidden) soon(shown);
-    }
-
-    return { render };
+    return { render: Dom.settled(draw) };
   }
 
-  return { view };
+  return { view, tabs: ["choose"], has: (page) => (page.studies ?? []).length > 0 };
 })();
 Views.studies = Studies;

@@ -1,5 +1,6 @@
 "use strict";
-// The front as a table: sorted by any column, chosen from by keyboard, marked where another view points.
+// The front, or every design, as a table: sorted by any column, searched, chosen from by keyboard, marked where another
+// view points.
 const Table = (() => {
   const ROWS = 50; // before all are asked for
   const SETTINGS = ["phi", "theta", "read_out_ms", "weight_bits", "pruned_after"]; // in which points of a trial differ
@@ -17,8 +18,9 @@ const Table = (() => {
     function columnsShown(rows) {
       const { page, columns, objectives } = shown;
       const defined = page.definition.table ?? [];
-      const parameters = page.design.filter((column) => column === "trial" || (column !== "hardware" && new Set(rows.map((row) => columns[column].values[row])).size > 1));
-      const several = ["study", "task"].filter((column) => columns[column] && app.distinct(column).length > 1);
+      const isTold = (column) => shown.state.expert === "1" || !SETTINGS.includes(column);
+      const parameters = page.design.filter(isTold).filter((column) => column === "trial" || (column !== "hardware" && new Set(rows.map((row) => columns[column].values[row])).size > 1));
+      const several = ["study"].filter((column) => columns[column] && app.distinct(column).length > 1);
       const first = parameters.filter((column) => column === "trial");
       return [...new Set([...first, ...several, ...(defined.length ? app.beside(defined, false) : [...app.beside(objectives, false), ...SETTINGS.filter((column) => parameters.includes(column)), ...parameters])])];
     }
@@ -53,14 +55,28 @@ const Table = (() => {
       return line;
     }
 
-    function render(next) {
+    const isWhole = () => shown.state.show === "all";
+
+    // What holds every word that is searched for, in any of the columns that are shown.
+    function found(some, named) {
+      const words = shown.state.find.toLowerCase().split(/\s+/).filter(Boolean);
+      if (!words.length) return some;
+      return some.filter((row) => {
+        const text = named.map((column) => `${column} ${shown.columns[column].values[row] ?? ""}`).join(" ").toLowerCase();
+        return words.every((word) => text.includes(word));
+      });
+    }
+
+    const render = Dom.settled((next) => {
       shown = next;
       const { state, columns, budgeted, objectives } = shown;
-      const all = listed();
-      const named = columnsShown(all);
-      const front = state.once === "1" ? firstOfTrials(all) : all;
+      const every = sorted(isWhole() ? shown.rows : budgeted.front);
+      const named = columnsShown(every);
+      const all = found(every, named);
+      const isOnce = state.once === "" ? isWhole() && Boolean(columns.trial) : state.once === "1";
+      const front = isOnce ? firstOfTrials(all) : all;
       const visible = state.rows === "all" ? front : front.slice(0, ROWS);
-      const chosen = shown.chosen?.row;
+      const chosen = shown.subject.row;
       const columnsKey = JSON.stringify(named);
       if (made.page !== shown.page || made.key !== columnsKey) made = { page: shown.page, key: columnsKey, lines: new Map() };
       const body = visible.map((row) => {
@@ -74,12 +90,14 @@ const Table = (() => {
         table.tHead.replaceChildren(element("tr", {}, ...named.map(head)));
         table.tBodies[0].replaceChildren(...body);
       });
-      part("#once").checked = state.once === "1";
+      part("#once").checked = isOnce;
       part("label").hidden = !columns.trial || firstOfTrials(all).length === all.length;
-      part("#front-count").textContent = `${app.plural(all.length, "point")} that no other beats in ${objectives.map((c) => columns[c].label).join(", ")}`;
-      part("#more").hidden = visible.length === front.length;
-      part("#more").textContent = `Show all ${app.many(front.length)}`;
-    }
+      part("h2 span").textContent = isWhole() ? "All designs" : "The best designs";
+      part("#front-count").textContent = isWhole() ? `${app.many(all.length)} of ${app.plural(every.length, "point")}` : `${app.plural(all.length, "point")} that no other beats in ${objectives.map((c) => columns[c].label).join(", ")}`;
+      if (document.activeElement !== part("#find")) part("#find").value = state.find;
+      part("#all-rows").hidden = visible.length === front.length;
+      part("#all-rows").textContent = `Show all ${app.many(front.length)}`;
+    });
 
     // The first row of each trial and task, in the order of the table.
     function firstOfTrials(some) {
@@ -106,17 +124,19 @@ const Table = (() => {
     table.addEventListener("pointerover", (event) => app.hover(keyAt(event) ?? null));
     table.addEventListener("pointerleave", () => app.hover(null));
     part("#once").addEventListener("change", (event) => app.change({ once: event.target.checked ? "1" : "0" }));
-    part("#more").addEventListener("click", () => app.change({ rows: "all" }));
+    part("#find").addEventListener("input", (event) => app.change({ find: event.target.value, rows: "" }, true));
+    part("#all-rows").addEventListener("click", () => app.change({ rows: "all" }));
 
-    // What a CSV of the table holds: every row of the front, in the table's order.
-    function listed() {
-      const front = [...shown.budgeted.front];
-      return shown.columns[shown.state.sort] ? front.sort(order(shown.state.sort, shown.state.order)) : front;
+    function sorted(some) {
+      return shown.columns[shown.state.sort] ? [...some].sort(order(shown.state.sort, shown.state.order)) : [...some];
     }
+
+    // What a CSV of the table holds: every row of it, in its order.
+    const listed = () => sorted(isWhole() ? shown.rows : shown.budgeted.front);
 
     return { render, hover, listed };
   }
 
-  return { view };
+  return { view, tabs: ["choose", "all"] };
 })();
 Views.table = Table;

@@ -33,7 +33,7 @@ Tab = Literal[
     "bits",
 ]
 DEFAULT = "study"
-_AXES = ("x", "y", "z")
+_AXES = ("x", "y")
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,6 @@ class FrontView:
 
     x: str | None = param(None, doc="column of the horizontal axis", axis=False)
     y: str | None = param(None, doc="column of the vertical axis", axis=False)
-    z: str | None = param(None, doc="column of the third axis", axis=False)
-    dimensions: int = param(2, doc="dimensions of the figure when the page opens", choices=(2, 3), axis=False)
     log: tuple[str, ...] = param(
         (),
         doc="columns with a logarithmic axis, in addition to those that span more than two decades",
@@ -183,7 +181,7 @@ def definition_for(
     Returns:
         title: text, '' without one;
         views, design: names of parts and of tabs, in order;
-        front: {x, y, z: column or None, dimensions: 2 or 3, log: columns};
+        front: {x, y: column or None, log: columns};
         parallel, table: columns in order, or None; sort: column or None;
         budgets: {column: number}.
         The page chooses whatever is None; an axis is None if its column has no numbers.
@@ -200,7 +198,6 @@ def definition_for(
         "views": list(definition.views or load().views or ()),
         "front": {
             **{axis: name if name in numeric else None for axis, name in axes.items()},
-            "dimensions": front.dimensions,
             "log": [name for name in front.log if name in columns],
         },
         "parallel": present(definition.parallel),

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.dashboard.bins import gather_bins
 from dse.dashboard.budgets import contenders, gather_budgets
 from dse.dashboard.definition import Definition, definition_for, load
 from dse.figures.front import design_columns, interval, numbers
@@ -23,8 +22,8 @@ if TYPE_CHECKING:
     import pandas
 
 MAX_POINTS = 12_000
-"""Largest number of points in a page. A larger table is thinned: the page holds every front point, an even
-sample of the others, and the counts of all points in bins.
+"""Largest number of points in a page. A larger table is thinned: the page holds every front point, and an
+even sample of the others.
 
 With sixty columns the file then has some 7 MB, 5 of them the drawing library."""
 
@@ -69,7 +68,6 @@ def gather_page(
         budgets: what decides fronts and picks under any limits (`budgets.gather_budgets`, `contenders`);
         period: the same page with energies at the sensor's period: `instead` takes the place of column
         `energy`; None if the table has not both;
-        bins: counts of all points, if `columns` holds a sample of them (`bins.gather_bins`);
         importance: of each parameter for each objective (`importance.gather_importance`);
         failures: trial, reason and design of each failed trial;
         definition: parts and initial settings of the page (`definition_for`);
@@ -112,7 +110,6 @@ def gather_page(
     ]
     exact = {*present, *budgets["columns"], *dict(budgets["ties"]), budgets["maximise"], *at_period}
     columns = {column: _column(shown, column, exact=column in exact) for column in measured}
-    corrected = [name for name in columns if name == f"{budgets['maximise']}_corrected"]
     if at_period and ENERGY in present:
         columns[INSTEAD]["label"] = "energy at the sensor's period"
     defined, lacks = definition_for(definition or load(), columns if len(points) else {}, budgets["columns"])
@@ -135,9 +132,6 @@ def gather_page(
             else 1,
         },
         "period": {"energy": ENERGY, "instead": INSTEAD} if at_period else None,
-        "bins": gather_bins(points, [*dict.fromkeys([*budgets["columns"], *at_period]), *corrected])
-        if len(keep) < len(points)
-        else [],
         "failures": _failures(frame[failed]),
         "definition": defined,
         "importance": gather_importance(points, present | at_period),

@@ -126,7 +126,7 @@ def test_the_first_points_are_shown_at_once_and_a_killed_run_as_stopped(fake_mod
     space = tiny_study.make_space(tmp_path, model=model, execution={"jobs": 1})
     folder = tmp_path / "results" / space.study
     run = subprocess.Popen([sys.executable, "-c", RUN, str(tmp_path)], cwd=ROOT, stderr=subprocess.PIPE)
-    state = "document.querySelector('#progress summary').textContent"
+    state = "document.querySelector('#counts').textContent"
     with ending(run):
         until(lambda: run.poll() is not None or (folder / "search_space.yaml").exists(), "the study begins")
         with shown(str(folder), "--port", "0") as (_, url):
@@ -140,7 +140,7 @@ def test_the_first_points_are_shown_at_once_and_a_killed_run_as_stopped(fake_mod
             tab.wait_for_function(f"{state}.includes(' · 1 done · 1 running')")
             run.kill()
             tab.wait_for_function(f"{state}.startsWith('stopped, last sign of life at ')")
-            assert "running" not in tab.inner_text("#progress summary")
+            assert "running" not in tab.inner_text("#counts")
             tab.close()
         gate.touch()  # for a worker that has outlived its coordinator
 
@@ -197,7 +197,7 @@ def test_a_page_definition_is_read_before_anything_else(fake_model, tmp_path, mo
     assert lines[: len(lines) - 2] == [
         "--port: applies to a served page and cannot be combined with --html"
     ] * (1 if more else 0)
-    assert lines[-2].startswith("mine.yaml:1: unknown views[0] 'tabel'; known: audit, compare, ")
+    assert lines[-2].startswith("mine.yaml:1: unknown views[0] 'tabel'; known: audit, chips, ")
     assert lines[-1] == "mine.yaml:2: sort must be text, got 3"
 
 

@@ -12,6 +12,7 @@ from dse.dashboard.site import page_server
 from dse.study.results import open as open_study
 from tests.serving import served
 from tests.spaces import write_space
+from tests.waiting import until
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def opened(request, results, new_tab, page_path):
         else:
             assert main(["dashboard", str(results), "--html", str(page_path)]) == 0
             tab.goto(page_path.as_uri())
-        tab.wait_for_function("document.querySelector('#plot')?.data?.length > 0")
+        tab.wait_for_function("document.querySelector('#plot')?.drawn?.points.length > 0")
         yield tab
         tab.goto("about:blank")
     assert faults == []
@@ -68,59 +69,50 @@ def test_a_reader_leaves_with_the_design_that_the_commands_name(opened, results,
     assert sorted(whole) == sorted(
         key(row) for row in answered(capsys, "skyline", str(results)) if row["hardware"] == "loihi1_silicon"
     )
-    # Every slider costs designs when it is moved to its end, and none when it is cleared.
-    every = tab.inner_text("#feasible")
-    sliders = tab.locator(".budget input[type=range]:enabled")
-    assert sliders.count() >= 4
-    for k in range(sliders.count()):
-        loose = sliders.nth(k).input_value()
-        sliders.nth(k).press("End" if loose == "0" else "Home")
-        assert tab.inner_text("#feasible") != every
-        tab.click("#clear")
-        assert tab.inner_text("#feasible") == every
-    # A brush of the parallel coordinates is the same budget.
-    brush = tab.locator("#parallel [role=slider][aria-label^=energy]")
+    # A limit that is moved on the chart leaves the front of the command, and Back undoes it.
+    handle = tab.locator(".limit[data-column=energy_uj]")
     for _ in range(60):
-        brush.press("ArrowDown")
-    limit = tab.input_value("#budget-2")
+        handle.press("ArrowDown")
+    limit = tab.input_value("#sentence [aria-label^=energy][type=number]")
     assert float(limit) > 0
-    rows = answered(
-        capsys, "skyline", str(results), "--where", f"hardware == 'loihi1_silicon' and energy_uj <= {limit}"
-    )
-    assert sorted(keys(tab)) == sorted(map(key, rows))
+    where = f"hardware == 'loihi1_silicon' and energy_uj <= {limit}"
+    rows = answered(capsys, "skyline", str(results), "--where", where)
+    until(lambda: sorted(keys(tab)) == sorted(map(key, rows)), "the table follows")
+    tab.evaluate("location.hash = ''")
     # Another chip has another front, and what it costs there.
     tab.select_option("#hardware", "mcu_m4")
-    tab.click("#clear")
-    where = "hardware == 'mcu_m4'"
-    rows = answered(capsys, "skyline", str(results), "--where", where)
-    assert sorted(keys(tab)) == sorted(map(key, rows))
+    rows = answered(capsys, "skyline", str(results), "--where", "hardware == 'mcu_m4'")
+    until(lambda: sorted(keys(tab)) == sorted(map(key, rows)), "the table follows")
     # A design is chosen in the table, marked in the figure, told in its panel, and set beside another.
     line = tab.locator("#front tbody tr").nth(1)
     line.click()
     trial, point = line.get_attribute("data-key").split(".")
-    assert tab.inner_text("#design h2") == f"Trial {trial}"
     points = open_study(results).points()
     chosen = points[
         (points["trial"] == int(trial)) & (points["point"] == int(point)) & (points["hardware"] == "mcu_m4")
     ].iloc[0]
     tab.wait_for_function(
-        "(x) => document.getElementById('plot').data"
-        ".some((t) => t.marker?.symbol === 'circle-open' && Math.abs(t.x[0] - x) < 1e-12)",
+        "(x) => document.getElementById('plot').drawn.marks"
+        ".some((one) => one.name === 'your choice' && Math.abs(one.value[0] - x) < 1e-12)",
         arg=float(chosen["energy_uj"]),
     )
+    tab.click("#show-inside")
     tab.wait_for_selector("#design [role=tab]")
+    assert tab.inner_text("#design h2") == f"Trial {trial}"
     tab.keyboard.press("c")
+    tab.click("#show-choose")
     tab.locator("#front tbody tr").first.click()
     tab.keyboard.press("c")
-    assert tab.locator("#compare thead .square").count() == 2
+    assert tab.locator("#compare [data-key]").count() == 2
     # The pick is that of the command on the page, which exports it; a server hands it over too.
-    tab.fill("#budget-1", "100")
+    tab.keyboard.press("Escape")
+    tab.fill("#sentence [aria-label^=energy][type=number]", "100")
+    tab.click("#asks [data-ask=take]")
     words = shlex.split(tab.text_content("#command"))
     assert words[:2] == ["dse", "pick"]
     arguments = [str(tmp_path / "bundle") if word == "bundle" else word for word in words[1:]]
     [picked, *_] = answered(capsys, *arguments)
-    tab.click("#pick button >> nth=0")
-    assert f"chosen={key(picked)}" in tab.evaluate("location.hash")
+    assert tab.get_attribute("#cards article", "data-key") == key(picked)
     bundle = tmp_path / "bundle"
     assert tab.is_visible("#bundle") == tab.is_served
     if tab.is_served:

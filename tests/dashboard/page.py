@@ -1,6 +1,7 @@
 """The page of a study in a browser, as tests read it and point at it."""
 
 import itertools
+import re
 import shlex
 
 HOSTILE = (
@@ -16,21 +17,28 @@ HOSTILE = (
 
 
 SPOT = """([x, y]) => {
-  const plot = document.getElementById("plot");
-  const box = plot.getBoundingClientRect();
-  const { xaxis, yaxis } = plot._fullLayout;
-  return [box.left + xaxis._offset + xaxis.d2p(x), box.top + yaxis._offset + yaxis.d2p(y)];
+  const box = document.getElementById("plane").getBoundingClientRect();
+  const axes = document.getElementById("plot").drawn.axes;
+  return [box.left + axes[0].to(x), box.top + axes[1].to(y)];
 }"""
 
 
 CLOUD = """([x, y]) => {
-  const { xaxis, yaxis } = document.getElementById("plot")._fullLayout;
+  const { axes } = document.getElementById("plot").drawn;
   const brush = document.getElementById("cloud").getContext("2d");
-  return [...brush.getImageData(xaxis._offset + xaxis.d2p(x), yaxis._offset + yaxis.d2p(y), 1, 1).data];
+  return [...brush.getImageData(Math.round(axes[0].to(x)), Math.round(axes[1].to(y)), 1, 1).data];
 }"""
 
 
-READY = "document.querySelector('#plot')?.data || !document.querySelector('#state').hidden"
+READY = "document.querySelector('#plot')?.drawn || !document.querySelector('#state').hidden"
+
+SENTENCE = """() => {
+  const told = (node) => node.nodeType === 3 ? node.data
+    : node.matches("select") ? node.selectedOptions[0].textContent
+    : node.matches("input") ? node.value || "any" : [...node.childNodes].map(told).join("");
+  return told(document.getElementById("sentence"));
+}"""
+
 
 FOLLOW = """(fragment) => new Promise((done) => {
   addEventListener("hashchange", () => requestAnimationFrame(() => setTimeout(done)), { once: true });
@@ -68,17 +76,14 @@ class Page:
             f"#front tbody tr td:nth-child({column})", "cells => cells.map((cell) => cell.textContent)"
         )
 
-    def traces(self):
-        return self.tab.evaluate(
-            "document.getElementById('plot').data"
-            ".map((t) => ({type: t.type, mode: t.mode, x: t.x, y: t.y, bars: t.error_y?.array,"
-            " symbol: t.marker?.symbol}))"
-        )
+    def line(self):
+        """Return the rows of the front that is drawn, from the left."""
+        return self.tab.evaluate("document.getElementById('plot').drawn.line")
 
-    def marked(self, symbol):
+    def marked(self, name):
         """Return where a mark is drawn, x first."""
-        found = [trace for trace in self.traces() if trace["symbol"] == symbol]
-        return [(trace["x"][0], trace["y"][0]) for trace in found]
+        found = self.tab.evaluate("document.getElementById('plot').drawn.marks")
+        return [tuple(one["value"]) for one in found if one["name"] == name]
 
     def cloud(self, x, y):
         """Return the colour that the canvas has at a value: red, green, blue and how opaque."""
@@ -91,16 +96,38 @@ class Page:
         self.tab.mouse.move(left, top)
         return left, top
 
-    def saved(self, section, form):
-        """Return the name and the content of a figure that was saved as `form`, of rows for 'csv'."""
+    def ask(self, what):
+        """Ask one of the three questions, and return what is told."""
+        button = self.tab.locator(f"#asks [data-ask={what}]")
+        if button.get_attribute("aria-expanded") != "true":
+            button.click()
+        return self.tab.inner_text("#told").replace("\u00a0", " ")
+
+    def saved(self, name, form):
+        """Return the name and the content of what was saved of a view: a picture, or rows for 'csv'."""
+        self.ask("take")
         with self.tab.expect_download() as started:
-            self.tab.click(f"{section} .save button:text-is('{form.upper()}')")
+            self.tab.click(f"#saves [data-saves='{name}.{form}']")
         return started.value.suggested_filename, started.value.path().read_bytes()
+
+    def command(self):
+        self.ask("take")
+        return shlex.split(self.tab.text_content("#command"))
 
     def budgets(self):
         """Return the conditions of the command that exports the pick."""
-        words = shlex.split(self.tab.text_content("#command"))
-        return [word for flag, word in itertools.pairwise(words) if flag == "--budget"]
+        return [word for flag, word in itertools.pairwise(self.command()) if flag == "--budget"]
+
+    def sentence(self):
+        """Return the answer with the words that its controls have, in plain spaces."""
+        text = self.tab.evaluate(SENTENCE)
+        return re.sub(r"\s+", " ", text.replace("\u202f", " "))
+
+    def cards(self):
+        """Return the texts of the cards by their titles."""
+        found = self.tab.locator("#cards article").all_inner_texts()
+        lines = [re.sub(r"\n+", "\n", text.replace("\u202f", " ")) for text in found]
+        return {title: rest for title, _, rest in (text.partition("\n") for text in lines)}
 
     def fits(self):
         """Return whether the page holds no more than its width."""
@@ -108,5 +135,5 @@ class Page:
 
     def is_clean(self):
         """Return whether nothing of a study ran, or became a link or a picture."""
-        found = self.tab.locator("img, main a[href], main svg[onload]").count()
+        found = self.tab.locator("img, main a[href]:not(#bundle), main svg[onload]").count()
         return self.tab.evaluate("window.hacked") is None and found == 0

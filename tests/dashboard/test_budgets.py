@@ -11,7 +11,7 @@ from dse.dashboard import gather as gather_module
 from dse.dashboard.budgets import budget_columns, contenders
 from dse.skyline.front import comparable, skyline
 from dse.skyline.pick import pick
-from tests.dashboard.page import HOSTILE, READY
+from tests.dashboard.page import HOSTILE
 from tests.page_data import OBJECTIVES, points
 
 DIRECTIONS = {**OBJECTIVES, "latency_ms": "min", "spikes_per_inference": "min"}
@@ -30,6 +30,7 @@ def many(n=1200, seed=0):
             "family": rng.choice(["mlp", "recurrent"], n),
             "hardware": rng.choice(["small chip", "large chip"], n),
             "phi": rng.integers(0, 9, n),
+            "accuracy_se": 0.02,
             "accuracy": np.round(0.4 + 0.4 * quality + 0.2 * rng.random(n), 2),
             "energy_uj": np.exp(4 * quality + rng.normal(size=n)),
             "n_weights": (rng.integers(1, 60, n) * 1000),
@@ -55,6 +56,7 @@ EVALUATED = """async (moved) => {
     const found = engine.evaluate(state);
     return {
       count: found.count, exact: found.exact, command: found.command, pick: whole(found.pick),
+      best: whole(found.best),
       front: found.front.map(whole), joined: engine.joined(found, ["accuracy", "n_weights"]).map(whole),
       nearest: found.nearest.map(({row, missed}) => ({...whole(row), missed})),
     };
@@ -108,7 +110,7 @@ def test_random_budgets_and_filters_give_the_rows_of_the_skyline_and_the_pick(op
     frame = many().assign(coat=lambda f: np.where(f["trial"] % 3, "thin", "thick"))
     states = random_states(frame)
     is_whole = most > len(frame)
-    n_feasible = 0
+    n_feasible = n_cheaper = 0
     page = opened(frame, name=f"{most} points")
     for state, got in zip(states, page.tab.evaluate(EVALUATED, states), strict=True):
         conditions = conditions_of(state)
@@ -130,8 +132,13 @@ def test_random_budgets_and_filters_give_the_rows_of_the_skyline_and_the_pick(op
             words = shlex.split(got["command"])
             assert words[:3] == ["dse", "pick", "results/fabric"]
             budgets = [word for flag, word in itertools.pairwise(words) if flag == "--budget"]
-            assert same(got["pick"], picked.row)
+            assert same(got["best"], picked.row)
             assert same(got["pick"], pick(frame, budgets, "accuracy", TIES).row)
+            alike = frame if where is None else comparable(frame, [("accuracy", "max")], where).rows
+            alike = alike[alike["accuracy"] >= picked.row["accuracy"] - picked.row["accuracy_se"]]
+            if is_whole and where is not None and np.isfinite(alike["energy_uj"]).any():
+                assert got["pick"]["energy_uj"] == alike["energy_uj"].min()
+                n_cheaper += got["pick"]["energy_uj"] < picked.row["energy_uj"]
             continue
         assert got["pick"] is None
         if "f.phi" in state:
@@ -144,85 +151,7 @@ def test_random_budgets_and_filters_give_the_rows_of_the_skyline_and_the_pick(op
                     nearest[f"missed {missed['column']}{sign}{missed['limit']:g}"]
                 )
     assert 5 < n_feasible < 28
-
-
-def tally(page):
-    return page.tab.eval_on_selector_all("#tally span", "spans => spans.map((span) => span.textContent)")
-
-
-def test_sliders_and_boxes_move_each_other_and_a_link_restores_them(opened):
-    page = opened(many(300))
-    assert page.tab.locator(".budget").count() == len(DIRECTIONS)
-    page.tab.focus("#budget-0")
-    seen = []
-    for _ in range(5):
-        seen.append(page.tab.evaluate("document.activeElement.id"))
-        page.tab.keyboard.press("Tab")
-    assert seen == ["budget-0", "slider-0", "budget-1", "slider-1", "budget-2"]
-    assert page.tab.get_attribute("#slider-1", "aria-label") == "energy at most, µJ"
-    assert page.tab.get_attribute("#slider-1", "aria-valuetext") == "no limit"
-    before = tally(page)
-    for k, (name, way) in enumerate(DIRECTIONS.items()):
-        page.tab.focus(f"#slider-{k}")
-        for _ in range(4):
-            page.tab.keyboard.press("PageUp" if way == "max" else "PageDown")
-        limit = page.tab.input_value(f"#budget-{k}")
-        assert float(limit) > 0 and page.tab.inner_text(f"#cost-{k}").startswith("costs ")
-        assert limit in page.tab.inner_text("#command").split(name)[1]
-        before, earlier = tally(page), before
-        assert before != earlier
-    page.tab.click("#clear")
-    assert page.tab.input_value("#budget-1") == "" and page.tab.input_value("#slider-1") == "200"
-    page.tab.select_option("#family", "mlp")
-    page.tab.select_option("#task", "texture")
-    page.tab.wait_for_function("location.hash.includes('family=mlp')")
-    for k, (name, way) in enumerate(DIRECTIONS.items()):
-        middle = f"{many(300)[name].replace(np.inf, np.nan).median():.6g}"
-        where = page.tab.input_value(f"#slider-{k}")
-        page.tab.fill(f"#budget-{k}", middle)
-        assert page.tab.input_value(f"#slider-{k}") != where
-        assert f"{name} {'>=' if way == 'max' else '<='} {float(middle):g}"[:12] in page.tab.inner_text(
-            "#command"
-        )
-        page.tab.fill(f"#budget-{k}", "")
-        assert page.tab.input_value(f"#slider-{k}") == where
-    page.tab.fill("#budget-1", "12.5")
-    page.tab.wait_for_function("location.hash.includes('b.energy_uj=12.5')")
-    shown = tally(page), page.tab.inner_text("#pick"), page.tab.inner_text("#command")
-    page.tab.reload()
-    page.tab.wait_for_function(READY)
-    assert (tally(page), page.tab.inner_text("#pick"), page.tab.inner_text("#command")) == shown
-    assert (page.tab.input_value("#budget-1"), page.tab.input_value("#family")) == ("12.5", "mlp")
-
-
-def test_small_table_by_hand(opened):
-    page = opened(points(), "b.energy_uj=30")
-    assert tally(page)[:2] == ["4 of 5 points feasible", "3 on the front"]
-    assert page.tab.inner_text("#cost-1") == "costs 1"
-    assert page.tab.locator("#pick button").all_inner_texts() == ["Trial 1", "Trial 4"]
-    assert page.cells(1) == ["1", "2", "3"]
-    assert [trace["x"] for trace in page.traces()[1:3]] == [[5, 20]] * 2
-    red, _, blue, _ = page.cloud(50, 0.95)
-    assert abs(red - blue) < 40, "grey: outside the budgets"
-    command = "dse pick results/fabric --budget 'energy_uj <= 30' --export bundle"
-    assert page.tab.inner_text("#command") == command
-    page.tab.click("#copy")
-    page.tab.wait_for_function("document.querySelector('#copied').textContent !== ''")
-    assert page.tab.inner_text("#copied") == "copied"
-    page.tab.click("#pick button >> nth=0")
-    assert page.tab.inner_text("#design h2") == "Trial 1"
-    page.open("b.energy_uj=4&b.accuracy=0.6")
-    assert page.tab.inner_text("#pick h2") == "Nothing is feasible"
-    assert [page.tab.inner_text(f"#cost-{k}") for k in (0, 1)] == ["not alone", "from 5"]
-    assert page.tab.inner_text("#pick button >> nth=0") == "Trial 3"
-    assert page.tab.inner_text("#pick .missed >> nth=0") == "misses energy by 1\u00a0µJ"
-    assert not page.tab.is_visible("#export")
-    assert page.marked("diamond-open") == [(5, 0.6)]
-    assert "nothing is within the budgets" in page.tab.get_attribute("#plot", "aria-label")
-    assert tally(page)[:2] == ["0 of 5 points feasible", "0 on the front"]
-    assert page.tab.is_visible("#plot .plot-container")
-    for broken in ("b.energy_uj=%3Cimg%3E&b.accuracy=NaN", "b.__proto__=1&family=%22"):
-        assert tally(page.open(broken))[0] == "5 of 5 points feasible"
+    assert n_cheaper > 3 or not is_whole
 
 
 def test_hostile_names_are_one_argument_in_the_shell(opened):
@@ -230,12 +159,12 @@ def test_hostile_names_are_one_argument_in_the_shell(opened):
         [points(trial=range(5 * k, 5 * k + 5), task=HOSTILE[k], family=HOSTILE[-1 - k]) for k in range(3)],
         ignore_index=True,
     )
-    page = opened(frame, results="a 'b' $(c) `d`\n; e")
+    page = opened(frame, "expert=1", results="a 'b' $(c) `d`\n; e")
     page.tab.select_option("#task", HOSTILE[2])
     page.tab.select_option("#family", HOSTILE[-3])
-    assert shlex.split(page.tab.text_content("#command"))[2] == "a 'b' $(c) `d`\n; e"
+    assert page.command()[2] == "a 'b' $(c) `d`\n; e"
     assert pick(frame, page.budgets(), "accuracy", TIES).row["trial"] == 10
-    assert page.tab.inner_text("#pick button >> nth=0") == "Trial 10"
+    assert "Trial 10" in page.cards()["your pick"]
     assert page.is_clean()
 
 

@@ -46,14 +46,14 @@ def test_a_file_of_ones_own(tmp_path):
     text = """
 title: mine
 views: [table, front]
-front: {x: n_weights, y: accuracy, z: energy_uj, dimensions: 3, log: [n_weights]}
+front: {x: n_weights, y: accuracy, log: [n_weights]}
 parallel: [accuracy, energy_uj]
 table: energy_uj
 design: []
 budgets: {energy_uj: 50, accuracy: 8e-1}
 sort: energy_uj
 """
-    front = FrontView("n_weights", "accuracy", "energy_uj", 3, ("n_weights",))
+    front = FrontView("n_weights", "accuracy", ("n_weights",))
     about = {"title": "mine", "views": ("table", "front"), "design": (), "sort": "energy_uj"}
     columns = {"parallel": ("accuracy", "energy_uj"), "table": ("energy_uj",)}
     budgets = {"energy_uj": 50.0, "accuracy": 0.8}
@@ -68,7 +68,7 @@ views: [front, tabel, front]
 front:
   x: accuracy
   y: accuracy
-  dimensions: 4
+  z: fits
   colour: red
 design: energie
 budgets: {accuracy: high, n_weights: .nan, fits: true}
@@ -78,11 +78,11 @@ sort: 3
     path = written(tmp_path / "bad.yaml", text)
     expected = (
         ("1: unknown key 'titel'; known: title, plugins, views,", "Did you mean 'title'?"),
-        ("2: unknown views[1] 'tabel'; known: audit, compare,", "Did you mean 'table'?"),
+        ("2: unknown views[1] 'tabel'; known: audit, chips,", "Did you mean 'table'?"),
         ("2: views must not contain a name twice", "'front' again"),
         ("5: front.y must be another column than front.x", "'accuracy' twice"),
-        ("6: unknown front.dimensions 4", "known: 2, 3"),
-        ("7: unknown key 'front.colour'", "known: x, y, z, dimensions, log"),
+        ("6: unknown key 'front.z'", "known: x, y, log"),
+        ("7: unknown key 'front.colour'", "known: x, y, log"),
         ("8: unknown design[0] 'energie'; known: confusion, surface,", "Did you mean 'energy'?"),
         ("9: budgets.accuracy must be a number", "'high'"),
         ("9: budgets.n_weights must be a finite number", "nan"),
@@ -140,7 +140,7 @@ def test_whatever_a_file_holds_is_a_definition_or_its_faults(content, tmp_path_f
 def test_a_page_holds_what_its_study_has():
     wanted = Definition(
         title="mine",
-        front=FrontView(x="family", y="accuracy", z="n_cores", dimensions=3, log=("energy_uj", "n_weights")),
+        front=FrontView(x="family", y="accuracy", log=("energy_uj", "n_weights")),
         parallel=("family", "energy_uj", "latency_ms"),
         table=("latency_ms",),
         budgets={"accuracy": 0.5, "energy_uj": 5.0, "n_weights": 10.0},
@@ -150,7 +150,7 @@ def test_a_page_holds_what_its_study_has():
     assert page == {
         "title": "mine",
         "views": list(load().views),
-        "front": {"x": None, "y": "accuracy", "z": None, "dimensions": 3, "log": ["energy_uj"]},
+        "front": {"x": None, "y": "accuracy", "log": ["energy_uj"]},
         "parallel": ["family", "energy_uj"],
         "table": None,
         "design": list(Definition().design),
@@ -158,7 +158,7 @@ def test_a_page_holds_what_its_study_has():
         "sort": "fits",
     }
     assert notes == [
-        "This study has no n_cores, latency_ms, n_weights, used in the page definition.",
+        "This study has no latency_ms, n_weights, used in the page definition.",
         "This study has no numbers to draw in family, used in the page definition.",
         "This study has no budget of energy_uj, used in the page definition.",
     ]

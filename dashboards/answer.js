@@ -1,0 +1,279 @@
+"use strict";
+// The answer: a sentence whose words are its controls, what can be asked of it, and the designs beside the pick.
+const Answer = (() => {
+  const NEXT = 3; // ways out, at most
+  const SHARES = [0.9, 0.5, 0.1]; // of a cost, in the offers of less
+  const { element, button } = Dom;
+
+  // Designs with less of one cost than another has, that are no worse in the rest but for what may be given up: those that
+  // give up least for a little less, for half and for a tenth. `costs` are {column: numbers to minimise}.
+  function offers(rows, at, costs, improve, give) {
+    const kept = Object.keys(costs).filter((column) => column !== improve && column !== give);
+    const able = rows.filter((row) => kept.every((column) => !(costs[column][row] > costs[column][at])) && Number.isFinite(costs[give][row]));
+    const found = SHARES.map((share) => Budgets.least(able.filter((row) => costs[improve][row] <= share * costs[improve][at]), [costs[give], costs[improve]]));
+    return [...new Set(found)].filter((row) => row >= 0);
+  }
+
+  function panel(root, cards, app) {
+    const { number, clip, sized, change, many, plural, headline, differences } = app;
+    let shown = null;
+
+    // ---- words
+
+    const percent = (value) => `${number(Number((100 * value).toPrecision(3)))}\u202f%`;
+    const gained = (column, value) => (value === null ? "–" : app.isFraction(column) ? percent(value) : sized(column, value));
+    const label = (column) => clip(shown.columns[column].label, 40);
+
+    const costsOf = () => app.costsOf();
+    function ends(column, { row }) {
+      const interval = row >= 0 && Object.hasOwn(shown.page.intervals, column) ? shown.page.intervals[column] : null;
+      const value = interval && shown.columns[column].values[row];
+      if (!interval || value === null || !(interval.low[row] || interval.high[row])) return "";
+      const [low, high] = [value - interval.low[row], value + interval.high[row]].map((end) => (app.isFraction(column) ? number(Number((100 * Math.min(1, end)).toPrecision(2))) : number(end)));
+      return ` (${low}–${high})`;
+    }
+    const whole = (text) => element("span", { className: "whole", textContent: text });
+    const measured = (column, at) => whole(app.isOpen(column, Math.max(0, at.row)) && at.row >= 0 ? `at least ${sized(column, at.value(column) - shown.page.intervals[column].low[at.row])}` : sized(column, at.value(column)));
+
+    // ---- the sentence
+
+    const slot = (id, title, onchange) => element("select", { id, className: "slot", "aria-label": title, onchange: (event) => onchange(event.target.value) });
+    const [task, hardware, pace] = [["task", "task"], ["hardware", "chip"], ["pace", "schedule"]].map(([key, title]) => slot(key, title, (value) => change({ [key]: value })));
+    const more = slot("more", "add a limit", (column) => {
+      added = [...added, column];
+      render(shown);
+      boxes.get(column).focus();
+    });
+    let added = []; // limits that are written, though they may not limit anything yet
+    const boxes = new Map(); // by column: a number that is typed survives new points
+    function box(column) {
+      const { columns, page } = shown;
+      if (!boxes.has(column)) {
+        const words = `${columns[column].label} ${page.budgets.columns[column] === "max" ? "at least" : "at most"}${columns[column].unit ? `, ${columns[column].unit}` : ""}`;
+        const input = element("input", { type: "number", step: "any", className: "slot", id: `budget-${Object.keys(page.budgets.columns).indexOf(column)}`, placeholder: "any", "aria-label": words });
+        input.oninput = () => change({ [`b.${column}`]: input.validity.badInput ? "" : input.value });
+        boxes.set(column, input);
+      }
+      return boxes.get(column);
+    }
+
+    function fill() {
+      const { state, page } = shown;
+      const { tasks, hardware: chips, allowed } = app.lists();
+      Dom.fill(task, tasks.map((name) => [name, clip(name, 40)]), state.task);
+      Dom.fill(hardware, chips.map((name) => [name, clip(name, 40)]), state.hardware);
+      Dom.fill(pace, allowed.pace.map((name) => [name, { flat: "as fast as it can", period: "at the sensor's pace" }[name]]), state.pace);
+      const left = Object.keys(page.budgets.columns).filter((column) => !limits().includes(column));
+      more.replaceChildren(element("option", { value: "", textContent: "+ limit" }), ...left.map((value) => element("option", { value, textContent: label(value) })));
+      for (const [column, input] of boxes) {
+        const text = state[`b.${column}`] ?? "";
+        if (input.value !== text && document.activeElement !== input) input.value = text;
+        input.style.width = `${Math.max(3, (text || "any").length) + 2.2}ch`;
+      }
+    }
+
+    const main = () => Object.keys(shown.page.budgets.columns).find((column) => column === app.costOf());
+    const limits = () => Object.keys(shown.page.budgets.columns).filter((column) => column === main() || shown.state[`b.${column}`] || added.includes(column));
+
+    function sentence() {
+      const { columns, page } = shown;
+      const { tasks, hardware: chips, allowed } = app.lists();
+      const family = shown.subject.value("family");
+      const words = limits().map((column, k) => {
+        const way = page.budgets.columns[column] === "max" ? `${label(column)} at least` : column === main() ? "within" : `${label(column)} at most`;
+        return element("span", { className: "whole" }, `${k ? ", " : ""}${way} `, box(column), columns[column].unit ? `\u202f${columns[column].unit}` : "");
+      });
+      const named = tasks.length > 1 ? task : tasks.length && tasks[0] !== "undefined" ? clip(tasks[0], 40) : "its classes";
+      return [...(chips.length > 1 ? ["On ", hardware, " "] : chips.length && chips[0] ? [`On ${clip(chips[0], 40)} `] : ["Here, "]), ...words, " ", ...(page.budgets.columns[main()] === undefined && !more.options.length ? [] : [more]),
+        ...(allowed.pace.length > 1 ? [", ", pace] : []), ", ", shown.budgeted.pick < 0 && !shown.chosen ? "no design tells " : `this ${family ? app.familyName(family) : "design"} tells `, named, " apart", ...result()];
+    }
+
+    function result() {
+      const { budgeted, subject, page } = shown;
+      if (!page.budgets.maximise) return [". No objective is maximised, so that none is the best."];
+      if (budgeted.pick < 0 && !shown.chosen) return [". ", ...because()];
+      const [gain, column] = [page.budgets.maximise, headline()];
+      const of = column === gain ? "of the validation recordings" : "of unseen recordings";
+      const shares = app.isFraction(column) ? [element("strong", { textContent: percent(subject.value(column)) }), ` ${of}`] : [element("strong", { textContent: `${label(column)} ${sized(column, subject.value(column))}` })];
+      const costs = [...Object.keys(page.objectives).filter((name) => page.objectives[name] === "min"), ...["latency_ms", "decision_latency_ms"].filter((name) => shown.columns[name]).slice(0, 1)];
+      const known = [...new Set(costs)].filter((name) => subject.value(name) !== null);
+      return subject.value(column) === null ? [": not measured here."] : [": ", ...shares, whole(ends(column, subject)), ...known.flatMap((name) => [", ", measured(name, subject), ...(shown.columns[name].unit ? [] : [` ${label(name)}`])]), "."];
+    }
+
+    // Why nothing can be picked, by what the chip does with the designs.
+    function because() {
+      const { misfits, isUnable, noneFits, chosen } = shown.budgeted;
+      if (!noneFits) return ["One of these limits must give way."];
+      const chip = chosen.hardware ?? "the chip";
+      const unable = misfits.some(isUnable);
+      return [misfits.every(isUnable) ? `${chip} cannot run ${chosen.family ?? "these designs"}.` : `No design fits ${chip}: ${unable ? "it cannot run some, and the others are" : "all are"} too large.`];
+    }
+
+    // ---- what can be asked
+
+    const ASKED = { take: "Take it", why: "Why this one?", cheaper: "Could it be cheaper?" };
+    const line = element("p", { id: "sentence" });
+    const told = element("div", { id: "told" });
+    const asks = Object.entries(ASKED).map(([ask, text]) => button(text, () => change({ ask: shown.state.ask === ask ? "" : ask }), { "aria-controls": "told", data: { ask } }));
+    root.append(line, element("div", { id: "asks" }, ...asks), told);
+
+    function copier(text, name) {
+      const code = element("code", { id: name, tabIndex: 0, "aria-label": name, textContent: text });
+      const status = element("small", { role: "status" });
+      return [code, button("copy", () => copy(code, status), { data: { copies: name } }), status];
+    }
+
+    const isServed = () => Details.isServed(shown.page);
+    function take() {
+      const { page, subject, chosen, columns, budgeted, state } = shown;
+      const [trial, point] = ["trial", "point"].map(subject.value);
+      const chip = columns.hardware ? { hardware: state.hardware } : {};
+      const deploys = page.budgets.results && subject.value("transductive") !== true;
+      const command = chosen && budgeted.pick !== subject.row ? exported(page.budgets.results, trial, point, chip.hardware) : budgeted.command;
+      return [
+        ...(!deploys ? [element("p", { textContent: "A page of two studies exports no design; the page of each study does." })]
+          : point === null && chosen && budgeted.pick !== subject.row ? [] : [element("p", {}, "Its network, its settings and the evidence as a folder:"), ...copier(command, "command")]),
+        ...(deploys && isServed() && point !== null ? [element("a", { id: "bundle", textContent: "download it", href: Details.address("bundle.zip", { trial, point, ...chip }) })] : []),
+        element("p", {}, "A link to what you see:"), ...copier(location.href, "link"),
+        element("p", { id: "saves" }, "Save ", ...app.saves().flatMap(({ name, view }) => [`${name}: `, ...[...(view.image ? ["svg", "png"] : []), ...(view.listed ? ["csv"] : [])].map((format) =>
+          button(format.toUpperCase(), () => app.save({ name, view }, format), { data: { saves: `${name}.${format}` } })), " "]), button("print", () => print())),
+      ];
+    }
+
+    function exported(results, trial, point, chip) {
+      const row = [`(p.trial == ${trial})`, `(p.point == ${point})`, ...(chip === undefined ? [] : [`(p.hardware == ${JSON.stringify(chip)})`])].join(" & ");
+      return `python -c ${Budgets.quoted(`import dse; s = dse.open(${JSON.stringify(results)}); p = s.points(); dse.export(s, p[${row}].iloc[0], "bundle")`)}`;
+    }
+
+    function why() {
+      const { budgeted, page, subject, chosen } = shown;
+      const { best, pick, alike, count, total, exact } = budgeted;
+      const gain = page.budgets.maximise;
+      if (pick < 0) return because().map((text) => element("p", { textContent: text }));
+      const cost = app.costOf();
+      const trials = new Set(alike.map((row) => app.nameOf(row))).size;
+      const top = app.point(app.keyOf(best));
+      const about = exact ? "" : "about ";
+      return [
+        `${about}${many(count)} of ${many(total)} settings of designs are within the limits, and ${many(budgeted.front.length)} of them are beaten by none in everything.`,
+        best === pick ? `${app.nameOf(best)} measured the best ${label(gain)}, ${app.withInterval(gain, best)}${cost ? ", and no cheaper one comes as near as its error" : ""}.`
+          : `${app.nameOf(best)} measured the best ${label(gain)}, ${app.withInterval(gain, best)}. ${plural(alike.length, "setting")} of ${plural(trials, "design")} ${alike.length === 1 ? "is" : "are"} as good within its error; ${app.nameOf(pick)} has the least ${label(cost)} of them: ${differences(app.point(app.keyOf(pick)), top).join(", ")}.`,
+        ...(chosen && subject.row !== pick ? [`You chose ${subject.row >= 0 ? app.nameOf(subject.row) : "another setting"}: ${differences(subject, app.point(app.keyOf(pick))).join(", ")} beside that.`] : []),
+        `This design: ${app.trusts(gain).map((name) => `${label(name)} ${subject.row >= 0 ? app.withInterval(name, subject.row) : number(subject.value(name))}`).join(", ")}.${app.trusts(gain).length > 1 ? " The best of many is partly luck, which the corrected one leaves out." : ""}`,
+      ].map((textContent) => element("p", { textContent }));
+    }
+
+    // ---- could it be cheaper: better in this, worse in that, the rest kept
+
+    function cheaper() {
+      const { page, state, subject, budgeted } = shown;
+      const gain = page.budgets.maximise;
+      const ways = { [gain]: "max", ...page.budgets.columns };
+      const improve = costsOf().includes(state.improve) ? state.improve : app.costOf() ?? costsOf()[0];
+      const give = state.give && state.give !== improve && Object.hasOwn(ways, state.give) ? state.give : gain;
+      const choose = (key, title, names, value) => {
+        const select = element("select", { "aria-label": title, data: { key }, onchange: (event) => change({ [key]: event.target.value }) });
+        Dom.fill(select, names.map((name) => [name, label(name)]), value);
+        return select;
+      };
+      const costs = Object.fromEntries(Object.entries(ways).map(([column, way]) => [column, way === "max" ? app.numbers(column).map((value) => -value) : app.numbers(column)]));
+      const found = subject.row < 0 ? [] : offers(budgeted.among, subject.row, costs, improve, give);
+      const head = element("p", {}, "Less ", choose("improve", "what must be less", costsOf(), improve), " for some ", choose("give", "what may be given up", Object.keys(ways).filter((name) => name !== improve), give), ", all else as good:");
+      const none = element("p", { textContent: `No measured design has less ${label(improve)} and is as good in all but ${label(give)}.` });
+      return [head, ...(found.length ? [element("div", { className: "offers" }, ...found.map((row) => card(`÷${number(costs[improve][subject.row] / costs[improve][row])} ${label(improve)}`, app.point(app.keyOf(row)), subject)))] : [none]), ...tell(found[0] ?? subject.row)];
+    }
+
+    // The designs that would tell: those beside one in a parameter of numbers, as a file for the search.
+    function tell(row) {
+      const { page, columns } = shown;
+      if (row < 0 || !page.budgets.results) return [];
+      const axes = Object.keys(columns).filter((column) => /\./.test(column) && columns[column].values[row] !== null && app.distinct(column).length > 1);
+      const yaml = (value) => (typeof value === "string" && value.startsWith("[") ? value : JSON.stringify(value)); // a list is kept as its text
+      const file = axes.map((column) => {
+        const known = [...new Set(columns[column].values.filter((value) => typeof value === "number"))].sort((a, b) => a - b);
+        const at = known.indexOf(columns[column].values[row]);
+        return [column, app.isNumeric(column) && at > 0 ? Math.round((known[at] + known[at - 1]) / 2) : null];
+      }).filter(([, value]) => value !== null);
+      if (!file.length) return [];
+      const written = file.map(([column, value]) => `- {${axes.map((one) => `${one}: ${one === column ? value : yaml(columns[one].values[row])}`).join(", ")}}`).join("\n");
+      return [element("p", { textContent: "Designs that would tell, smaller than what was measured; dse enqueue trains them:" }), ...copier(`cat > designs.yaml <<'END'\n${written}\nEND\ndse enqueue ${Budgets.quoted(`${page.budgets.results}/search_space.yaml`)} designs.yaml --results ${Budgets.quoted(page.budgets.results.replace(/\/?[^/]*\/?$/, "") || ".")}`, "enqueue")];
+    }
+
+    // ---- cards
+
+    function card(title, at, base, more = []) {
+      const { chosen } = shown;
+      const gain = headline();
+      const cost = app.costOf();
+      const name = at.row >= 0 ? app.nameOf(at.row) : "this setting";
+      const values = [...(gain ? [`${gained(gain, at.value(gain))} ${app.isFraction(gain) ? "right" : label(gain)}`] : []), ...(cost && at.value(cost) !== null ? [sized(cost, at.value(cost))] : [])].join(" · ");
+      const isBase = base === null;
+      const lines = isBase ? costsOf().filter((column) => column !== cost && (Object.hasOwn(shown.page.objectives, column) || /latency/.test(column)) && at.value(column) !== null).map((column) => `${sized(column, at.value(column))} ${label(column)}`) : differences(at, base);
+      const isChosen = chosen?.key === at.key;
+      return element("article", { data: { key: at.key } }, element("h2", { textContent: title }), element("p", { className: "big", textContent: values }),
+        element("ul", {}, ...[...lines, ...more].map((textContent) => element("li", { textContent }))),
+        ...(isBase ? [element("p", { className: "quiet", textContent: name })] : [button(clip(name, 40), () => change({ chosen: isChosen ? "" : at.key }), { title: "choose this design" })]));
+    }
+
+    function renderCards() {
+      const { budgeted, subject } = shown;
+      const at = (row) => app.point(app.keyOf(row));
+      if (budgeted.pick < 0 && !shown.chosen) {
+        const missed = ({ row, missed: all }) => card("the nearest", at(row), null, all.map(({ column, by }) => `misses ${label(column)} by ${sized(column, by)}`));
+        const relaxed = budgeted.relaxed.map((one) => {
+          const value = shown.columns[one.column].values[one.row];
+          const node = missed(one);
+          node.querySelector("h2").textContent = `${label(one.column)} ${shown.page.budgets.columns[one.column] === "max" ? "down" : "up"} to ${sized(one.column, value)}`;
+          node.append(button("relax it", () => change({ [`b.${one.column}`]: String(value) })));
+          return node;
+        });
+        return cards.replaceChildren(...[...relaxed, ...budgeted.nearest.map(missed)].slice(0, NEXT));
+      }
+      if (!subject.key) return cards.replaceChildren();
+      const { best, pick, half } = budgeted;
+      const cost = app.costOf();
+      const isPick = subject.row === pick;
+      // As good within its error, and cheaper: what the pick already is.
+      const gain = shown.page.budgets.maximise;
+      const good = !isPick && cost && pick >= 0 && app.numbers(gain)[pick] >= subject.value(gain) - (subject.row >= 0 ? shown.page.intervals[gain]?.low[subject.row] ?? 0 : 0)
+        && app.numbers(cost)[pick] < subject.value(cost);
+      const other = good ? card("as good, cheaper", at(pick), subject) : isPick && best !== pick ? card("the most accurate", at(best), subject)
+        : !isPick && pick >= 0 ? card("the pick", at(pick), subject) : null;
+      const halved = isPick ? half : least(subject.value(cost) / 2);
+      cards.replaceChildren(...[card(isPick ? "your pick" : "your choice", subject, null), other, halved >= 0 && cost ? card(`half the ${label(cost)}`, at(halved), subject) : null].filter(Boolean));
+    }
+    const least = (most) => Budgets.least(shown.budgeted.among.filter((row) => app.numbers(app.costOf())[row] <= most), [app.numbers(shown.page.budgets.maximise).map((value) => -value)]);
+
+    // ---- the view
+
+    const named = (node) => node.id || node.dataset.key || node.dataset.copies || node.textContent;
+    let said = "";
+    function render(next) {
+      shown = next;
+      fill();
+      const key = JSON.stringify([limits(), app.lists().tasks, app.lists().hardware, next.state, next.subject.key, next.budgeted.key]);
+      if (key !== said) Dom.keepFocus(line, named, () => line.replaceChildren(...sentence()));
+      said = key;
+      fill();
+      for (const ask of asks) ask.setAttribute("aria-expanded", String(ask.dataset.ask === next.state.ask));
+      told.hidden = !Object.hasOwn(ASKED, next.state.ask);
+      if (!told.hidden && !next.moving) Dom.keepFocus(told, named, () => told.replaceChildren(...{ take, why, cheaper }[next.state.ask]()));
+      Dom.keepFocus(cards, named, renderCards);
+    }
+
+    return render;
+  }
+
+  // A page from disk may have no clipboard of its own; the selection always works.
+  async function copy(from, status) {
+    try {
+      await navigator.clipboard.writeText(from.textContent);
+      status.textContent = "copied";
+    } catch {
+      getSelection().selectAllChildren(from);
+      status.textContent = document.execCommand("copy") ? "copied" : "selected; copy it with the keyboard";
+    }
+  }
+
+  return { panel, offers };
+})();
