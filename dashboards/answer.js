@@ -33,7 +33,11 @@ const Answer = (() => {
       return ` (${low}–${high})`;
     }
     const whole = (text) => element("span", { className: "whole", textContent: text });
-    const measured = (column, at) => whole(app.isOpen(column, Math.max(0, at.row)) && at.row >= 0 ? `at least ${sized(column, at.value(column) - shown.page.intervals[column].low[at.row])}` : sized(column, at.value(column)));
+    function measured(column, at) {
+      const isOpen = at.row >= 0 && app.isOpen(column, at.row);
+      const value = isOpen ? at.value(column) - shown.page.intervals[column].low[at.row] : at.value(column);
+      return whole(`${isOpen ? "at least " : ""}${sized(column, value)}${shown.columns[column].unit ? "" : `\u00a0${label(column)}`}`);
+    }
 
     // ---- the sentence
 
@@ -84,8 +88,10 @@ const Answer = (() => {
         return element("span", { className: "whole" }, `${k ? ", " : ""}${way} `, box(column), columns[column].unit ? `\u202f${columns[column].unit}` : "");
       });
       const named = tasks.length > 1 ? task : tasks.length && tasks[0] !== "undefined" ? clip(tasks[0], 40) : "its classes";
-      return [...(chips.length > 1 ? ["On ", hardware, " "] : chips.length && chips[0] ? [`On ${clip(chips[0], 40)} `] : ["Here, "]), ...words, " ", ...(page.budgets.columns[main()] === undefined && !more.options.length ? [] : [more]),
-        ...(allowed.pace.length > 1 ? [", ", pace] : []), ", ", shown.budgeted.pick < 0 && !shown.chosen ? "no design tells " : `this ${family ? app.familyName(family) : "design"} tells `, named, " apart", ...result()];
+      return [...(chips.length > 1 ? ["On ", hardware, " "] : chips.length && chips[0] ? [`On ${clip(chips[0], 40)} `] : ["Here, "]), ...words, " ",
+        ...(page.budgets.columns[main()] === undefined && !more.options.length ? [] : [more]),
+        ...(allowed.pace.length > 1 ? [", ", pace] : []), ", ", shown.budgeted.pick < 0 && !shown.chosen ? "no design tells "
+          : `this ${family ? app.familyName(family) : "design"} tells `, named, " apart", ...result()];
     }
 
     function result() {
@@ -94,10 +100,11 @@ const Answer = (() => {
       if (budgeted.pick < 0 && !shown.chosen) return [". ", ...because()];
       const [gain, column] = [page.budgets.maximise, headline()];
       const of = column === gain ? "of the validation recordings" : "of unseen recordings";
-      const shares = app.isFraction(column) ? [element("strong", { textContent: percent(subject.value(column)) }), ` ${of}`] : [element("strong", { textContent: `${label(column)} ${sized(column, subject.value(column))}` })];
-      const costs = [...Object.keys(page.objectives).filter((name) => page.objectives[name] === "min"), ...["latency_ms", "decision_latency_ms"].filter((name) => shown.columns[name]).slice(0, 1)];
-      const known = [...new Set(costs)].filter((name) => subject.value(name) !== null);
-      return subject.value(column) === null ? [": not measured here."] : [": ", ...shares, whole(ends(column, subject)), ...known.flatMap((name) => [", ", measured(name, subject), ...(shown.columns[name].unit ? [] : [` ${label(name)}`])]), "."];
+      const shares = app.isFraction(column) ? [element("strong", { textContent: percent(subject.value(column)) }), ` ${of}`] : [element("strong",
+        { textContent: `${label(column)} ${sized(column, subject.value(column))}` })];
+      const latency = ["latency_ms", "decision_latency_ms"].filter((name) => shown.columns[name]).slice(0, 1);
+      const known = [...new Set([app.costOf(), ...latency, ...app.costsOf().filter((name) => Object.hasOwn(page.objectives, name))])].filter((name) => name && subject.value(name) !== null);
+      return subject.value(column) === null ? [": not measured here."] : [": ", ...shares, whole(ends(column, subject)), ...known.flatMap((name) => [", ", measured(name, subject)]), "."];
     }
 
     // Why nothing can be picked, by what the chip does with the designs.
@@ -106,7 +113,8 @@ const Answer = (() => {
       if (!noneFits) return ["One of these limits must give way."];
       const chip = chosen.hardware ?? "the chip";
       const unable = misfits.some(isUnable);
-      return [misfits.every(isUnable) ? `${chip} cannot run ${chosen.family ?? "these designs"}.` : `No design fits ${chip}: ${unable ? "it cannot run some, and the others are" : "all are"} too large.`];
+      return [misfits.every(isUnable) ? `${chip} cannot run ${chosen.family ?? "these designs"}.`
+        : `No design fits ${chip}: ${unable ? "it cannot run some, and the others are" : "all are"} too large.`];
     }
 
     // ---- what can be asked
@@ -178,25 +186,30 @@ const Answer = (() => {
       };
       const costs = Object.fromEntries(Object.entries(ways).map(([column, way]) => [column, way === "max" ? app.numbers(column).map((value) => -value) : app.numbers(column)]));
       const found = subject.row < 0 ? [] : offers(budgeted.among, subject.row, costs, improve, give);
-      const head = element("p", {}, "Less ", choose("improve", "what must be less", costsOf(), improve), " for some ", choose("give", "what may be given up", Object.keys(ways).filter((name) => name !== improve), give), ", all else as good:");
+      const head = element("p", {}, "Less ", choose("improve", "what must be less", costsOf(), improve), " for some ", choose("give", "what may be given up",
+        Object.keys(ways).filter((name) => name !== improve), give), ", all else as good:");
       const none = element("p", { textContent: `No measured design has less ${label(improve)} and is as good in all but ${label(give)}.` });
-      return [head, ...(found.length ? [element("div", { className: "offers" }, ...found.map((row) => card(`÷${number(costs[improve][subject.row] / costs[improve][row])} ${label(improve)}`, app.point(app.keyOf(row)), subject)))] : [none]), ...tell(found[0] ?? subject.row)];
+      return [head, ...(found.length ? [element("div", { className: "offers" },
+        ...found.map((row) => card(`÷${number(costs[improve][subject.row] / costs[improve][row])} ${label(improve)}`, app.point(app.keyOf(row)), subject)))] : [none]),
+        ...tell(found[0] ?? subject.row)];
     }
 
-    // The designs that would tell: those beside one in a parameter of numbers, as a file for the search.
+    // The designs that would tell: those that nobody measured, with less than one in one parameter, as a file for the search.
     function tell(row) {
       const { page, columns } = shown;
       if (row < 0 || !page.budgets.results) return [];
-      const axes = Object.keys(columns).filter((column) => /\./.test(column) && columns[column].values[row] !== null && app.distinct(column).length > 1);
+      const axes = Object.keys(columns).filter((column) => /^\w+(\.\w+)+$/.test(column) && columns[column].values[row] !== null && app.distinct(column).length > 1);
+      const valuesOf = (one) => axes.map((column) => columns[column].values[one]);
+      const measured = new Set(app.lists().rows.map((one) => JSON.stringify(valuesOf(one))));
+      const less = (k) => [...new Set(columns[axes[k]].values)].filter((value) => typeof value === "number" && value < columns[axes[k]].values[row]).sort((a, b) => b - a)
+        .map((value) => Object.assign(valuesOf(row), { [k]: value })).find((one) => !measured.has(JSON.stringify(one)));
+      const found = axes.map((_, k) => less(k)).filter(Boolean);
+      if (!found.length) return [element("p", { textContent: "Every design with less in one parameter alone was measured." })];
       const yaml = (value) => (typeof value === "string" && value.startsWith("[") ? value : JSON.stringify(value)); // a list is kept as its text
-      const file = axes.map((column) => {
-        const known = [...new Set(columns[column].values.filter((value) => typeof value === "number"))].sort((a, b) => a - b);
-        const at = known.indexOf(columns[column].values[row]);
-        return [column, app.isNumeric(column) && at > 0 ? Math.round((known[at] + known[at - 1]) / 2) : null];
-      }).filter(([, value]) => value !== null);
-      if (!file.length) return [];
-      const written = file.map(([column, value]) => `- {${axes.map((one) => `${one}: ${one === column ? value : yaml(columns[one].values[row])}`).join(", ")}}`).join("\n");
-      return [element("p", { textContent: "Designs that would tell, smaller than what was measured; dse enqueue trains them:" }), ...copier(`cat > designs.yaml <<'END'\n${written}\nEND\ndse enqueue ${Budgets.quoted(`${page.budgets.results}/search_space.yaml`)} designs.yaml --results ${Budgets.quoted(page.budgets.results.replace(/\/?[^/]*\/?$/, "") || ".")}`, "enqueue")];
+      const lines = found.map((values) => `- {${values.map((value, k) => `${axes[k]}: ${yaml(value)}`).join(", ")}}`);
+      const [space, results] = [`${page.budgets.results}/search_space.yaml`, page.budgets.results.replace(/\/?[^/]*\/?$/, "") || "."].map(Budgets.quoted);
+      return [element("p", { textContent: "Designs that would tell, since nobody measured them; dse enqueue trains them:" }),
+        ...copier(`cat > designs.yaml <<'END'\n${lines.join("\n")}\nEND\ndse enqueue ${space} designs.yaml --results ${results}`, "enqueue")];
     }
 
     // ---- cards
@@ -206,13 +219,15 @@ const Answer = (() => {
       const gain = headline();
       const cost = app.costOf();
       const name = at.row >= 0 ? app.nameOf(at.row) : "this setting";
-      const values = [...(gain ? [`${gained(gain, at.value(gain))} ${app.isFraction(gain) ? "right" : label(gain)}`] : []), ...(cost && at.value(cost) !== null ? [sized(cost, at.value(cost))] : [])].join(" · ");
+      const values = [...(gain ? [`${gained(gain, at.value(gain))} ${app.isFraction(gain) ? "right" : label(gain)}`] : []), ...(cost && at.value(cost) !== null ? [sized(cost,
+        at.value(cost))] : [])].join(" · ");
       const isBase = base === null;
-      const lines = isBase ? costsOf().filter((column) => column !== cost && (Object.hasOwn(shown.page.objectives, column) || /latency/.test(column)) && at.value(column) !== null).map((column) => `${sized(column, at.value(column))} ${label(column)}`) : differences(at, base);
+      const lines = isBase ? costsOf().filter((column) => column !== cost && (Object.hasOwn(shown.page.objectives, column) || /latency/.test(column))
+        && at.value(column) !== null).map((column) => `${sized(column, at.value(column))} ${label(column)}`) : differences(at, base);
       const isChosen = chosen?.key === at.key;
-      return element("article", { data: { key: at.key } }, element("h2", { textContent: title }), element("p", { className: "big", textContent: values }),
+      return element("article", { title: clip(name, 40), data: { key: at.key } }, element("h2", { textContent: title }), element("p", { className: "big", textContent: values }),
         element("ul", {}, ...[...lines, ...more].map((textContent) => element("li", { textContent }))),
-        ...(isBase ? [element("p", { className: "quiet", textContent: name })] : [button(clip(name, 40), () => change({ chosen: isChosen ? "" : at.key }), { title: "choose this design" })]));
+        ...(isBase ? [] : [button("choose it", () => change({ chosen: isChosen ? "" : at.key }), { "aria-label": `choose it: ${clip(name, 40)}` })]));
     }
 
     function renderCards() {
@@ -227,7 +242,7 @@ const Answer = (() => {
           node.append(button("relax it", () => change({ [`b.${one.column}`]: String(value) })));
           return node;
         });
-        return cards.replaceChildren(...[...relaxed, ...budgeted.nearest.map(missed)].slice(0, NEXT));
+        return cards.replaceChildren(...[...relaxed, ...budgeted.nearest.filter(({ row }) => !budgeted.relaxed.some((one) => one.row === row)).map(missed)].slice(0, NEXT));
       }
       if (!subject.key) return cards.replaceChildren();
       const { best, pick, half } = budgeted;
@@ -256,8 +271,10 @@ const Answer = (() => {
       said = key;
       fill();
       for (const ask of asks) ask.setAttribute("aria-expanded", String(ask.dataset.ask === next.state.ask));
-      told.hidden = !Object.hasOwn(ASKED, next.state.ask);
-      if (!told.hidden && !next.moving) Dom.keepFocus(told, named, () => told.replaceChildren(...{ take, why, cheaper }[next.state.ask]()));
+      const asked = app.style().paper ? "why" : next.state.ask; // a report has the reasons
+      told.hidden = !Object.hasOwn(ASKED, asked);
+      for (const ask of asks) ask.hidden = ask.dataset.ask !== "why" && !next.subject.key;
+      if (!told.hidden && !next.moving) Dom.keepFocus(told, named, () => told.replaceChildren(...{ take, why, cheaper }[asked]()));
       Dom.keepFocus(cards, named, renderCards);
     }
 

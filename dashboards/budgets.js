@@ -205,7 +205,8 @@ const Budgets = (() => {
       const result = {
         key: JSON.stringify([key, limits.map(({ column, text }) => [column, text]), sure]), page, chosen, limits, within, count, total, admitted, conditions, rivals,
         matches: (row) => conditions.every((one) => passes(one, row)),
-        misfits, weight, isUnable, isMisfit: (row) => isLarge(row) || isUnable(row), noneFits: admissible.length === 0 && misfits.length > 0, front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
+        misfits, weight, isUnable, isMisfit: (row) => isLarge(row) || isUnable(row), noneFits: admissible.length === 0 && misfits.length > 0,
+          front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
         ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, best: -1, pick: -1, half: -1, alike: [], among: [], atMost: null, nearest: [], relaxed: [],
         command: command(state, chosen, limits, conditions),
       };

@@ -54,7 +54,8 @@ const Data = (() => {
     const [start, length] = from === to ? [from - 0.5, 1] : [from - room * span, span * (1 + 2 * room)];
     const share = (value) => ((log ? Math.log(value) : value) - start) / length;
     const value = (at) => (log ? Math.exp(start + at * length) : start + at * length);
-    const ticks = names.length ? names.map((name, k) => [k, name]) : (low === high ? [low] : log ? decades(value(0), value(1), most) : rounds(value(0), value(1), most)).map((one) => [one, number(one)]);
+    const ticks = names.length ? names.map((name, k) => [k, name]) : (low === high ? [low] : log ? decades(value(0), value(1), most) : rounds(value(0), value(1),
+      most)).map((one) => [one, number(one)]);
     return { share, value, ticks };
   }
 

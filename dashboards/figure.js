@@ -54,7 +54,6 @@ const Figure = (() => {
   // Nothing of a study leaves its page: plotly would offer to upload it.
   const config = {
     responsive: true, displaylogo: false, displayModeBar: false, plotlyServerURL: "",
-    modeBarButtonsToRemove: ["sendChartToCloud", "lasso2d", "select2d", "autoScale2d"],
   };
 
   // Numbers on axes as in the page's words: decimals, with a narrow space between thousands.

@@ -1,11 +1,10 @@
 "use strict";
 // One state object; every view (views.js) is a function of it, and the URL's fragment carries it.
-// Text from the study only ever enters the page through textContent or escaped() below.
+// Text from the study only ever enters the page through textContent.
 (async () => {
   const byId = (id) => document.getElementById(id);
   let given, page, columns, objectives, nRows, rows, axes, tasks, hardware, families, filterable, allowed, engine, byKey, plain; // set by take()
   const BOTH = "all";
-  const COMPARED = 4; // designs side by side, at most
   const MAX_CATEGORIES = 40; // of a column that can be an axis, a colour or a filter
   const SURE = ["", ...Array.from({ length: 19 }, (_, k) => String((k + 1) / 20))]; // shares of the samples
   const OPEN = 100; // of an interval's ends: beyond it the upper one says nothing
@@ -41,7 +40,6 @@
   const placed = (column, value) => (typeof value === "number" || !columns[column] || value === null ? value : numbers(column)[columns[column].values.indexOf(value)]);
   const title = (column) => columns[column].label + (columns[column].unit ? ` (${columns[column].unit})` : "");
   const clip = (text, n) => ([...text].length <= n ? text : [...text].slice(0, n - 1).join("") + "…");
-  const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
   const many = (n) => Math.round(n).toLocaleString("en").replace(/,/g, "\u202f");
   const plural = (n, word) => `${many(n)} ${word}${n === 1 ? "" : "s"}`;
@@ -108,8 +106,8 @@
   const costsOf = () => Object.keys(page.budgets.columns).filter((column) => page.budgets.columns[column] === "min");
 
   // A design beside another: shares in points, costs as factors.
-  function differences(at, base) {
-    return [headline(), ...costsOf().filter((column) => objectives.includes(column) || /latency/.test(column))].filter(Boolean).map((column) => {
+  function differences(at, base, costs = costsOf().filter((column) => objectives.includes(column) || /latency/.test(column))) {
+    return [headline(), ...costs].filter(Boolean).map((column) => {
       const [label, value, from] = [clip(columns[column].label, 40), at.value(column), base.value(column)];
       if (typeof value !== "number" || typeof from !== "number") return "";
       if (value === from) return `same ${label}`;
@@ -146,9 +144,7 @@
   const trialName = (trial) => `Trial ${number(trialNumber(trial))}${page.numbered ? ` of ${page.numbered[isSecond(trial) ? "second" : "first"]}` : ""}`;
   const nameOf = (row) => (columns.trial ? trialName(columns.trial.values[row]) : `Point ${row}`);
 
-  const taskOf = (row) => (columns.task ? String(columns.task.values[row]) : "");
   const familyName = (family) => FAMILIES[family] ?? String(family);
-  const colourOf = (task, { palette }) => palette[Math.max(0, tasks.indexOf(task)) % palette.length];
 
   // ---- state
 
@@ -167,7 +163,6 @@
   }
 
   const isKey = { includes: (text) => text === "" || /^-?\d+(\.\d+)?$/.test(text) };
-  const areKeys = { includes: (text) => text === "" || (text.split(",").length <= COMPARED && text.split(",").every((key) => key && isKey.includes(key))) };
   const isEnd = (text) => text === "" || Number.isFinite(Number(text));
   const isFilter = { includes: (text) => text === "" || text.startsWith("in:") || (text.split("~").length === 2 && text.split("~").every(isEnd)) };
   const isWord = { includes: (text) => /^[a-z]*$/.test(text) };
@@ -208,9 +203,11 @@
     families = [...new Set((columns.family?.values ?? []).filter((name) => name !== null))];
     engine = Budgets.over(page);
     allowed = {
-      x: axes, y: axes, lx: ["0", "1"], ly: ["0", "1"], task: tasks, hardware, order: ["ascending", "descending"], show: Object.keys(TABS), ask: isWord, give: ["", ...Object.keys(columns)], improve: ["", ...Object.keys(columns)], find: { includes: () => true },
-      sort: Object.keys(columns), chosen: isKey, compare: areKeys, tab: isWord, rows: ["", "all"],
-      family: [BOTH, ...families], pace: page.period ? ["flat", "period"] : ["flat"], left: ["0", "1"], oversize: ["0", "1"], once: ["", "0", "1"], expert: ["0", "1"], colour: ["", ...axes], sure: SURE, ...Budgets.allowed(page),
+      x: axes, y: axes, lx: ["0", "1"], ly: ["0", "1"], task: tasks, hardware, order: ["ascending", "descending"], show: Object.keys(TABS), ask: isWord, give: ["",
+        ...Object.keys(columns)], improve: ["", ...Object.keys(columns)], find: { includes: () => true },
+      sort: Object.keys(columns), chosen: isKey, tab: isWord, rows: ["", "all"],
+      family: [BOTH, ...families], pace: page.period ? ["flat", "period"] : ["flat"], left: ["0", "1"], oversize: ["0", "1"], once: ["", "0", "1"], expert: ["0", "1"],
+        colour: ["", ...axes], sure: SURE, ...Budgets.allowed(page),
       ...Object.fromEntries(filterable.map((column) => [`f.${column}`, isFilter])),
     };
     plain = initialState();
@@ -239,7 +236,8 @@
     return {
       y, x, lx: log(x), ly: log(y), task: tasks[0] ?? BOTH, hardware: hardware[0] ?? "", show: "choose", ask: "", find: "", give: "", improve: "",
       sort, order: page.objectives[sort] === "max" ? "descending" : "ascending",
-      chosen: "", compare: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", oversize: "0", once: "", expert: "0", colour: axes.includes(page.colour) ? page.colour : "", sure: "",
+      chosen: "", tab: definition.design[0] ?? "", rows: "", family: BOTH, pace: "flat", left: "0", oversize: "0", once: "", expert: "0", colour: axes.includes(page.colour)
+        ? page.colour : "", sure: "",
       ...Object.fromEntries(filterable.map((column) => [`f.${column}`, ""])), ...Budgets.plain(page),
     };
   }
@@ -259,8 +257,7 @@
   let state = readState();
   let writing;
 
-  let last = { keys: "", at: -Infinity };
-  let ghost = -1; // the pick before the last change that moved it
+  let [last, ghost] = [{ keys: "", at: -Infinity }, -1]; // the last change; the pick before it
 
   // `moving`: more of the same follows at once, as when a slider is dragged.
   function change(part, moving = Object.keys(part).some((key) => key.startsWith("b.") || key === "sure")) {
@@ -362,7 +359,6 @@
         return known ? engine.joined(budgeted, named) : null;
       },
       chosen: state.chosen ? point(state.chosen) : null, subject: subjectOf(budgeted), ghost: ghost >= 0 && ghost < nRows ? ghost : -1,
-      compared: state.compare ? state.compare.split(",").map(point) : [],
     };
   }
 
@@ -377,7 +373,8 @@
     const quoted = (value) => (/[",\r\n]/.test(String(value)) ? `"${String(value).replace(/"/g, '""')}"` : String(value));
     // An error is a column, and so is each end of an interval.
     const spread = Object.entries(page.intervals).flatMap(([column, { low, high }]) => (low.every((end, row) => end === high[row]) ? [[`${column}_se`, (row) => high[row]]]
-      : [["low", -1, low], ["high", 1, high]].map(([end, sign, by]) => [`${column}_${end}`, (row) => (columns[column].values[row] === null ? null : Number((columns[column].values[row] + sign * by[row]).toPrecision(6)))])));
+      : [["low", -1, low], ["high", 1, high]].map(([end, sign, by]) => [`${column}_${end}`, (row) => (columns[column].values[row] === null ? null
+        : Number((columns[column].values[row] + sign * by[row]).toPrecision(6)))])));
     const written = [...Object.entries(columns).map(([name, { values }]) => [name, (row) => values[row]]), ...spread];
     const cells = (row) => written.map(([, value]) => quoted(value(row) ?? ""));
     const lines = [written.map(([name]) => quoted(name)), ...some.map(cells)].map((line) => `${line.join(",")}\r\n`);
@@ -393,14 +390,11 @@
     surfaces.set(`${key}@${state.hardware}`, values);
   }
 
-  const toggleCompared = (key) => {
-    const now = state.compare ? state.compare.split(",") : [];
-    change({ compare: (now.includes(key) ? now.filter((one) => one !== key) : [...now, key].slice(-COMPARED)).join(",") });
-  };
-
   const app = {
-    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, trialNumber, escaped, title, sized, trusts, isShare, isFraction, familyName, saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, spansDecades, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric, distinct, numbers, categories, placed, varies, taskOf, colourOf, setPoint,
-    headline, costsOf, costOf: () => engine.cost, differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), toggleCompared, download, csv, point, style: () => Figure.style(page.palette),
+    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, trialNumber, title, sized, trusts, isShare, isFraction, familyName,
+      saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric,
+      distinct, numbers, categories, placed, setPoint,
+    headline, costsOf, costOf: () => engine.cost, differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
   const views = [...document.querySelectorAll("[data-view]")].map((root) => {
@@ -466,9 +460,10 @@
     const names = page.definition.views;
     byId("state").hidden = !empty;
     byId("answer").hidden = byId("cards").hidden = byId("tabs").hidden = empty;
-    const open = renderTabs(names);
+    const tab = renderTabs(names);
+    const seen = ["always", ...(Figure.style(page.palette).paper ? ["choose", "chips", "inside"] : [tab])]; // on paper a report
     for (const { name, root, tabs, has } of views) {
-      root.hidden = empty || !names.includes(name) || !has(page) || !(tabs.includes("always") || tabs.includes(open));
+      root.hidden = empty || !names.includes(name) || !has(page) || !tabs.some((one) => seen.includes(one));
       root.style.order = names.indexOf(name);
     }
     const shown = selection(moving);
@@ -485,37 +480,17 @@
       return;
     }
     showAnswer(shown);
-    // A link may name points that are no rows of the page: their trial knows them.
-    for (const at of [shown.chosen, ...shown.compared].filter((one) => one && one.row < 0 && isNamed())) {
-      Details.of(page, at.key.split(".")[0]).then((details) => { if (Design.restore(app, shown, at, details)) change({}); });
-    }
+    // A link may name a point that is no row of the page: its trial knows it.
+    const at = shown.chosen;
+    if (at && at.row < 0 && isNamed()) Details.of(page, at.key.split(".")[0]).then((details) => { if (Design.restore(app, shown, at, details)) change({}); });
     // What nobody sees is computed when its tab is opened.
     for (const { root, view } of views) if (!root.hidden) view.render(shown);
   }
 
   // ---- what a reader does
 
-  const KEYS = [
-    ["Tab, Shift+Tab", "through the sentence, the chart and the tabs"], ["← → on a handle", "moves a limit of the chart, φ or θ by a step"],
-    ["Enter on a row", "chooses its design"], ["c", "adds the chosen design to the comparison, or removes it"],
-    ["Back, or u", "undoes the last change"], ["Escape", "chooses nothing"], ["?", "these keys"],
-  ];
-  const WORDS = [
-    ["point", "a trial at one setting: φ and θ or a read-out time, bits per weight, hardware"],
-    ["front", "points that no other beats in every objective; fronts of tasks and chips are apart"],
-    ["φ", "output spikes that a decision needs at least"], ["θ", "fraction of them that must be for one class"],
-    ["flat out", "energy of computing as fast as the chip can; at the sensor's period it waits for each step"],
-    ["spikes", "what such a network computes with, and what its input is"], ["corrected", "what a point should show on other recordings: less the luck of being the best of many"],
-    ["true rate", "spikes per step that training aims at for the right class"],
-    ["t_c", "shortest time by which recordings give the best accuracy"], ["t_p", "mean time of a decision at the most accurate φ and θ"],
-    ["t_h", "mean time of a decision as accurate as people"],
-  ];
-  byId("words").append(...WORDS.flatMap(([word, meaning]) => [element("dt", { textContent: word }), element("dd", { textContent: meaning })]));
-  byId("keys").querySelector("dl").append(...KEYS.flatMap(([key, does]) =>
-    [element("dt", {}, element("kbd", { textContent: key })), element("dd", { textContent: does })]));
   const does = {
     "?": () => byId("keys").showModal(), Escape: () => change({ chosen: "", ask: "" }), u: () => history.back(),
-    c: () => { if (state.chosen) toggleCompared(state.chosen); },
   };
   addEventListener("keydown", (event) => {
     const typed = event.target.matches("input:not([type=range]), select, textarea") || document.querySelector("dialog[open]");

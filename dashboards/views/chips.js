@@ -23,7 +23,8 @@ const Chips = (() => {
           ...(cost ? [ofPick(cost), least[k] >= 0 ? app.withInterval(cost, least[k]) : "–"] : []), misfits];
       });
       const heads = [["chip", "text"], ["pick", "text"], [title(headline)], ...(cost ? [[title(cost)], [`${title(cost)} for ${app.number(level, true)} as measured`]] : []), ["left out", "text"]];
-      Dom.keepFocus(root, ({ textContent }) => textContent, () => root.replaceChildren(element("h2", {}, "Chips ", element("small", { textContent: "under these limits; the same networks at other prices" })), Dom.table("chip", heads, lines)));
+      Dom.keepFocus(root, ({ textContent }) => textContent, () => root.replaceChildren(element("h2", {}, "Chips ", element("small",
+        { textContent: "under these limits; the same networks at other prices" })), Dom.table("chip", heads, lines)));
     }
 
     return { render: Dom.settled(draw) };

@@ -141,34 +141,22 @@ const Design = (() => {
 
   const axisOf = (layout, trace) => plain(layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`]?.title?.text);
 
-  // What a figure shows, in words with its numbers: of a matrix and of a chip what counts, of others each line and bar.
+  // What a figure shows, in words with its numbers: of a matrix what counts, of curves their ends, of bars what is written.
   function told(tab, { data, layout }, number) {
     const [first = {}] = data;
-    const names = (axis) => (layout[axis]?.ticktext ?? []).map(plain);
-    const notes = (layout.annotations ?? []).map(({ text }) => plain(text));
-    const ends = (trace, [from, ...rest]) => `${axisOf(layout, trace)}${data.length > 1 ? ` of ${plain(trace.name)}` : ""} ${number(from)} to ${number(rest.at(-1))}`;
-    const along = (trace, at, unit) => listed(trace.y).map((value, k) => `${number(value, true)} ${at} ${number(listed(trace.customdata ?? trace.x)[k])} ${unit}`).join(", ");
-    const curves = () => data.map((trace) => [trace, listed(trace.y)]).filter(([, y]) => y.length);
-    return {
-      confusion() {
-        const counts = listed(first.text).map((row) => row.map(Number));
-        const right = counts.reduce((sum, row, k) => sum + row[k], 0);
-        const wrong = counts.flatMap((row, i) => row.map((n, j) => [n, i, j])).filter(([n, i, j]) => i !== j && n > 0).sort((a, b) => b[0] - a[0]);
-        const most = wrong.slice(0, 3).map(([n, i, j]) => `${names("xaxis")[i]} taken for ${names("xaxis")[j]} ${number(n)} times`);
-        return `Confusion matrix of ${counts.length} classes: ${number(right)} of ${number(counts.flat().reduce((sum, n) => sum + n, 0))} right${most.length ? `; most often wrong: ${most.join(", ")}` : ""}.`;
-      },
-      learning: () => `Learning curves over ${Math.max(0, ...curves().map(([, y]) => y.length))} epochs: ${curves().map(([trace, y]) => ends(trace, y)).join(", ")}.`,
-      energy: () => `Energy of an inference: ${listed(first.customdata).map(plain).join(", ")}.`,
-      recognition: () => `Accuracy over input length: ${along(first, "after", "ms")}.`,
-      first_spike() {
-        const known = listed(first.customdata).map((name, k) => [plain(name), listed(first.x)[k]]).filter(([, time]) => Number.isFinite(time));
-        return `First output spike: ${known.map(([name, time]) => `${name}, ${number(time)} ms`).join("; ")}.`;
-      },
-      histograms: () => `Class histograms over ${listed(first.y).length} prototypes: ${notes.slice(0, data.length).join(", ")}.`,
-      power: () => `Power at rest and beyond: ${names("yaxis").map((name, k) => `${name} ${notes[k]}`).join(", ")}.`,
-      cores: () => `Cores in use: ${[...notes, data.map((trace) => plain(trace.name)).join(", ")].join(". ")}.`,
-      bits: () => `${axisOf(layout, first) || "accuracy"} against bits per weight: ${data.map((trace) => `${plain(trace.name)} ${along(trace, "at", "bits")}`).join("; ")}.`,
-    }[tab]();
+    if (tab === "confusion") {
+      const names = (layout.xaxis?.ticktext ?? []).map(plain);
+      const counts = listed(first.text).map((row) => row.map(Number));
+      const right = counts.reduce((sum, row, k) => sum + row[k], 0);
+      const wrong = counts.flatMap((row, i) => row.map((n, j) => [n, i, j])).filter(([n, i, j]) => i !== j && n > 0).sort((a, b) => b[0] - a[0]);
+      const most = wrong.slice(0, 3).map(([n, i, j]) => `${names[i]} taken for ${names[j]} ${number(n)} times`);
+      return `Confusion matrix of ${counts.length} classes: ${number(right)} of ${number(counts.flat().reduce((sum, n) => sum + n, 0))} right${most.length ? `; most often wrong: ${most.join(", ")}` : ""}.`;
+    }
+    const ends = (trace) => [trace, listed(trace.y).filter(Number.isFinite)];
+    const curves = data.map(ends).filter(([, y]) => y.length).map(([trace, y]) =>
+      `${[axisOf(layout, trace), data.length > 1 && plain(trace.name)].filter(Boolean).join(" of ")} ${number(y[0], true)} to ${number(y.at(-1), true)}`);
+    const written = [...(layout.yaxis?.ticktext ?? []), ...(layout.annotations ?? []).map(({ text }) => text), ...listed(first.customdata).flat()].filter((text) => typeof text === "string");
+    return `${TABS[tab]}: ${[...curves, ...written.map(plain)].join("; ")}.`;
   }
 
   // The figure of one tab of a design, on the hardware shown; undefined where the study recorded none. That of its own
@@ -193,7 +181,6 @@ const Design = (() => {
   function view(root, app) {
     const { clip, number, change } = app;
     const heading = element("h2", {}, "Design");
-    const compare = button("compare", () => app.toggleCompared(shown.chosen.key), { title: "beside other designs, below (c)" });
     const standing = element("p", { className: "standing" });
     const misfit = element("div");
     const [objectives, parameters, others] = [0, 1, 2].map(() => element("dl"));
@@ -203,7 +190,7 @@ const Design = (() => {
     const owner = element("p", { className: "owner" });
     const notes = element("div", { className: "quiet" });
     const body = element("div", { className: "body" }, element("div", {}, strip, owner, pane, notes), element("div", {}, standing, misfit, objectives, parameters, everything));
-    root.append(element("div", { className: "head" }, heading, compare), body);
+    root.append(heading, body);
 
     let shown = null;
     let loaded = { trial: null, page: null, details: undefined, text: "" }; // details: undefined while they are awaited
@@ -247,7 +234,6 @@ const Design = (() => {
       heading.textContent = clip(trial === null ? `Point ${chosen.key}` : app.trialName(trial), 60);
       const where = ["task", "hardware"].filter(has).map((column) => ` · ${clip(String(chosen.value(column)), 40)}`);
       standing.replaceChildren(element("strong", { textContent: standingOf(shown) }), ...where);
-      compare.setAttribute("aria-pressed", String(shown.compared.some(({ key }) => key === chosen.key)));
       const measured = app.beside([...aims, ...Object.keys(page.budgets.columns)]);
       list(objectives, measured.filter(has));
       const inHead = ["trial", "task", "hardware"];
@@ -300,7 +286,7 @@ const Design = (() => {
       const misfits = entryOf(part.misfits, state.hardware) ?? [];
       misfit.replaceChildren(...misfits.map((text) => element("p", { className: "note", textContent: `Does not fit: ${text}.` })));
       owner.textContent = ownerOf(part, surface, open);
-      const key = JSON.stringify([open, chosen.value("task"), state.hardware, open === "energy" && state.pace, surface?.first_point, owner.textContent, app.style().dark]);
+      const key = JSON.stringify([open, chosen.value("task"), state.hardware, open === "energy" && state.pace, surface?.first_point, owner.textContent, app.style().dark, app.style().paper]);
       if (drawn?.key === key && drawn.details === details) {
         drawn.move();
         return;
@@ -351,19 +337,11 @@ const Design = (() => {
     function figurePane(part, surface, tab) {
       const figure = figureOf(part, tab, shown.state.hardware, shown.state.pace, shown.chosen.value);
       const node = Figure.node(tab, Figure.heightOf(figure), told(tab, figure, number));
-      const quiet = (...texts) => texts.filter(Boolean).map((textContent) => element("p", { className: "quiet", textContent }));
+      const quiet = (text) => (text ? [element("p", { className: "quiet", textContent: text })] : []);
       return {
-        nodes: [...quiet(tab === "energy" ? apart() : ""), node, ...quiet(OF[tab])],
+        nodes: [node, ...quiet(OF[tab])],
         draw: () => Figure.draw(node, figure, app.style(), Figure.fitted), move() {},
       };
-    }
-
-    // The design's own energy, where the figure is of another answer or network.
-    function apart() {
-      const { chosen, columns, page, state } = shown;
-      const column = state.pace === "period" ? page.period.instead : page.period?.energy ?? "energy_uj";
-      const isEnd = ["phi", "read_out_ms"].every((name) => chosen.value(name) === null) && !owner.textContent.startsWith("The parent");
-      return isEnd || chosen.value(column) === null || !columns[column] ? "" : `This design: ${withUnit(app, shown, chosen, column)}.`;
     }
 
     // ---- φ and θ
@@ -485,20 +463,24 @@ const Design = (() => {
         const cells = values.map((value, place) => {
           const [x, y] = spot(place);
           const choose = () => { if (isMovable()) sliders.aim(place); };
-          return svg("rect", { x, y, width: wide - 1, height: high - 1, fill: Figure.shade(low === most ? 0.5 : (value - low) / (most - low)), on: { click: choose } }, svg("title", { text: phrase(place) }));
+          return svg("rect", { x, y, width: wide - 1, height: high - 1, fill: Figure.shade(low === most ? 0.5 : (value - low) / (most - low)), on: { click: choose } },
+            svg("title", { text: phrase(place) }));
         });
         const label = (text, x, y, anchor = "middle") => svg("text", { x, y, "text-anchor": anchor, fill: "currentColor", text });
         const each = (some, room) => some.map((value, k) => [value, k]).filter(([, k]) => k % Math.ceil(some.length / room) === 0);
         const mark = (place, path, name) => {
           const [x, y] = spot(place);
-          return ["#000000", "#ffffff"].map((stroke, k) => svg("path", { class: name, d: path, transform: `translate(${x + wide / 2} ${y + high / 2})`, fill: "none", stroke, "stroke-width": k ? 1.5 : 4, "pointer-events": "none" }));
+          return ["#000000", "#ffffff"].map((stroke, k) => svg("path", { class: name, d: path, transform: `translate(${x + wide / 2} ${y + high / 2})`, fill: "none", stroke,
+            "stroke-width": k ? 1.5 : 4, "pointer-events": "none" }));
         };
         const [width, height] = size;
-        node.replaceChildren(svg("svg", { width, height, viewBox: `0 0 ${width} ${height}` }, ...cells, ...each(theta, 10).map(([value, k]) => label(number(value), left + (k + 0.5) * wide, height - 24)),
-          ...each(phi, 8).map(([value, k]) => label(number(value), left - 6, spot(k * theta.length)[1] + high / 2 + 4, "end")), label("θ (share of the spikes)", left + (theta.length * wide) / 2, height - 6), label("φ", 12, top + (phi.length * high) / 2),
+        node.replaceChildren(svg("svg", { width, height, viewBox: `0 0 ${width} ${height}` }, ...cells, ...each(theta, 10).map(([value, k]) => label(number(value),
+          left + (k + 0.5) * wide, height - 24)),
+          ...each(phi, 8).map(([value, k]) => label(number(value), left - 6, spot(k * theta.length)[1] + high / 2 + 4, "end")), label("θ (share of the spikes)",
+            left + (theta.length * wide) / 2, height - 6), label("φ", 12, top + (phi.length * high) / 2),
           ...mark(sliders.best, "M-4 -4L4 4M-4 4L4 -4", "best"), ...(at < 0 ? [] : mark(at, "M8 0A8 8 0 1 1 -8 0A8 8 0 1 1 8 0Z", "ring"))));
         node.setAttribute("aria-label", `${titled(select.value)} over ${phi.length} φ and ${theta.length} θ. Best, at the cross: ${phrase(sliders.best)}.${at < 0 ? "" : ` Chosen, at the ring: ${phrase(at)}.`}`);
-        caption.textContent = `${precision(surface, part)}Dark ${number(low)}, bright ${number(most)}. Ring: chosen. Cross: the fastest of the most accurate settings.`;
+        caption.textContent = `${(part.surfaces ?? []).length > 1 ? `${inBits((name) => surface[name])}. ` : ""}Dark ${number(low)}, bright ${number(most)}. Ring: chosen. Cross: the fastest of the most accurate settings.`;
       }
       return { nodes: [...(isMovable() ? sliders.nodes : []), element("label", {}, "map of ", select), node, caption], draw, move: sliders.move };
     }
@@ -506,11 +488,6 @@ const Design = (() => {
     const titled = (column) => `${words(column)}${unit(column) ? ` (${unit(column)})` : ""}`;
     // Without numbers of its points a table cannot say which one a setting is.
     const isMovable = () => Boolean(shown.columns.trial && shown.columns.point);
-
-    function precision(surface, part) {
-      if ((part.surfaces ?? []).length < 2) return "";
-      return `${number(surface.weight_bits)} bits per weight${surface.pruned_after ? `, ${number(100 * surface.pruned_after)} % of them removed` : ""}. `;
-    }
 
     // ---- an example recording
 
@@ -606,7 +583,7 @@ const Design = (() => {
     function show(next) {
       shown = next;
       const isKnown = Boolean(shown.chosen.key);
-      body.hidden = compare.hidden = !isKnown;
+      body.hidden = !isKnown;
       if (!isKnown) {
         heading.textContent = "No design";
         return;

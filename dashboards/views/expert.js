@@ -103,7 +103,8 @@ const Expert = (() => {
 
     part("controls").addEventListener("submit", (event) => event.preventDefault());
     for (const id of ["x", "y", "colour", "family"]) part(id).addEventListener("change", (event) => change({ [id]: event.target.value }));
-    for (const [id, key] of [["lx", "lx"], ["ly", "ly"], ["oversize", "oversize"], ["left-out", "left"]]) part(id).addEventListener("change", (event) => change({ [key]: event.target.checked ? "1" : "0" }));
+    for (const [id, key] of [["lx", "lx"], ["ly", "ly"], ["oversize", "oversize"], ["left-out", "left"]]) part(id).addEventListener("change",
+      (event) => change({ [key]: event.target.checked ? "1" : "0" }));
     part("sure").addEventListener("input", (event) => change({ sure: Number(event.target.value) ? String(Number(event.target.value) / 100) : "" }));
     part("add-filter").addEventListener("change", (event) => {
       const column = event.target.value;
@@ -120,7 +121,8 @@ const Expert = (() => {
     function draw(next) {
       shown = next;
       // What is set is seen.
-      box.open = next.state.expert === "1" || Object.entries(next.state).some(([key, value]) => key.startsWith("f.") && value !== "") || next.state.sure !== "" || next.state.left === "1" || next.state.oversize === "1";
+      box.open = next.state.expert === "1" || Object.entries(next.state).some(([key, value]) => key.startsWith("f.")
+        && value !== "") || next.state.sure !== "" || next.state.left === "1" || next.state.oversize === "1";
       if (!box.open) return;
       renderControls();
       renderSure();

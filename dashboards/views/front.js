@@ -67,7 +67,8 @@ const Front = (() => {
       if (words.length) {
         const most = look.palette.length - (words.length > look.palette.length ? 1 : 0);
         const of = (row) => (values[row] < most ? look.palette[values[row]] : look.quiet);
-        return { of, names: [...words.slice(0, most).map((name, k) => [column === "family" ? app.familyName(name) : name, look.palette[k]]), ...(words.length > most ? [["others", look.quiet]] : [])] };
+        return { of, names: [...words.slice(0, most).map((name, k) => [column === "family" ? app.familyName(name) : name, look.palette[k]]), ...(words.length > most
+          ? [["others", look.quiet]] : [])] };
       }
       const stops = look.dark ? Figure.STOPS.slice(2) : Figure.STOPS.slice(0, -1); // the ends vanish on dark and on white
       const known = shown.rows.map((row) => values[row]).filter(Number.isFinite);
@@ -124,23 +125,23 @@ const Front = (() => {
 
     // {name, at, symbol}: what is marked, the pick last.
     function marks() {
-      const { budgeted, chosen, compared, subject, ghost } = shown;
+      const { budgeted, chosen, subject, ghost } = shown;
       const at = (row) => app.point(app.keyOf(row));
       return [
         ...(ghost >= 0 && ghost !== subject.row ? [{ name: "before", at: at(ghost), symbol: "ghost" }] : []),
-        ...compared.map((one, k) => ({ name: String(k + 1), at: one, symbol: "square" })),
         ...(chosen && budgeted.pick >= 0 && budgeted.pick !== chosen.row ? [{ name: "pick", at: at(budgeted.pick), symbol: "diamond" }] : []),
         ...(subject.key ? [{ name: chosen ? "your choice" : budgeted.pick >= 0 ? "your pick" : "nearest", at: subject, symbol: chosen ? "circle" : "diamond" }] : []),
       ].map((one) => ({ ...one, value: names().map((column) => app.placed(column, one.at.value(column))) })).filter(({ value }) => value.every(Number.isFinite));
     }
 
-    const SHAPES = { diamond: "M0 -11L11 0L0 11L-11 0Z", square: "M-8 -8H8V8H-8Z", circle: "M9 0A9 9 0 1 1 -9 0A9 9 0 1 1 9 0Z", ghost: "M0 -11L11 0L0 11L-11 0Z" };
+    const SHAPES = { diamond: "M0 -11L11 0L0 11L-11 0Z", circle: "M9 0A9 9 0 1 1 -9 0A9 9 0 1 1 9 0Z", ghost: "M0 -11L11 0L0 11L-11 0Z" };
     function markNode({ name, value, symbol }, words = name) {
       const [x, y] = value.map((one, k) => drawn.axes[k].to(one));
       const isRight = x > drawn.size[0] * 0.7;
       return svg("g", { class: `mark ${symbol}`, transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` },
         svg("path", { d: SHAPES[symbol], fill: "none", stroke: look.text, "stroke-width": 2, "stroke-dasharray": symbol === "ghost" ? "3 3" : undefined }),
-        svg("text", { x: isRight ? -14 : 14, y: symbol === "ghost" ? 18 : -8, "text-anchor": isRight ? "end" : "start", fill: look.text, stroke: look.page, "stroke-width": 3, "paint-order": "stroke", "font-weight": symbol === "ghost" ? 400 : 600, text: words }));
+        svg("text", { x: isRight ? -14 : 14, y: symbol === "ghost" ? 18 : -8, "text-anchor": isRight ? "end" : "start", fill: look.text, stroke: look.page, "stroke-width": 3,
+          "paint-order": "stroke", "font-weight": symbol === "ghost" ? 400 : 600, text: words }));
     }
 
     // The error of what the pick is compared with: a band, in which all are as good.
@@ -151,7 +152,8 @@ const Front = (() => {
       const value = best >= 0 && app.trusts(gain).includes(state.y) ? shown.columns[state.y].values[best] : null;
       if (!se || value === null) return [];
       const [top, foot] = [value, value - se].map(drawn.axes[1].to);
-      return [svg("rect", { class: "band", x: LEFT, width: drawn.size[0] - LEFT - RIGHT, y: top, height: Math.max(1, foot - top), fill: look.quiet, opacity: 0.13 }, svg("title", { text: "as good within the error of the best" }))];
+      return [svg("rect", { class: "band", x: LEFT, width: drawn.size[0] - LEFT - RIGHT, y: top, height: Math.max(1, foot - top), fill: look.quiet, opacity: 0.13 },
+        svg("title", { text: "as good within the error of the best" }))];
     }
 
     // Published designs, on data of their own.
@@ -181,7 +183,8 @@ const Front = (() => {
       const inside = ([value]) => (one) => one.share(value) >= -0.001 && one.share(value) <= 1.001;
       const ticks = (axis) => axis.ticks.filter((tick) => inside(tick)(axis));
       return [
-        ...ticks(x).flatMap(([value, text]) => [line(`M${x.to(value).toFixed(1)} ${TOP}V${height - BELOW}`), word(text, { x: x.to(value), y: height - BELOW + 16, "text-anchor": "middle", class: "tick-x" })]),
+        ...ticks(x).flatMap(([value, text]) => [line(`M${x.to(value).toFixed(1)} ${TOP}V${height - BELOW}`), word(text, { x: x.to(value), y: height - BELOW + 16,
+          "text-anchor": "middle", class: "tick-x" })]),
         ...ticks(y).flatMap(([value, text]) => [line(`M${LEFT} ${y.to(value).toFixed(1)}H${width - RIGHT}`), word(text, { x: LEFT - 6, y: y.to(value) + 4, "text-anchor": "end" })]),
         word(clip(title(x.column), 60), { x: (LEFT + width - RIGHT) / 2, y: height - 8, "text-anchor": "middle", class: "x-title" }),
         word(clip(title(y.column), 60), { x: -(TOP + height - BELOW) / 2, y: 14, transform: "rotate(-90)", "text-anchor": "middle", class: "y-title" }),
@@ -215,10 +218,12 @@ const Front = (() => {
         : { y: TOP, height: height - TOP - BELOW, ...(way === "min" ? { x: at, width: Math.max(0, width - RIGHT - at) } : { x: LEFT, width: Math.max(0, at - LEFT) }) };
       const grip = k ? { x: width - RIGHT - 26, y: at - 12 } : { x: at - 12, y: height - BELOW - 12 };
       node.replaceChildren(svg("rect", { class: "beyond", ...beyond, fill: look.quiet, opacity: text === "" ? 0 : 0.1 }),
-        svg("path", { d: k ? `M${LEFT} ${at}H${width - RIGHT}` : `M${at} ${TOP}V${height - BELOW}`, stroke: look.focus, "stroke-width": text === "" ? 1 : 2, "stroke-dasharray": text === "" ? "2 4" : undefined }),
+        svg("path", { d: k ? `M${LEFT} ${at}H${width - RIGHT}` : `M${at} ${TOP}V${height - BELOW}`, stroke: look.focus, "stroke-width": text === "" ? 1 : 2,
+          "stroke-dasharray": text === "" ? "2 4" : undefined }),
         svg("rect", { class: "grip", ...grip, width: 24, height: 24, rx: 12, fill: look.page, stroke: look.focus, "stroke-width": 2 }),
         svg("text", { x: grip.x + 12, y: grip.y + 17, "text-anchor": "middle", fill: look.focus, "aria-hidden": "true", text: k ? "↕" : "↔" }),
-        ...(text === "" ? [] : [svg("text", { x: k ? width - RIGHT - 32 : at - 16, y: k ? at - 6 : TOP + 14, "text-anchor": "end", fill: look.text, stroke: look.page, "stroke-width": 3, "paint-order": "stroke", "font-weight": 600, text: `${said} ${sized(column, Number(text))}` })]));
+        ...(text === "" ? [] : [svg("text", { x: k ? width - RIGHT - 32 : at < width / 2 ? at + 8 : at - 8, y: k ? at - 6 : TOP + 14, "text-anchor": !k && at < width / 2
+          ? "start" : "end", fill: look.text, stroke: look.page, "stroke-width": 3, "paint-order": "stroke", "font-weight": 600, text: `${said} ${sized(column, Number(text))}` })]));
       return node;
     }
 
@@ -339,14 +344,16 @@ const Front = (() => {
       return drawn.points.map((row, k) => {
         const kind = drawn.kinds[k];
         const fill = kind >= WITHIN ? tint.of(row) : look.quiet;
-        return svg("circle", { class: "point", cx: drawn.x[k].toFixed(1), cy: drawn.y[k].toFixed(1), r: kind === JOINED ? 4.5 : 2.5, fill, opacity: kind === JOINED ? 1 : kind === WITHIN ? 0.35 : 0.15 });
+        return svg("circle", { class: "point", cx: drawn.x[k].toFixed(1), cy: drawn.y[k].toFixed(1), r: kind === JOINED ? 4.5 : 2.5, fill, opacity: kind === JOINED ? 1
+          : kind === WITHIN ? 0.35 : 0.15 });
       });
     }
 
     function nodes(whole) {
       const { subject, ghost } = shown;
-      const words = ({ name, symbol }) => (symbol === "ghost" ? ["before:", ...app.differences(subject, app.point(app.keyOf(ghost)))].join(" ") : name);
-      const empty = drawn.points.length ? [] : [svg("text", { x: drawn.size[0] / 2, y: drawn.size[1] / 2, "text-anchor": "middle", fill: look.quiet, "font-size": 16, text: shown.budgeted.noneFits ? `No design fits ${clip(shown.state.hardware || "the chip", 40)}` : "No point has both numbers" })];
+      const words = ({ name, symbol }) => (symbol === "ghost" ? ["before; now", ...app.differences(subject, app.point(app.keyOf(ghost)), [app.costOf()])].join(" ") : name);
+      const empty = drawn.points.length ? [] : [svg("text", { x: drawn.size[0] / 2, y: drawn.size[1] / 2, "text-anchor": "middle", fill: look.quiet, "font-size": 16,
+        text: shown.budgeted.noneFits ? `No design fits ${clip(shown.state.hardware || "the chip", 40)}` : "No point has both numbers" })];
       return [...frame(), ...band(), ...(whole ? pointNodes() : []), ...staircase(), ...cited(), ...marks().map((one) => markNode(one, words(one))), ...empty];
     }
 

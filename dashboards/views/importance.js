@@ -31,7 +31,8 @@ const Importance = (() => {
         fill.style.width = `${(100 * Math.max(0, share(one, column))) / parts(one)}%`;
         return [element("span", { className: "track" }, fill), element("small", { textContent: ` ${Math.round((100 * Math.max(0, share(one, column))) / parts(one))}\u202f%` })];
       };
-      const chart = Dom.table("Importance", [["parameter", "text"], ...told.map(({ objective }) => [label(objective)])], ranked.map((column) => [Dom.rowHead(choose(column)), ...told.map((one) => bar(one, column))]));
+      const chart = Dom.table("Importance", [["parameter", "text"], ...told.map(({ objective }) => [label(objective)])], ranked.map((column) => [Dom.rowHead(choose(column)),
+        ...told.map((one) => bar(one, column))]));
       const silent = found.filter((one) => !told.includes(one)).map(({ objective, r2 }) => `${label(objective)} (${Math.round(100 * Math.max(0, r2))}\u202f% explained)`);
       const values = found.flatMap((one) => one.parameters.filter(({ column }) => column === parameter).flatMap(({ slices }) => slices.map(({ value }) => value)));
       const at = (one, value) => one.parameters.find(({ column }) => column === parameter)?.slices.find((slice) => slice.value === value);
@@ -39,10 +40,13 @@ const Importance = (() => {
         const slice = at(one, value);
         return slice ? `${number(slice.mean, app.isShare(one.objective))}${slice.se === null ? "" : ` ${app.error(slice.se)}`}` : "–";
       };
-      const means = Dom.table("Means", [[label(parameter ?? ""), "text"], ...found.map(({ objective }) => [`mean ${app.title(objective)}`])], [...new Set(values)].map((value) => [Dom.rowHead(clip(value, 48)), ...found.map((one) => mean(one, value))]));
+      const means = Dom.table("Means", [[label(parameter ?? ""), "text"], ...found.map(({ objective }) => [`mean ${app.title(objective)}`])],
+        [...new Set(values)].map((value) => [Dom.rowHead(clip(value, 48)), ...found.map((one) => mean(one, value))]));
       Dom.keepFocus(root, ({ title }) => title, () => root.replaceChildren(element("h2", { textContent: "What matters" }),
-        element("p", { className: "quiet", textContent: told.length ? "How much of what can be explained is lost without each parameter." : "The parameters explain too little of designs left out for a ranking." }),
-        ...(told.length ? [chart] : ranked.map(choose)), ...(silent.length ? [element("p", { className: "quiet", textContent: `Nothing can be said of ${silent.join(", ")}.` })] : []), ...(parameter === null ? [] : [means])));
+        element("p", { className: "quiet", textContent: told.length ? "How much of what can be explained is lost without each parameter."
+          : "The parameters explain too little of designs left out for a ranking." }),
+        ...(told.length ? [chart] : ranked.map(choose)), ...(silent.length ? [element("p", { className: "quiet",
+          textContent: `Nothing can be said of ${silent.join(", ")}.` })] : []), ...(parameter === null ? [] : [means])));
     }
 
     return { render: Dom.settled(draw) };

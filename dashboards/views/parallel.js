@@ -130,7 +130,8 @@ const Parallel = (() => {
         const rail = element("div", { className: "rail", data: { column } }, part);
         brushed(axis, rail);
         const arrow = { max: "↑ ", min: "↓ " }[wayOf(column)] ?? "";
-        const node = element("div", { className: "axis" }, element("div", { className: "head" }, element("span", { className: "name", textContent: clip(`${arrow}${title(column)}`, 80), title: column })), ticks, rail);
+        const node = element("div", { className: "axis" }, element("div", { className: "head" }, element("span", { className: "name",
+          textContent: clip(`${arrow}${title(column)}`, 80), title: column })), ticks, rail);
         node.style.left = `${across(k)}px`;
         node.style.width = `${(k + 1 < axes.length ? gap : RIGHT) - 8}px`;
         return node;
@@ -148,7 +149,8 @@ const Parallel = (() => {
       const rest = [];
       made.order.forEach((row, i) => (shown.onFront.has(row) && !shown.leftOut(row) && shown.within(row) ? front : rest).push(i));
       drawn = { front, rest: rest.slice(0, DIM_LINES) };
-      return [{ kind: "rest", colour: colours.quiet, alpha: strength(drawn.rest.length, 0.25, 0.05, 1.5), places: drawn.rest }, { kind: "front", colour: colours.palette[0], alpha: strength(front.length, 0.9, 0.2, 7), places: front }];
+      return [{ kind: "rest", colour: colours.quiet, alpha: strength(drawn.rest.length, 0.25, 0.05, 1.5), places: drawn.rest }, { kind: "front", colour: colours.palette[0],
+        alpha: strength(front.length, 0.9, 0.2, 7), places: front }];
     }
 
     function path(brush, heights) {
@@ -170,8 +172,8 @@ const Parallel = (() => {
 
     function paintMarks(key = null) {
       const brush = Figure.brush(marks, size());
-      const { subject, compared } = shown;
-      const some = [...compared.map((one) => [one, 1.5]), ...(subject.key ? [[subject, 2.5]] : []), ...(key === null ? [] : [[app.point(key), 2.5]])];
+      const { subject } = shown;
+      const some = [...(subject.key ? [[subject, 2.5]] : []), ...(key === null ? [] : [[app.point(key), 2.5]])];
       for (const [one, thick] of some) {
         for (const [strokeStyle, lineWidth] of [[look.page, thick + 2], [one.key === key ? look.palette[0] : look.text, thick]]) {
           Object.assign(brush, { strokeStyle, lineWidth });

@@ -3,6 +3,7 @@
 // view points.
 const Table = (() => {
   const ROWS = 50; // before all are asked for
+  const ON_PAPER = 8; // columns of a report, with a row per trial
   const SETTINGS = ["phi", "theta", "read_out_ms", "weight_bits", "pruned_after"]; // in which points of a trial differ
 
   const { element, button } = Dom;
@@ -22,7 +23,8 @@ const Table = (() => {
       const parameters = page.design.filter(isTold).filter((column) => column === "trial" || (column !== "hardware" && new Set(rows.map((row) => columns[column].values[row])).size > 1));
       const several = ["study"].filter((column) => columns[column] && app.distinct(column).length > 1);
       const first = parameters.filter((column) => column === "trial");
-      return [...new Set([...first, ...several, ...(defined.length ? app.beside(defined, false) : [...app.beside(objectives, false), ...SETTINGS.filter((column) => parameters.includes(column)), ...parameters])])];
+      return [...new Set([...first, ...several, ...(defined.length ? app.beside(defined, false) : [...app.beside(objectives, false),
+        ...SETTINGS.filter((column) => parameters.includes(column)), ...parameters])])];
     }
 
     function order(column, way) {
@@ -71,9 +73,10 @@ const Table = (() => {
       shown = next;
       const { state, columns, budgeted, objectives } = shown;
       const every = sorted(isWhole() ? shown.rows : budgeted.front);
-      const named = columnsShown(every);
+      const isPaper = app.style().paper === true;
+      const named = columnsShown(every).slice(0, isPaper ? ON_PAPER : undefined);
       const all = found(every, named);
-      const isOnce = state.once === "" ? isWhole() && Boolean(columns.trial) : state.once === "1";
+      const isOnce = (isPaper || (state.once === "" ? isWhole() : state.once === "1")) && Boolean(columns.trial);
       const front = isOnce ? firstOfTrials(all) : all;
       const visible = state.rows === "all" ? front : front.slice(0, ROWS);
       const chosen = shown.subject.row;
@@ -93,7 +96,8 @@ const Table = (() => {
       part("#once").checked = isOnce;
       part("label").hidden = !columns.trial || firstOfTrials(all).length === all.length;
       part("h2 span").textContent = isWhole() ? "All designs" : "The best designs";
-      part("#front-count").textContent = isWhole() ? `${app.many(all.length)} of ${app.plural(every.length, "point")}` : `${app.plural(all.length, "point")} that no other beats in ${objectives.map((c) => columns[c].label).join(", ")}`;
+      part("#front-count").textContent = isWhole() ? `${app.many(all.length)} of ${app.plural(every.length, "point")}`
+        : `${app.plural(all.length, "point")} that no other beats in ${objectives.map((c) => columns[c].label).join(", ")}`;
       if (document.activeElement !== part("#find")) part("#find").value = state.find;
       part("#all-rows").hidden = visible.length === front.length;
       part("#all-rows").textContent = `Show all ${app.many(front.length)}`;
@@ -104,7 +108,7 @@ const Table = (() => {
       const { columns } = shown;
       const seen = new Set();
       return some.filter((row) => {
-        const name = `${columns.trial.values[row]} ${app.taskOf(row)}`;
+        const name = columns.trial.values[row];
         return !seen.has(name) && seen.add(name);
       });
     }

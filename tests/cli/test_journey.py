@@ -99,11 +99,6 @@ def test_a_reader_leaves_with_the_design_that_the_commands_name(opened, results,
     tab.click("#show-inside")
     tab.wait_for_selector("#design [role=tab]")
     assert tab.inner_text("#design h2") == f"Trial {trial}"
-    tab.keyboard.press("c")
-    tab.click("#show-choose")
-    tab.locator("#front tbody tr").first.click()
-    tab.keyboard.press("c")
-    assert tab.locator("#compare [data-key]").count() == 2
     # The pick is that of the command on the page, which exports it; a server hands it over too.
     tab.keyboard.press("Escape")
     tab.fill("#sentence [aria-label^=energy][type=number]", "100")

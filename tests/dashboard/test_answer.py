@@ -130,11 +130,12 @@ def test_the_pick_is_the_cheapest_within_the_error_of_the_best_and_the_cards_are
     assert "÷2.25 weights" in page.tab.inner_text("#told .offers article:nth-child(1)")
 
 
-def test_what_would_tell_is_a_file_of_designs_that_the_search_takes(opened):
-    page = opened(points())
-    told = page.ask("cheaper")
+def test_what_would_tell_are_designs_that_nobody_measured_as_a_file_for_the_search(opened):
+    told = opened(points(**{"model.depth": [1, 2, 1, 2, 1]})).ask("cheaper")
     assert "dse enqueue results/fabric/search_space.yaml designs.yaml --results results" in told
-    assert "- {model.hidden: 38}" in told, "between 50 and 25, the sizes of the offer and of the next below"
+    # The offer is trial 1, of 50 and 2: 25 and 2 was measured, 20 and 2 and 50 and 1 were not.
+    assert "- {model.hidden: 20, model.depth: 2}\n- {model.hidden: 50, model.depth: 1}\nEND" in told
+    assert "dse enqueue" not in opened(points()).ask("cheaper"), "all sizes were measured"
 
 
 def test_nothing_within_the_limits_offers_each_way_out(opened):
@@ -167,7 +168,7 @@ def test_a_limit_is_dragged_on_the_chart_and_moved_by_keys_and_the_pick_before_s
     assert 26 < float(limit) < 28
     page.tab.wait_for_function(f"location.hash.includes('b.energy_uj={limit}')")
     assert page.marked("your pick") == [(20, 0.9)] and page.marked("before") == [(50, 0.95)]
-    assert "before: " in page.tab.text_content("#plot .ghost")
+    assert page.tab.text_content("#plot .ghost") == "before; now −5 points ÷2.5 energy"
     assert page.tab.evaluate("document.activeElement.dataset.column") == "energy_uj"
     red, _, blue, _ = page.cloud(50, 0.95)
     assert abs(red - blue) < 40, "grey: outside the limits"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -84,8 +85,6 @@ def test_keys_are_listed_and_work_and_an_answer_that_stays_is_not_read_aloud_aga
     page.tab.focus("#front tbody tr:nth-child(2)")
     page.tab.keyboard.press("Enter")
     assert page.tab.text_content("#front tr:focus td") == "1"
-    page.tab.keyboard.press("c")
-    assert "compare=1" in page.tab.evaluate("location.hash")
     page.tab.keyboard.press("Escape")
     assert "chosen=" not in page.tab.evaluate("location.hash")
     page.tab.focus("#budget-1")
@@ -217,7 +216,7 @@ INSIDE = """() => {
 def test_readable_at_any_size_in_light_and_dark_and_on_paper(opened):
     wide = {f"model.parameter_{k}": range(k, k + len(table())) for k in range(8)}
     frame = pd.concat([table().assign(n_weights=7, **wide), table().assign(task="speed", **wide)])
-    link = "chosen=0.1&compare=0.1,1.1&show=inside&expert=1"
+    link = "chosen=0.1&show=inside&expert=1"
     page = opened(frame.reset_index(drop=True), link, documents={0: details(0), 1: details(1)})
     for width, height in ((1280, 720), (390, 844), (320, 568)):
         page.tab.set_viewport_size({"width": width, "height": height})
@@ -240,18 +239,21 @@ def test_readable_at_any_size_in_light_and_dark_and_on_paper(opened):
     assert page.tab.evaluate(INK) == "rgb(27, 30, 34)", "on paper, also of a dark screen"
     assert page.tab.evaluate(INSIDE) == {"width": 700, "out": 0, "isWhole": True}
     assert page.tab.locator("#plot .point").count() > 0, "printers leave canvases empty"
+    assert page.tab.is_visible("#told") and page.tab.is_visible("#design") and page.tab.is_visible("#front")
     acting = "#asks, #tabs, #help, #more, #dial, .limit"
     assert page.tab.locator(f":is({acting})").filter(visible=True).count() == 0
     page.tab.evaluate("dispatchEvent(new Event('afterprint'))")
     page.tab.wait_for_function(f"{INK} === 'rgb(232, 234, 237)'")
     assert page.tab.locator("#plot .point").count() == 0 and page.tab.is_visible("#asks")
     assert page.tab.evaluate(INSIDE)["width"] == 1440
+    sheets = page.tab.pdf(format="A4", margin=dict.fromkeys(("left", "right", "top", "bottom"), "12mm"))
+    assert len(re.findall(rb"/Type\s*/Page[^s]", sheets)) == 2, "a report of two pages"
 
 
 @pytest.mark.parametrize(
     ("link", "scheme", "size"),
     [
-        ("chosen=4&compare=4,1&f.model.hidden=30~&b.energy_uj=20", "light", (1280, 720)),
+        ("chosen=4&f.model.hidden=30~&b.energy_uj=20", "light", (1280, 720)),
         ("ask=take&show=chips", "dark", (390, 844)),
         ("ask=cheaper&show=all&expert=1", "light", (1280, 720)),
         ("ask=why&show=run&b.energy_uj=1", "dark", (1280, 720)),
@@ -397,7 +399,7 @@ def test_nothing_in_a_document_can_run(opened):
     frame = table(4).assign(task=HOSTILE[0], **{HOSTILE[2]: 1.0})
     frame["encoder.kind"] = [HOSTILE[trial] for trial in frame["trial"]]
     frame["model.name"] = [HOSTILE[-1 - trial] for trial in frame["trial"]]
-    link = "chosen=0.0&compare=0.0,1.1,2.1,3.1&show=inside&expert=1"
+    link = "chosen=0.0&show=inside&expert=1"
     page = opened(frame, link, documents={0: document}, name=HOSTILE[1])
     for tab in ("confusion", "surface", "raster"):
         page.tab.click(f"#tab-{tab}")

@@ -499,7 +499,7 @@ def test_limits_and_the_focus_stay(tab, watched):
     focused = tab.text_content("#front tr:focus td")
     more = points(trial=9, accuracy=0.98, energy_uj=59.0, n_weights=45_000).iloc[:1]
     watched.put(pd.concat([more, points()], ignore_index=True))
-    hears(tab, "document.querySelector('#cards').textContent.includes('Trial 9')")
+    hears(tab, "document.querySelector('#cards article').title === 'Trial 9'")
     assert tab.text_content("#front tr:focus td") == focused
     assert box.input_value() == "60" and "98" in tab.inner_text("#sentence strong")
     assert "energy_uj <= 60" in tab.inner_text("#command")
