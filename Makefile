@@ -6,12 +6,14 @@ PYTHON ?= $(shell for name in python3.11 python3.12 python3.13 python3; do \
 	&& echo $$name && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
-PYTEST := $(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-# Tests that compile most kernels run first, a process for each package, so that no two compile the same.
-OF_ENGINE := tests/engine/test_cpu.py tests/engine/test_kernels.py
-OF_SCENE := tests/scene/test_simulate.py
+# Tests that compile most kernels run first, in processes of which no two compile the same.
+OF_ENGINE := tests/engine/test_cpu.py tests/engine/test_kernels.py tests/engine/test_axonal_delays.py
+OF_DELAYS := tests/engine/test_arrivals.py
+OF_SCENE := tests/scene/test_simulate.py tests/scene/test_camera.py
+KERNELS := kernels-engine kernels-delays kernels-scene
 
 # Stamps, each written last, so that a broken set-up is tried again.
 STUDY := $(VENV)/.study
@@ -25,7 +27,7 @@ export DSE_DATA
 # Modules are compiled once, wherever the environment forbids it: else each process of the tests does so again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: example papers quickstart test wheel faults fuzz peers setup lint types kernels-engine kernels-scene format clean
+.PHONY: example papers quickstart test wheel faults fuzz peers setup lint types $(KERNELS) format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -40,15 +42,15 @@ example: $(STUDY)
 papers: $(TESTS)
 	$(BIN)/python -m benchmarks.papers $(PAPERS)
 
-# Types are checked while kernels are compiled. Test files with studies and pages come first
-# (tests/conftest.py), and wait much: there are more processes than cores.
+# Types are checked while kernels are compiled, all at once: who ends first leaves a core to the others. Test
+# files that take longest come first (tests/conftest.py), and wait much: there are more processes than cores.
 test: $(TESTS) $(PEERS)
 	@.ci/browser "$(CURDIR)/$(VENV)/browser"
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
-	@$(MAKE) --no-print-directory -j 2 types kernels-engine kernels-scene
-	$(PYTEST) $(OF_ENGINE:%=--ignore %) $(OF_SCENE:%=--ignore %)
+	@$(MAKE) --no-print-directory -j 4 types $(KERNELS)
+	$(PYTEST) $(addprefix --ignore ,$(OF_ENGINE) $(OF_DELAYS) $(OF_SCENE))
 
 # The wheel, installed without the pins and outside the clone, with the newest Python there is; it takes 1 GB of disk.
 wheel: $(TESTS)
@@ -78,11 +80,8 @@ lint: $(TESTS)
 types: $(TESTS)
 	$(BIN)/mypy
 
-kernels-engine: $(TESTS)
-	$(BIN)/python -m pytest -q -p no:cacheprovider $(OF_ENGINE)
-
-kernels-scene: $(TESTS)
-	$(BIN)/python -m pytest -q -p no:cacheprovider $(OF_SCENE)
+$(KERNELS): kernels-%: $(TESTS)
+	$(BIN)/python -m pytest -q -p no:cacheprovider $(OF_$(shell echo $* | tr a-z A-Z))
 
 format: $(TESTS)
 	$(BIN)/ruff check --fix .

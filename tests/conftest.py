@@ -34,8 +34,8 @@ BROWSER_FLAGS = (
 _OF_PAPERS = ("plugins/dse_papers/*", *(f"benchmarks/test_{x}.py" for x in ("hots", "numerics", "papers")))
 collect_ignore_glob = [] if PAPERS else list(_OF_PAPERS)
 
-SLOW_FIRST = ("study", "dashboard", "cli")
-"""Folders of tests/ whose files take longest: begun last, one would be waited for alone."""
+SLOW_FIRST = ("test_pages.py", "test_first_hour.py", "study", "dashboard", "cli", "deploy", "faults")
+"""Files and folders of tests/ that take longest: begun last, one would be waited for alone."""
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=30)
 settings.load_profile("repeatable")
@@ -46,9 +46,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 def pytest_collection_modifyitems(items):
-    """Put the files that take longest first; within a folder the order stays."""
+    """Put what takes longest first; within a folder the order stays."""
     place = {name: number for number, name in enumerate(SLOW_FIRST)}
-    items.sort(key=lambda item: place.get(item.path.parent.name, len(place)))
+    last = len(place)
+    items.sort(key=lambda item: min(place.get(x, last) for x in (item.path.name, item.path.parent.name)))
 
 
 @pytest.fixture(autouse=True)
@@ -115,6 +116,16 @@ def without_workers(request):
     with pytest.MonkeyPatch.context() as patch:
         if not getattr(request.module, "WORKERS", False):
             patch.setattr(study_workers, "Loky", InProcess)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def without_pages(request):
+    """`dse run` writes no page, which takes a second, but in files that set PAGES."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not getattr(request.module, "PAGES", False):
+            path = "dse.cli.commands.search._page"
+            patch.setattr(path, lambda study: f"page: {study.folder / 'page.html'}")
         yield
 
 

@@ -1,11 +1,11 @@
 """The shipped study, results/example: today's code reads it, as it was made from its search space."""
 
-import json
 import shutil
 from pathlib import Path
 
 import dse
 from dse.cli import main
+from tests.command import document
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "results" / "example"
@@ -24,14 +24,10 @@ def test_commands_read_it(tmp_path, monkeypatch, capsys):
     shutil.copytree(EXAMPLE, tmp_path / "example")
     monkeypatch.chdir(tmp_path)
 
-    def document(*arguments):
-        assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
-        return json.loads(capsys.readouterr().out)
-
-    front = document("skyline", "example", "--draws", "5")["rows"]
+    front = document(capsys, "skyline", "example", "--draws", "5")["rows"]
     assert {row["task"] for row in front} == {"texture", "profile"}
     assert len({row["family"] for row in front}) >= 3
-    (row,) = document("pick", "example", "--budget", "family == 'snn'", "--export", "bundle")["rows"]
+    (row,) = document(capsys, "pick", "example", "--budget", "family == 'snn'", "--export", "bundle")["rows"]
     assert float(str(row["accuracy"])) > 0.5 and Path("bundle/bundle.json").is_file()
     assert main(["dashboard", "example", "--html", "page.html"]) == 0
     assert Path("page.html").stat().st_size > 1_000_000

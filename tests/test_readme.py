@@ -1,6 +1,5 @@
 """The README's promises: its size, its words, its two commands, its links, and its example, which is run."""
 
-import json
 import re
 import shlex
 import subprocess
@@ -12,6 +11,7 @@ import yaml
 
 from dse.cli import main
 from dse.cli.commands import GROUP_OF
+from tests.command import document
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -107,8 +107,7 @@ def test_networks_of_the_table_are_shipped_search_spaces(shared_data, monkeypatc
     found = {}
     for path in sorted(ROOT.glob("search_spaces/headline_*.yaml")):
         pruned = yaml.safe_load(path.read_text(encoding="utf-8"))["model"].get("pruned", 0.0)
-        assert main(["check", path.stem, "--json"]) == 0
-        [row] = json.loads(capsys.readouterr().out)["rows"]
+        [row] = document(capsys, "check", path.stem)["rows"]
         assert row["designs"] == 1
         found[path.stem] = row["n_weights_high"] * (1 - pruned)
     networks = headline_networks()

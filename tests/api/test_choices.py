@@ -1,7 +1,6 @@
 """What is chosen from the shipped study: what its chip can run and hold, and always the same of equals."""
 
 import io
-import json
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,9 @@ import dse
 from dse.api.choice import NothingFeasible
 from dse.cli import main
 from tests.api.test_study import SPACE, waves
+from tests.command import document
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"
-
-
-def document(capsys, *arguments, code=0):
-    assert main([*arguments, "--json"]) == code
-    return dict(json.loads(capsys.readouterr().out))
 
 
 def test_random_budgets_pick_what_pandas_picks_and_it_is_on_the_front():

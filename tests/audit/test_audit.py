@@ -11,6 +11,7 @@ from dse.dataset import cache
 from dse.recordings import RecordingError
 from dse.study import explore
 from dse.study.preview import preview
+from tests.command import document
 from tests.spaces import FINGERTIP
 
 SPACE = """\
@@ -210,10 +211,10 @@ def test_run_and_audit_read_the_resting_level_alike(encoder, advice, tmp_path, m
     monkeypatch.chdir(tmp_path)
     text = SPACE.replace("{kind: send_on_delta, thresholds: {choice: [[1], [1, 2]]}}", encoder)
     write(tmp_path, level=8, text=text)
-    assert main(["audit", "felt.yaml", "--json"]) == 0
-    rows = {row["probe"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
-    assert main(["run", "felt.yaml", "--quiet", "--json"]) == 0
-    (note,) = (x for x in json.loads(capsys.readouterr().out)["notes"] if x.startswith("resting level"))
+    rows = {row["probe"]: row for row in document(capsys, "audit", "felt.yaml")["rows"]}
+    (note,) = (
+        x for x in document(capsys, "run", "felt.yaml", "--quiet")["notes"] if x.startswith("resting level")
+    )
     assert f"with accuracy {rows['resting level']['accuracy']:.3f} on validation" in note
     assert advice in note
     verdict = rows["resting level"]["verdict"]

@@ -17,8 +17,10 @@ from dse.hardware.counter import MeasuredPower
 from dse.study import explore
 from dse.study.results import Study
 from dse.study.results import open as open_study
+from tests.command import document
 from tests.spaces import write_space
 
+PAGES = True
 ONE = ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"), ("[4, 8, 12]", "[4]")
 """Changes that leave one design."""
 
@@ -43,16 +45,9 @@ def table(tmp_path):
     return path
 
 
-def document(text):
-    found = json.loads(text)
-    assert set(found) == {"schema", "rows", "notes"}
-    return found
-
-
 def test_check_says_what_a_run_would_be(tmp_path, capsys):
     path = write_space(tmp_path)
-    assert main(["check", str(path), "--json"]) == 0
-    found = document(capsys.readouterr().out)
+    found = document(capsys, "check", path)
     assert found["schema"] == "dse/check/1"
     (row,) = found["rows"]
     assert row["designs"] == row["trained"] == row["runs"] == 6
@@ -85,8 +80,7 @@ def test_check_lists_faults_in_both_forms(tmp_path, capsys):
         f"{path}:2: seed must be an integer, got 'x'",
         f"{path}:15: training.epochs must be in [1, 1000000], got 0",
     ]
-    assert main(["check", str(path), "--json"]) == 2
-    rows = document(capsys.readouterr().out)["rows"]
+    rows = document(capsys, "check", path, code=2)["rows"]
     assert [row["line"] for row in rows] == [2, 15]
     assert rows[0]["message"] == "seed must be an integer, got 'x'"
 
@@ -116,8 +110,7 @@ def test_run_compares_costs_on_one_chip(tmp_path, capsys):
     path = write_space(
         tmp_path, *ONE, ("hardware: [loihi1_silicon]", "hardware: [loihi1_silicon, op_4.6_0.9]")
     )
-    assert main(["run", str(path), "--results", str(tmp_path / "r"), "--json", "--quiet"]) == 0
-    found = document(capsys.readouterr().out)
+    found = document(capsys, "run", path, "--results", tmp_path / "r", "--quiet")
     assert {row["hardware"] for row in found["rows"]} == {"loihi1_silicon"}
     assert [note for note in found["notes"] if note.startswith("costs are those on loihi1_silicon")]
 
@@ -128,9 +121,8 @@ def test_a_page_that_cannot_be_written_fails_no_run(tmp_path, capsys, monkeypatc
 
     monkeypatch.setattr("dse.dashboard.study.write_page", broken)
     space = str(write_space(tmp_path, *ONE))
-    arguments = ["run", space, "--results", str(tmp_path / "r"), "--json", "--quiet"]
-    assert main(arguments) == 0
-    found = document(capsys.readouterr().out)
+    arguments = ["run", space, "--results", str(tmp_path / "r"), "--quiet"]
+    found = document(capsys, *arguments)
     assert found["rows"]
     [note] = [note for note in found["notes"] if "page" in note]
     assert note == (
@@ -141,13 +133,10 @@ def test_a_page_that_cannot_be_written_fails_no_run(tmp_path, capsys, monkeypatc
 
 def test_run_again_trains_nothing_and_prints_the_same(results, capsys):
     space = results.parent.parent / "tiny.yaml"
-    arguments = ["run", str(space), "--results", str(results.parent), "--jobs", "2", "--json", "--quiet"]
+    arguments = ["run", str(space), "--results", str(results.parent), "--jobs", "2", "--quiet"]
     before = {path: path.stat().st_mtime_ns for path in results.glob("runs/*.npz")}
     assert before
-    assert main(arguments) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ""
-    found = document(captured.out)
+    found = document(capsys, *arguments)
     assert found["rows"]
     assert any(note.startswith("page: ") and note.endswith("page.html") for note in found["notes"])
     assert {path: path.stat().st_mtime_ns for path in results.glob("runs/*.npz")} == before
@@ -160,8 +149,7 @@ def test_run_reports_when_nothing_could_be_trained(tmp_path, capsys, monkeypatch
     failed.to_parquet(tmp_path / "tiny" / "trials.parquet")
     pd.DataFrame().to_parquet(tmp_path / "tiny" / "points.parquet")
     monkeypatch.setattr(explore, "run", lambda *_, **__: Study(tmp_path / "tiny"))
-    assert main(["run", str(write_space(tmp_path)), "--json"]) == 1
-    found = document(capsys.readouterr().out)
+    found = document(capsys, "run", str(write_space(tmp_path)), code=1)
     assert found["rows"] == []
     assert "1 of 1 designs failed; the first: the loss is NaN in epoch 1" in found["notes"]
 
@@ -222,18 +210,18 @@ def test_jobs_must_be_a_number(tmp_path, capsys, jobs, fault):
 
 def test_skyline_of_a_table(table, capsys):
     arguments = ["skyline", str(table), "--objectives", "accuracy:max,n_weights:min"]
-    assert main([*arguments, "--json"]) == 0
-    rows = document(capsys.readouterr().out)["rows"]
+    rows = document(capsys, *arguments)["rows"]
     assert [(row["task"], row["trial"]) for row in rows] == [("a", 1), ("a", 0), ("b", 3), ("b", 2)]
-    assert main([*arguments, "--json", "--by", "task"]) == 0
-    assert document(capsys.readouterr().out)["rows"] == rows
-    assert main([*arguments, "--json", "--where", "task == 'b'"]) == 0
-    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [3, 2]
-    assert main([*arguments, "--json", "--where", "n_weights <= 100 and model.hidden > 4"]) == 0
-    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
+    assert document(capsys, *arguments, "--by", "task")["rows"] == rows
+    assert [row["trial"] for row in document(capsys, *arguments, "--where", "task == 'b'")["rows"]] == [3, 2]
+    assert [
+        row["trial"]
+        for row in document(capsys, *arguments, "--where", "n_weights <= 100 and model.hidden > 4")["rows"]
+    ] == [1]
     twice = ["--where", "n_weights <= 100 or model.hidden > 4", "--where", "model.hidden > 4"]
-    assert main([*arguments, "--json", *twice, "--where", "n_weights <= 100"]) == 0
-    assert [row["trial"] for row in document(capsys.readouterr().out)["rows"]] == [1]
+    assert [
+        row["trial"] for row in document(capsys, *arguments, *twice, "--where", "n_weights <= 100")["rows"]
+    ] == [1]
 
 
 def test_a_front_loads_no_compiler():
@@ -263,11 +251,13 @@ def test_skyline_formats(table, capfdbinary):
 
 
 def test_skyline_of_several_tables_and_of_a_study(results, table, capsys):
-    assert main(["skyline", str(results), "--json"]) == 0
-    alone = document(capsys.readouterr().out)["rows"]
+    alone = document(capsys, "skyline", results)["rows"]
     assert {"phi", "theta", "energy_uj", "model.hidden"} <= set(alone[0])
-    assert main(["skyline", str(results), str(table), "--by", "task", "--json"]) == 0
-    assert {row["task"] for row in document(capsys.readouterr().out)["rows"]} == {"fabric", "a", "b"}
+    assert {row["task"] for row in document(capsys, "skyline", results, table, "--by", "task")["rows"]} == {
+        "fabric",
+        "a",
+        "b",
+    }
 
 
 @pytest.mark.parametrize(
@@ -300,8 +290,7 @@ def test_bad_input_is_one_line_and_exit_code_2(table, capsys, arguments, message
 
 def test_pick_says_when_it_went_across_hardware(tmp_path, capsys):
     (tmp_path / "x.csv").write_text("accuracy,energy_uj,hardware\n0.9,40,chip\n0.9,0.1,counted\n")
-    assert main(["pick", str(tmp_path / "x.csv"), "--budget", "energy_uj <= 50", "--json"]) == 0
-    *_, note = document(capsys.readouterr().out)["notes"]
+    *_, note = document(capsys, "pick", tmp_path / "x.csv", "--budget", "energy_uj <= 50")["notes"]
     assert note == (
         "this is the best over the hardware profiles chip, counted; "
         "restrict it to one with --budget \"hardware == 'chip'\""
@@ -309,8 +298,7 @@ def test_pick_says_when_it_went_across_hardware(tmp_path, capsys):
 
 
 def test_pick_without_a_feasible_design_names_the_nearest(table, capsys):
-    assert main(["pick", str(table), "--budget", "n_weights<=30", "--json"]) == 3
-    found = document(capsys.readouterr().out)
+    found = document(capsys, "pick", table, "--budget", "n_weights<=30", code=3)
     assert found["rows"][0]["trial"] == 0
     assert found["rows"][0]["missed n_weights<=30"] == 10
     assert found["notes"][0] == "no design point meets n_weights<=30"
@@ -320,20 +308,17 @@ def test_pick_without_a_feasible_design_names_the_nearest(table, capsys):
 
 def test_pick_exports_what_evaluate_runs(results, tmp_path, capsys, monkeypatch):
     bundle = tmp_path / "bundle"
-    assert main(["pick", str(results), "--budget", "n_weights<=60", "--export", str(bundle), "--json"]) == 0
-    picked = document(capsys.readouterr().out)
+    picked = document(capsys, "pick", results, "--budget", "n_weights<=60", "--export", bundle)
     assert picked["notes"][-1] == f"bundle: {bundle}"
     data = results.parent.parent / "touch.npz"
-    assert main(["evaluate", str(bundle), "--data", str(data), "--json"]) == 0
-    found = document(capsys.readouterr().out)
+    found = document(capsys, "evaluate", bundle, "--data", data)
     (row,) = found["rows"]
     assert row["recordings"] == row["labelled"] == 24
     assert 0 <= row["accuracy"] <= 1
     *correct, known = found["notes"]
     assert all(" of 12 correct" in note for note in correct) and len(correct) == 2
     assert known.startswith("warning: the design was trained and selected on these recordings")
-    assert main(["evaluate", str(bundle), "--data", str(data), "--each", "--json"]) == 0
-    each = document(capsys.readouterr().out)["rows"]
+    each = document(capsys, "evaluate", bundle, "--data", data, "--each")["rows"]
     assert [r["recording"] for r in each] == list(range(24))
     assert np.mean([r["answer"] == r["true"] for r in each]) == row["accuracy"]
     assert np.mean([r["time_ms"] for r in each]) == pytest.approx(row["decision_latency_ms"])
@@ -342,8 +327,7 @@ def test_pick_exports_what_evaluate_runs(results, tmp_path, capsys, monkeypatch)
         (MeasuredPower(None, None, "no counter"), "power: no counter"),
     ):
         monkeypatch.setattr("dse.deploy.evaluate.measured_power", lambda work, rest_s, m=measured: m)
-        assert main(["evaluate", str(bundle), "--data", str(data), "--power", "--json"]) == 0
-        found = document(capsys.readouterr().out)
+        found = document(capsys, "evaluate", bundle, "--data", data, "--power")
         powers = measured.idle_w, measured.running_w
         assert found["rows"] == [row | dict(zip(("power_idle_w", "power_w"), powers, strict=True))]
         assert found["notes"][-1] == note
@@ -360,14 +344,12 @@ def test_describe_covers_every_section(capsys):
         *("bounds", "columns"),
     ]
     for section in listed[:-2]:
-        assert main(["describe", section, "--json"]) == 0
-        rows = document(capsys.readouterr().out)["rows"]
+        rows = document(capsys, "describe", section)["rows"]
         assert rows, section
         for row in rows:
             if "name" in row:
                 assert row["doc"], (section, row["name"])
-                assert main(["describe", section, row["name"], "--json"]) == 0
-                keys = document(capsys.readouterr().out)["rows"]
+                keys = document(capsys, "describe", section, row["name"])["rows"]
                 assert all(key["doc"] and key.get("must_be", True) for key in keys), row["name"]
 
 

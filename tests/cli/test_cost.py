@@ -13,6 +13,7 @@ from dse.cli import main
 from dse.hardware.cost import cost
 from dse.hardware.profile import Evidence, load, names
 from dse.hardware.workload import load_inference
+from tests.command import document
 
 PROFILES = Path(dse.hardware.__file__).parent / "profiles"
 LOIHI = (PROFILES / "loihi1_silicon.yaml").read_text()
@@ -28,10 +29,9 @@ def net(tmp_path):
 
 
 def rows(capsys, *arguments):
-    assert main(["cost", *map(str, arguments), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["schema"] == "dse/cost/1"
-    return document["rows"]
+    answer = document(capsys, "cost", *arguments)
+    assert answer["schema"] == "dse/cost/1"
+    return answer["rows"]
 
 
 def faults(capsys, *arguments):
@@ -112,15 +112,15 @@ def test_what_a_chip_cannot_run_is_said(tmp_path, capsys):
     assert (
         main(["cost", str(path), "--hardware", "loihi1_silicon", "--hardware", "op_4.6_0.9", "--json"]) == 0
     )
-    document = json.loads(capsys.readouterr().out)
-    chip, counted = document["rows"]
+    answer = json.loads(capsys.readouterr().out)
+    chip, counted = answer["rows"]
     assert chip["not_applicable"] == "loihi1_silicon runs only networks of spiking layers"
     assert chip["energy_uj"] is chip["fits"] is chip["misfits"] is None
     assert counted["energy_uj"] == pytest.approx(12000 * 4.6e-6 + 300 * 0.9e-6)
     assert (
         counted["n_cores"] is counted["latency_ms"] is counted["fits"] is counted["energy_static_uj"] is None
     )
-    assert document["notes"] == [
+    assert answer["notes"] == [
         "loihi1_silicon: not applicable, loihi1_silicon runs only networks of spiking layers",
         "op_4.6_0.9: dynamic energy only; the profile has no static power, time, cores or limits",
     ]
@@ -143,28 +143,13 @@ def test_a_profile_of_intervals_gives_no_value(net, tmp_path, capsys):
     assert "mine: no numbers are published, so costs are intervals" in capsys.readouterr().out
 
 
-def test_battery_life(net, capsys):
-    (row,) = rows(capsys, net, "--contacts-per-hour", 3600, "--battery-mwh", 520)
-    # A tenth of each second computes and waits for input, all at 104 mW and the dynamic energy on top.
-    assert row["power_mw"] == pytest.approx(104 + row["energy_dynamic_uj"] * 1e-3)
-    assert row["battery_h"] == pytest.approx(520 / row["power_mw"])
-    assert (row["battery_h_low"], row["battery_h_high"]) == (
-        pytest.approx(520 / row["power_mw_high"]),
-        pytest.approx(520 / row["power_mw_low"]),
-    )
-    (idle,) = rows(capsys, net, "--contacts-per-hour", 0)
-    assert idle["power_mw"] == 104
-    assert "battery_h" not in idle
-
-
 def test_a_battery_that_nothing_draws_from(net, tmp_path, capsys):
     still = {"value": 0, "low": 0, "high": 0, "unit": "mW", "evidence": "assumption", "source": "none"}
     chip = own_profile(tmp_path / "chip.yaml", static_mw=still)
     arguments = ["cost", str(net), "--hardware", str(chip), "--contacts-per-hour", "0", "--battery-mwh", "5"]
-    assert main([*arguments, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert (document["rows"][0]["power_mw"], document["rows"][0]["battery_h"]) == (0, None)
-    assert document["notes"] == ["mine: draws no power, so a battery lasts for ever (null in JSON)"]
+    answer = document(capsys, *arguments)
+    assert (answer["rows"][0]["power_mw"], answer["rows"][0]["battery_h"]) == (0, None)
+    assert answer["notes"] == ["mine: draws no power, so a battery lasts for ever (null in JSON)"]
 
 
 def test_draws_of_counts_of_each_step_are_those_of_the_whole(tmp_path, capsys):
@@ -228,32 +213,6 @@ def test_every_mistake_at_once(net, tmp_path, capsys):
 )
 def test_one_mistake_is_one_line(net, capsys, arguments, fault):
     assert faults(capsys, net, *arguments) == [fault]
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "fault"),
-    [
-        ("--contacts-per-hour", "-1", "must be >= 0, got -1"),
-        ("--contacts-per-hour", "nan", "must be a number, got 'nan'"),
-        ("--draws", "100001", "must be in [1, 100000], got 100001"),
-        ("--battery-mwh", "inf", "must be a number, got 'inf'"),
-    ],
-)
-def test_numbers_out_of_range(net, capsys, option, value, fault):
-    with pytest.raises(SystemExit, match="2"):
-        main(["cost", str(net), option, value])
-    assert f"argument {option}: {fault}" in capsys.readouterr().err
-
-
-def test_power_between_contacts_that_nobody_knows_is_an_interval(net, capsys):
-    asked = ("--contacts-per-hour", 60, "--battery-mwh", 1000)
-    assert main(["cost", str(net), "--hardware", "odin", *map(str, asked), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    (row,) = document["rows"]
-    assert row["power_mw"] is None and row["battery_h"] is None
-    assert 0 < row["power_mw_low"] < row["power_mw_high"] < 0.1
-    assert row["battery_h_low"] < row["battery_h_high"]
-    assert document["notes"] == ["odin: its power between contacts is unknown, so mean power is an interval"]
 
 
 def test_static_energy_is_that_of_the_chip_and_that_of_the_cores_in_use(net, capsys):

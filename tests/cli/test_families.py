@@ -1,11 +1,10 @@
 """What `dse check` and `dse describe` say of a search space of several kinds."""
 
-import json
-
 import pytest
 
 from dse.cli import main
 from tests import families
+from tests.command import document
 from tests.spaces import write_space
 
 
@@ -16,8 +15,7 @@ def known():
 
 def test_check_counts_the_designs_of_every_kind(tmp_path, capsys):
     path = write_space(tmp_path, text=families.SPACE)
-    assert main(["check", str(path), "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    (row,) = document(capsys, "check", path)["rows"]
     assert row["designs"] == families.N_DESIGNS
     assert row["encoder_designs"] == {"send_on_delta": 120, "loud_of_a_test": 60}
     assert row["model_designs"] == {"snn": 6, "wide_of_a_test": 144, "near_of_a_test": 30}
@@ -47,7 +45,6 @@ def test_check_says_which_kind_has_no_end(tmp_path, capsys):
 
 def test_check_takes_the_size_of_every_kind_of_encoder(tmp_path, capsys):
     path = write_space(tmp_path, text=families.SPACE)
-    assert main(["check", str(path), "--set", "model={kind: snn, hidden: 10}", "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    (row,) = document(capsys, "check", path, "--set", "model={kind: snn, hidden: 10}")["rows"]
     # 2 channels x 2 polarities x 3 thresholds, and 3 copies of 2 channels, -> 10 neurons -> 2 classes
     assert (row["n_weights_low"], row["n_weights_high"]) == (10 * (6 + 2), 10 * (12 + 2))

@@ -10,6 +10,7 @@ import pytest
 from dse.cli import main
 from dse.dashboard.site import page_server
 from dse.study.results import open as open_study
+from tests.command import document
 from tests.serving import served
 from tests.spaces import write_space
 from tests.waiting import until
@@ -50,9 +51,7 @@ def opened(request, results, new_tab, page_path):
 
 
 def answered(capsys, *arguments):
-    capsys.readouterr()
-    assert main([*arguments, "--json"]) == 0
-    return list(json.loads(capsys.readouterr().out)["rows"])
+    return list(document(capsys, *arguments)["rows"])
 
 
 def keys(tab):

@@ -1,7 +1,6 @@
 """Odd inputs at the command line: one line with exit code 2 each, or said before anything is trained."""
 
 import io
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +15,7 @@ import dse
 from dse.cli import main
 from dse.config import load_space
 from dse.data import starter
+from tests.command import document
 from tests.spaces import write_space
 
 
@@ -35,9 +35,7 @@ def refused(capsys, *arguments):
 
 def notes(capsys, *arguments):
     """Return the notes of a command that is right."""
-    capsys.readouterr()
-    assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
-    return "\n".join(json.loads(capsys.readouterr().out)["notes"])
+    return "\n".join(document(capsys, *arguments)["notes"])
 
 
 @pytest.mark.parametrize(
@@ -122,8 +120,7 @@ def test_a_published_test_set_stays_one(capsys):
     signal, label = waves()
     usage = np.where(np.arange(40) < 30, "TRAIN", "TEST")
     np.savez("touch.npz", signal=signal, fabric=label, usage=usage, session=np.arange(40) // 5)
-    assert main(["init", "touch.npz", "--step-ms", "4", "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    (row,) = document(capsys, "init", "touch.npz", "--step-ms", "4")["rows"]
     assert row["test"] == 10 and row["train"] + row["validation"] == 30 and row["validation"] >= 5
     (checked,) = answered(capsys, "check", "touch.yaml")
     assert (checked["train"], checked["test"]) == (row["train"], 10)
@@ -144,9 +141,7 @@ def test_a_published_test_set_stays_one(capsys):
 
 def answered(capsys, *arguments):
     """Return the rows of a command that is right."""
-    capsys.readouterr()
-    assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
-    return list(json.loads(capsys.readouterr().out)["rows"])
+    return list(document(capsys, *arguments)["rows"])
 
 
 @pytest.mark.parametrize(("n_steps", "scale"), [(25, 0.76), (100, 0.19), (127, 0.15), (400, 0.15)])
@@ -255,10 +250,9 @@ def test_blanks_around_labels_make_no_class(capsys):
     signal, label = waves()
     activity = np.where(np.arange(40) % 5, label, np.char.add(label, " "))
     tidy(signal, activity=activity).to_csv("touch.csv", index=False)
-    assert main(["init", "touch.csv", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["rows"][0]["classes"] == ["denim", "silk"]
-    assert any("'activity' are read without blanks" in note for note in document["notes"])
+    answer = document(capsys, "init", "touch.csv")
+    assert answer["rows"][0]["classes"] == ["denim", "silk"]
+    assert any("'activity' are read without blanks" in note for note in answer["notes"])
 
 
 def test_why_no_column_is_a_label(capsys):

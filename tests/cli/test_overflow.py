@@ -1,17 +1,17 @@
 """A study whose states leave 24 bits says so wherever it is read, and does not fit a chip of such states."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
 import dse
-from dse.cli import main
 from dse.neurons.fixed_point import STATE_LIMIT
 from dse.study import results
+from tests.command import document
 from tests.page_data import held
 
+PAGES = True
 SPACE = """
 study: over
 seed: 3
@@ -24,12 +24,6 @@ hardware: [mcu_m4, loihi1_silicon]
 objectives: [accuracy:max, energy_uj:min]
 execution: {jobs: 1}
 """
-
-
-def documents(capsys, *arguments, code=0):
-    """Return what a command answers as JSON."""
-    assert main([*arguments, "--json"]) == code
-    return json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +43,8 @@ def test_run_report_and_page_name_it_and_by_how_much(folder, capsys):
     [trial] = study.trials.to_dict("records")
     assert trial["overflows_24_bit"] is True and trial["peak_state"] > STATE_LIMIT
     times = trial["peak_state"] / STATE_LIMIT
-    ran = documents(capsys, "run", str(folder / "over.yaml"), "--results", str(folder / "results"))
-    reported = documents(capsys, "report", str(study.folder))
+    ran = document(capsys, "run", str(folder / "over.yaml"), "--results", str(folder / "results"))
+    reported = document(capsys, "report", str(study.folder))
     page = held(study.folder / "page.html")
     for text in (*ran["notes"], *reported["notes"], *page["notes"]):
         if found := re.search(r"overflows_24_bit.*?(\d+) thresholds, and 24 bits hold (\d+)", text):
@@ -63,18 +57,18 @@ def test_run_report_and_page_name_it_and_by_how_much(folder, capsys):
 
 def test_it_does_not_fit_a_chip_of_24_bits_but_one_whose_program_holds_its_states(folder, capsys, tmp_path):
     study = str(folder / "results" / "over")
-    on_chips = documents(capsys, "skyline", study, "--where", "trial == 0", "--oversize")["rows"]
+    on_chips = document(capsys, "skyline", study, "--where", "trial == 0", "--oversize")["rows"]
     assert {row["fits"] for row in on_chips if row["hardware"] == "mcu_m4"} == {True}
-    refused = documents(capsys, "pick", study, "--budget", "hardware == 'loihi1_silicon'", code=3)
+    refused = document(capsys, "pick", study, "--budget", "hardware == 'loihi1_silicon'", code=3)
     assert {row["fits"] for row in refused["rows"]} == {False}
     assert any(f"at most {STATE_LIMIT}" in note for note in refused["notes"])
 
     bundle, data = str(tmp_path / "bundle"), str(folder / "tiny.npz")
     on_mcu = ("--budget", "hardware == 'mcu_m4'", "--export", bundle)
-    picked = documents(capsys, "pick", study, *on_mcu)
+    picked = document(capsys, "pick", study, *on_mcu)
     assert sum("leaves 24 bits" in note for note in picked["notes"]) == 1
     targets = ("--target", "loihi", "--target", "c99", "--verify", data)
-    verdicts = {row["target"]: row for row in documents(capsys, "export", bundle, *targets)["rows"]}
+    verdicts = {row["target"]: row for row in document(capsys, "export", bundle, *targets)["rows"]}
     assert verdicts["loihi"]["verdict"] == "unsupported" and "24 bits" in verdicts["loihi"]["reason"]
     assert verdicts["c99"]["verdict"] == "faithful"  # states of as many bits as they need
 

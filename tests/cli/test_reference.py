@@ -1,7 +1,6 @@
 """What `dse describe` says of scenes and hardware: it is read from the code and the data files themselves."""
 
 import dataclasses
-import json
 from pathlib import Path
 
 import pandas
@@ -16,6 +15,7 @@ from dse.hardware import profile
 from dse.scene import presets
 from dse.scene.load import SceneFile
 from dse.scene.scene import Camera, Method, Sensor, Variation
+from tests.command import document
 
 PROFILES = Path(dse.hardware.__file__).parent / "profiles"
 
@@ -66,8 +66,7 @@ def test_every_number_of_a_profile_is_described_as_it_is_written(name):
 
 
 def described(capsys, *arguments):
-    assert main(["describe", "hardware", *map(str, arguments), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+    return document(capsys, "describe", "hardware", *arguments)
 
 
 def own_profile(path, old="", new=""):
@@ -108,8 +107,7 @@ def test_no_such_profile(tmp_path, capsys):
 
 
 def test_every_column_of_a_study_is_explained(capsys):
-    assert main(["describe", "columns", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
+    rows = document(capsys, "describe", "columns")["rows"]
     assert len({row["name"] for row in rows}) == len(rows) and all(row["doc"] for row in rows)
     assert {"accuracy", "phi", "energy_uj", "status", "battery_h"} <= {row["name"] for row in rows}
     shown = Path(dse.__file__).parent.parent / "results" / "quickstart" / "points.parquet"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dse.cli import main
+from tests.command import document
 
 SPACE = """\
 study: folders
@@ -73,8 +74,7 @@ def trained(tmp_path_factory):
 
 def test_a_folder_of_events_is_trained_on(trained, capsys):
     capsys.readouterr()
-    assert main(["check", str(trained), "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    (row,) = document(capsys, "check", trained)["rows"]
     assert (row["train"], row["validation"], row["classes"]) == (12, 4, ["silk", "wool"])
     assert row["data"] == str(trained.parent / "touches")
     assert main(["run", str(trained), "--results", str(trained.parent / "results"), "--json", "--quiet"]) == 0
@@ -113,8 +113,7 @@ def test_check_names_headers_that_are_wrong(space, capsys):
     assert captured.out == "" and len(captured.err.splitlines()) == 1
     assert "train/silk/9.mat: must be a MATLAB v5 file" in captured.err
     assert captured.err.endswith("--repair skips the file\n")
-    assert main(["check", str(space), *everything, "--repair", "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)["rows"]
+    (row,) = document(capsys, "check", space, *everything, "--repair")["rows"]
     assert row["train"] == 12
     (note,) = row["repairs"]
     assert note.startswith("train/silk/9.mat: must be a MATLAB v5 file")
@@ -140,5 +139,6 @@ def test_new_recordings_are_repaired_too(trained, tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["rows"][0]["recordings"] == found["rows"][0]["labelled"] == 5
     assert found["notes"][-1].startswith("warning: wool/5.tact: line 1 must be a sign")
-    assert main(["evaluate", str(bundle), "--data", str(new / "wool" / "0.tact"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rows"][0]["recordings"] == 1
+    assert (
+        document(capsys, "evaluate", bundle, "--data", new / "wool" / "0.tact")["rows"][0]["recordings"] == 1
+    )

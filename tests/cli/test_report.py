@@ -12,6 +12,7 @@ from dse.cli import main
 from dse.config import load_space
 from dse.study import explore, pricing
 from dse.study.results import open as open_study
+from tests.command import document
 from tests.installed import needs_papers
 from tests.report.made import write
 from tests.spaces import write_space
@@ -33,8 +34,7 @@ def results(tmp_path):
 
 @needs_papers
 def test_json_is_keyed_by_the_columns(results, capsys):
-    assert main(["report", str(results), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = document(capsys, "report", results)
     assert found["schema"] == "dse/report/1"
     assert all(list(row) == COLUMNS for row in found["rows"])
     assert {row["study"] for row in found["rows"]} == {"nets", "windows", ""}
@@ -61,8 +61,7 @@ def test_the_table_fits_a_terminal_and_shows_every_row(results, capsys):
 
 @needs_papers
 def test_systems_are_chosen_by_letter(results, capsys):
-    assert main(["report", str(results), "--system", "b,D", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = document(capsys, "report", results, "--system", "b,D")
     assert {row["system"] for row in found["rows"]} == {"B", "D"}
     assert not any(note.startswith("A: ") for note in found["notes"])
     for wrong in ("Z", "BZ", " "):
@@ -76,8 +75,7 @@ def test_systems_are_chosen_by_letter(results, capsys):
 @needs_papers
 def test_a_paper_by_number_or_name(results, tmp_path, capsys):
     write(results / "elm", [{"accuracy": 0.8, "family": "elm", "macs": 4.0}])
-    assert main(["report", str(results), "--paper", "elm_receptors", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = document(capsys, "report", results, "--paper", "elm_receptors")
     accuracy, *_ = found["rows"]
     assert (accuracy["printed"], accuracy["ours_value"], accuracy["study"]) == ("0.92", 0.8, "elm")
     assert (
@@ -140,8 +138,7 @@ def test_a_study_as_it_is_run(tmp_path, capsys):
         ("model: {kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}", f"model: {choice}"),
     )
     found = explore.run(load_space(space), tmp_path / "results", progress=False)
-    assert main(["report", str(found.folder), "--json"]) == 0
-    rows = {row["figure"]: row for row in json.loads(capsys.readouterr().out)["rows"]}
+    rows = {row["figure"]: row for row in document(capsys, "report", found.folder)["rows"]}
     for figure, family in (("accuracy, knn", "knn"), ("best accuracy: accuracy", "snn")):
         [trial] = found.trials[found.trials["family"] == family].to_dict("records")
         assert rows[figure]["ours"] == trial["accuracy"]
@@ -186,10 +183,3 @@ def test_chips_are_named_twice_or_more_and_exist(results, capsys):
     assert main(["report", str(folder), "--hardware", "loihi1_silicon", "--hardware", "lohi"]) == 2
     told = capsys.readouterr()
     assert told.out == "" and "lohi" in told.err and told.err.count("\n") == 1
-
-
-@needs_papers
-def test_parquet_holds_every_column(results, capfdbinary, tmp_path):
-    assert main(["report", str(results), "--system", "B", "--format", "parquet"]) == 0
-    (tmp_path / "rows.parquet").write_bytes(capfdbinary.readouterr().out)
-    assert list(pd.read_parquet(tmp_path / "rows.parquet")) == COLUMNS

@@ -1,7 +1,6 @@
 """`dse simulate`: what it writes is what the simulator makes, whole or not at all; every mistake is told."""
 
 import errno
-import json
 import os
 import signal
 import subprocess
@@ -18,6 +17,7 @@ from dse.recordings.events import EventFile
 from dse.recordings.scene import COLUMNS, Trials
 from dse.scene import simulate
 from dse.scene.load import load_scene
+from tests.command import document
 from tests.spaces import FINGERTIP, SPACE
 from tests.waiting import PATIENCE_S
 
@@ -34,17 +34,9 @@ def scene(tmp_path):
     return path
 
 
-def document(text):
-    found = json.loads(text)
-    return found
-
-
 def test_the_file_holds_what_the_simulator_makes(scene, tmp_path, capsys):
     out = tmp_path / "touch.npz"
-    assert main(["simulate", str(scene), "--out", str(out), "--trials", "3:11", "--quiet", "--json"]) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ""
-    note = document(captured.out)["notes"][-1]
+    note = document(capsys, "simulate", scene, "--out", out, "--trials", "3:11", "--quiet")["notes"][-1]
     section = yaml.safe_load(note[note.index("data: ") :])["data"]
     assert section.pop("kind") == "events"
     found = EventFile(**section).read(tmp_path / "elsewhere")
@@ -63,8 +55,7 @@ def test_the_file_holds_what_the_simulator_makes(scene, tmp_path, capsys):
 
 def test_one_row_per_texture(scene, tmp_path, capsys):
     out = tmp_path / "touch.npz"
-    assert main(["simulate", str(scene), "--out", str(out), "--trials", "6:9", "--quiet", "--json"]) == 0
-    found = document(capsys.readouterr().out)
+    found = document(capsys, "simulate", scene, "--out", out, "--trials", "6:9", "--quiet")
     assert found["schema"] == "dse/simulate/1"
     made = [simulate.simulated(load_scene(scene), k) for k in (6, 7, 8)]
     for row, mine in zip(found["rows"], (made[:2], made[2:]), strict=True):
@@ -78,9 +69,8 @@ def test_one_row_per_texture(scene, tmp_path, capsys):
 
 
 def test_flags_are_counted(scene, tmp_path, capsys):
-    out = ["--out", str(tmp_path / "touch.npz"), "--trials", ":4", "--quiet", "--json"]
-    assert main(["simulate", str(scene), *out, "--set", "forces_n=[1.0, 40.0]"]) == 0
-    (row,) = document(capsys.readouterr().out)["rows"]
+    out = "--out", tmp_path / "touch.npz", "--trials", ":4", "--quiet"
+    (row,) = document(capsys, "simulate", scene, *out, "--set", "forces_n=[1.0, 40.0]")["rows"]
     assert row["contact_saturated"] == 2
 
 
@@ -106,41 +96,32 @@ def test_progress_is_on_stderr(scene, tmp_path, capsys):
 
 def test_the_pasted_section_is_a_search_space(scene, tmp_path, capsys):
     out = tmp_path / "touch.npz"
-    assert main(["simulate", str(scene), "--out", str(out), "--quiet", "--json"]) == 0
-    note = document(capsys.readouterr().out)["notes"][-1]
+    note = document(capsys, "simulate", scene, "--out", out, "--quiet")["notes"][-1]
     head, rest = SPACE.split("data:\n")
     _, tail = rest.split("task: {target: fabric}\n")
     tail = tail.replace("encoder: {kind: send_on_delta, thresholds: {choice: [[1, 2], [1, 2, 4]]}}\n", "")
     steps = "task: {target: texture}\npreprocessing: {bin_ms: 5, pool: 8, stride: 8}\n"
     space = tmp_path / "space.yaml"
     space.write_text(f"{head}{note[note.index('data: ') :]}\n{steps}{tail}", encoding="utf-8")
-    code = main(["check", str(space), "--json"])
-    captured = capsys.readouterr()
-    assert code == 0, captured.err + captured.out
-    (row,) = document(captured.out)["rows"]
+    (row,) = document(capsys, "check", space)["rows"]
     assert row["classes"] == ["denim", "satin"]
 
 
 def test_warnings_of_the_scene_are_notes(scene, tmp_path, capsys):
     page = str(tmp_path / "page.html")
     blind = ["--set", "camera.threshold=3", "--set", "camera.noise_hz=0"]
-    assert main(["simulate", str(scene), "--figure", page, *blind, "--quiet", "--json"]) == 0
-    found = document(capsys.readouterr().out)
+    found = document(capsys, "simulate", scene, "--figure", page, *blind, "--quiet")
     assert found["rows"][0]["events"] == 0
     assert found["notes"][0].startswith("no pixel can send an event")
-    out = str(tmp_path / "touch.npz")
-    assert main(["simulate", str(scene), "--out", out, *blind, "--trials", ":3", "--quiet", "--json"]) == 0
-    assert (
-        "3 of 3 trials sent no event, the first is trial 0" in document(capsys.readouterr().out)["notes"][1]
-    )
+    out = "--out", tmp_path / "touch.npz", *blind, "--trials", ":3", "--quiet"
+    assert "3 of 3 trials sent no event" in document(capsys, "simulate", scene, *out)["notes"][1]
 
 
 def test_the_page_shows_the_trial_that_is_asked_for(scene, tmp_path, capsys, monkeypatch):
     shown = []
     monkeypatch.setattr(dashboard, "write_trial_page", lambda view, path: shown.append(view) or path)
-    page = ["--figure", str(tmp_path / "page.html"), "--quiet", "--json"]
-    assert main(["simulate", str(scene), *page, "--trial", "9"]) == 0
-    (row,) = document(capsys.readouterr().out)["rows"]
+    page = ["--figure", str(tmp_path / "page.html"), "--quiet"]
+    (row,) = document(capsys, "simulate", scene, *page, "--trial", "9")["rows"]
     assert (row["texture"], row["trials"]) == ("satin", 1)
     assert main(["simulate", str(scene), *page, "--trials", "4:6", "--out", str(tmp_path / "t.npz")]) == 0
     assert [view.name for view in shown] == [

@@ -9,7 +9,7 @@ from dse.cli import main
 from tests.cli.test_first_hour import recordings
 
 ROOT = Path(__file__).resolve().parents[2]
-TABLES = """
+TABLES = """\
 describe
 describe hardware
 describe hardware loihi1_silicon
@@ -32,7 +32,7 @@ doctor study
 note study
 prepare
 init touch.csv --force
-"""
+""".splitlines()
 FEASIBLE = (0, 3)
 
 
@@ -50,8 +50,10 @@ def place(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("width", [40, 80])
-@pytest.mark.parametrize("command", TABLES.strip().splitlines())
+@pytest.mark.parametrize(
+    ("command", "width"),
+    [(command, 40) for command in TABLES] + [(command, 80) for command in TABLES[::3]],
+)
 def test_no_line_is_wider_than_the_terminal(command, width, place, monkeypatch, capsys):
     monkeypatch.chdir(place)
     monkeypatch.setenv("COLUMNS", str(width))

@@ -1,7 +1,5 @@
 """Memory and cycles of design points on targets, before they are exported."""
 
-import json
-
 import pytest
 
 from dse.cli import main
@@ -12,6 +10,7 @@ from dse.deploy.footprints import on_targets
 from dse.deploy.targets.c99 import C99
 from dse.study import pricing
 from tests import tiny_study
+from tests.command import document
 from tests.deploy.bundles import explored
 
 
@@ -46,37 +45,33 @@ def test_a_budget_in_bytes_picks_a_smaller_net(study, tmp_path, capsys):
     assert least < most
     for extra in ([], ["--target", "c99"]):  # the search space names the same
         budget = ["--budget", f"ram_bytes <= {least}"]
-        assert main(["pick", str(study.folder), *budget, *extra, "--json"]) == 0
-        [row] = json.loads(capsys.readouterr().out)["rows"]
+        [row] = document(capsys, "pick", study.folder, *budget, *extra)["rows"]
         assert (row["ram_bytes"], row["target"]) == (least, "c99")
     assert main(["pick", str(study.folder), "--budget", f"ram_bytes <= {least - 1}", "--json"]) == 3
     capsys.readouterr()
     out = str(tmp_path / "bundle")
-    assert main(["pick", str(study.folder), *budget, "--export", out, "--json"]) == 0
-    [verdict] = json.loads(capsys.readouterr().out)["sections"]["targets"]["rows"]
+    [verdict] = document(capsys, "pick", study.folder, *budget, "--export", out)["sections"]["targets"][
+        "rows"
+    ]
     assert (verdict["target"], verdict["verdict"]) == ("c99", "not verified")
     assert read(out).record["ram_bytes"] == least
 
 
 def test_a_budget_in_cycles_picks_by_the_prediction_of_the_core(study, tmp_path, capsys):
-    def picked(*arguments):
-        code = main(["pick", str(study.folder), *arguments, "--json"])
-        return code, json.loads(capsys.readouterr().out)
-
     on, _ = on_targets(study, study.points(), ["cortex_m4"])
     on_chip = pricing.points(study.folder, ["mcu_m4"])
     on_chip = on_chip[on_chip["model.arithmetic"] == "integer"]
     assert on["cycles"].tolist() == pytest.approx((on_chip["hardware_latency_ms"] * 120e3).tolist())
     least = on["cycles"].min()
     budget = ["--budget", f"cycles <= {least * (1 + 1e-9)}"]
-    code, answer = picked(*budget, "--target", "cortex_m4")
-    [row] = answer["rows"]
-    assert code == 0 and row["cycles"] == pytest.approx(least)
+    pick = "pick", study.folder
+    [row] = document(capsys, *pick, *budget, "--target", "cortex_m4")["rows"]
+    assert row["cycles"] == pytest.approx(least)
     # No profile stands for a Cortex-M0+: it has no prediction, so it meets no budget in cycles.
-    assert picked(*budget, "--target", "cortex_m0plus")[0] == 3
-    code, answer = picked("--target", "cortex_m0plus", "--export", str(tmp_path / "bundle"))
-    [row] = answer["rows"]
-    assert code == 0 and row["cycles"] is None and row["ram_bytes"] > 0
+    document(capsys, *pick, *budget, "--target", "cortex_m0plus", code=3)
+    export = "--export", tmp_path / "bundle"
+    [row] = document(capsys, *pick, "--target", "cortex_m0plus", *export)["rows"]
+    assert row["cycles"] is None and row["ram_bytes"] > 0
     assert "cycles" not in read(tmp_path / "bundle").record
 
 

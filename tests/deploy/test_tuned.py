@@ -15,6 +15,7 @@ from dse.deploy.evaluate import evaluate
 from dse.deploy.export import export
 from dse.study.results import Study
 from tests import tiny_study
+from tests.command import document
 from tests.deploy import bundles
 
 torch = pytest.importorskip("torch")
@@ -202,8 +203,7 @@ def test_imported_weights_are_a_trial_of_their_study(study, tmp_path, capsys):
     assert main(["import", str(tmp_path / "bundle"), better, "--into", str(folder)]) == 0
     capsys.readouterr()
     where = ["--budget", "trial >= 90001", "--json"]
-    assert main(["skyline", str(folder), "--where", "trial >= 90000", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
+    rows = document(capsys, "skyline", folder, "--where", "trial >= 90000")["rows"]
     assert {x["origin"] for x in rows} <= {"trial 0, same.pt", "trial 0, better.pt"} and rows
     assert main(["pick", str(folder), *where, "--export", str(tmp_path / "picked")]) == 0
     assert bundle.read(tmp_path / "picked").record["origin"] == "trial 0, better.pt"

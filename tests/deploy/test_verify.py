@@ -18,6 +18,7 @@ from dse.deploy.verify import Verified, export_targets, verify
 from dse.recordings import RecordingError
 from dse.records import Parameters
 from dse.testing.targets import small_bundle, small_recordings
+from tests.command import document
 from tests.plugins import arrays_target, with_targets
 from tests.spaces import RASTER, sections
 
@@ -139,8 +140,7 @@ def test_recordings_of_another_sensor_are_refused(folder, tmp_path):
 def test_verifying_repeats_the_run_and_changes_nothing(folder, touch, capsys):
     export_targets(folder, ["arrays"], touch)
     before = content(folder)
-    assert main(["verify", str(folder), "--data", str(touch), "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = document(capsys, "verify", folder, "--data", touch)
     [row] = printed["rows"]
     assert (row["target"], row["verdict"], row["before"], row["recordings"]) == (
         "arrays",
@@ -154,13 +154,14 @@ def test_verifying_repeats_the_run_and_changes_nothing(folder, touch, capsys):
 
 
 def test_drift_is_exit_code_4(folder, touch, monkeypatch, capsys):
-    assert main(["export", str(folder), "--target", "arrays", "--verify", str(touch), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rows"][0]["verdict"] == "faithful"
+    assert (
+        document(capsys, "export", folder, "--target", "arrays", "--verify", touch)["rows"][0]["verdict"]
+        == "faithful"
+    )
     fired = arrays_target._fired
     monkeypatch.setattr(arrays_target, "_fired", lambda *of: [~x for x in fired(*of)])
     for _ in range(2):
-        assert main(["verify", str(folder), "--data", str(touch), "--json"]) == 4
-        printed = json.loads(capsys.readouterr().out)
+        printed = document(capsys, "verify", folder, "--data", touch, code=4)
         assert printed["rows"][0]["verdict"] == "approximate" and printed["rows"][0]["spikes_differ"] > 0
         assert printed["notes"][0].startswith("target arrays was faithful and is approximate: ")
 
@@ -169,8 +170,7 @@ def test_files_that_are_not_those_of_the_weights_are_named_and_not_run(folder, t
     export_targets(folder, ["arrays"], touch)
     other_weights(folder)
     monkeypatch.setattr(arrays_target, "_fired", lambda *_: pytest.fail("it was run"))
-    assert main(["verify", str(folder), "--data", str(touch), "--json"]) == 2
-    [row] = json.loads(capsys.readouterr().out)["rows"]
+    [row] = document(capsys, "verify", folder, "--data", touch, code=2)["rows"]
     assert (row["verdict"], row["before"]) == ("not verified", "faithful")
     assert row["reason"].startswith("network.npz is not what dse ") and "`dse export`" in row["reason"]
 
@@ -207,8 +207,7 @@ def test_bundles_without_the_newer_words_are_read(folder, touch):
 def test_what_cannot_be_run_here_is_exit_code_2(folder, touch, capsys):
     export_targets(folder, ["arrays", "unread"], touch)
     assert bundle.read(folder).targets["unread"] == Verdict("not verified", "no reader is installed")
-    assert main(["verify", str(folder), "--data", str(touch), "--json"]) == 2
-    rows = json.loads(capsys.readouterr().out)["rows"]
+    rows = document(capsys, "verify", folder, "--data", touch, code=2)["rows"]
     assert [(x["target"], x["verdict"], x["recordings"]) for x in rows] == [
         ("arrays", "faithful", 5),
         ("unread", "not verified", None),
@@ -246,8 +245,7 @@ def test_a_pick_is_exported_with_its_targets(tmp_path, capsys):
     assert main(["pick", study, "--export", out, "--target", "locked", *verifying]) == 2
     assert not Path(out).exists()
     capsys.readouterr()
-    assert main(["pick", study, "--export", out, "--target", "arrays", *verifying, "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = document(capsys, "pick", study, "--export", out, "--target", "arrays", *verifying)
     [row] = printed["sections"]["targets"]["rows"]
     assert (row["target"], row["verdict"], row["recordings"]) == ("arrays", "faithful", 36)
     assert bundle.read(out).targets["arrays"].kind == "faithful"

@@ -47,7 +47,8 @@ def test_bit_for_bit_as_trains(n_in, n_out, n, n_steps, share, weights, kind):
     for learns, axonal in ((True, False), (True, True), (False, False)):
         found = []
         by_spikes = [
-            (x, *arrivals.places_of(x, *of_inputs, n_steps), n_in) for x in (inputs[1::2], inputs[::2])
+            (x, *arrivals.places_of(x, *of_inputs, n_steps), n_in)
+            for x in (inputs[1::2].copy(), inputs[::2].copy())
         ]
         for add_gradients, of_some in (
             (delays.add_gradients, [(inputs, trains)]),

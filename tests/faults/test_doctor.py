@@ -26,6 +26,7 @@ from dse.study.ledger import read_entries
 from dse.study.results import Study
 from dse.study.workers import Workers
 from tests import page_data, tiny_study
+from tests.command import document
 from tests.rewriting import rewrite
 from tests.study.test_racing import in_process
 
@@ -462,8 +463,7 @@ def test_readers_leave_out_a_trial_whose_run_is_missing(whole, tmp_path, capsys)
     assert {lost} & {*dse.open(whole.folder).skyline().rows["trial"]}
     store.run_file(study, lost, 1).unlink()
     for command in ("skyline", "pick"):
-        assert main([command, str(study), "--json"]) == 0
-        answer = json.loads(capsys.readouterr().out)
+        answer = document(capsys, command, study)
         assert any(f"trial {lost} is left out" in note for note in answer["notes"]), answer["notes"]
         assert answer["rows"] and all(row["trial"] != lost for row in answer["rows"])
     drawn = json.loads(_printed(capsys, "skyline", str(study), "--draws", "20", "--json"))

@@ -13,6 +13,7 @@ from dse.cli.command_line import main
 from dse.recordings import RecordingError
 from dse.recordings.prepare import RECORD, digest, prepare, sets
 from dse.store import checksum
+from tests.command import document
 
 FIGURES = "Raw Texture data/Rigid prosthetic finger raw texture data"
 COLUMNS = "timestamp, proximity1, proximity2, " + ", ".join(f"channel{i}" for i in range(1, 17))
@@ -316,5 +317,4 @@ def test_what_is_missing_or_unknown_is_said(tmp_path, capsys, monkeypatch):
     (tmp_path / "labels_test.npy").write_bytes(b"no array")
     assert main(["prepare", "icub", here, "--out", here]) == 2
     assert "icub_test.npy: is no array" in capsys.readouterr().err
-    assert main(["prepare", "--json"]) == 0
-    assert {row["set"] for row in json.loads(capsys.readouterr().out)["rows"]} == set(sets())
+    assert {row["set"] for row in document(capsys, "prepare")["rows"]} == set(sets())

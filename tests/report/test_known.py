@@ -1,10 +1,8 @@
 """What a plain reader knows of the recordings stands beside what networks answer."""
 
-import json
-
 import numpy as np
 
-from dse.cli import main
+from tests.command import document
 from tests.installed import needs_papers
 from tests.tiny_study import write_recordings
 
@@ -31,9 +29,8 @@ def test_audit_run_and_report(tmp_path, monkeypatch, capsys):
     results = str(tmp_path / "results")
 
     def rows_and_notes(*arguments):
-        assert main([*arguments, "--json"]) == 0
-        document = json.loads(capsys.readouterr().out)
-        return document["rows"], document["notes"]
+        answer = document(capsys, *arguments)
+        return answer["rows"], answer["notes"]
 
     rows_and_notes("run", space, "--results", results)
     rows, notes = rows_and_notes("report", results + "/tiny")

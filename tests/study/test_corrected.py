@@ -1,6 +1,5 @@
 """The corrected accuracy: one number per design point in every command, and why a table has none."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from dse.skyline.posterior import expected
 from dse.study import corrected, explore
 from dse.study.record import load_records
 from tests import tiny_study
+from tests.command import document
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"
 COLUMNS = ["accuracy_corrected", "accuracy_corrected_low", "accuracy_corrected_high"]
@@ -26,12 +26,6 @@ def example(tmp_path_factory):
     folder = tmp_path_factory.mktemp("read") / "example"
     shutil.copytree(EXAMPLE, folder)
     return folder
-
-
-def document(capsys, *arguments):
-    assert main([*arguments, "--json"]) == 0, capsys.readouterr().err
-    found = json.loads(capsys.readouterr().out)
-    return found
 
 
 def printed(capsys, *arguments):

@@ -1,6 +1,5 @@
 """Hardware as a free axis on the command line: other chips, draws of their figures, sure picks."""
 
-import json
 import re
 import shutil
 
@@ -14,6 +13,7 @@ from dse.hardware.profile import load
 from dse.study import pricing, resampling
 from dse.study.record import load_records
 from dse.study.results import open as open_study
+from tests.command import document
 from tests.page_data import held
 from tests.rewriting import damage_part
 from tests.spaces import write_space
@@ -30,16 +30,10 @@ def results(tmp_path_factory):
     return folder / "results" / "tiny"
 
 
-def answered(capsys, *arguments, code=0):
-    capsys.readouterr()
-    assert main([*arguments, "--json"]) == code
-    return dict(json.loads(capsys.readouterr().out))
-
-
 def test_a_front_on_hardware_that_the_study_was_not_run_with(results, capsys):
-    own = answered(capsys, "skyline", str(results))["rows"]
+    own = document(capsys, "skyline", str(results))["rows"]
     assert {row["hardware"] for row in own} == {"loihi1_silicon"}
-    both = answered(
+    both = document(
         capsys, "skyline", str(results), "--hardware", "op_4.6_0.9", "--hardware", "loihi1_silicon"
     )["rows"]
     assert [row["hardware"] for row in both][:1] == ["op_4.6_0.9"]
@@ -54,21 +48,21 @@ def test_a_front_on_hardware_that_the_study_was_not_run_with(results, capsys):
 def test_a_front_on_a_chip_of_ones_own(results, tmp_path, capsys):
     text = load("loihi1_silicon").text.replace("name: loihi1_silicon", "name: mine")
     (tmp_path / "mine.yaml").write_text(text.replace("static_mw: {value: 104.0", "static_mw: {value: 50.0"))
-    rows = answered(capsys, "skyline", str(results), "--hardware", str(tmp_path / "mine.yaml"))["rows"]
+    rows = document(capsys, "skyline", str(results), "--hardware", str(tmp_path / "mine.yaml"))["rows"]
     assert {row["hardware"] for row in rows} == {"mine"}
-    own = answered(capsys, "skyline", str(results))["rows"]
+    own = document(capsys, "skyline", str(results))["rows"]
     assert min(row["energy_uj"] for row in rows) < min(row["energy_uj"] for row in own)
     chip = ("--hardware", str(tmp_path / "mine.yaml"))
-    drawn = answered(capsys, "skyline", str(results), *chip, *chip, "--draws", "20")["rows"]
+    drawn = document(capsys, "skyline", str(results), *chip, *chip, "--draws", "20")["rows"]
     assert [row["energy_uj"] for row in drawn] == [row["energy_uj"] for row in rows]
     assert max(row["front_share"] for row in drawn) == 1.0
-    [sure] = answered(capsys, "pick", str(results), *chip, "--confidence", "0.9")["rows"]
+    [sure] = document(capsys, "pick", str(results), *chip, "--confidence", "0.9")["rows"]
     assert sure["hardware"] == "mine" and sure["front_share"] >= 0.9
 
 
 def test_a_copy_of_an_older_profile_is_one_line_and_is_repaired(results, tmp_path, capsys):
     folder = shutil.copytree(results, tmp_path / "old")
-    own = answered(capsys, "skyline", str(folder))["rows"]
+    own = document(capsys, "skyline", str(folder))["rows"]
     stored = folder / "hardware" / "loihi1_silicon.yaml"
     lines = load("loihi1_silicon").text.replace("static_mw:", "rest_mw:").replace("value: 104.0", "value: 9")
     store.write_text(stored, lines)
@@ -77,11 +71,11 @@ def test_a_copy_of_an_older_profile_is_one_line_and_is_repaired(results, tmp_pat
     assert line.startswith(f"{stored}: another version of dse wrote this profile (static_mw is required")
     assert "dse doctor" in line and main(["doctor", str(folder), "--repair"]) == 0
     assert main(["doctor", str(folder)]) == 0
-    assert answered(capsys, "skyline", str(folder))["rows"] == own
+    assert document(capsys, "skyline", str(folder))["rows"] == own
 
 
 def test_a_page_has_the_shares_of_the_skyline(results, tmp_path, capsys):
-    rows = answered(capsys, "skyline", str(results), "--draws", "50")["rows"]
+    rows = document(capsys, "skyline", str(results), "--draws", "50")["rows"]
     page = tmp_path / "page.html"
     assert main(["dashboard", str(results), "--html", str(page), "--draws", "50"]) == 0
     columns = {name: column["values"] for name, column in held(page)["columns"].items()}
@@ -101,22 +95,21 @@ def test_a_page_has_the_shares_of_the_skyline(results, tmp_path, capsys):
     )
     assert main(["dashboard", str(results), "--hardware", "none_such"]) == 2
     bare = write_space(tmp_path, ("[loihi1_silicon]", "[]"), ("[[1, 2], [1, 2, 4]]", "[[1, 2]]"))
-    assert main(["run", str(bare), "--results", str(tmp_path / "results"), "--quiet", "--json"]) == 0
-    study = str(tmp_path / "results" / "tiny")
-    assert main(["dashboard", study, "--html", str(page), "--draws", "5"]) == 0, "recordings are drawn"
+    study = dse.run(bare, results=tmp_path / "results", progress=False).folder
+    assert main(["dashboard", str(study), "--html", str(page), "--draws", "5"]) == 0, "recordings are drawn"
     assert 0 < max(held(page)["columns"]["front_probability"]["values"]) <= 1
 
 
 def test_a_pick_with_confidence(results, capsys):
-    [plain] = answered(capsys, "pick", str(results))["rows"]
+    [plain] = document(capsys, "pick", str(results))["rows"]
     budget = f"energy_uj <= {plain['energy_uj'] * 1.001}"
-    [bold] = answered(capsys, "pick", str(results), "--budget", budget)["rows"]
+    [bold] = document(capsys, "pick", str(results), "--budget", budget)["rows"]
     assert (bold["trial"], bold["point"]) == (plain["trial"], plain["point"])
-    [sure] = answered(capsys, "pick", str(results), "--budget", budget, "--confidence", "0.95")["rows"]
+    [sure] = document(capsys, "pick", str(results), "--budget", budget, "--confidence", "0.95")["rows"]
     assert sure["front_share"] >= 0.95
     assert (sure["trial"], sure["point"]) != (bold["trial"], bold["point"]), "its range reaches beyond"
     assert sure["energy_uj_low"] < sure["energy_uj"] < bold["energy_uj"]
-    none = answered(
+    none = document(
         capsys, "pick", str(results), "--budget", "energy_uj <= 1e-9", "--confidence", "0.5", code=3
     )
     assert none["notes"][0] == "no design point meets energy_uj <= 1e-9 in 50% of the samples"
@@ -167,13 +160,13 @@ def test_a_wrong_chip_is_found_before_any_work(tmp_path, capsys):
 def test_mean_power_of_a_study_s_designs(results, capsys):
     asked = ("--contacts-per-hour", "60", "--hardware", "loihi1_silicon")
     goals = ("--objectives", "accuracy:max,power_mw:min")
-    for row in answered(capsys, "skyline", str(results), *asked, *goals)["rows"]:
+    for row in document(capsys, "skyline", str(results), *asked, *goals)["rows"]:
         share = 60 * max(row["decision_latency_ms"], row["hardware_latency_ms"]) / 3.6e6
         assert row["idle_mw"] == 104
         assert row["power_mw"] == pytest.approx(60 * row["energy_throttled_uj"] / 3.6e6 + (1 - share) * 104)
-    [row] = answered(capsys, "pick", str(results), *asked, "--budget", "power_mw <= 104.1")["rows"]
+    [row] = document(capsys, "pick", str(results), *asked, "--budget", "power_mw <= 104.1")["rows"]
     assert row["power_mw"] <= 104.1
-    never = answered(capsys, "pick", str(results), *asked, "--budget", "power_mw <= 9", code=3)
+    never = document(capsys, "pick", str(results), *asked, "--budget", "power_mw <= 9", code=3)
     assert all(row["missed power_mw<=9"] > 89 for row in never["rows"])
 
 
@@ -189,20 +182,20 @@ def test_designs_of_a_study_on_a_schedule(tmp_path, capsys):
     np.testing.assert_allclose(points["battery_days"], 10 / points["power_mw"])
     again = pricing.points(study.folder, ["mcu_m4"])
     np.testing.assert_allclose(again["battery_days"], 10 / again["power_mw"])
-    front = answered(capsys, "skyline", str(study.folder))["rows"]
+    front = document(capsys, "skyline", str(study.folder))["rows"]
     assert all(row["power_mw"] > 0 for row in front)
-    row = answered(capsys, "skyline", str(study.folder), "--contacts-per-hour", "0")["rows"][0]
+    row = document(capsys, "skyline", str(study.folder), "--contacts-per-hour", "0")["rows"][0]
     assert "battery_days" not in row and row["power_mw"] == row["idle_mw"]
 
 
 def test_mean_power_that_is_not_known(results, capsys):
-    notes = answered(
+    notes = document(
         capsys,
         *("skyline", str(results), "--contacts-per-hour", "60", "--hardware", "odin", "--oversize"),
         *("--objectives", "accuracy:max,power_mw:min"),
     )["notes"]
     assert any("power_mw is NaN" in note for note in notes), "nobody published what it draws when idle"
-    crowded = answered(capsys, "skyline", str(results), "--contacts-per-hour", "1e9")["rows"]
+    crowded = document(capsys, "skyline", str(results), "--contacts-per-hour", "1e9")["rows"]
     assert all(row["power_mw"] is None for row in crowded), "contacts overlap"
 
 
@@ -216,10 +209,10 @@ def test_single_answers_of_a_run_average_to_the_accuracies_of_its_points(results
 
 
 def test_probabilities_of_the_front_and_the_corrected_accuracy_are_printed(results, capsys):
-    rows = answered(capsys, "skyline", str(results), "--draws", "200")["rows"]
+    rows = document(capsys, "skyline", str(results), "--draws", "200")["rows"]
     assert all(0 <= row["front_probability"] <= 1 for row in rows)
     assert len({row["front_probability"] for row in rows}) > 1
-    plain = answered(capsys, "skyline", str(results))["rows"]
+    plain = document(capsys, "skyline", str(results))["rows"]
     added = ("front_share", "front_probability")  # drawn only if that is asked for
     assert plain == [{name: x for name, x in row.items() if name not in added} for row in rows]
     share = max(row["front_probability"] for row in rows)
@@ -229,16 +222,16 @@ def test_probabilities_of_the_front_and_the_corrected_accuracy_are_printed(resul
         ("--confidence", f"{share}"),
         ("--where", f"front_probability >= {share} and accuracy >= 0"),
     ):
-        assert answered(capsys, "skyline", str(results), *asked)["rows"] == likely
+        assert document(capsys, "skyline", str(results), *asked)["rows"] == likely
     study = dse.open(results)
     for drawn, options in ((plain, {}), (rows, {"draws": 200}), (likely, {"confidence": share})):
         assert list(study.skyline(**options).rows) == list(drawn[0]), "the columns of the command line"
         assert len(study.skyline(**options).rows) == len(drawn)
-    picked = answered(capsys, "pick", str(results))
+    picked = document(capsys, "pick", str(results))
     [row] = picked["rows"]
     low, value, high = (row[f"accuracy_corrected{end}"] for end in ("_low", "", "_high"))
     assert 0 <= low < value <= row["accuracy"] and value < high <= 1
-    [sure] = answered(capsys, "pick", str(results), "--confidence", "0.5", "--budget", "energy_uj <= 1e9")[
+    [sure] = document(capsys, "pick", str(results), "--confidence", "0.5", "--budget", "energy_uj <= 1e9")[
         "rows"
     ]
     assert 0.5 <= sure["confidence"] <= sure["front_share"]
@@ -249,9 +242,9 @@ def test_a_study_without_its_answers_says_why_there_are_no_probabilities(results
     for path in (tmp_path / "copy" / "runs").glob("*.npz"):
         damage_part(path, "response.npz")
     asked = ("--draws", "9", "--objectives", "accuracy:max,n_weights:min")
-    document = answered(capsys, "skyline", str(tmp_path / "copy"), *asked)
-    assert any(note.startswith("no front_probability: ") for note in document["notes"])
-    assert "front_probability" not in document["rows"][0]
+    answer = document(capsys, "skyline", tmp_path / "copy", *asked)
+    assert any(note.startswith("no front_probability: ") for note in answer["notes"])
+    assert "front_probability" not in answer["rows"][0]
 
 
 def test_a_profile_that_has_gained_numbers_says_what_costs_may_differ(tmp_path):

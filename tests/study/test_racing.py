@@ -149,8 +149,10 @@ def test_tables_are_written_while_an_audit_goes_on(raced, tmp_path, monkeypatch)
     assert n_finished[-3:] == [5, 6, 6] and all(set(one) <= {"f", "s"} for one in ended)
 
 
-@pytest.mark.parametrize("name", ["racing/00000", "racing/audit"])
-@pytest.mark.parametrize("n_ends", [27, 35, None])
+@pytest.mark.parametrize(
+    ("name", "n_ends"),
+    [("racing/00000", 27), ("racing/00000", 35), ("racing/audit", 35), ("racing/audit", None)],
+)
 def test_a_lost_document_of_a_race_is_written_anew(raced, tmp_path, monkeypatch, name, n_ends):
     monkeypatch.setattr(Workers, "stream", in_process)
     space, left = space_of(tmp_path), n_ends or 0

@@ -14,7 +14,6 @@ from dse import store
 from dse.config import ConfigError, load_space
 from dse.dataset import load
 from dse.dataset.cache import usual_root
-from dse.dataset.files import read_meta
 from dse.measure import decision
 from dse.measure.run import read_out
 from dse.recordings import RecordingError
@@ -146,31 +145,6 @@ def test_one_worker_and_another_order_of_axes_give_the_same_designs(finished, tm
     )
     assert list(other.trials["model.hidden"]) != list(finished.trials["model.hidden"])
     assert_frame_equal(one, two[one.columns], check_exact=True)
-
-
-@pytest.mark.parametrize("damage", ["truncated", "missing"])
-def test_a_damaged_run_is_made_again_and_no_other(finished, copied, capsys, damage):
-    path = store.run_file(copied / "results" / "tiny", 3, 0)
-    content = path.read_bytes()
-    path.unlink()
-    if damage != "missing":
-        path.write_bytes(content[: len(content) // 2])
-    before = finished_runs(copied)
-    again = explore.run(make_space(copied), copied / "results", jobs=1)
-    captured = capsys.readouterr()
-    assert ("this run is repeated" in captured.err) == (damage == "truncated")
-    assert captured.out == ""
-    assert_same(again, finished)
-    after = finished_runs(copied)
-    changed = {name for name in after if after[name] != before.get(name)}
-    assert changed == {str(path)}
-
-
-def test_a_damaged_data_set_is_prepared_again(finished, copied):
-    spikes = usual_root() / read_meta(usual_root() / finished.runs(0)[0]["data"])["spikes"]
-    (spikes / "channel.npy").write_bytes((spikes / "channel.npy").read_bytes()[:100])
-    store.run_file(copied / "results" / "tiny", 0, 0).unlink()
-    assert_same(explore.run(make_space(copied), copied / "results", jobs=1, progress=False), finished)
 
 
 def cached(root):

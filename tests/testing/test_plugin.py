@@ -12,6 +12,7 @@ from dse.cli import main
 from dse.cli.commands.drawing import size_px
 from dse.figures import image
 from dse.testing import check_figure, check_objective
+from tests.command import document
 from tests.spaces import write_space
 
 PLUGIN = '''
@@ -104,10 +105,7 @@ def installed(tmp_path_factory):
 
 
 def rows(capsys, *arguments):
-    capsys.readouterr()
-    assert main([*arguments, "--json"]) == 0
-    answer = json.loads(capsys.readouterr().out)["rows"]
-    return answer
+    return document(capsys, *arguments)["rows"]
 
 
 def test_an_objective_is_a_column_and_selects(installed, capsys):

@@ -19,6 +19,7 @@ from dse.deploy import bundle
 from dse.deploy.c.text import strings
 from dse.deploy.verify import export_targets
 from dse.testing.targets import small_bundle
+from tests.command import document
 from tests.spaces import write_space
 
 INJECTED = "injected_by_a_label"
@@ -186,8 +187,7 @@ def test_nothing_acts_in_a_terminal(hostile, monkeypatch, command, is_terminal):
 def test_data_keep_their_names(hostile, capsys):
     evaluate = ["evaluate", str(hostile / "bundle"), "--data", str(hostile / "touch.npz"), "--each"]
     names = {LABELS["escape"] + LABELS["newline"], LABELS["bidi"] + LABELS["end"]}
-    assert main([*evaluate, "--json"]) == 0
-    assert {row["true"] for row in json.loads(capsys.readouterr().out)["rows"]} == names
+    assert {row["true"] for row in document(capsys, *evaluate)["rows"]} == names
     assert set(bundle.read(hostile / "bundle").classes) == names
     record = store.read_record(store.run_file(hostile / "results" / "tiny", 0, 0))
     assert set(record["classes"]) == names

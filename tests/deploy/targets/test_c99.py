@@ -265,15 +265,6 @@ def assert_answers(printed, folder, data_file):
     assert [row[2] == "true" for row in printed] == evaluation.decided.tolist()
 
 
-def test_spikes_are_answered_as_by_the_engine(tmp_path, checked):
-    made, fired = nets.case(10)
-    C99().write(made, tmp_path / "c99")
-    reference = nets.reference(made, fired)
-    printed = answers_of_main(tmp_path / "c99", csv(list(fired)), *checked)
-    assert [row[0] for row in printed] == [made.classes[label] for label in reference.label]
-    assert np.allclose([float(row[1]) for row in printed], reference.time_ms)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -19,7 +19,6 @@ FINE = {
     **LEVELS, "hidden": (20,), "rounding": "dithered", "threshold_exponents": (2, 2)
 }  # fmt: skip
 MODELS = {
-    "fine": FINE,
     "fine, with lags": {**FINE, "input_delays": (0, 4, 16)},
     "axonal delays": {"hidden": (20, 16), "max_axonal_delay": 12, "initial_rate": 0.2},
 }

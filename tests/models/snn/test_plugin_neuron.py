@@ -1,6 +1,5 @@
 """A neuron that a user wrote, in a file beside the search space: trained, resumed, picked and evaluated."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -9,8 +8,8 @@ import pytest
 
 import dse
 from dse import store
-from dse.cli import main
 from dse.config.locate import shipped_folder
+from tests.command import document
 
 pytest.importorskip("torch", reason="torch is not installed: pip install 'dse[torch]'")
 
@@ -42,9 +41,7 @@ search: {sampler: grid, n_trials: 1}
 
 
 def run(*arguments, capsys):
-    assert main([*map(str, arguments), "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
-    return rows
+    return document(capsys, *arguments)["rows"]
 
 
 @pytest.mark.slow

@@ -14,10 +14,12 @@ from dse.neurons.fixed_point import STATE_LIMIT
 from dse.search.space import corners
 
 SPACES = Path(__file__).parents[3] / "search_spaces"
+ALIKE = {f"texture_profile_{name}.yaml" for name in ("contrasts_soft", "front", "grid")}
+"""Their first networks are those of lags_soft without lags, of lags, and of grid_small."""
 PRINTED = sorted(
-    x.name for name in ("texture_profile", "realtime_texture") for x in SPACES.glob(f"{name}*.yaml")
+    {x.name for name in ("texture_profile", "realtime_texture") for x in SPACES.glob(f"{name}*.yaml")} - ALIKE
 )
-N_TRAIN, N_VALIDATION, EPOCHS = 8, 4, 24
+N_TRAIN, N_VALIDATION, EPOCHS = 8, 4, 12
 FARTHEST = 32.0
 """Weight that one Adam step of all inputs together may move; 6084 inputs times the printed 0.01 is 61."""
 

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from dse.measure.decision import surface as decision_surface
 from dse.testing.small import SmallStudy
-from dse_papers.figures.surface import QUANTITIES, SurfaceFigure, gather_surface
+from dse_papers.figures.surface import SurfaceFigure, gather_surface
 
 
 @pytest.fixture
@@ -48,11 +47,3 @@ def test_drawing_puts_theta_across_and_phi_up(surface):
 def test_unknown_quantity(surface):
     with pytest.raises(ValueError, match=r"quantity must be one of accuracy, .* got 'speed'"):
         gather_surface(surface, "speed")
-
-
-def test_a_stored_surface_is_the_one_that_was_measured():
-    output = (np.random.default_rng(0).random((5, 9, 3)) < 0.3).astype(np.uint8)
-    found = decision_surface(output, [0, 1, 2, 0, 1], [0, 3], [0.4, 0.8], 2.0)
-    arrays = {name: getattr(found, name) for name in ("phi", "theta", *QUANTITIES)}
-    for name in QUANTITIES:
-        assert np.array_equal(gather_surface(arrays, name).values, arrays[name])
