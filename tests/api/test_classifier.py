@@ -82,7 +82,7 @@ def test_it_learns_and_keeps_study_pick_and_bundle(fitted, tmp_path):
 @pytest.mark.parametrize("kind", ["linear", "mlp", "kernels"])
 def test_plain_families_know_how_sure_they_are_of_each_recording(kind):
     X, y = waves()
-    learns = {**LEARNS, "model": {"kind": kind, "window_ms": 100.0}, "training.epochs": 20}
+    learns = {**LEARNS, "model": {"kind": kind, "window_ms": 100.0}, "limits": []}
     del learns["model.snn.hidden"]
     fitted = dse.Classifier(settings=learns).fit(X, y)
     X = np.concatenate([X, X + np.random.default_rng(2).normal(0, 0.5, X.shape)])
