@@ -80,11 +80,12 @@
   const wayOf = (column) => page.objectives[measuredOf(column)];
 
   // Fractions whose zeros are written.
-  const isShare = (column) => objectives.includes(column.replace(/_(corrected|test)$/, ""));
+  const measuredAs = (column) => column.replace(/_(corrected|test|shifted|unseen)$/, "");
+  const isShare = (column) => objectives.includes(measuredAs(column));
 
   // Those that lie between 0 and 1, and are more as they are better: they are said as percentages.
   function isFraction(column) {
-    const name = column.replace(/_(corrected|test)$/, "");
+    const name = measuredAs(column);
     return page.objectives[name] === "max" && numbers(name).every((value) => Number.isNaN(value) || (value >= 0 && value <= 1));
   }
 
@@ -95,8 +96,8 @@
     return ends !== null && value > ends.low[row] && value + ends.high[row] > OPEN * (value - ends.low[row]);
   }
 
-  // What is known of a gain: as measured, as expected on other recordings, as tested.
-  const trusts = (gain) => [gain, `${gain}_corrected`, `${gain}_test`].filter((name) => Object.hasOwn(columns, name) && columns[name].values.some((value) => value !== null));
+  // What is known of a gain: as measured, as expected on other recordings, as tested, where a touch has moved, of unseen groups.
+  const trusts = (gain) => ["", "_corrected", "_test", "_shifted", "_unseen"].map((end) => `${gain}${end}`).filter((name) => Object.hasOwn(columns, name) && columns[name].values.some((value) => value !== null));
 
   // What is believed of a gain first, and what is drawn, if that is one of these.
   function headline() {
@@ -254,8 +255,7 @@
   }
 
   take(await Data.read(), paceOf(location.hash.slice(1)));
-  let state = readState();
-  let writing;
+  let [state, writing] = [readState(), 0];
 
   let [last, ghost] = [{ keys: "", at: -Infinity }, -1]; // the last change; the pick before it
 
@@ -412,7 +412,7 @@
     const n = columns.hardware ? rows.filter((row) => String(columns.hardware.values[row]) === state.hardware).length : nRows;
     const age = page.points_at && Details.isServed(page) ? ` as of ${new Date(page.points_at).toLocaleTimeString()}` : "";
     const isSample = page.budgets.stands_for > 1; // of how many points, a note says
-    if (nRows && !isSample) counts.push(`${plural(n, "point")}${age}`);
+    if (nRows && !isSample) counts.push(`${plural(n, "setting")}${age}`);
     byId("counts").textContent = [page.progress ? Progress.said(page) : "", ...counts].filter(Boolean).join(" · ");
     byId("title").textContent = page.definition.title;
     const notes = byId("notes");
@@ -501,6 +501,7 @@
   byId("tabs").addEventListener("keydown", (event) => Dom.moveTab(event, (tab) => change({ show: tab.dataset.tab })));
   addEventListener("live", (event) => show(event.detail));
   addEventListener("hashchange", () => {
+    clearTimeout(writing);
     const pace = paceOf(location.hash.slice(1));
     if (pace !== state.pace) take(given, pace);
     state = readState();

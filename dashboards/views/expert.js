@@ -43,7 +43,7 @@ const Expert = (() => {
       part("left").hidden = reasons.size === 0;
       part("left-out").checked = shown.state.left === "1";
       const sampled = shown.budgeted.exact ? "" : " of those shown";
-      part("left").querySelector("span").textContent = `draw ${[...reasons].map(([reason, n]) => `${plural(n, "point")}${sampled} that ${n === 1 ? reason : severally(reason)}`).join(", ")}`;
+      part("left").querySelector("span").textContent = `draw ${[...reasons].map(([reason, n]) => `${plural(n, "setting")}${sampled} that ${n === 1 ? reason : severally(reason)}`).join(", ")}`;
     }
 
     // ---- filters: two ends of any column of numbers, or some values of any other

@@ -259,7 +259,7 @@ const Front = (() => {
 
     // ---- the trust dial: what is drawn of an accuracy
 
-    const TRUST = [["", "as validated"], ["_corrected", "corrected for luck"], ["_test", "on the test recordings"]];
+    const TRUST = [["", "as validated"], ["_corrected", "corrected for luck"], ["_test", "on the test recordings"], ["_shifted", "where a touch has moved"], ["_unseen", "of unseen groups"]];
     function renderDial() {
       const gain = shown.page.budgets.maximise ?? "";
       const known = app.trusts(gain);
@@ -389,8 +389,7 @@ const Front = (() => {
       const held = look.paper ? [] : limited().map(handle);
       if (overlay.children.length - 1 !== held.length || held.some((node, k) => overlay.children[k + 1] !== node)) overlay.replaceChildren(picture, ...held);
       if (!shown.moving) describe();
-      // What tests and other scripts may ask of it.
-      plot.drawn = { axes: drawn.axes, line: drawn.line, marks: marks(), points: drawn.points };
+      plot.drawn = { axes: drawn.axes, line: drawn.line, marks: marks(), points: drawn.points }; // for other scripts
     }
     new ResizeObserver(() => { if (shown && String(drawn?.size) !== String([plane.clientWidth, plane.clientHeight])) draw(); }).observe(plane);
 

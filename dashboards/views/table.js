@@ -96,8 +96,8 @@ const Table = (() => {
       part("#once").checked = isOnce;
       part("label").hidden = !columns.trial || firstOfTrials(all).length === all.length;
       part("h2 span").textContent = isWhole() ? "All designs" : "The best designs";
-      part("#front-count").textContent = isWhole() ? `${app.many(all.length)} of ${app.plural(every.length, "point")}`
-        : `${app.plural(all.length, "point")} that no other beats in ${objectives.map((c) => columns[c].label).join(", ")}`;
+      part("#front-count").textContent = isWhole() ? `${app.many(all.length)} of ${app.plural(every.length, "setting")}`
+        : `${app.plural(all.length, "setting")} that no other beats in ${objectives.map((c) => columns[c].label).join(", ")}`;
       if (document.activeElement !== part("#find")) part("#find").value = state.find;
       part("#all-rows").hidden = visible.length === front.length;
       part("#all-rows").textContent = `Show all ${app.many(front.length)}`;

@@ -198,6 +198,11 @@ def test_the_dial_says_how_far_to_trust_and_what_is_as_good_lies_in_one_band(ope
     band = page.tab.locator("#plot .band").bounding_box()
     top, foot = (page.tab.evaluate(SPOT, [50, value])[1] for value in (0.95, 0.93))
     assert abs(band["y"] - top) < 1 and abs(band["y"] + band["height"] - foot) < 1
+    moved = opened(corrected(accuracy_shifted=[0.7, 0.65, 0.6, 0.4, 0.5])).tab
+    moved.locator("#dial input").press("End")
+    assert moved.inner_text("#dial output") == "where a touch has moved" and "70" in moved.inner_text(
+        "#sentence strong"
+    )
     # A point of which it is not known is no reason to hide it: all are drawn as measured.
     page = opened(corrected().assign(accuracy_corrected=[np.nan, *CORRECTED[1:]]), "expert=1")
     assert page.tab.input_value("#y") == "accuracy"
@@ -231,11 +236,11 @@ def test_a_filter_is_set_by_keyboard_and_holds_in_every_view(opened):
     page.tab.select_option("#add-filter", "encoder.kind")
     page.tab.uncheck("#filters input[value=threshold]")
     kept = designs().query(f"{LARGE} and 40 <= `model.hidden` <= 80 and `encoder.kind` == 'send_on_delta'")
-    assert page.tab.inner_text("#front-count") == f"{len(kept)} of {len(kept)} points"
+    assert page.tab.inner_text("#front-count") == f"{len(kept)} of {len(kept)} settings"
     assert f"of {len(kept)} lines" in page.tab.inner_text("#view-parallel h2")
     assert {"model.hidden >= 40", 'encoder.kind in ["send_on_delta"]'} <= set(page.budgets())
     page.open(page.link())
-    assert page.tab.inner_text("#front-count") == f"{len(kept)} of {len(kept)} points"
+    assert page.tab.inner_text("#front-count") == f"{len(kept)} of {len(kept)} settings"
     page.tab.click("#show-choose")
     front = skyline(kept, [*OBJECTIVES.items()], None, "task").rows
     assert sorted(map(int, page.cells(1))) == sorted(front["trial"])
@@ -269,11 +274,11 @@ def test_designs_that_do_not_fit_drop_out_with_their_reason(opened):
     page = opened(frame, "task=texture&hardware=large+chip&expert=1&show=all&once=0")
     page.tab.select_option("#hardware", "small chip")
     assert page.tab.inner_text("#misfits") == f"{len(unfit)} settings do not fit small chip"
-    assert page.tab.inner_text("#front-count") == f"{len(fits)} of {len(fits)} points"
+    assert page.tab.inner_text("#front-count") == f"{len(fits)} of {len(fits)} settings"
     page.tab.check("#left-out")
     assert (
         page.tab.inner_text("#front-count")
-        == f"{len(frame.query(SMALL))} of {len(frame.query(SMALL))} points"
+        == f"{len(frame.query(SMALL))} of {len(frame.query(SMALL))} settings"
     )
     row = unfit.iloc[0]
     page.point_at(row["energy_uj"], row["accuracy"])

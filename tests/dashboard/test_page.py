@@ -36,7 +36,7 @@ def test_front_is_drawn_pointed_at_chosen_and_listed(opened):
     assert page.line() == [3, 1, 0]
     assert page.cloud(20, 0.9)[3] == 255 > page.cloud(30, 0.88)[3] > page.cloud(30, 0.7)[3] == 0
     assert page.cells(1) == ["0", "1", "2", "3"]
-    assert page.tab.inner_text("#counts") == "5 trials · 1 failed · 5 points"
+    assert page.tab.inner_text("#counts") == "5 trials · 1 failed · 5 settings"
     assert page.tab.inner_text("#failures summary") == "1 failed trial"
     assert page.tab.evaluate("Figure.config.plotlyServerURL") == "", "nothing of a study leaves its page"
     page.point_at(20, 0.9)
@@ -111,7 +111,7 @@ def test_many_points_are_drawn_and_a_sample_is_not_counted_as_the_study(opened, 
     columns = {name: rng.random(len(many)) for name in OBJECTIVES}
     page = opened(many.assign(hardware="chip", fits=many["trial"] % 5 != 4, **columns), "expert=1")
     assert page.tab.inner_text("#counts") == "2\u202f500 trials"
-    assert "points of those shown that do not fit chip" in page.tab.inner_text("#left")
+    assert "settings of those shown that do not fit chip" in page.tab.inner_text("#left")
 
 
 def test_a_picture_has_every_point(opened):

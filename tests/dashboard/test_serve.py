@@ -547,7 +547,7 @@ def test_hostile_rows_that_come_later_never_run(tab, watched):
     tab.evaluate("location.hash = 'expert=1'")
     hears(tab, "document.querySelector('#x').textContent.includes('</script>')")
     watched.put(points(task=HOSTILE[1], **(more | {HOSTILE[0]: 2.0})).iloc[:4])
-    hears(tab, "document.querySelector('#counts').textContent.includes('4 points')")
+    hears(tab, "document.querySelector('#counts').textContent.includes('4 settings')")
     tab.select_option("#x", HOSTILE[1])
     assert tab.evaluate("window.hacked") is None
     # A column is a column whatever its name, also once it was changed.
