@@ -52,8 +52,6 @@ const Table = (() => {
         textContent: column === "trial" ? app.number(app.trialNumber(shown.columns.trial.values[row])) : withInterval(column, row), className: app.isNumeric(column) ? "" : "text",
         title: String(shown.columns[column].values[row] ?? "not measured"),
       })));
-      const notes = (shown.page.design_notes ?? []).filter((note) => [line.dataset.key, line.dataset.key.split(".")[0]].includes(Notes.keyOf(note)));
-      if (notes.length) line.cells[0].append(element("span", { textContent: notes.some(({ pinned }) => pinned) ? " ★" : " ✎", title: notes.map(({ text }) => text).join("; ") }));
       return line;
     }
 

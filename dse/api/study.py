@@ -132,44 +132,6 @@ class Study(results.Study):
         conditions = [text for each in budgets for text in texts(each, "budgets")]
         return self.pick(conditions, **options).found
 
-    def note(
-        self,
-        design: str | int | Mapping[str, Any] | pandas.Series[Any],
-        text: str = "",
-        *,
-        pinned: bool = False,
-    ) -> None:
-        """Write a note on a design, in the study; without text and pin it is removed.
-
-        Args:
-            design: a trial's number, '3.12' for a point of trial 3, or a row of a table.
-            text: the note.
-            pinned: whether the design is listed first.
-
-        Raises:
-            StoreError: the study has no such design, or the note is too long.
-
-        >>> study.note(3, "to be built", pinned=True)
-        >>> study.notes["text"].tolist()
-        ['to be built']
-        """
-        from dse.study import notes
-
-        if isinstance(design, str | int):
-            trial, point = notes.parse_design(str(design))
-        else:
-            trial, point = int(design["trial"]), int(design["point"])
-        notes.write(self.folder, trial, point, text, pinned)
-
-    @property
-    def notes(self) -> pandas.DataFrame:
-        """The notes on designs, pinned ones first: trial, point, text, pinned, at."""
-        import pandas
-
-        from dse.study.notes import plain
-
-        return pandas.DataFrame(plain(self.folder), columns=["trial", "point", "text", "pinned", "at"])
-
     def compare(
         self,
         other: results.Study | str | Path,

@@ -1,9 +1,9 @@
-"""The page of a study while it runs: a small server that reads, and writes notes.
+"""The page of a study while it runs: a small server that only reads.
 
 `/` is the page; `/data.json` and `/progress.json` are its data, each sent again after a change (`ETag`);
-`/design.json` is the details of one trial, `/bundle.zip` a design point to download; `POST /note` writes a
-note on a design. No address names a file. Every request carries the token of the server, which the printed
-address holds: other users of this machine, and pages of others in a reader's browser, can connect too.
+`/design.json` is the details of one trial, `/bundle.zip` a design point to download.
+No address names a file. Every request carries the token of the server, which the printed address holds: other
+users of this machine, and pages of others in a reader's browser, can connect too.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import errno
 import functools
 import hmac
 import ipaddress
-import json
 import re
 import secrets
 import socket
@@ -31,7 +30,6 @@ from dse.text import one_line
 
 PORT = 8050
 LOOPBACK = "127.0.0.1"
-_LONGEST_NOTE = 16_384  # bytes
 _WAIT_S = 60.0  # for a client that sends or takes nothing
 _MOST_DOCUMENTS = 16  # trials with a document in memory, a few 100 kB each
 _NOTHING = "default-src 'none'; base-uri 'none'; form-action 'none'"  # policy of answers that are no page
@@ -60,15 +58,6 @@ class Download(NamedTuple):
     content: bytes
 
 
-class Note(NamedTuple):
-    """A note that a reader writes on a trial, or on one of its points."""
-
-    trial: int
-    point: int | None
-    text: str
-    pinned: bool
-
-
 class Site:
     """What a server shows beside its page; a site without designs refuses what is asked of one."""
 
@@ -79,10 +68,6 @@ class Site:
     def bundle(self, trial: int, point: int, hardware: str) -> Download:
         """Return a design point as a file; may raise Refused. Never called concurrently."""
         raise Refused(HTTPStatus.NOT_FOUND, "Designs cannot be downloaded from this page.")
-
-    def write(self, note: Note) -> None:
-        """Write a note; may raise Refused."""
-        raise Refused(HTTPStatus.METHOD_NOT_ALLOWED)
 
 
 class Server(ThreadingHTTPServer):
@@ -99,7 +84,7 @@ class Server(ThreadingHTTPServer):
             live: the page.
             host: name or address to listen on.
             port: 0 for any free port.
-            site: details, bundles and notes of designs.
+            site: details and bundles of designs.
             token: of every request; '': a new one. With the same one, open pages find a server that returns.
         """
         self.live, self.site, self.token = live, site or Site(), token or secrets.token_urlsafe(24)
@@ -158,16 +143,11 @@ class _Handler(BaseHTTPRequestHandler):
             "/design.json": self._design,
             "/bundle.zip": self._bundle,
         }
-        self._answer(routes, HTTPStatus.NOT_FOUND)
+        self._answer(routes)
 
     do_HEAD = do_GET
 
-    def do_POST(self) -> None:
-        self._answer({"/note": self._note}, HTTPStatus.METHOD_NOT_ALLOWED)
-
-    def _answer(
-        self, routes: Mapping[str, Callable[[Mapping[str, list[str]]], None]], otherwise: HTTPStatus
-    ) -> None:
+    def _answer(self, routes: Mapping[str, Callable[[Mapping[str, list[str]]], None]]) -> None:
         """Answer a request that carries the token, with a line of text where that fails."""
         path, _, query = self.path.partition("?")
         try:
@@ -176,7 +156,7 @@ class _Handler(BaseHTTPRequestHandler):
             if not hmac.compare_digest(token.encode(), self.server.token.encode()):
                 raise Refused(HTTPStatus.FORBIDDEN)
             if path not in routes:
-                raise Refused(otherwise)
+                raise Refused(HTTPStatus.NOT_FOUND)
             routes[path](fields)
         except Refused as refused:
             self._say(refused)
@@ -202,15 +182,6 @@ class _Handler(BaseHTTPRequestHandler):
         disposition = f'attachment; filename="{name}"'
         headers = {"Content-Type": "application/zip", "Content-Disposition": disposition}
         self._reply(HTTPStatus.OK, headers, download.content)
-
-    def _note(self, _: object) -> None:
-        length = self.headers.get("Content-Length", "")
-        if not re.fullmatch("[0-9]{1,9}", length):
-            raise Refused(HTTPStatus.LENGTH_REQUIRED)
-        if int(length) > _LONGEST_NOTE:
-            raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
-        self.server.site.write(_note(self.rfile.read(int(length))))
-        self._reply(HTTPStatus.NO_CONTENT, {})
 
     def _send_document(self, document: Document) -> None:
         """Send a part of the page, or 304 if the reader has this version."""
@@ -263,21 +234,6 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:
         """Keep no log: an address holds the token."""
-
-
-def _note(body: bytes) -> Note:
-    """Return a note that was sent."""
-    try:
-        sent = json.loads(body)
-        note = Note(*(sent[key] for key in Note._fields))
-        numbers = [value for value in (note.trial, note.point) if value is not None]
-        is_note = note.trial is not None and all(type(n) is int and 0 <= n < 10**9 for n in numbers)
-        if not is_note or not isinstance(note.text, str) or not isinstance(note.pinned, bool):
-            raise ValueError
-    except (ValueError, TypeError, KeyError, RecursionError):
-        text = f"A note must have {', '.join(Note._fields[:-1])} and {Note._fields[-1]}."
-        raise Refused(HTTPStatus.BAD_REQUEST, text) from None
-    return note
 
 
 def _once(fields: Mapping[str, list[str]], name: str) -> str:

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import io
-import re
 import tempfile
 import zipfile
 from collections.abc import Iterator
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any
 
 import pandas
 
 from dse import store, trust
 from dse.dashboard.details import gather_details
 from dse.dashboard.live import Live, Page, stamp
-from dse.dashboard.serve import Download, Note, Refused, Server, Site
+from dse.dashboard.serve import Download, Refused, Server, Site
 from dse.dashboard.study import PageRequest, checked, page_of, progress_of, with_recordings
 from dse.dashboard.verdicts import folder_of
 from dse.deploy.bundle import BundleError, read
 from dse.deploy.export import export
 from dse.deploy.targets import TargetError
 from dse.store import StoreError
-from dse.study import notes, results
+from dse.study import results
 from dse.study.results import Study
 
 _NO_TRIAL = "The study has no finished trial of this number."
@@ -65,7 +63,6 @@ class StudySite(Site):
         self._points = self._shown = pandas.DataFrame()
         self._page = self._empty = page_of(study, None, request)
         self._stamps: dict[str, object] = {}
-        self._notes: list[dict[str, Any]] = []
         self._warnings: list[str] = []
 
     def read(self) -> Page:
@@ -81,12 +78,10 @@ class StudySite(Site):
             except BaseException:
                 self._stamps.clear()
                 raise
-        return {**self._page, **progress_of(self._study.folder), "design_notes": self._notes}
+        return {**self._page, **progress_of(self._study.folder)}
 
     def _warned(self) -> bool:
-        """Read notes and warnings; return whether there are other warnings than before."""
-        found = notes.plain(self._study.folder)
-        self._notes = self._notes if found == self._notes else found
+        """Read the warnings; return whether there are others than before."""
         before, self._warnings = self._warnings, self._study.warnings
         return before != self._warnings
 
@@ -100,14 +95,6 @@ class StudySite(Site):
     def waiting(self) -> Page:
         """Return the page before the first trial has ended."""
         return {**self._empty, **progress_of(self._study.folder)}
-
-    def write(self, note: Note) -> None:
-        """Write a note; a refusal names no path."""
-        try:
-            notes.write(self._study.folder, *note)
-        except StoreError as error:
-            text = re.sub(rf"^{re.escape(str(self._study.folder))}(/[^:/]*)?: ", "", str(error))
-            raise Refused(HTTPStatus.UNPROCESSABLE_ENTITY, text) from error
 
     def details(self, trial: int) -> Page:
         """Return the details of a trial that has finished."""

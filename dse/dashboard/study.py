@@ -25,7 +25,7 @@ from dse.skyline import front
 from dse.skyline.compare import STUDY, Comparison
 from dse.skyline.table import Goal
 from dse.store import StoreError
-from dse.study import health, held, notes, pricing, resampling, rivals
+from dse.study import health, held, pricing, resampling, rivals
 from dse.study.question import Question
 from dse.study.results import Study
 
@@ -150,7 +150,7 @@ def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest)
     )
     rows = [] if audit is None else [store.plain_cell(row.columns) for row in audit.rows]
     points_at = _written_at(study.folder / "points.parquet")
-    return page | {"audit": rows, "points_at": points_at, "design_notes": notes.plain(study.folder)}
+    return page | {"audit": rows, "points_at": points_at}
 
 
 def _written_at(path: Path) -> str | None:

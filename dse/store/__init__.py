@@ -1,7 +1,7 @@
 """The folder of a study, written so that a crash at any moment leaves either the old or the new, never half.
 
     results/<study>/
-        study.sqlite        the book (dse.store.book): designs, how they ended, notes, sessions, digests;
+        study.sqlite        the book (dse.store.book): designs, how they ended, sessions, digests;
                             study.sqlite.copy is a copy of it
         search_space.yaml   what is explored, fully resolved
         runs/<trial>-<repeat>.npz   one training run: its record and arrays (dse.store.runs)

@@ -2,7 +2,7 @@
 
     study   documents of the study by name: its sessions, warnings, audit, the rounds of racing
     trial   the designs, in the order in which they were proposed, and how each ended
-    queue   designs that a user wants trained next      note    notes and pins on designs
+    queue   designs that a user wants trained next
     file    SHA-256 of every other file of the folder
     claim   which coordinator trains a run
 
@@ -56,7 +56,6 @@ _TABLES: Mapping[str, tuple[tuple[str, ...], int]] = {
         1,
     ),
     "queue": (("place", "design"), 1),
-    "note": (("trial", "point", "text", "pinned", "at"), 2),
     "file": (("name", "sha256", "before"), 1),
     "claim": (("trial", "repeat", "coordinator"), 2),
 }

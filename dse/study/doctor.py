@@ -224,7 +224,7 @@ def _book(study: _Study) -> Iterator[Damage]:
         yield Damage(store.BOOK, study.fault, "what is newer than its copy", remedy, partial(_mend, study))
     copy = study.folder / store.COPY
     if os.path.lexists(copy) and (fault := mended.fault(study.folder, store.COPY)):
-        cost = "nothing" if not study.fault else "notes, the queue, and what racing decided"
+        cost = "nothing" if not study.fault else "the queue, and what racing decided"
         yield Damage(store.COPY, fault, cost, "it is written again", partial(_mend, study))
 
 

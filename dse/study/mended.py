@@ -1,7 +1,7 @@
 """Opening the book of a study to write it; a damaged one is restored from its copy.
 
-Where the copy is damaged too, the records of runs name their designs. What they do not say is lost: notes,
-the queue, and what racing has decided. The sampler proposes again what they do not name.
+Where the copy is damaged too, the records of runs name their designs. What they do not say is
+lost: the queue, and what racing has decided. The sampler proposes again what they do not name.
 
 The folder of a study as versions up to 0.9 wrote it is made one of today; figures stay bit for bit. Then a
 run was a folder `artefacts/<trial>/repeat_<k>/` of record.json and arrays, the designs were an Optuna
@@ -115,7 +115,7 @@ def _restored(folder: Path, batch: int) -> list[str]:
         book.put("trial", [entry.row() for entry in entries])
     return [
         f"{path}: {what}, and {COPY} {of_copy}: it is written anew with {len(entries)} trials, which the "
-        "records of runs name; notes, the queue and what racing decided are lost"
+        "records of runs name; the queue and what racing decided are lost"
     ]
 
 
@@ -142,7 +142,6 @@ _OLD = (
     _ENVIRONMENT,
     "warnings.json",
     "audit.json",
-    "notes.json",
     "views.json",
     "front_repeats.json",
 )
@@ -207,7 +206,6 @@ def convert(folder: Path) -> list[str]:
             {"place": place, "design": _read(path, "design")}
             for place, path in enumerate(sorted(folder.glob("queue/*.json")), start=1)
         ],
-        "note": _read(folder / "notes.json") or [],
     }
     with store.Book(folder, writes=True) as book, book.together():
         for table, rows in tables.items():
@@ -222,7 +220,7 @@ def convert(folder: Path) -> list[str]:
             _table(folder / name)
     for old in damaged:
         store.set_aside(folder, old)
-    for name in (*_OLD, *_OLD_FOLDERS, ".notes.lock"):
+    for name in (*_OLD, *_OLD_FOLDERS):
         store.remove(folder / name)
     return notes
 

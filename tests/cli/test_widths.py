@@ -23,13 +23,12 @@ check touch.yaml
 audit touch.yaml
 skyline study
 skyline study other
-skyline study --where n_weights<=20000 --confidence 0.5 --notes
+skyline study --where n_weights<=20000 --confidence 0.5
 report study
 pick study --budget energy_uj<=100
 pick study --budget energy_uj<=0.001
 compare study other
 doctor study
-note study
 prepare
 init touch.csv --force
 """.splitlines()
@@ -46,7 +45,6 @@ def place(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patched:
         patched.chdir(folder)
         assert main(["init", "touch.csv"]) == 0
-        assert main(["note", "study", "0.1", "survives rain, and says so in a sentence that is wrapped"]) == 0
     return folder
 
 

@@ -21,7 +21,6 @@ from tests.serving import answer_to, ask, connect, served
 from tests.waiting import PATIENCE_MS, PATIENCE_S
 
 HOSTILE = ("__proto__", "</script><script>window.hacked=1</script>", "<img src=x onerror=window.hacked=1>")
-NOTE = {"trial": 1, "point": None, "text": "x", "pinned": True}
 BUNDLE = "/bundle.zip?trial=7&point=0&hardware=chip"
 
 
@@ -32,7 +31,7 @@ class Folder(Site):
         self.path = path
         self.table = path / "points.parquet"
         self.n_read = 0
-        self.asked, self.notes = [], []
+        self.asked = []
         self.at_once = self.most_at_once = 0
 
     def put(self, frame):
@@ -45,8 +44,7 @@ class Folder(Site):
 
     def read(self):
         self.n_read += 1
-        notes = [note._asdict() for note in self.notes]
-        return self.gather(pd.read_parquet(self.table)) | {"design_notes": notes}
+        return self.gather(pd.read_parquet(self.table))
 
     def live(self):
         empty = lambda: self.gather(pd.DataFrame())  # noqa: E731
@@ -73,10 +71,6 @@ class Folder(Site):
         if (point, hardware) != (0, "chip"):
             raise Refused(HTTPStatus.NOT_FOUND, "There is no such point.")
         return Download(f'trial {trial}";\r\nX: y/é.zip', b"PK" + bytes(2000))
-
-    def write(self, note):
-        self.notes = [note]
-        self.put(pd.read_parquet(self.table))
 
 
 def running(folder, host="127.0.0.1", port=0, **more):
@@ -220,8 +214,7 @@ def test_every_request_needs_the_token(folder, host):
             assert said(server, path)[0].startswith(b"HTTP/1.0 403 ")
             for token in ("", "wrong", f"{server.token}x", server.token[:-1], "%ff%C3%A9"):
                 assert ask(server, f"{path}{'&' if '?' in path else '?'}token={token}")[0] == 403
-        assert ask(server, "/note?token=", "POST", json.dumps(NOTE))[0] == 403
-        assert folder.asked == folder.notes == []
+        assert folder.asked == []
         assert ask(server, "/data.json", Host="my-machine")[0] == 200
         with running(folder, host) as another:
             assert another.token != server.token
@@ -385,21 +378,7 @@ def test_a_design_can_be_downloaded_one_at_a_time_and_a_page_alone_has_none(fixe
     assert headers["Content-Disposition"] == 'attachment; filename="trial_7____X__y__.zip"'
     with served(Server(fixed.site.live(), port=0)) as server:
         assert [ask(server, path)[0] for path in ("/design.json?trial=1", BUNDLE)] == [404, 404]
-        assert ask(server, "/note", "POST", json.dumps(NOTE))[0] == 405
-
-
-def test_a_note_is_whole(server, folder):
-    def post(body, path="/note"):
-        return ask(server, path, "POST", body if isinstance(body, str) else json.dumps(body))[0]
-
-    assert post(NOTE, path="/data.json") == 405
-    assert post("x" * 20_000) == 413
-    wrong = [NOTE | {"trial": None}, NOTE | {"point": "1"}, NOTE | {"trial": -1}, NOTE | {"trial": True}]
-    wrong += [NOTE | {"text": 3}, NOTE | {"pinned": 1}, [], "x", "[" * 9000, {"trial": 1}]
-    assert {post(body) for body in wrong} == {400}
-    assert folder.notes == []
-    assert post(NOTE) == 204
-    assert folder.notes == [tuple(NOTE.values())]
+        assert ask(server, "/data.json", "POST", "{}")[0] == 405
 
 
 # ---- in a browser
@@ -553,16 +532,3 @@ def test_hostile_rows_that_come_later_never_run(tab, watched):
     # A column is a column whatever its name, also once it was changed.
     assert HOSTILE[0] in tab.eval_on_selector_all("#x option", "o => o.map((x) => x.value)")
     assert tab.locator("img").count() == 0
-
-
-def test_the_page_writes_a_note_and_shows_it_in_its_table(tab, folder):
-    folder.put(points(point=0))
-    with running(folder) as server:
-        tab.goto(server.url)
-        tab.click("#front tbody tr[data-key='1.0']")
-        tab.fill("#note-text", "<b>survives rain</b>")
-        tab.check("#notes-on input[type=checkbox]")
-        tab.click("#notes-on button[type=submit]")
-        tab.wait_for_selector("#notes-on li")
-        assert "★ Trial 1, point 0 <b>survives rain</b>" in tab.inner_text("#notes-on li").replace("\n", " ")
-        assert "★" in tab.inner_text("#front tbody tr[data-key='1.0']")

@@ -125,14 +125,13 @@ def make_read_only(monkeypatch):
 def test_a_read_only_study_is_read_and_not_run(whole, tmp_path, make_read_only, capsys, tried):
     study = Path(shutil.copytree(whole / "results" / "tiny", tmp_path / "results" / "tiny"))
     make_read_only(tmp_path / "results")
-    for command in (["skyline"], ["doctor"], ["pick"], ["note"]):
+    for command in (["skyline"], ["doctor"], ["pick"]):
         assert main([*command, str(study), "--json"]) == 0, capsys.readouterr().err
         tried["a read-only study"] += 1
     capsys.readouterr()
     for arguments in (
         ["run", str(whole / "tiny.yaml"), "--results", str(tmp_path / "results")],
         ["run", str(whole / "tiny.yaml"), "--results", str(tmp_path / "results" / "new")],
-        ["note", str(study), "0", "fine"],
         ["dashboard", str(study), "--html", str(study / "page.html")],
         ["pick", str(study), "--export", str(study / "bundle")],
     ):

@@ -21,7 +21,7 @@ from dse.audit.audit import Audit
 from dse.cli import main
 from dse.config import load_space
 from dse.records import Array, Dataset, Network, Response
-from dse.study import explore, held, notes, queue, tables
+from dse.study import explore, held, queue, tables
 from dse.study.ledger import read_entries
 from dse.study.results import Study
 from dse.study.workers import Workers
@@ -90,7 +90,6 @@ def patched(tmp_path_factory):
 def whole(patched):
     """A finished study with every kind of file that a study may have."""
     study = explore.run(space_of(patched), patched / "whole", progress=False)
-    notes.write(study.folder, 3, None, "likes wool", True)
     store.keep(study.folder, store.WARNINGS, ["labels are few"])
     store.keep(study.folder, audit.DOCUMENT, audit.plain(Audit((), ())))
     queue.enqueue(study.folder, [dict(read_entries(study.folder)[2].design)])
@@ -334,7 +333,6 @@ WHOLE = {
     "a book without its last trials": (without_rows("trial", "trial >= 10"), store.BOOK),
     "a book without a trial": (without_rows("trial", "trial = 4"), store.BOOK),
     "a changed byte of a trial": (changed_row(b'"model.true_rate"', b'"model.true_ratf"'), store.BOOK),
-    "a changed byte of a note": (changed_row(b"likes wool", b"likes silk"), store.BOOK),
     "tables swapped": (swapped("trials.parquet", "points.parquet"), "trials.parquet"),
     "a table of trials without a row": (retabled("trials.parquet", lambda x: x.iloc[:-1]), "trials.parquet"),
     "a table of trials with a row twice": (

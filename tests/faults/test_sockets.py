@@ -13,7 +13,7 @@ REQUESTS = [
     f"{method} {path} HTTP/1.1\r\n{HEADERS}\r\n".encode()
     for method in ("GET", "HEAD", "POST", "PUT", "")
     for path in (
-        *("/?token=TOKEN", "/data.json?token=TOKEN", "/design.json?trial=1&token=TOKEN", "/note?token=TOKEN"),
+        *("/?token=TOKEN", "/data.json?token=TOKEN", "/design.json?trial=1&token=TOKEN"),
         *("/bundle.zip?trial=1&point=2&token=TOKEN", "/data.json", "*", ""),
     )
 ]

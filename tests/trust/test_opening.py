@@ -53,7 +53,6 @@ READ = {
     "figure": ("{study} front --out front.json", 0),
     "compare": ("{study} {root}/again", 0),
     "report": ("{study}", 2),
-    "note": ("{study} 0 seen", 0),
     "doctor": ("{study}", 0),
     "enqueue": ("{space} {root}/designs.yaml --results results", 2),
     "check": ("{space}", 2),

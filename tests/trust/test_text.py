@@ -149,8 +149,6 @@ SHOWN = (
     "evaluate {0}/bundle --data {0}/touch.npz --each --json",
     "init {0}/touch.npz --label label --step-ms 10 --out {0}/first.yaml --force",
     "init {0}/touch.npz --label none --step-ms 10 --out {0}/first.yaml --force",
-    "note {0}/results/tiny 0 {1} --format table",
-    "note {0}/results/tiny --format table",
     "figure {0}/results/tiny {1} --out {0}/x.json",
     "check {0}/{1}.yaml",
     "skyline {0}/results/{1}",

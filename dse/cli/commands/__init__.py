@@ -10,7 +10,7 @@ from typing import Any
 GROUPS = {
     "begin": ("init", "prepare"),
     "search": ("audit", "check", "doctor", "enqueue", "run"),
-    "choose": ("compare", "dashboard", "figure", "note", "pick", "report", "skyline"),
+    "choose": ("compare", "dashboard", "figure", "pick", "report", "skyline"),
     "deploy": ("evaluate", "export", "import", "measure", "stream", "verify"),
     "look_up": ("cost", "describe", "simulate"),
 }

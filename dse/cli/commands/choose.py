@@ -114,39 +114,6 @@ def dashboard(
     return Answer([], text="stopped")
 
 
-def note(
-    results: str, design: str | None = None, text: str | None = None, *, pin: bool | None = None
-) -> Answer:
-    """Write a note on a design, pin it, or list the notes of a study.
-
-    Args:
-        design: a trial such as 3, or a point of one such as 3.12.
-        text: the note; '' removes it (without TEXT: the note stays).
-        pin: list the design first.
-    """
-    from dse.store import StoreError
-    from dse.study import notes
-
-    folder = Path(results)
-    if not (folder / "search_space.yaml").is_file():
-        raise StoreError(f"{folder}: is not the folder of a study: there is no search_space.yaml")
-    listed = notes.of(folder)
-    if design is None and pin is not None:
-        raise StoreError("--pin needs a DESIGN")
-    if design is not None:
-        trial, point = notes.parse_design(design)
-        before = next((x for x in listed if (x.trial, x.point) == (trial, point)), None)
-        if text is None and pin is None:
-            listed = [before] if before else []
-        else:
-            kept, pinned = (before.text, before.pinned) if before else ("", False)
-            listed = notes.write(
-                folder, trial, point, kept if text is None else text, pinned if pin is None else pin
-            )
-    rows = [{"design": x.design, "pinned": x.pinned, "note": x.text, "written": x.at} for x in listed]
-    return Answer(rows, [] if rows else ["no notes"], all_rows=True)
-
-
 def pick(
     results: str,
     *,
@@ -198,14 +165,11 @@ def pick(
     return Answer([dict(choice)], notes, list(choice.shown), sections=sections | spikes)
 
 
-def skyline(
-    results: Texts, *, question: Annotated[Question, Without(["targets"])], notes: bool = False
-) -> Answer:
+def skyline(results: Texts, *, question: Annotated[Question, Without(["targets"])]) -> Answer:
     """Print the skyline: the non-dominated design points of studies or of any tables.
 
     Args:
         results: folder of a study, or a CSV, Parquet or JSON table; several are concatenated.
-        notes: show the notes on designs (`dse note`): columns note and pinned.
     """
     from dse.api.front import ADDED, front_of
     from dse.cli.fronts import front_answer
@@ -213,11 +177,4 @@ def skyline(
 
     rows, remarks = front_of(results, question)
     beside = [*question.groups, *sorted(named_columns(question.where)), *ADDED]
-    if notes:
-        from dse.store import StoreError
-        from dse.study.notes import with_notes
-
-        if len(results) > 1 or not Path(results[0]).is_dir():
-            raise StoreError(f"{results[-1]}: --notes needs one study's folder")
-        rows, beside = with_notes(rows, Path(results[0])), [*beside, "pinned", "note"]
     return front_answer(rows, question.goals(results[0]), remarks, beside)
