@@ -137,19 +137,13 @@ def run_shown(commands):
 def test_the_example_goes_from_arrays_to_a_bundle(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
-    (code, training), (space,), (_, commands, importing) = blocks("python"), blocks("yaml"), blocks("sh")
+    (code,), (space,), (_, commands) = blocks("python"), blocks("yaml"), blocks("sh")
     exec(compile(code, "README.md", "exec"), touches())
     (tmp_path / "my_touch.yaml").write_text(space, encoding="utf-8")
     run_shown(commands)
     assert "bundle: bundle" in capsys.readouterr().err
     assert (tmp_path / "bundle" / "bundle.json").is_file()
     assert (tmp_path / "page.html").is_file()
-    pytest.importorskip("torch")
-    exec(compile(training, "README.md", "exec"), {})
-    run_shown(importing)
-    assert (tmp_path / "tuned" / "bundle.json").is_file()
-    before, after = (np.load(tmp_path / name / "weights.npz")["0/weight"] for name in ("bundle", "tuned"))
-    assert before.shape == after.shape and (before != after).any()
 
 
 def test_from_python_uses_what_exists():

@@ -52,7 +52,6 @@ _OTHERS = {
         "interval; ..._corrected of another accuracy among the objectives likewise",
     ),
     "battery_h": ("h", "how long the given battery lasts at power_mw"),
-    "origin": ("", "of an imported network: the trial and file that it is from"),
     "target": ("", "target whose memory and cycles stand beside it"),
     "ram_bytes": ("bytes", "memory of the exported classifier on a target"),
     "table_bytes": ("bytes", "constants of the exported classifier on a target"),

@@ -35,12 +35,12 @@ from dse.engine.checks import check_network
 from dse.native.extras import require_torch
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
-from dse.records import Arithmetic, Array, Head, Network, Parameters
+from dse.records import Array, Head, Network, Parameters
 from dse.store import StoreError
 from dse.text import markdown
 
 if TYPE_CHECKING:
-    from dse.deploy.module import ClassifierModule, Examples
+    from dse.deploy.module import NetworkModule
 
 __all__ = [
     "SCHEMA",
@@ -108,32 +108,20 @@ class Bundle(Classifier):
         """Return the share of recordings whose label is answered; arguments and errors as of `predict`."""
         return float(np.mean(self.predict(data, axes) == np.array([str(x) for x in labels])))
 
-    def as_module(self, arithmetic: Arithmetic | None = None) -> ClassifierModule:
-        """Return the network as a torch module with the same spikes, which can be trained on.
-
-        Args:
-            arithmetic: 'float32' for its float twin; None: that of the network, bit for bit where integer.
+    def as_module(self) -> NetworkModule:
+        """Return the network as a torch module with the same spikes, bit for bit in integer arithmetic.
 
         Raises:
-            BundleError: the classifier is no network, or its neurons do not run in such arithmetic.
+            BundleError: the classifier is no network.
             MissingExtra: torch is not installed.
         """
         require_torch("a bundle as a module")
-        from dse.deploy.module import of_bundle
+        from dse.deploy.module import NetworkModule
 
-        return of_bundle(self, arithmetic)
-
-    def as_dataset(self, data_file: str | Path) -> Examples:
-        """Return labelled recordings as the module receives them: a torch Dataset of (spikes, class).
-
-        Raises:
-            MissingExtra: torch is not installed.
-            RecordingError: the recordings do not fit.
-        """
-        require_torch("recordings as tensors")
-        from dse.deploy.module import Examples
-
-        return Examples(self, data_file)
+        if not isinstance(self.fitted, Network):
+            kind = self.sections.kinds["model"]
+            raise BundleError(f"only networks of neurons are torch modules, and family {kind} is none")
+        return NetworkModule(self.fitted)
 
 
 def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = None) -> None:

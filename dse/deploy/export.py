@@ -16,14 +16,14 @@ from dse.config import ConfigError, Sections
 from dse.config.contracts import Source
 from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.verify import publish
-from dse.models.snn.quantise import exponents, rounded
+from dse.models.snn.quantise import rounded
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import BITS
 from dse.recordings import RecordingError
 from dse.records import Array, Network, Parameters
-from dse.study import imported, precision
+from dse.study import precision
 from dse.study.record import RunRecord, load_records
-from dse.study.results import Study
+from dse.study.results import Study, sections_found
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,7 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
         assert isinstance(fitted, Network)  # nothing else was evaluated at another precision
         fitted = rounded(fitted, *setting.precision)
         weight_bits, pruned = setting.precision
-        shared = exponents(fitted, weight_bits)
-        evidence["precision"] = {"weight_bits": weight_bits, "pruned": pruned, "exponents": shared}
+        evidence["precision"] = {"weight_bits": weight_bits, "pruned": pruned}
     sections = dataclasses.replace(_sections_of(study, chosen), test=None)
     return Bundle(
         fitted=fitted,
@@ -141,11 +140,10 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
 
 def _recordings(study: Study, record: RunRecord) -> str | None:
     """Return the hash of the recordings that a run was trained on; None where they are no longer found."""
-    source = imported.source_of(study.folder, record)
-    if source is not None:
-        _, sections, base = source
-        with contextlib.suppress(RecordingError, OSError):
-            return sections.data.content(base)
+    for sections, base, key in sections_found(study.folder, record):
+        if key == record.data:
+            with contextlib.suppress(RecordingError, OSError):
+                return sections.data.content(base)
     return None
 
 

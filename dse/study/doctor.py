@@ -24,10 +24,11 @@ from dse import seeds, store
 from dse.config import ConfigError
 from dse.hardware.profile import load, names
 from dse.store import StoreError
-from dse.study import checkpoints, held, imported, mended, precision, pricing, racing, tables
+from dse.study import checkpoints, held, mended, precision, pricing, racing, tables
 from dse.study.held import plain_space
 from dse.study.ledger import Entry, read_entries
-from dse.study.record import IMPORTED, RunRecord, load_record
+from dse.study.record import RunRecord, load_record
+from dse.study.results import sections_found
 
 AGAIN = "`dse run` with the study's search space"
 ASIDE = "it is renamed, its name ending in .damaged, to be read by eye"
@@ -138,8 +139,8 @@ class _Study:
         return stops
 
     def knows(self, trial: int) -> bool:
-        """Return whether the book names a trial, or it was imported; True where the book is damaged."""
-        return bool(self.fault) or 0 <= trial < len(self.entries) or trial >= IMPORTED
+        """Return whether the book names a trial; True where the book is damaged."""
+        return bool(self.fault) or 0 <= trial < len(self.entries)
 
     def name(self, path: Path) -> str:
         return path.relative_to(self.folder).as_posix()
@@ -267,7 +268,7 @@ def _aside(study: _Study, path: Path) -> None:
 
 
 def _is_of(study: _Study, found: RunRecord) -> bool:
-    if found.trial >= IMPORTED or not study.space:
+    if not study.space:
         return True
     design = study.entries[found.trial].design
     is_design = seeds.design_key(design) == seeds.design_key(found.design)
@@ -284,7 +285,7 @@ def _missing(study: _Study) -> Iterator[Damage]:
     for trial, repeat in sorted(run for run in expected if run is not None):
         run = store.run_file(study.folder, trial, repeat)
         if repeat not in study.records.get(trial, {}) and run not in study.runs:
-            again = f"{AGAIN} trains it again" if trial < IMPORTED else "`dse import` brings it back"
+            again = f"{AGAIN} trains it again"
             yield Damage(study.name(run), "is missing: the run had finished", "one run", again)
     for name in sorted(x for x in known if x.startswith(f"{precision.FOLDER}/")):
         path = study.folder / name
@@ -371,7 +372,8 @@ def _recordings(study: _Study) -> Iterator[Damage]:
         return  # whose code would run
     records = [x for of in study.records.values() for x in of.values() if x.data and x.finished]
     for record in {x.data: x for x in records}.values():
-        if imported.have_changed(study.folder, record):
+        keys = [key for *_, key in sections_found(study.folder, record)]
+        if keys and record.data not in keys:
             cost = "the study cannot go on"
             remedy = "restore them, or use another --results folder"
             name = study.name(store.run_file(study.folder, record.trial, record.repeat))

@@ -18,7 +18,7 @@ from dse.dataset import cache
 from dse.hardware.profile import Profile, of_space
 from dse.recordings import PLACES, RecordingError
 from dse.recordings.files import locate
-from dse.study import health, imported, points, precision, pricing, warm
+from dse.study import health, points, precision, pricing, warm
 from dse.study import tables as both
 from dse.study import trials as tables
 from dse.study.claim import Coordinator, claim, join, process_before
@@ -250,8 +250,7 @@ class _Tables:
         """
         if not self._coordinator.leads:
             return
-        runs = self._runs.trials() | imported.records(self._folder)
-        both.write(self._space, self._folder, runs, self._profiles, self._ledger.entries)
+        both.write(self._space, self._folder, self._runs.trials(), self._profiles, self._ledger.entries)
         store.back_up(self._ledger.book)
 
 

@@ -119,7 +119,6 @@ class Run:
     phi_step: distance of phi up to what the outputs of training samples reach; None: phi is given.
     read_out_every_ms: as of `dse.measure.run.measure`.
     folds: groups that this run leaves out of training in turn.
-    taken_from: as in its record.
     """
 
     trial: int
@@ -136,7 +135,6 @@ class Run:
     phi_step: int | None = None
     read_out_every_ms: float | None = None
     folds: tuple[Fold, ...] = ()
-    taken_from: Mapping[str, object] = dataclasses.field(default_factory=dict)
 
     @property
     def study(self) -> Path:
@@ -493,7 +491,6 @@ def _publish(
         samples={"train": data.train.size, "validation": data.validation.size, "test": data.test.size},
         leak=leak,
         rungs=rungs,
-        taken_from=job.taken_from,
     )
     if isinstance(ended, Rung):
         record = dataclasses.replace(record, rungs={**rungs, ended.epochs: record.measured})
@@ -522,11 +519,6 @@ def _arrays(
     for name, head in measurement.heads.items():
         files |= arrays_of(job, head, f"_{name}")
     return files
-
-
-def publish(job: Run, outcome: Outcome, loaded: Loaded) -> None:
-    """Measure a network that was trained elsewhere as if the run had, and write its record and its arrays."""
-    _publish(job, "cpu", outcome, loaded, {}, {})
 
 
 def most_output_spikes(model: Family, fitted: Network | Parameters, data: Dataset) -> int:

@@ -219,7 +219,7 @@ def _of_trial(
     answered = answers(folder, runs)
     rows = columns_of(answered)
     n = len(rows["accuracy"])
-    about = tables.named(space, trial, runs[0].design, len(runs), runs[0].origin)
+    about = tables.named(space, trial, runs[0].design, len(runs))
     design = {name: _repeated(value, n) for name, value in about.items()} | {"point": np.arange(n)}
     chips: list[Profile | None] = [*profiles] or [None]
     for chip in chips:

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 STOPPED = "stopped"
 """The status of a run that racing stopped before its end."""
-IMPORTED = 90_000
-"""Number of the first trial that was trained on elsewhere (`dse.study.imported`); no search reaches it."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +95,7 @@ class RunRecord:
     leak: why evaluations on the data know the labels; '' if they do not.
     rungs: epochs -> what was measured after so many, at each rung where the training paused.
     files: names of its artefacts.
-    taken_from: study and trial that trained it, where it was taken over; with `weights`, the name of a file,
-        where it was trained on and imported.
+    taken_from: study and trial that trained it, where it was taken over.
     """
 
     trial: int
@@ -138,12 +135,6 @@ class RunRecord:
             ValueError: it failed.
         """
         return self.measured if self.stopped_at_epoch is None else self.rungs[self.stopped_at_epoch]
-
-    @property
-    def origin(self) -> str:
-        """What an imported network was before; '' of all others."""
-        taken = self.taken_from
-        return f"trial {taken['trial']}, {taken['weights']}" if "weights" in taken else ""
 
     @property
     def measured(self) -> Numbers:

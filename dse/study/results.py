@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from dse import registry, store
 from dse.study import held
-from dse.study.record import load_records, plain_records
+from dse.study.record import RunRecord, load_records, plain_records
 
 if TYPE_CHECKING:
     import pandas
 
     from dse.audit import Audit
+    from dse.config import Sections
     from dse.hardware.profile import Profile
     from dse.preprocessing.stages import Stages
     from dse.records import Array, Dataset
@@ -169,6 +171,24 @@ class Study:
 
         document = store.document(self.folder, record.DOCUMENT)
         return None if document is None else record.of_plain(document)
+
+
+def sections_found(folder: Path, record: RunRecord) -> Iterator[tuple[Sections, Path, str]]:
+    """Yield the sections of a run, what its recordings are relative to, and their key, wherever found.
+
+    The key is `record.data` where the recordings are what the run was trained on.
+    """
+    from dse import dataset
+    from dse.config import ConfigError, load_space
+    from dse.recordings import RecordingError
+
+    for base in (Path.cwd(), folder, folder.parent.parent):
+        with contextlib.suppress(ConfigError, RecordingError, ValueError, OSError):
+            space = load_space(folder / store.SPACE)
+            sections = space.resolve(record.design)
+            if space.split.k_fold is not None:
+                sections = sections.on_fold(record.repeat % space.split.k_fold.k)
+            yield sections, base, dataset.dataset_key(sections, base)
 
 
 def open(folder: str | Path) -> Study:

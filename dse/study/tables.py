@@ -15,7 +15,7 @@ from dse.study import held, points, pricing
 from dse.study import trials as of_trials
 from dse.study.held import plain_space
 from dse.study.ledger import Entry, read_entries
-from dse.study.record import IMPORTED, RunRecord, is_stopped, load_record
+from dse.study.record import RunRecord, is_stopped, load_record
 
 if TYPE_CHECKING:
     import pandas
@@ -65,7 +65,7 @@ def n_held(space: SearchSpace, folder: Path) -> str:
     n_designs = sum(not entry.excluded for entry in read_entries(folder))
     n_trials = max(n_designs, space.search.n_trials or space.n_designs or 0)
     try:
-        n = sum(trial < IMPORTED for trial in held.counted(held.read(folder / held.TRIALS)))
+        n = len(held.counted(held.read(folder / held.TRIALS)))
     except (store.StoreError, KeyError):  # there is none yet, or it is damaged
         n = 0
     return f"the tables hold {n} of {n_trials} trials"
@@ -86,6 +86,6 @@ def write_again(folder: Path) -> None:
     runs = {
         trial: [record for x in repeats if (record := load_record(store.run_file(folder, trial, x)))]
         for trial, repeats in store.runs_in(folder).items()
-        if trial < len(entries) or trial >= IMPORTED
+        if trial < len(entries)
     }
     write(space, folder, runs, of_space(space), entries)

@@ -47,7 +47,7 @@ def trials_table(
 
     rows = []
     for trial, records in sorted(trials.items()):
-        row = named(space, trial, records[0].design, len(records), records[0].origin)
+        row = named(space, trial, records[0].design, len(records))
         failed = [record for record in records if record.failed]
         stopped = [record for record in records if record.stopped_at_epoch is not None]
         row["status"] = "failed" if failed else STOPPED if stopped else "finished"
@@ -75,16 +75,14 @@ def trials_table(
     return frame.astype(dict.fromkeys(claims, "boolean"))
 
 
-def named(
-    space: SearchSpace, trial: int, design: Mapping[str, Any], repeats: int, origin: str = ""
-) -> dict[str, Any]:
+def named(space: SearchSpace, trial: int, design: Mapping[str, Any], repeats: int) -> dict[str, Any]:
     """Return the columns that identify a row; an axis that the design does not have is missing."""
     cells = {
         name: axis.cell(design[name]) if name in design else _missing(axis)
         for name, axis in space.axes.items()
     }
     about = {"trial": trial, "task": space.task_name(design), "family": space.kind("model", design)}
-    return {**about, **cells, "repeats": repeats, **({"origin": origin} if origin else {})}
+    return {**about, **cells, "repeats": repeats}
 
 
 def _missing(axis: Axis) -> float | None:

@@ -63,7 +63,6 @@ READ = {
     "measure": ("{bundle} --data {data}", 2),
     "verify": ("{bundle} --data {data}", 2),
     "export": ("{bundle} --target c99", 2),
-    "import": ("{bundle} {root}/state.pt --out imported --data {data}", 2),
     "init": ("{data} --label label --step-ms 10 --out first.yaml", 0),
     "prepare": ("braille {root} --out prepared", 2),
     "describe": ("hardware {root}/mine.py", 2),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from dse.cli.answer import Answer
@@ -67,65 +66,6 @@ def export(bundle: str, *, target: Texts, verify: str | None = None, prefix: str
     from dse.deploy.verify import export_targets
 
     return verdicts.answer(export_targets(bundle, target, verify, prefix))
-
-
-def import_(
-    bundle: str,
-    weights: str | None = None,
-    *,
-    data: str | None = None,
-    out: str | None = None,
-    into: str | None = None,
-    hardware: str | None = None,
-) -> Answer:
-    """Put weights that were trained on in torch (bundle.as_module()) back: a new bundle, measured and priced.
-
-    Args:
-        bundle: the bundle whose module was trained on.
-        weights (FILE): written by torch.save(module.state_dict(), FILE) (default: those that BUNDLE was made
-            with).
-        data (RECORDINGS): labelled recordings, as of `dse evaluate`; the new bundle's record is measured on
-            them.
-        out (DIR): folder of the new bundle.
-        into (RESULTS): add a trial to the study that the bundle is from, measured on its recordings; its
-            column origin says what it was.
-        hardware (NAME): compute costs on this profile (default: that of the bundle's record).
-    """
-    from dse.deploy.bundle import BundleError, read
-    from dse.deploy.tuned import import_into, import_weights, with_weights
-    from dse.native.extras import require_torch
-
-    if bool(data) != bool(out):
-        raise BundleError("--data, the recordings to measure on, and --out, the new bundle, need each other")
-    if not (out or into):
-        raise BundleError("import needs --data RECORDINGS and --out DIR, or --into RESULTS")
-    if out and not weights:
-        raise BundleError("--out needs FILE, the weights of the new bundle")
-    old = None
-    if out and weights and data:
-        old = import_weights(bundle, weights, data, out, hardware)
-    notes = [f"bundle: {out}"] if out else []
-    if not into:
-        assert old is not None  # as stated above
-        shown = (
-            *("trial", "phi", "theta", "read_out_ms", "accuracy"),
-            *("decision_latency_ms", "n_weights", "energy_uj"),
-        )
-        columns = [name for name in shown if old.record.get(name) is not None]
-        return Answer([dict(old.record)], notes, columns)
-    old = old or read(bundle)
-    if weights and not out:
-        require_torch("importing a torch module")
-        old = with_weights(old, Path(weights))
-    from dse.store import plain_cell
-    from dse.study.results import open as open_study
-
-    trial = import_into(old, into)
-    trials = open_study(into).trials
-    [row] = trials[trials["trial"] == trial].to_dict("records")
-    plain = {str(name): plain_cell(x) for name, x in row.items()}
-    columns = [name for name in ("trial", "origin", "accuracy", "accuracy_se", "energy_uj") if name in plain]
-    return Answer([plain], [*notes, f"trial {trial} of {into}"], columns)
 
 
 def measure(bundle: str, *, data: str | None = None, rest: Annotated[float, Rule(low=0)] = _REST_S) -> Answer:

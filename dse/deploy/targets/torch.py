@@ -1,7 +1,7 @@
-"""PyTorch: the network as a module in a file, for training and for whatever else runs torch.
+"""PyTorch: the network as a module in a file, for whatever runs torch.
 
-module.pt    weights, neurons, delays, surrogates and grids of the weights: tensors and plain values, so that
-             `torch.load(..., weights_only=True)` reads it and `dse.deploy.module.load` returns the module
+module.pt    weights, neurons and delays: tensors and plain values, which `torch.load(..., weights_only=True)`
+             reads; `dse.deploy.module.load` returns the module
 
 The module calculates as the engine does (dse.deploy.module).
 """
@@ -31,14 +31,14 @@ _MOST_RECORDINGS = 128
 @register("targets", "torch")
 @dataclass(frozen=True)
 class Torch(BackEnd[Network]):
-    """The network as a torch module, which can be trained on."""
+    """The network as a torch module, with the same spikes."""
 
     label: ClassVar[str] = "PyTorch module"
     extra: ClassVar[str] = "torch"
     use: ClassVar[str] = "`dse.deploy.module.load(Path('targets/torch/module.pt'))` returns the module"
 
     def form(self, bundle: Bundle) -> Network:
-        """Return the network itself: a module trains the weights that no rounding has changed."""
+        """Return the network itself: the module rounds its weights."""
         return network_in(bundle, "torch modules hold")
 
     def emit(self, form: Network, bundle: Bundle, folder: Path) -> None:
@@ -46,7 +46,7 @@ class Torch(BackEnd[Network]):
         require("torch", "torch")
         from dse.deploy.module import save
 
-        save(bundle.as_module(), folder / _FILE)
+        save(form, folder / _FILE)
 
     def engines(self, form: Network, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
         """Run the module in the file."""
@@ -56,7 +56,7 @@ class Torch(BackEnd[Network]):
         from dse.deploy.module import listed, load
 
         module = load(folder / _FILE).eval()
-        rows = reference.arriving(module.network())  # of the file
+        rows = reference.arriving(module.network)  # of the file
         size = max(1, min(_MOST_RECORDINGS, _MOST_NUMBERS // (rows.n_steps * rows.n_inputs)))
         fired: list[list[Ints]] = [[np.zeros((0, 3), np.int64)] for _ in reference.fired]
         with torch.no_grad():

@@ -167,11 +167,6 @@ def _round_in_turn(steps: Array, inverted: Array, order: Array) -> None:
                     inverted[i, k] -= factor * row[k]
 
 
-def exponents(network: Network, weight_bits: int) -> tuple[int, ...]:
-    """Return the least e of every layer of a rounded network with which so many bits hold its weights."""
-    return tuple(exponent(_matrices(layer), weight_bits) for layer in network.layers)
-
-
 def exponent(matrices: Sequence[Array], weight_bits: int) -> int:
     """Return the e of a layer that leaves the least squared error, clipping included; the least on ties.
 
