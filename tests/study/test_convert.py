@@ -8,8 +8,8 @@ import pytest
 
 from dse import store
 from dse.study.doctor import examine
+from dse.study.earlier import convert
 from dse.study.held import plain_space
-from dse.study.mended import convert
 
 ZEROS = "0" * 64
 SPACE = """study: tiny
@@ -68,7 +68,6 @@ def test_a_damaged_run_of_an_earlier_folder_is_named_and_kept(earlier, name):
     content = bytearray(path.read_bytes())
     content[-3] ^= 1
     path.write_bytes(content)
-    assert [damage.file for damage in examine(earlier)] == ["artefacts/00001/repeat_0", store.BOOK]
     convert(earlier)
     assert (earlier / "artefacts.damaged/00001/repeat_0" / name).read_bytes() == content
     assert store.runs_in(earlier) == {0: [0]}
