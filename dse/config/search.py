@@ -76,9 +76,12 @@ class Stop:
 class Search:
     """How designs are proposed and how often each is trained; a sampler adds its own keys."""
 
-    gone: ClassVar[Mapping[str, str]] = dict.fromkeys(
-        ("front_undecided", "front_trainings"), "repeats_on_front repeats all designs on the front"
-    )
+    gone: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(
+            ("front_undecided", "front_trainings"), "repeats_on_front repeats all designs on the front"
+        ),
+        "from": "every study trains its own designs",
+    }
 
     sampler: SamplerSettings = param(  # noqa: RUF009
         "grid",
@@ -108,10 +111,6 @@ class Search:
         None,
         doc="keys cpu_hours, minutes: the search ends when all trainings, or the command, took so long",
     )
-    from_: tuple[str, ...] = param(
-        (),
-        doc="folders of earlier studies, whose trials inform the search; equal designs are not trained again",
-    )
 
     @property
     def sampler_name(self) -> str:
@@ -124,15 +123,7 @@ class Search:
 
     @classmethod
     def faults(cls, part: Part, space: Written) -> Iterator[Told]:
-        """Yield earlier studies that are not there, and what folds, epochs and models lack for the search."""
-        (earlier,) = part.range("from") or ((),)
-        for index, name in enumerate(earlier):
-            where = ("search", "from", index)
-            if space.is_run and not (space.base / name / "search_space.yaml").is_file():
-                text = "must be the folder of a study, relative to the search space"
-                yield where, f"search.from: '{name}' {text}"
-            if name in earlier[:index]:
-                yield where, f"search.from: '{name}' is named twice"
+        """Yield what folds, epochs and models lack for the search."""
         if not part.good:
             return
         search, n_folds = part.fixed, folds(space.parts)

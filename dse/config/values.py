@@ -377,8 +377,8 @@ def plain(value: Raw) -> Any:
 
 @functools.cache
 def _fields(cls: type) -> dict[str, dataclasses.Field[Any]]:
-    """Return key -> field; `from_` is the field of key `from`, which is a word of Python."""
-    return {field.name.removesuffix("_"): field for field in dataclasses.fields(cls) if field.init}
+    """Return key -> field."""
+    return {field.name: field for field in dataclasses.fields(cls) if field.init}
 
 
 @functools.cache

@@ -134,7 +134,6 @@ class OptunaSampler:
         self._proposed: dict[str, Design] = {}
         self._history: dict[str, tuple[Design, Values]] = {}
         self._check: Check | None = None
-        self._earlier: list[tuple[Design, Values]] = []
         self._violations: dict[str, Mapping[str, float]] = {}
         self.refused: list[tuple[Design, Exclusion]] = []
 
@@ -145,14 +144,6 @@ class OptunaSampler:
     def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
         """Add by how much a design misses each limit: the sampler's constraints."""
         self._violations[seeds.design_key(design)] = violations
-
-    def inform(self, designs: Sequence[Mapping[str, Raw]], values: Sequence[Values]) -> None:
-        """Let the sampler see designs of earlier studies; they may be proposed all the same."""
-        self._earlier += [
-            (dict(design), value)
-            for design, value in zip(designs, values, strict=True)
-            if value is not None and all(map(math.isfinite, value))
-        ]
 
     def _refuses(self, design: Design) -> Exclusion | None:
         """Return why a design is not to be trained; it is noted once."""
@@ -201,9 +192,6 @@ class OptunaSampler:
         finally:
             optuna.logging.set_verbosity(verbosity)
         if self._replay is None:
-            constrained = {limit: 0.0 for of_design in self._violations.values() for limit in of_design}
-            for design, value in self._earlier:
-                self._add(study, design, value, constrained)
             for key, (design, value) in self._history.items():
                 self._add(study, design, value, self._violations.get(key, {}))
             return study

@@ -18,7 +18,7 @@ from dse.dataset import cache
 from dse.hardware.profile import Profile, of_space
 from dse.recordings import PLACES, RecordingError
 from dse.recordings.files import locate
-from dse.study import health, points, precision, pricing, warm
+from dse.study import health, points, precision, pricing
 from dse.study import tables as both
 from dse.study import trials as tables
 from dse.study.claim import Coordinator, claim, join, process_before
@@ -31,7 +31,7 @@ from dse.study.progress import shown
 from dse.study.racing import Audit, Race
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
-from dse.study.searches import Batches, FrontRepeats, Search, WarmStart, n_trials
+from dse.study.searches import Batches, FrontRepeats, Search, n_trials
 from dse.study.workers import OutOfTime, Workers
 
 if TYPE_CHECKING:
@@ -78,7 +78,6 @@ def run(
         raise ConfigError([Fault(str(space.source), 0, text)])
     profiles = of_space(space)
     folder = Path(results) / space.study
-    earlier = warm.earlier_trials(space)
     n_workers = jobs or space.execution.jobs
     with shown(progress, n_workers) as report, contextlib.ExitStack() as at_the_end:
         coordinator = Coordinator(folder, at_the_end)
@@ -112,10 +111,9 @@ def run(
         stopped = ""
         try:
             with workers:
-                batches = Batches(space, ledger, runs, before, earlier, report)
-                search: Search = WarmStart(batches, warm.Takeover(space, folder, earlier), report)
-                race = Race(search, space, folder, profiles, runs, book) if space.search.racing else None
-                train(race or search)
+                batches = Batches(space, ledger, runs, before, report)
+                race = Race(batches, space, folder, profiles, runs, book) if space.search.racing else None
+                train(race or batches)
                 if not coordinator.leads:
                     report.note("the process that writes the tables ends the study")
                     return Study(folder)

@@ -3,9 +3,7 @@
 Size, memory and cores of a spiking network follow from its design and the shape of its data, and so does what
 it takes on a target; costs have lower bounds: those of the earliest answer that a design point can give,
 without a spike. Limits concern networks as they are trained; other precisions (section `precision`) are not
-considered. A design is excluded if no design point of it can meet all limits on any one chip and target, or
-if a measured design of its task and family is at least as good in every objective as it can be, and better in
-one.
+considered. A design is excluded if no design point of it can meet all limits on any one chip and target.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ from dse.measure.objectives.work import memory_bytes
 from dse.measure.on_chips import columns_on
 from dse.measure.run import read_out_steps
 from dse.records import Operations
-from dse.search.limits import ANY, MISSING, Exclusion, Known, Row, exclusion, violation
+from dse.search.limits import MISSING, Exclusion, Known, Row, exclusion, violation
 from dse.study.record import RunRecord
 from dse.study.trials import summary
 
@@ -40,9 +38,6 @@ class _Target(Protocol):
 
 
 _SIZING = ("data", "task", "window", "preprocessing", "encoder", "model")
-
-Group = tuple[str, str]
-"""Task and family: designs of different ones are on different fronts."""
 
 
 class KnownBefore:
@@ -85,39 +80,8 @@ class KnownBefore:
         missed = [{limit: violation(limit, row) for limit in self._limits} for row in rows]
         return min(missed, key=lambda each: sum(each.values()))
 
-    def dominated(
-        self, design: Mapping[str, Raw], measured: Mapping[Group, Sequence[tuple[int, Sequence[float]]]]
-    ) -> Exclusion | None:
-        """Return which measured design beats the best that a design can reach, None if none does.
-
-        Args:
-            design: its accuracy may become 1; what is not known may become anything.
-            measured: task and family -> trial and objectives of every measured design.
-        """
-        objectives = self._space.objectives
-        of_chips = registry.columns("hardware").keys() & {name for name, _ in objectives}
-        if len(self._profiles) > 1 and of_chips:
-            return None  # costs on several chips have several fronts
-        others = measured.get(self.group(design), ())
-        if not any(values[0] >= 1.0 for _, values in others) and objectives[0][0] == "accuracy":
-            return None
-        row = next(iter(self._rows(design, needs_data=True).values()))
-        best = [_best(name, direction, row.get(name, ANY)) for name, direction in objectives]
-        for trial, values in others:
-            pairs = [
-                (x if direction == "min" else -x, bound)
-                for x, (_, direction), bound in zip(values, objectives, best, strict=True)
-            ]
-            if all(x <= bound for x, bound in pairs) and any(x < bound for x, bound in pairs):
-                return Exclusion(f"cannot beat trial {trial} in any objective", (), {})
-        return None
-
-    def group(self, design: Mapping[str, Raw]) -> Group:
-        """Return task and family of a design."""
-        return self._space.task_name(design), self._space.kind("model", design)
-
     def _cells(self, design: Mapping[str, Raw]) -> dict[str, Known]:
-        task, family = self.group(design)
+        task, family = self._space.task_name(design), self._space.kind("model", design)
         has_encoder = "encoder" in self._space.parts
         encoder = self._space.kind("encoder", design) if has_encoder else "none"
         cells: dict[str, Known] = {"task": task, "family": family, "encoder": encoder}
@@ -223,12 +187,3 @@ def _number(value: object) -> Known:
         return value
     number = math.nan if value is None else float(value)  # type: ignore[arg-type]
     return number, number
-
-
-def _best(name: str, direction: str, known: Known) -> float:
-    """Return the best value that an objective can reach, as a cost."""
-    if isinstance(known, str) or math.isnan(known[0]):
-        return -math.inf
-    if direction == "min":
-        return known[0]
-    return -min(known[1], 1.0) if name.startswith("accuracy") else -known[1]

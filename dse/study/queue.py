@@ -2,17 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from dse.config import Fault, SearchSpace
+from dse.config.axes import Axis
 from dse.config.faults import known_names
 from dse.config.space import Design
-from dse.config.values import echo
-from dse.config.yaml_lines import Document, in_file_order, read_document
+from dse.config.values import as_tuple, echo
+from dse.config.yaml_lines import Document, Raw, in_file_order, read_document
 from dse.seeds import design_key
 from dse.store import Book, back_up, explained
-from dse.study.warm import axis_value, on_axes
+
+
+def on_axes(space: SearchSpace, design: Mapping[str, object]) -> dict[str, Raw] | None:
+    """Return a design with the values of a space's axes; None if it is none of the space."""
+    known: dict[str, Raw] = {}
+    for name, written in design.items():
+        axis = space.axes.get(name)
+        value = None if axis is None else axis_value(axis, written)
+        if value is None:
+            return None
+        known[name] = value[0]
+    return known if set(known) == set(space.active(known)) else None
+
+
+def axis_value(axis: Axis, written: object) -> tuple[Raw] | None:
+    """Return the value of an axis that equals a written one, a whole number also on an axis of reals.
+
+    Returns:
+        The value, alone in a tuple; None if it is not on the axis.
+    """
+    value = as_tuple(written)
+    if axis.values is not None:
+        if axis.is_list and isinstance(value, tuple) and len(value) == 1 and value not in axis.values:
+            value = value[0]  # a list of one may stand as its element
+        same = [x for x in axis.values if x == value and isinstance(x, bool) == isinstance(value, bool)]
+        return (same[0],) if same else None
+    if not axis.is_int and type(value) is int:
+        value = float(value)
+    return (value,) if axis.contains(value) else None
 
 
 def read_designs(space: SearchSpace, path: Path) -> list[Design]:

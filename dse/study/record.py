@@ -72,7 +72,7 @@ class Numbers:
 _SCALARS = (bool, int, float, str, types.NoneType)
 _KINDS_OF_NUMBERS = {"columns": Mapping, "hardware": Mapping, "unseen": Mapping}
 _KINDS = {
-    **dict.fromkeys(("design", "sections", "samples", "taken_from"), Mapping),
+    **dict.fromkeys(("design", "sections", "samples"), Mapping),
     **dict.fromkeys(("reason", "details", "data", "leak"), str),
     **dict.fromkeys(("needs_bytes", "stopped_at_epoch"), int | None),
     "seed": int,
@@ -95,7 +95,6 @@ class RunRecord:
     leak: why evaluations on the data know the labels; '' if they do not.
     rungs: epochs -> what was measured after so many, at each rung where the training paused.
     files: names of its artefacts.
-    taken_from: study and trial that trained it, where it was taken over.
     """
 
     trial: int
@@ -115,7 +114,6 @@ class RunRecord:
     leak: str = ""
     rungs: Mapping[int, Numbers] = field(default_factory=dict)
     files: tuple[str, ...] = ()
-    taken_from: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
@@ -176,7 +174,6 @@ class RunRecord:
             "reason": "",
             **self.numbers.to_plain(),
             **({"rungs": plain_rungs(self.rungs)} if self.rungs else {}),
-            **({"taken_from": dict(self.taken_from)} if self.taken_from else {}),
         }
 
     @classmethod
@@ -207,7 +204,6 @@ class RunRecord:
                 leak=plain.get("transductive", ""),
                 rungs={int(n): Numbers.from_plain(x) for n, x in plain.get("rungs", {}).items()},
                 files=tuple(plain.get("files", ())),
-                taken_from=plain.get("taken_from", {}),
             )
             _check(record, _KINDS)
             if not all(isinstance(name, str) for name in record.classes):

@@ -138,10 +138,9 @@ class Runs:
         return record is not None and (record.stopped_at_epoch is None or trial not in self._going_on)
 
     def train_s(self) -> float:
-        """Return the seconds that all finished runs took to train, those taken over left out."""
+        """Return the seconds that all finished runs took to train."""
         records = (record for of_trial in self._records.values() for record in of_trial.values())
-        trained = (record for record in records if not record.taken_from)
-        return sum(float(x.numbers.columns.get("train_s", 0.0)) for x in trained if x.numbers is not None)
+        return sum(float(x.numbers.columns.get("train_s", 0.0)) for x in records if x.numbers is not None)
 
     def is_untrained(self, trial: int) -> bool:
         """Return whether the machine kept a run of a trial from being trained."""

@@ -21,14 +21,13 @@ from dse.search.proposals import Limited, Sampler, limited
 from dse.search.space import design_at
 from dse.seeds import design_key
 from dse.study import trials as tables
-from dse.study import warm
-from dse.study.known import Group, KnownBefore
+from dse.study.known import KnownBefore
 from dse.study.ledger import Entry, Ledger
 from dse.study.precision import fronts
 from dse.study.progress import Progress
+from dse.study.queue import on_axes
 from dse.study.record import RunRecord
 from dse.study.runs import Runs
-from dse.study.warm import Takeover
 
 if TYPE_CHECKING:
     import pandas
@@ -56,25 +55,6 @@ class Search(Protocol):
 
     def tell(self, asked: Asked) -> None:
         """Take notice that trainings have ended."""
-
-
-class WarmStart:
-    """A search, of which runs that earlier studies have trained are copied before they are asked for."""
-
-    def __init__(self, search: Search, takeover: Takeover, report: Progress) -> None:
-        self._search, self._takeover, self._report = search, takeover, report
-
-    def ask(self) -> Asked | None:
-        """Return the trainings of the search, some of which are done by now."""
-        asked = self._search.ask()
-        entries = () if asked is None else asked.entries
-        if n := sum(self._takeover.over(entry) for entry in entries if not entry.is_reported):
-            self._report.note(f"{n} run{'s' * (n > 1)} of earlier studies taken over")
-        return asked
-
-    def tell(self, asked: Asked) -> None:
-        """Pass it on."""
-        self._search.tell(asked)
 
 
 class FrontRepeats:
@@ -125,7 +105,6 @@ class Batches:
         ledger: its designs.
         runs: its runs.
         before: what is known of a design before it is trained; None without limits.
-        earlier: trials of earlier studies, of which the sampler learns.
         report: is told what happens.
 
     Attributes:
@@ -138,12 +117,10 @@ class Batches:
         ledger: Ledger,
         runs: Runs,
         before: KnownBefore | None,
-        earlier: Sequence[warm.Earlier],
         report: Progress,
     ) -> None:
         self._space, self._ledger, self._runs = space, ledger, runs
         self._before, self._report = before, report
-        self._measured: dict[Group, list[tuple[int, Sequence[float]]]] = {}
         self._excluded = {design_key(e.design) for e in ledger.entries if e.excluded}
         self._n_begun = runs.count()
         self._number = 0
@@ -155,8 +132,6 @@ class Batches:
             self._sampler = self._limited = limited(self._sampler, self._check)
             if before.needs_data and space.n_designs is not None and space.n_designs <= _MOST_PREPARED:
                 runs.shapes(design_at(space, index) for index in range(space.n_designs))
-        if hasattr(self._sampler, "inform"):
-            self._sampler.inform([x.design for x in earlier], [values_of(space, x.records) for x in earlier])
 
     def of(self, number: int) -> list[Entry]:
         """Return the designs of a batch that are trained."""
@@ -224,7 +199,8 @@ class Batches:
                     self._limited.tell([entry.design], [None])
             for entry in self.of(number):
                 if entry.values is not None:
-                    self._judge(entry, entry.values)
+                    records = self._runs.of(entry.trial)[: self._space.search.repeats]
+                    self._limited.judge(entry.design, self._missed(entry, records))
         ended = self.of(number)
         self._sampler.tell([entry.design for entry in ended], [entry.values for entry in ended])
 
@@ -232,18 +208,9 @@ class Batches:
         """Return limit -> by how much a trained design misses it."""
         return {} if self._before is None else self._before.violations(entry.design, records)
 
-    def _judge(self, entry: Entry, values: Sequence[float]) -> None:
-        """Let the sampler know by how much a trained design misses the limits."""
-        assert self._before is not None and self._limited is not None  # there are limits
-        records = self._runs.of(entry.trial)[: self._space.search.repeats]
-        self._limited.judge(entry.design, self._missed(entry, records))
-        if all(one.stopped_at_epoch is None for one in records):  # else it was measured at a rung alone
-            group = self._before.group(entry.design)
-            self._measured.setdefault(group, []).append((entry.trial, values))
-
     def _check(self, design: Mapping[str, object]) -> Exclusion | None:
         assert self._before is not None  # there are limits
-        return self._before.exclusion(design) or self._before.dominated(design, self._measured)
+        return self._before.exclusion(design)
 
     def _exclude(self, number: int) -> None:
         """Exclude what an earlier session proposed in a batch and has not trained, by limits of today."""
@@ -259,7 +226,7 @@ class Batches:
             waiting = [] if self._ledger.batch(number) else self._ledger.book.rows("queue")
             known = {design_key(e.design): e.trial for e in self._ledger.entries if not e.excluded}
             for row in waiting:
-                design = warm.on_axes(self._space, row["design"])
+                design = on_axes(self._space, row["design"])
                 key = "" if design is None else design_key(design)
                 if design is None:
                     self._report.note("an enqueued design is none of this search space; it is left out")

@@ -150,23 +150,6 @@ def test_a_sampler_that_knows_no_limits_is_asked_until_it_meets_them(small_space
     assert len(sampler.refused) == 4
 
 
-def test_trials_of_earlier_studies_inform_and_do_not_block(tmp_path):
-    """Told that high rates are best, and nothing else, TPE begins high, and may propose what was seen."""
-
-    def first(earlier):
-        sampler = registry.known("search.samplers")["tpe"](startup=4).start(one_axis(tmp_path), ("max",))
-        sampler.inform([{"model.true_rate": rate} for rate in earlier], [(rate,) for rate in earlier])
-        return [design["model.true_rate"] for design in sampler.ask(8)]
-
-    rates = [0.1 + 0.05 * place for place in range(17)]
-    assert sum(first(rates)) > sum(first([])) + 1
-
-    small = space_of(tmp_path)
-    sampler = registry.known("search.samplers")["tpe"]().start(small, DIRECTIONS)
-    sampler.inform(grid(small), measured(grid(small)))
-    assert len(sampler.ask(99)) == len(grid(small))
-
-
 def test_the_grid_goes_row_by_row(small_space):
     sampler = start("grid", small_space)
     assert sampler.ask(2) + sampler.ask(99) == grid(small_space)

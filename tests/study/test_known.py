@@ -179,25 +179,6 @@ def test_a_stopped_search_under_limits_goes_on_as_if_it_had_not_stopped(home):
     assert searched("parts", 4) == whole
 
 
-def test_what_a_measured_design_dominates_is_not_trained(home):
-    model = {"hidden": {"choice": [3, 5, 7]}, "input_delays": [0]}
-    here = space(home, model=model, objectives=["accuracy", "n_weights"], limits=[])
-    shape = Shape(np.zeros((4, 3), np.int32), 3, 16, 5.0)
-    known = KnownBefore(here, load_all(here.hardware, home), lambda _: shape)
-    design = design_at(here, 1)  # 35 weights
-
-    def why(*values):
-        measured = {("fabric", "snn"): [(4, values)], ("speed", "snn"): [(5, (1.0, 0.0))]}
-        exclusion = known.dominated(design, measured)
-        return "" if exclusion is None else exclusion.reason
-
-    assert why(1.0, 34) == "cannot beat trial 4 in any objective"
-    assert not why(1.0, 35)  # it may be as good
-    assert not why(0.99, 21)  # it may be more accurate
-    unknown = KnownBefore(here, load_all(here.hardware, home), lambda _: None)
-    assert unknown.dominated(design, {("fabric", "snn"): [(4, (1.0, 1.0))]}) is None
-
-
 def test_a_fault_names_file_line_and_what_is_known(tmp_path):
     with pytest.raises(dse.ConfigError) as caught:
         limits = ["accuracy >= 0.9", "n_wieghts < 3", "fits", "n_weights"]
