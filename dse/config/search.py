@@ -27,6 +27,8 @@ _BATCH = 8
 class Racing:
     """Which designs stop before their last epoch: those that others are ahead of."""
 
+    ignored: ClassVar[frozenset[str]] = frozenset({"audit"})
+
     rungs: tuple[int, ...] = param(
         doc="epochs after which each design is measured, and stops or goes on; rising", low=1
     )
@@ -36,11 +38,6 @@ class Racing:
         "least; less loses less of the front",
         low=1,
         low_open=True,
-    )
-    audit: int = param(
-        4,
-        doc="stopped designs, drawn at random, that are trained to the end at last: what racing has lost",
-        low=0,
     )
 
     def __post_init__(self) -> None:
@@ -105,7 +102,7 @@ class Search:
         1, doc="trainings of each design on the front of its task and family", low=1
     )
     racing: Racing | None = param(  # noqa: RUF009
-        None, doc="stop designs early: keys rungs, eta, audit (default: all designs train to the end)"
+        None, doc="stop designs early: keys rungs, eta (default: all designs train to the end)"
     )
     stop: Stop | None = param(  # noqa: RUF009
         None,

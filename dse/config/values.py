@@ -348,7 +348,7 @@ def read_written(
                 one = one if read_one(raw, key.hint, rule, (*path, name), report) is not INVALID else INVALID
             good &= one is not INVALID
             result |= {} if one is INVALID else {name: one}
-        elif name not in also:
+        elif name not in also and name not in getattr(cls, "ignored", ()):
             good = False
             hint = getattr(cls, "gone", {}).get(name) or known_names(name, [*keys, *also])
             report((*path, name), f"unknown key '{dotted((*path, name))}'; {hint}")

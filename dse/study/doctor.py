@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import json
-import math
 import os
 import stat
 from collections import Counter
@@ -120,23 +119,6 @@ class _Study:
         with contextlib.suppress(StoreError), store.Book(self.folder) as book:
             return racing.rounds_of(book)
         return {}
-
-    @cached_property
-    def audited(self) -> set[int]:
-        """The stopped designs that the audit of racing trains on."""
-        with contextlib.suppress(StoreError):
-            return set(store.document(self.folder, racing.AUDIT, {}).get("trials", ()))
-        return set()
-
-    @cached_property
-    def stops(self) -> dict[int, int]:
-        """Trial -> the epochs after which racing stopped it, by the rounds, else by its record."""
-        rounds = itertools.chain.from_iterable(self.rounds.values())
-        stops = {x["trial"]: int(x["epochs"]) for one in rounds for x in one["stopped"]}
-        for trial, of in self.records.items():
-            if (epochs := next(iter(of.values())).stopped_at_epoch) is not None:
-                stops.setdefault(trial, epochs)
-        return stops
 
     def knows(self, trial: int) -> bool:
         """Return whether the book names a trial; True where the book is damaged."""
@@ -322,12 +304,8 @@ def _checkpoint(study: _Study, path: Path, standing: dict[int, int]) -> str:
     if not study.knows(trial):
         return "is of a trial that the book does not name"
     record = study.records.get(trial, {}).get(repeat)
-    if record is not None and record.stopped_at_epoch is None:
+    if record is not None:
         return "is of a run that has ended"
-    is_audited = record is not None and trial in study.audited  # it trains on beside its record
-    rung = study.stops.get(trial, math.inf)
-    if int(epochs) > rung and not is_audited:
-        return f"lies beyond the rung of {rung} epochs, where racing has stopped the design"
     standing[trial] = max(standing.get(trial, 0), int(epochs))
     return ""
 

@@ -28,7 +28,7 @@ from dse.study.ledger import Ledger
 from dse.study.mended import opened
 from dse.study.precision import fronts
 from dse.study.progress import shown
-from dse.study.racing import Audit, Race
+from dse.study.racing import Race
 from dse.study.results import Study
 from dse.study.runs import UNTRAINED, Runs
 from dse.study.searches import Batches, FrontRepeats, Search, n_trials
@@ -118,8 +118,8 @@ def run(
                     report.note("the process that writes the tables ends the study")
                     return Study(folder)
                 runs.recall(ledger.entries)
-                if race is not None:
-                    train(Audit(race, ledger, results_tables.points, report))
+                if race is not None and (sentence := race.saved(ledger.entries)):
+                    report.note(sentence)
                 train(FrontRepeats(space, ledger, runs, results_tables.points, report))
                 _round_front(space, ledger, runs, results_tables)
                 stopped = batches.stopped

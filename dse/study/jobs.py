@@ -55,7 +55,7 @@ from dse.study import checkpoints, precision
 from dse.study.checkpoints import Checkpoint
 from dse.study.executors.work import Failure
 from dse.study.precision import Setting
-from dse.study.record import Numbers, RunRecord, is_stopped, plain_rungs
+from dse.study.record import Numbers, RunRecord, plain_rungs
 
 PROCESS_BYTES = 320 * 2**20
 """Memory of a worker in addition to arrays, rounded up: interpreter, libraries, compiled kernels."""
@@ -304,7 +304,7 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
                 unseen[left[place]].setdefault(fold.left_out.column, {})[fold.left_out.name] = result
     yield from failed.items()
     # A cluster may run a job again by itself.
-    published = [n for n, run in enumerate(job.runs) if run.folder.is_file() and not is_stopped(run.folder)]
+    published = [n for n, run in enumerate(job.runs) if run.folder.is_file()]
     yield from ((number, None) for number in published if number not in failed)
     left = [number for number in range(len(job.runs)) if number not in failed and number not in published]
     if not left:
@@ -500,7 +500,7 @@ def _publish(
             job.study, ended.epochs, _training(job, device), record.to_plain(), ended.state, parts
         )
     else:
-        store.save_run(job.folder, record.to_plain(), parts, replaces=is_stopped(job.folder))
+        store.save_run(job.folder, record.to_plain(), parts)
         checkpoints.remove(job.study, job.trial, job.repeat)
 
 

@@ -10,21 +10,20 @@ meet the limits in no design point, come last.
 A round is written to the disk before its designs train, and is decided from records of designs at this rung
 alone. So the same designs stop for any number of workers, and after any interruption.
 
-Documents of the book: `racing/<batch>`, the rounds of a batch, and `racing/audit`, stopped designs that were
-trained on.
+Documents of the book: `racing/<batch>`, the rounds of a batch, and `racing/saved`, a sentence.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import seeds, store
+from dse import store
 from dse.config import SearchSpace
 from dse.config.expressions import named_columns
 from dse.config.search import Racing
@@ -33,17 +32,15 @@ from dse.records import Floats
 from dse.search.racing import best
 from dse.study import checkpoints, points
 from dse.study import trials as tables
-from dse.study.ledger import Entry, Ledger
-from dse.study.precision import fronts
-from dse.study.progress import Progress
+from dse.study.ledger import Entry
 from dse.study.record import Numbers, RunRecord
 from dse.study.runs import Runs
 from dse.study.searches import Asked, Search
 
 if TYPE_CHECKING:
-    import pandas
+    pass
 
-AUDIT = "racing/audit"
+SAVED = "racing/saved"
 _OF_SIZE = {"n_weights", "memory_bytes", "n_cores", "fits", "task", "family", "hardware"}
 
 _LEAST = 2
@@ -70,12 +67,9 @@ class Race:
         self._space, self._folder, self._profiles = space, folder, tuple(profiles)
         self._runs, self._book = runs, book
         self._settings: Racing = space.search.racing
-        # How many designs there were at the last audit, and which stopped ones train to their ends.
-        self._audited: dict[str, Any] = book.document(AUDIT) or {"designs": 0, "trials": []}
         rounds = (one for of_batch in rounds_of(book).values() for one in of_batch)
         self._stopped = {int(stop["trial"]) for one in rounds for stop in one["stopped"]}
         self._stopped.update(trial for trial, of in runs.trials().items() if any(map(_is_stopped, of)))
-        self._stopped.update(self._audited["trials"])
         self._batch: Asked | None = None
         self._trainings: Iterator[Asked] = iter(())
 
@@ -93,11 +87,6 @@ class Race:
     def tell(self, asked: Asked) -> None:
         """Take no notice: the next round is decided from the runs."""
 
-    @property
-    def repeats(self) -> int:
-        """Runs of each design."""
-        return self._space.search.repeats
-
     def _raced(self, batch: Asked) -> Iterator[Asked]:
         """Yield the trainings of a batch until each of its designs has finished, failed or stopped."""
         name = f"racing/{batch.batch:05d}"
@@ -112,7 +101,7 @@ class Race:
                 rounds.append(upcoming)
                 self._book.keep(name, rounds)
             self._stop(rounds)
-            stands = _stands(rounds, self._audited["trials"])
+            stands = {int(trial): one["epochs"] for one in rounds for trial in one["trials"]}
             for epochs in sorted(set(stands.values()), key=lambda n: math.inf if n is None else n):
                 there = [entry for entry in batch.entries if stands.get(entry.trial, 0) == epochs]
                 yield replace(batch, entries=there, until=epochs)
@@ -127,7 +116,7 @@ class Race:
         """Record what rounds have stopped, unless it is recorded."""
         for stop in (stop for one in rounds for stop in one["stopped"]):
             self._stopped.add(int(stop["trial"]))
-            repeats, epochs = self.repeats, int(stop["epochs"])
+            repeats, epochs = self._space.search.repeats, int(stop["epochs"])
             self._runs.stop(int(stop["trial"]), repeats, epochs, stop["reason"])
 
     def _next(self, stands: Mapping[int, int | None]) -> dict[str, Any] | None:
@@ -151,6 +140,22 @@ class Race:
                 {"trial": trial, "epochs": epochs, "reason": reason} for trial, reason in reasons.items()
             ],
         }
+
+    def saved(self, entries: Sequence[Entry]) -> str:
+        """Keep and return in a sentence how many designs stopped and what that saved; '' if none did."""
+        self._runs.forget_checkpoints()
+        if not self._stopped:
+            return ""
+        total = saved = 0
+        for entry in entries:
+            epochs = self._space.resolve(entry.design).training.epochs
+            records = self._runs.of(entry.trial)
+            at = records[0].stopped_at_epoch if records else None
+            total, saved = total + epochs, saved + (0 if at is None else epochs - at)
+        of = f"{len(self._stopped)} of {len(entries)} designs stopped early"
+        sentence = f"racing: {of}, which saves {saved / max(1, total):.0%} of all epochs"
+        self._book.keep(SAVED, sentence)
+        return sentence
 
     def _reasons(self, waiting: Mapping[int, Sequence[RunRecord]], epochs: int) -> dict[int, str]:
         """Return trial -> why it stops, of the designs at a rung that do not go on.
@@ -224,90 +229,6 @@ class Race:
                 values = [float(row.get(name, math.nan)) for name, _ in self._space.objectives]
                 yield (*named, *([chip] if chip else [])), np.array(values)
 
-    def audited(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Return the stopped designs that train to their ends, drawn anew where there are more designs."""
-        known = self._audited["trials"]
-        if len(entries) > self._audited["designs"] and self._settings.audit:
-            rng = seeds.generator(self._space.seed, {}, "racing audit", len(entries))
-            left = sorted(self._stopped - set(known))
-            drawn = sorted(left[i] for i in rng.permutation(len(left))[: self._settings.audit])
-            self._audited = {"designs": len(entries), "trials": [*known, *drawn]}
-            self._book.keep(AUDIT, self._audited)
-        trials = set(self._audited["trials"])
-        self._runs.train_on(trials)
-        return [entry for entry in entries if entry.trial in trials]
-
-    def sentences(self, entries: Sequence[Entry], points_now: Callable[[], pandas.DataFrame]) -> list[str]:
-        """Return what racing has saved and lost, and keep it, when the audited designs have trained."""
-        trials = set(self._audited["trials"])
-        sentences = [self._saved(entries, trials), *self._lost(trials, points_now)] if self._stopped else []
-        if sentences and self._audited.get("sentences") != sentences:
-            self._book.keep(AUDIT, {**self._audited, "sentences": sentences})
-        self._runs.forget_checkpoints(of_stopped=True)
-        return sentences
-
-    def _saved(self, entries: Sequence[Entry], audited: Collection[int]) -> str:
-        """Return how many designs stopped and what that saved."""
-        total = saved = 0
-        for entry in entries:
-            epochs = self._space.resolve(entry.design).training.epochs
-            records = self._runs.of(entry.trial)
-            at = records[0].stopped_at_epoch if records else None
-            total, saved = total + epochs, saved + (0 if at is None else epochs - at)
-        of = f"{len(self._stopped)} of {len(entries)} designs stopped early"
-        again = f" (and {len(audited)} of these were trained on)" if audited else ""
-        return f"racing: {of}{again}, which saves {saved / max(1, total):.0%} of all epochs"
-
-    def _lost(self, audited: Collection[int], points_now: Callable[[], pandas.DataFrame]) -> Iterator[str]:
-        """Yield what fronts would lack without the stopped designs that were trained on."""
-        if not audited:
-            return
-        from dse.skyline.front import skyline
-        from dse.skyline.pareto import hypervolume
-        from dse.skyline.table import checked_goals, costs_of
-
-        goals, share, members = checked_goals(self._space.objectives), 0.0, set()
-        for table, front in fronts(points_now(), self._space.objectives):
-            missed = {int(trial) for trial in front["trial"]} & set(audited)
-            if missed:
-                members |= missed
-                others = skyline(table[~table["trial"].isin(audited)], self._space.objectives).rows
-                all_costs = costs_of(table, goals)
-                reference = all_costs[np.isfinite(all_costs).all(axis=1)].max(axis=0)
-                whole, less = (hypervolume(costs_of(rows, goals), reference) for rows in (front, others))
-                share = max(share, 1 - less / whole if whole > 0 else 0.0)
-        n = len(audited)
-        if members:
-            yield (
-                f"racing: of {n} stopped designs, drawn at random and trained on, {len(members)} "
-                f"{'are' if len(members) > 1 else 'is'} on the front: trial "
-                f"{', '.join(map(str, sorted(members)))}; without, the hypervolume is {share:.2%} less"
-            )
-        else:
-            yield f"racing: of {n} stopped designs, drawn at random and trained on, none is on the front"
-
-
-class Audit:
-    """After a race: some stopped designs train to their ends, and what racing has saved and lost is said."""
-
-    def __init__(
-        self, race: Race, ledger: Ledger, points_now: Callable[[], pandas.DataFrame], report: Progress
-    ) -> None:
-        self._race, self._ledger, self._points_now, self._report = race, ledger, points_now, report
-        self._is_asked = False
-
-    def ask(self) -> Asked | None:
-        """Return the designs of the audit, once."""
-        if self._is_asked:
-            return None
-        self._is_asked = True
-        return Asked(self._race.audited(self._ledger.entries), self._race.repeats)
-
-    def tell(self, asked: Asked) -> None:
-        """Say what racing has saved and lost."""
-        for text in self._race.sentences(self._ledger.entries, self._points_now):
-            self._report.note(text)
-
 
 def rounds_of(book: store.Book) -> dict[int, list[dict[str, Any]]]:
     """Return batch -> the rounds that racing has decided in it."""
@@ -315,16 +236,11 @@ def rounds_of(book: store.Book) -> dict[int, list[dict[str, Any]]]:
     return {int(row["name"].removeprefix("racing/")): row["content"] for row in rows}
 
 
-def sentences(folder: Path) -> list[str]:
-    """Return what racing has saved and lost in a study, as the last audit states it."""
-    return list(store.document(folder, AUDIT, {}).get("sentences", []))
-
-
 def _is_stopped(record: RunRecord) -> bool:
     return record.stopped_at_epoch is not None
 
 
-def _stands(rounds: Sequence[Mapping[str, Any]], audited: Collection[int]) -> dict[int, int | None]:
-    """Return trial -> the rung to which the rounds let it train; None: to its end. Audits are no round."""
-    trials = ((int(trial), one["epochs"]) for one in rounds for trial in one["trials"])
-    return {trial: epochs for trial, epochs in trials if trial not in audited}
+def saved(folder: Path) -> list[str]:
+    """Return what racing has saved in a study, in a sentence; nothing without racing."""
+    sentence = store.document(folder, SAVED)
+    return [sentence] if sentence else []

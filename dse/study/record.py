@@ -231,11 +231,6 @@ def load_record(folder: Path) -> RunRecord | None:
     return None if plain is None else RunRecord.from_plain(plain, folder)
 
 
-def is_stopped(folder: Path) -> bool:
-    """Return whether the folder of a run holds one that racing stopped: it may yet be trained on."""
-    return folder.is_file() and store.read_record(folder).get("status") == STOPPED
-
-
 def load_records(folder: Path, trial: int) -> list[RunRecord]:
     """Return the records of a trial's runs in a study's folder, repeat 0 first.
 

@@ -37,7 +37,7 @@ from dse.study.claim import Coordinator, Key
 from dse.study.executors.work import Failure
 from dse.study.ledger import Entry
 from dse.study.progress import Progress
-from dse.study.record import RunRecord, is_stopped, load_record
+from dse.study.record import RunRecord, load_record
 from dse.study.workers import OutOfTime, Workers
 
 Job = TypeVar("Job")
@@ -117,7 +117,6 @@ class Runs:
         self._pace: dict[type, float] = {}  # seconds per estimated one that the last job of a family took
         self._untrained: dict[tuple[int, int], str] = {}  # why the machine could not train a run
         self._paused: dict[tuple[int, int, int], RunRecord] = {}  # runs at rungs: trial, repeat, epochs
-        self._going_on: set[int] = set()  # trials that train to their ends although racing stopped them
 
     def of(self, trial: int) -> list[RunRecord]:
         """Return the records of a trial's finished runs, repeat 0 first."""
@@ -134,8 +133,7 @@ class Runs:
 
     def _has(self, trial: int, repeat: int) -> bool:
         """Return whether a run has ended."""
-        record = self._records.get(trial, {}).get(repeat)
-        return record is not None and (record.stopped_at_epoch is None or trial not in self._going_on)
+        return repeat in self._records.get(trial, {})
 
     def train_s(self) -> float:
         """Return the seconds that all finished runs took to train."""
@@ -187,8 +185,7 @@ class Runs:
                     self._forget(folder)
                 else:
                     self._check_data(record)
-                    if record.stopped_at_epoch is None or entry.trial not in self._going_on:
-                        self._note(folder)  # else another one takes its place
+                    self._note(folder)
                     self._records.setdefault(entry.trial, {})[repeat] = record
 
     def _note(self, run: Path) -> None:
@@ -202,15 +199,9 @@ class Runs:
         if store.known_as(run):
             store.note_files(self._book, [run])
 
-    def forget_checkpoints(self, *, of_stopped: bool = False) -> None:
-        """Remove the checkpoints of runs that have finished or failed, or stopped at a rung."""
-        ended = {
-            (trial, repeat)
-            for trial, records in self._records.items()
-            for repeat, record in records.items()
-            if of_stopped or record.stopped_at_epoch is None
-        }
-        checkpoints.forget(self._folder, ended)
+    def forget_checkpoints(self) -> None:
+        """Remove the checkpoints of runs that have ended."""
+        checkpoints.forget(self._folder, {(trial, x) for trial, of in self._records.items() for x in of})
 
     def paused(self, trial: int, repeats: int, epochs: int) -> list[RunRecord] | None:
         """Return the records of a trial's runs at a rung where all of them pause; None: not all do."""
@@ -220,7 +211,7 @@ class Runs:
         return [self._paused[trial, repeat, epochs] for repeat in range(repeats)]
 
     def stop(self, trial: int, repeats: int, epochs: int, reason: str) -> None:
-        """Record that racing stops the runs of a trial at a rung; their checkpoints stay, for an audit."""
+        """Record that racing stops the runs of a trial at a rung."""
         for repeat in range(repeats):
             if not self._has(trial, repeat) and self._is_paused(trial, repeat, epochs):
                 at_rung = self._paused[trial, repeat, epochs]
@@ -228,18 +219,8 @@ class Runs:
                 run = store.run_file(self._folder, trial, repeat)
                 store.save_run(run, stopped.to_plain(), {})
                 self._note(run)
+                checkpoints.remove(self._folder, trial, repeat)
                 self._keep(stopped)
-
-    def train_on(self, trials: Iterable[int]) -> None:
-        """Let trials train to their ends that racing stopped; each keeps its record until it has another."""
-        self._going_on = set(trials)
-        with self._book.together():  # another run takes the place of each
-            for record in (record for trial in self._going_on for record in self.of(trial)):
-                if record.stopped_at_epoch is not None:
-                    run = store.run_file(self._folder, record.trial, record.repeat)
-                    self._book.drop("file", "name = ?", run.relative_to(self._folder).as_posix())
-        records = (record for trial in self._going_on for record in self.of(trial))
-        self._progress.expect(sum(record.stopped_at_epoch is not None for record in records))
 
     def complete(
         self,
@@ -357,7 +338,7 @@ class Runs:
                 keys = [(run.trial, run.repeat) for run in runs]
                 ours = self._coordinator.claim(keys, running)
                 runs = tuple(run for run, key in zip(runs, keys, strict=True) if key in ours)
-                runs = tuple(run for run in runs if not run.folder.is_file() or is_stopped(run.folder))
+                runs = tuple(run for run in runs if not run.folder.is_file())
             if runs:
                 running |= {(run.trial, run.repeat) for run in runs}
                 tried |= running
@@ -534,7 +515,7 @@ class Runs:
         _stop_if_blameless(why)
         unfinished = []
         for run in runs:
-            if run.folder.is_file() and not is_stopped(run.folder):  # the worker died after publishing it
+            if run.folder.is_file():  # the worker died after publishing it
                 self._settle(run, None)
             elif not self._has(run.trial, run.repeat) and not self._is_paused(run.trial, run.repeat, until):
                 unfinished.append(run)
@@ -584,7 +565,7 @@ class Runs:
             needs_bytes=needs_bytes,
         )
         folder = store.run_file(self._folder, number, repeat)
-        store.save_run(folder, record.to_plain(), {}, replaces=is_stopped(folder))
+        store.save_run(folder, record.to_plain(), {})
         store.note_files(self._book, [folder])
         checkpoints.remove(self._folder, number, repeat)
         self._keep(record)

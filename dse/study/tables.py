@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from dse.study import held, points, pricing
 from dse.study import trials as of_trials
 from dse.study.held import plain_space
 from dse.study.ledger import Entry, read_entries
-from dse.study.record import RunRecord, is_stopped, load_record
+from dse.study.record import RunRecord, load_record
 
 if TYPE_CHECKING:
     import pandas
@@ -42,22 +42,10 @@ def write(
     excluded = [x for x in entries if x.excluded and design_key(x.design) not in trained]
     table = of_trials.trials_table(space, runs, excluded)
     digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in runs.items()})
-    # A worker may have trained a stopped run on that `runs` does not know yet: its rows are of no digest.
-    digests |= {str(trial): "" for trial in _trained_on(folder, runs)}
     with store.noted(folder / held.TRIALS) as path:
         store.write_table(path, table, json.dumps({"digests": digests}))
     points.write_points(folder / held.POINTS, space, folder, runs, profiles, digests)
     return table
-
-
-def _trained_on(folder: Path, runs: Mapping[int, Sequence[RunRecord]]) -> Iterator[int]:
-    """Yield the trials whose runs have stopped, but have not in their files any more."""
-    known = store.digests(folder)
-    for run in (run for of in runs.values() for run in of if run.stopped_at_epoch is not None):
-        path = store.run_file(folder, run.trial, run.repeat)
-        # What the book knows was stopped when it was noted, and is dropped before it is trained on.
-        if path.relative_to(folder).as_posix() not in known and path.is_file() and not is_stopped(path):
-            yield run.trial
 
 
 def n_held(space: SearchSpace, folder: Path) -> str:

@@ -40,7 +40,7 @@ _RACE = {
         "n_trials": 7,
         "batch": 5,
         "repeats": 2,
-        "racing": {"rungs": [1, 3], "audit": 2},
+        "racing": {"rungs": [1, 3]},
     },
 }
 _MIXED = {
@@ -125,7 +125,6 @@ class _Watch:
 
     def __init__(self, folder: Path, kill: dict[str, Any] | None) -> None:
         self._folder, self._kill, self._coordinator = folder, kill or {}, os.getpid()
-        self._is_audited = store.document(folder / "killed", "racing/audit") is not None
         self._seen = folder / "moments"
         self._seen.write_text("")
         if "after_s" in self._kill:
@@ -138,15 +137,13 @@ class _Watch:
         if event == "os.rename":
             study, place = re.escape(f"{self._folder}/killed"), str(arguments[1])
             for moment in (name for pattern, name in MOMENTS.items() if re.fullmatch(study + pattern, place)):
-                self._notice(f"{moment}, from the audit on" if self._is_audited else moment)
+                self._notice(moment)
 
     def look_at(self, table: str, rows: Sequence[Mapping[str, Any]]) -> None:
         """Look at the rows that the coordinator is about to write to the book."""
         names = {row["name"] for row in rows} if table == "study" else set()
-        self._is_audited |= "racing/audit" in names
-        moment = "the book" if not any(name.startswith("racing/") for name in names) else "a rung is decided"
-        later = f"{moment}, from the audit on" if self._is_audited else moment
-        self._notice("an audit begins or ends" if "racing/audit" in names else later)
+        is_round = any(name.startswith("racing/") for name in names)
+        self._notice("a rung is decided" if is_round else "the book")
 
     def _notice(self, moment: str) -> None:
         with self._seen.open("r+") as file:

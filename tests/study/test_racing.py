@@ -1,24 +1,16 @@
 """Racing: who stops, that nothing shows how often or on how many workers, and what is written down."""
 
 import contextlib
-import math
-import shutil
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from pandas.testing import assert_frame_equal
 
 from dse import store
-from dse.config import load_space
-from dse.hardware.profile import load_all
-from dse.study import explore, held, tables
+from dse.study import explore
 from dse.study.as_optuna import as_optuna
 from dse.study.ledger import read_entries
-from dse.study.racing import sentences
-from dse.study.record import load_records
-from dse.study.results import Study
+from dse.study.racing import saved
 from dse.study.workers import Workers
 from tests import tiny_study
 
@@ -61,9 +53,9 @@ def assert_same(one, other):
 def test_one_in_three_goes_on_and_the_rest_is_as_without(raced, tmp_path, monkeypatch):
     trials = raced.trials.set_index("trial")
     stopped = trials[trials["status"] == "stopped"]
-    # Of 24 designs 8 go on to the second rung, and 4 of these, two per objective, to the end; 2 others are
-    # trained on at last.
-    assert len(stopped) == 18 and (stopped["stopped_at_epoch"] == 2).sum() >= 14
+    # Of 24 designs 8 go on to the second rung, and 4 of these, two per objective, to the end.
+    assert saved(raced.folder) == ["racing: 20 of 24 designs stopped early, which saves 72% of all epochs"]
+    assert len(stopped) == 20 and (stopped["stopped_at_epoch"] == 2).sum() >= 14
     rounds = store.document(raced.folder, "racing/00000")
     assert [(one["epochs"], len(one["trials"])) for one in rounds] == [(2, 24), (5, 8), (None, 4)]
     # The best of the smaller networks is the whole front; nobody can stop it.
@@ -85,18 +77,6 @@ def test_one_in_three_goes_on_and_the_rest_is_as_without(raced, tmp_path, monkey
     others = ["train_s", *(f"accuracy_corrected{end}" for end in ends)]
     assert_frame_equal(here.drop(columns=others), raced.points().drop(columns=others))
     assert not list(raced.folder.glob("checkpoints/*"))
-
-
-def test_an_audit_trains_stopped_designs_on_and_says_what_was_lost(raced):
-    found = store.document(raced.folder, "racing/audit")
-    stopped = {s["trial"] for one in store.document(raced.folder, "racing/00000") for s in one["stopped"]}
-    assert len(found["trials"]) == 2 and set(found["trials"]) <= stopped
-    trials = raced.trials.set_index("trial")
-    assert (trials.loc[found["trials"], "status"] == "finished").all()
-    assert (trials.loc[sorted(stopped - set(found["trials"])), "status"] == "stopped").all()
-    saved, lost = sentences(raced.folder)
-    assert f"racing: {len(stopped)} of 24 designs stopped early (and 2 of these were trained on)" in saved
-    assert lost == "racing: of 2 stopped designs, drawn at random and trained on, none is on the front"
 
 
 def test_optuna_has_the_intermediate_values(raced):
@@ -131,29 +111,8 @@ def test_who_stops_depends_neither_on_workers_nor_on_interruptions(raced, tmp_pa
     assert_same(explore.run(space, tmp_path / "results", progress=False), raced)
 
 
-def test_tables_are_written_while_an_audit_goes_on(raced, tmp_path, monkeypatch):
-    monkeypatch.setattr(Workers, "stream", in_process)
-    monkeypatch.setattr(explore, "_REFRESH_S", 0.0)
-    monkeypatch.setattr(explore, "_REFRESH_SHARE", math.inf)
-    ended = []
-    written = explore.tables.trials_table
-
-    def noted(*arguments):
-        table = written(*arguments)
-        ended.append("".join(table["status"].str[0]))
-        return table
-
-    monkeypatch.setattr(explore.tables, "trials_table", noted)
-    assert_same(explore.run(space_of(tmp_path), tmp_path / "results", progress=False), raced)
-    n_finished = [one.count("f") for one in ended if len(one) == 24]
-    assert n_finished[-3:] == [5, 6, 6] and all(set(one) <= {"f", "s"} for one in ended)
-
-
-@pytest.mark.parametrize(
-    ("name", "n_ends"),
-    [("racing/00000", 27), ("racing/00000", 35), ("racing/audit", 35), ("racing/audit", None)],
-)
-def test_a_lost_document_of_a_race_is_written_anew(raced, tmp_path, monkeypatch, name, n_ends):
+@pytest.mark.parametrize("n_ends", [27, 34])
+def test_a_lost_document_of_a_race_is_written_anew(raced, tmp_path, monkeypatch, n_ends):
     monkeypatch.setattr(Workers, "stream", in_process)
     space, left = space_of(tmp_path), n_ends or 0
 
@@ -166,34 +125,16 @@ def test_a_lost_document_of_a_race_is_written_anew(raced, tmp_path, monkeypatch,
     with monkeypatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
         patch.setattr(explore._Tables, "refresh", interrupted)
         explore.run(space, tmp_path / "results", progress=False)
-    store.keep(tmp_path / "results" / "tiny", name, None)
+    store.keep(tmp_path / "results" / "tiny", "racing/00000", None)
     study = explore.run(space, tmp_path / "results", progress=False)
     for one, other in ((study.trials, raced.trials), (study.points(), raced.points())):
         assert_frame_equal(one.drop(columns="train_s"), other.drop(columns="train_s"), check_exact=True)
-    assert sentences(study.folder) == sentences(raced.folder)
-
-
-def test_tables_know_a_run_that_its_file_had_before_they_were_written(raced, tmp_path):
-    folder = Path(shutil.copytree(raced.folder, tmp_path / "tiny"))
-    trial = store.document(folder, "racing/audit")["trials"][0]
-    trained_on, path = load_records(folder, trial)[0], store.run_file(folder, trial, 0)
-    # As it is while a worker has ended, and nobody has read its run yet.
-    with store.Book(folder, writes=True) as book:
-        book.drop("file", "name = ?", path.relative_to(folder).as_posix())
-    runs = {number: load_records(folder, number) for number in store.runs_in(folder)}
-    stopped = replace(trained_on, numbers=None, stopped_at_epoch=2, reason="not among the best")
-    rest = load_space(folder / store.SPACE), folder
-    chips = load_all(rest[0].hardware, folder)
-    tables.write(*rest, {**runs, trial: [stopped]}, chips, read_entries(folder))
-    assert trial not in set(Study(folder).points()["trial"])
-    assert held.behind(folder / held.POINTS).changed == [trial]
-    tables.write(*rest, runs, chips, read_entries(folder))
-    assert_same(Study(folder), raced)
+    assert saved(study.folder) == saved(raced.folder)
 
 
 def test_a_batch_competes_with_those_before_it(tmp_path, monkeypatch):
     monkeypatch.setattr(Workers, "stream", in_process)
-    space = space_of(tmp_path, search={"racing": {"rungs": [2], "audit": 0}, "batch": 6})
+    space = space_of(tmp_path, search={"racing": {"rungs": [2]}, "batch": 6})
     study = explore.run(space, tmp_path / "results", progress=False)
     going = [
         [len(one["trials"]) for one in store.document(study.folder, f"racing/{batch:05d}", [])]
@@ -212,7 +153,7 @@ def test_designs_beyond_the_limits_stop_first(tmp_path, monkeypatch):
     whole = explore.run(space_of(tmp_path, search={}, **goals), tmp_path / "whole", progress=False)
     least_uj = whole.points().groupby("trial")["energy_uj"].min()
     limit_uj = float(least_uj.median())
-    search = {"racing": {"rungs": [2], "audit": 0}}
+    search = {"racing": {"rungs": [2]}}
     limits = [f"energy_uj <= {limit_uj!r}"]
     study = explore.run(
         space_of(tmp_path, search=search, limits=limits, **goals), tmp_path / "results", progress=False

@@ -180,7 +180,7 @@ def run(
 
 def _notes_of_run(study: Study, space: SearchSpace) -> list[str]:
     from dse.study.health import faults
-    from dse.study.racing import sentences
+    from dse.study.racing import saved
     from dse.study.tables import n_held
 
     notes = [*study.warnings, n_held(space, study.folder), _page(study)]
@@ -192,7 +192,7 @@ def _notes_of_run(study: Study, space: SearchSpace) -> list[str]:
     if len(failed):
         n_trained = len(trials) - len(excluded)
         notes.append(f"{len(failed)} of {n_trained} designs failed; the first: {failed['reason'].iloc[0]}")
-    return [*notes, *sentences(study.folder), *faults(trials)]
+    return [*notes, *saved(study.folder), *faults(trials)]
 
 
 def _page(study: Study) -> str:
