@@ -276,15 +276,6 @@ def columns(needs: str | None = None) -> dict[str, Column]:
     return {column.name: column for column in sorted(declared, key=lambda column: column.name)}
 
 
-def columns_of_targets() -> dict[str, dict[str, Column]]:
-    """Return target -> the columns of its memory that are known of a design before it is trained, by name."""
-    targets: dict[str, Any] = known("targets")
-    return {
-        name: {column.name: column for column in getattr(target, "known_before", ())}
-        for name, target in targets.items()
-    }
-
-
 def name_of(section: str, component: object) -> str:
     """Return the name under which the class of a component is registered.
 

@@ -80,11 +80,9 @@ def names(section: str) -> list[Texts]:
         ]
     if section == "limits":
         before = {"exact": "known before training", "bound": "lower bound before training"}
-        of_targets = registry.columns_of_targets().values()
-        columns = registry.columns() | {name: x for known in of_targets for name, x in known.items()}
         return [
             {"name": name, "unit": x.unit, "doc": f"{before[x.known]}: {x.doc}"}
-            for name, x in sorted(columns.items())
+            for name, x in registry.columns().items()
             if x.known
         ]
     if section == "hardware":

@@ -100,9 +100,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
     for path, message in written.faults():
         report(path, message)
     targets = names.targets(data.get("targets"), report)
-    limits = (
-        names.limits(data["limits"], written.axes, hardware, targets, report) if "limits" in data else None
-    )
+    limits = names.limits(data["limits"], written.axes, hardware, report) if "limits" in data else None
     split = sections.get("split")
     objectives = (*_OBJECTIVES, *([_ENERGY] if hardware else []))
     if "objectives" in data and all(sections[x].good for x in names.OF_OBJECTIVES if x in sections):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 
@@ -88,28 +87,23 @@ def objectives(
     return tuple((name, known[name].direction) for name in names if name in known)
 
 
-def limits(
-    raw: Raw, axes: Mapping[str, Axis], profiles: Sequence[str], targets: Sequence[str], report: Report
-) -> tuple[str, ...]:
+def limits(raw: Raw, axes: Mapping[str, Axis], profiles: Sequence[str], report: Report) -> tuple[str, ...]:
     """Read conditions on what is known of a design before it is trained.
 
     Args:
         raw: a condition or a list of them, as written.
         axes: of the search space.
         profiles: hardware profiles of the search space.
-        targets: its targets.
         report: called with (path, sentence) for every mistake.
     """
     texts = _texts("limits", raw, report)
     for index, text in enumerate(texts):
-        for message in _limit_faults(text, axes, profiles, targets):
+        for message in _limit_faults(text, axes, profiles):
             report(("limits", index), f"limit '{text}'{message}")
     return _each_once("limits", texts, texts, report)
 
 
-def _limit_faults(
-    text: str, axes: Mapping[str, Axis], profiles: Sequence[str], targets: Sequence[str]
-) -> Iterator[str]:
+def _limit_faults(text: str, axes: Mapping[str, Axis], profiles: Sequence[str]) -> Iterator[str]:
     """Yield what is wrong with a limit, each the end of a sentence about it."""
     try:
         tree = parse(text)
@@ -117,14 +111,11 @@ def _limit_faults(
         yield f": {error}"
         return
     columns, of_hardware = registry.columns(), registry.columns("hardware")
-    of_targets = registry.columns_of_targets()
     known = {name: column.known for name, column in columns.items() if column.known}
     is_text = {name: axis.is_text for name, axis in axes.items()}
     is_text |= dict.fromkeys(("task", "family", "encoder"), True)
     names, good = dict.fromkeys(column_names(tree)), True
     for name in names:
-        able = [target for target, its in of_targets.items() if name in its]
-        unable = [target for target in targets if target in of_targets and target not in able]
         fault = ""
         if name in columns and name not in known:
             fault = f"is known only after training; {known_names('', known)}"
@@ -132,14 +123,8 @@ def _limit_faults(
             fault = "needs a hardware profile in section 'hardware', got none"
         elif name in known or name in is_text:
             continue
-        elif not able:
-            others = dict.fromkeys([*known, *is_text, *chain(*of_targets.values())])
-            fault = f"is unknown; {known_names(name, others)}"
-        elif unable or not targets:
-            fault = (
-                f"needs targets that know it before training in section 'targets' ({', '.join(able)}), got "
-                f"{', '.join(unable) or 'none'}"
-            )
+        else:
+            fault = f"is unknown; {known_names(name, [*known, *is_text])}"
         if fault:
             good = False
             yield f": column '{name}' {fault}"

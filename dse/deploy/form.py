@@ -380,12 +380,7 @@ def spiking_of(bundle: Classifier) -> Spiking:
     assert isinstance(network, Network)
     per_sample = network.steps_per_sample
     rule = rule_of(bundle, frame.n_steps * per_sample, network.sizes[-1], frame.step_ms / per_sample)
-    return spiking_with(frame, network, rule)
-
-
-def spiking_with(frame: Frame, network: Network, rule: Rule) -> Spiking:
-    """Return a network with what surrounds it."""
-    net = net_of(network, frame.n_steps * network.steps_per_sample)
+    net = net_of(network, frame.n_steps * per_sample)
     return Spiking(**{**vars(net), **vars(frame)}, rule=rule)
 
 
@@ -393,24 +388,13 @@ def frame_of(bundle: Classifier) -> Frame:
     """Return what surrounds the classifier of a bundle."""
     if bundle.input is None:
         raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
-    frame = frame_with(bundle.sections, bundle.input, bundle.fitted.n_channels, bundle.answers)
-    data = bundle.sections.data
-    if not isinstance(data, SceneTrials):
-        return frame
-    trials, pools = data.read(Path()), frame.pooling  # nothing is simulated
-    n_bins = None if pools is None else pools.n_bins(trials.duration_us)
-    return dataclasses.replace(frame, t0_us=0, n_bins=n_bins)
-
-
-def frame_with(sections: Sections, taken: Input, n_channels: int, classes: tuple[str, ...]) -> Frame:
-    """Return what surrounds a classifier of `n_channels` input channels on recordings that are no trials."""
-    front_end, no_front_end, encoder, pools = _front_end(sections, taken)
-    window = sections.window
-    return Frame(
-        n_channels=n_channels,
+    taken, window, data = bundle.input, bundle.sections.window, bundle.sections.data
+    front_end, no_front_end, encoder, pools = _front_end(bundle.sections, taken)
+    frame = Frame(
+        n_channels=bundle.fitted.n_channels,
         n_steps=taken.n_steps,
         step_ms=taken.step_ms,
-        classes=classes,
+        classes=bundle.answers,
         window=window.at,
         onset_threshold=window.onset_threshold,
         front_end=front_end,
@@ -420,6 +404,11 @@ def frame_with(sections: Sections, taken: Input, n_channels: int, classes: tuple
         cut_steps=window.cut_steps,
         every_steps=window.every_steps or window.cut_steps,
     )
+    if not isinstance(data, SceneTrials):
+        return frame
+    trials = data.read(Path())  # nothing is simulated
+    n_bins = None if pools is None else pools.n_bins(trials.duration_us)
+    return dataclasses.replace(frame, t0_us=0, n_bins=n_bins)
 
 
 def _front_end(

@@ -1,16 +1,15 @@
 """What is known of a design before it is trained, and which designs are therefore never trained.
 
-Size, memory and cores of a spiking network follow from its design and the shape of its data, and so does what
-it takes on a target; costs have lower bounds: those of the earliest answer that a design point can give,
-without a spike. Limits concern networks as they are trained; other precisions (section `precision`) are not
-considered. A design is excluded if no design point of it can meet all limits on any one chip and target.
+Size, memory and cores of a spiking network follow from its design and the shape of its data; costs have lower
+bounds: those of the earliest answer that a design point can give, without a spike. Limits concern networks as
+they are trained; other precisions (section `precision`) are not considered. A design is excluded if no design
+point of it can meet all limits on any one chip.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -30,13 +29,6 @@ from dse.search.limits import MISSING, Exclusion, Known, Row, exclusion, violati
 from dse.study.record import RunRecord
 from dse.study.trials import summary
 
-
-class _Target(Protocol):
-    """A target that knows some of its memory before training (`dse.deploy.targets`)."""
-
-    def least_footprint(self, sections: Sections, shape: Shape) -> Mapping[str, Known]: ...
-
-
 _SIZING = ("data", "task", "window", "preprocessing", "encoder", "model")
 
 
@@ -55,9 +47,8 @@ class KnownBefore:
         self._shape_of = shape_of
         self._of_size: dict[tuple[object, ...], dict[str, Row]] = {}
         self._sizing = [name for name, axis in space.axes.items() if axis.place[0] in _SIZING]
-        columns, measured = named_columns(self._limits), registry.columns()
-        self._targets = _targets(space.targets, columns)
-        self.needs_data = bool(self._targets) or any(name in measured for name in columns)
+        measured = registry.columns()
+        self.needs_data = any(name in measured for name in named_columns(self._limits))
 
     def exclusion(self, design: Mapping[str, Raw]) -> Exclusion | None:
         """Return why a design cannot meet the limits, None if it can."""
@@ -69,14 +60,11 @@ class KnownBefore:
         """Return limit -> how far a trained design misses it at its full read-out, on its best chip."""
         numbers = [record.last for record in records]
         axes = self._cells(design)
-        sections = self._space.resolve(design) if self._targets else None
-        of_targets = self._on_targets(sections, None if sections is None else self._shape_of(sections))
         rows = []
         for chip in self._profiles or (None,):
             columns = summary(numbers, chip if chip in numbers[0].hardware else None)
             of_chip = dict.fromkeys(registry.columns("hardware"), MISSING)
-            row = axes | of_chip | {name: _number(x) for name, x in columns.items()}
-            rows += [{**row, **of_target} for of_target in of_targets.values()]
+            rows.append(axes | of_chip | {name: _number(x) for name, x in columns.items()})
         missed = [{limit: violation(limit, row) for limit in self._limits} for row in rows]
         return min(missed, key=lambda each: sum(each.values()))
 
@@ -90,29 +78,15 @@ class KnownBefore:
         return cells
 
     def _rows(self, design: Mapping[str, Raw], *, needs_data: bool) -> dict[str, Row]:
-        """Return chip and target, '' without them -> what is known of a design there."""
+        """Return chip, '' without one -> what is known of a design there."""
         cells = self._cells(design)
         if not needs_data:
             return {"": cells}
         key = tuple(repr(design.get(name)) for name in self._sizing)
         if key not in self._of_size:
             sections = self._space.resolve(design)
-            shape = self._shape_of(sections)
-            of_targets = self._on_targets(sections, shape)
-            self._of_size[key] = {
-                ", ".join(filter(None, (chip, target))): {**row, **of_target}
-                for chip, row in self._sized(sections, shape).items()
-                for target, of_target in of_targets.items()
-            }
+            self._of_size[key] = self._sized(sections, self._shape_of(sections))
         return {place: {**cells, **row} for place, row in self._of_size[key].items()}
-
-    def _on_targets(self, sections: Sections | None, shape: Shape | None) -> dict[str, Mapping[str, Known]]:
-        """Return target, '' without one that limits are about -> what a design takes on it."""
-        if sections is None or shape is None:
-            return {name: {} for name in self._targets or ("",)}
-        return {name: target.least_footprint(sections, shape) for name, target in self._targets.items()} or {
-            "": {}
-        }
 
     def _sized(self, sections: Sections, shape: Shape | None) -> dict[str, Row]:
         """Return chip, '' without one -> what follows from the size of a network."""
@@ -170,15 +144,6 @@ class KnownBefore:
         for end in ("", "_low", "_high"):
             row[f"energy_throttled_uj{end}"] = row[f"energy_uj{end}"]
         return row
-
-
-def _targets(names: Sequence[str], columns: Collection[str]) -> dict[str, _Target]:
-    """Return the targets of a search space, if limits name columns of them."""
-    of_targets = registry.columns_of_targets() if names else {}
-    if not any(column in of_targets[name] for name in names for column in columns):
-        return {}
-    known = registry.known("targets")
-    return {name: known[name]() for name in names if hasattr(known[name], "least_footprint")}
 
 
 def _number(value: object) -> Known:

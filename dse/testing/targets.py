@@ -41,8 +41,6 @@ def check_target(target: Target) -> Verdict | None:
     for key in ("label", "use"):
         expect(getattr(target, key, ""), f"{name}.{key} must be a text")
     expect(isinstance(target.extra, str), f"{name}.extra must be a text, '' for no extra")
-    if getattr(target, "known_before", ()):
-        expect(hasattr(target, "least_footprint"), f"{name}.least_footprint must give known_before")
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         recordings = small_recordings(folder / "touch.npz")

@@ -1,9 +1,7 @@
 """What is known before training is what training measures, or a bound of it."""
 
 import math
-from dataclasses import replace
 
-import numpy as np
 import pytest
 import yaml
 
@@ -11,8 +9,6 @@ import dse
 from dse.config import load_space
 from dse.dataset import assemble, cache, dataset_key
 from dse.dataset.shape import Shape, announced
-from dse.deploy.export import bundle_of
-from dse.deploy.verify import target_named
 from dse.hardware.profile import load_all
 from dse.search.space import design_at
 from dse.study import explore
@@ -64,32 +60,6 @@ def known_rows(space, design):
     return dict(known._rows(design, needs_data=True))
 
 
-def check_memory(study, space, place):
-    """Of a design whose weights need 8 bits, a Cortex-M4 takes what is known before, and names of classes."""
-    sections = space.resolve(design_at(space, place))
-    least = target_named("cortex_m4").least_footprint(sections, shape_of(sections, space.source.parent))
-    points = study.points()
-    bundle = bundle_of(study, points[(points["trial"] == place) & points["phi"].isna()].iloc[0])
-    as_trained = target_named("cortex_m4").footprint(bundle)
-    assert least["ram_bytes"][0] <= as_trained["ram_bytes"] <= least["ram_bytes"][1]
-    if sections.model.pruned:
-        assert "flash_bytes" not in least
-        return
-    layers = [
-        replace(
-            layer,
-            weight=layer.weight * (3.9 / np.abs(layer.weight).max()),
-            recurrent=None if layer.recurrent is None else np.full_like(layer.recurrent, 3.9),
-            delay=None if layer.delay is None else np.zeros_like(layer.delay),
-        )
-        for layer in bundle.fitted.layers
-    ]
-    finer = replace(bundle, fitted=replace(bundle.fitted, layers=tuple(layers)))
-    wide = target_named("cortex_m4").footprint(finer)
-    assert wide["ram_bytes"] == least["ram_bytes"][0]
-    assert wide["flash_bytes"] == least["flash_bytes"][0] + sum(map(len, bundle.classes))
-
-
 @pytest.mark.parametrize(
     "model",
     [
@@ -107,7 +77,6 @@ def test_training_measures_what_is_known(home, model):
     study = explore.run(here, home / "results", progress=False)
     points = study.points()
     for place in range(here.n_designs or 0):
-        check_memory(study, here, place)
         for chip, row in known_rows(here, design_at(here, place)).items():
             rows = points[(points["trial"] == place) & (points["hardware"] == chip)]
             for name in set(row) & set(points.columns) - set(here.axes):
@@ -135,23 +104,6 @@ def test_designs_beyond_a_limit_are_written_down_and_not_trained(home):
         "model.input_delays is '[0, 2]', model.hidden is 3"
     )
     assert set(study.points()["trial"]) == set(table.index[table["status"] == "finished"])
-
-
-def test_memory_on_a_target_excludes_designs(home):
-    model = {"hidden": {"choice": [3, 60, 200]}, "input_delays": [0]}
-    limits = ["ram_bytes <= 1024", "flash_bytes < 1e4"]  # two states of 4 bytes per neuron, and little else
-    here = space(home, model=model, limits=limits, targets=["cortex_m4", "cortex_m7"])
-    row = preview(here)
-    assert (row["excluded"], row["excluded_by"]) == (1, {limits[0]: 1, limits[1]: 0})
-    shape = Shape(np.zeros((4, 3), np.int32), 3, 16, 5.0)
-    known = KnownBefore(here, (), lambda _: shape)
-    (why,) = filter(None, (known.exclusion(design_at(here, place)) for place in range(3)))
-    assert why.limits == ("ram_bytes <= 1024",)
-    assert why.reason == "cannot meet ram_bytes <= 1024: ram_bytes is at least 1656 on cortex_m4"
-    assert KnownBefore(here, (), lambda _: None).exclusion(design_at(here, 2)) is None
-    floats = space(home, model=model | {"arithmetic": "float32"}, limits=limits[:1], targets=["c99"])
-    exclusion = KnownBefore(floats, (), lambda _: shape).exclusion(design_at(floats, 0))
-    assert exclusion is not None and exclusion.reason.endswith("ram_bytes has no value")
 
 
 def test_a_study_goes_on_under_other_limits(home):
@@ -189,15 +141,3 @@ def test_a_fault_names_file_line_and_what_is_known(tmp_path):
     assert any("Did you mean 'n_weights'?" in line for line in lines)
     assert any("column 'fits' needs a hardware profile" in line for line in lines)
     assert all(f"{tmp_path / 'real.yaml'}:" in line for line in lines)
-
-
-@pytest.mark.parametrize(
-    ("targets", "got"), [([], "none"), (["cortex_m4", "c99"], "c99"), (["xylo"], "xylo")]
-)
-def test_limits_on_memory_need_targets_that_know_it(tmp_path, targets, got):
-    with pytest.raises(dse.ConfigError) as caught:
-        space(tmp_path, limits=["flash_bytes < 3"], targets=targets)
-    assert str(caught.value).endswith(
-        "limit 'flash_bytes < 3': column 'flash_bytes' needs targets that know it before training in section "
-        f"'targets' (cortex_m0plus, cortex_m33, cortex_m4, cortex_m7), got {got}"
-    )

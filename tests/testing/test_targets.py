@@ -12,7 +12,7 @@ from dse import registry
 from dse.deploy.bundle import Bundle
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Verdict, compare
-from dse.registry import Column, param
+from dse.registry import param
 from dse.testing import check_target
 from tests.plugins import with_targets
 from tests.plugins.arrays_target import Arrays
@@ -97,17 +97,9 @@ class Nameless(Arrays):
         return replace(super().verify(bundle, folder, reference), run_by=())
 
 
-@dataclass(frozen=True)
-class Silent(Arrays):
-    """It declares what it never says."""
-
-    known_before = (Column("ram_bytes", "bytes", "min", "memory", known="bound"),)
-
-
 @pytest.mark.parametrize(
     ("target", "text"),
     [
-        (Silent(), "Silent.least_footprint must give known_before"),
         (Keyed(), "Keyed must have no keys"),
         (Random(), "Random.write must write the same bytes twice"),
         (Empty(), "Empty.write must write files"),

@@ -35,11 +35,6 @@ class Target(Protocol):
 
     A target whose names begin with the bundle's `prefix` (`dse export --prefix`) has `has_prefix`, True.
 
-    A target that knows some of it before training declares these columns in `known_before`, a tuple of
-    `registry.Column`; `limits` of a search space may name them. Its method `least_footprint(sections, shape)`
-    returns column -> least and largest number, both NaN where it can never hold the design; a column that
-    is absent may hold any number.
-
     label: what it is, such as 'C99 for any processor'.
     extra: extra of `dse` (pip install 'dse[EXTRA]') that writing or verifying needs; '' for none.
     use: how its files are used, one sentence or command, relative to the bundle's folder.

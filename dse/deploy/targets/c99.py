@@ -11,17 +11,14 @@ from pathlib import Path
 from typing import ClassVar
 
 import dse
-from dse.config.resolved import Sections
-from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, files, host, replay
 from dse.deploy.c.code import Code
 from dse.deploy.c.counting import code_of
-from dse.deploy.c.least import RAM, least_memory
 from dse.deploy.c.replay import Executed, Recorded
 from dse.deploy.reference import Reference
 from dse.deploy.targets import BackEnd, Engine, TargetError
-from dse.registry import Column, register
+from dse.registry import register
 
 
 class InC(BackEnd[Code]):
@@ -67,7 +64,6 @@ class C99(InC):
 
     label: ClassVar[str] = "C99 for any processor"
     extra: ClassVar[str] = ""
-    known_before: ClassVar[tuple[Column, ...]] = (RAM,)
     use: ClassVar[str] = "`cc -O2 -Isrc main.c src/dse.c -o touch` there, then `./touch < recording.csv`"
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
@@ -83,10 +79,6 @@ class C99(InC):
         if instructions is None:
             return code_size.footprint(plan)
         return code_size.footprint(plan) | {"flash_bytes": instructions + code_size.constant_bytes(plan)}
-
-    def least_footprint(self, sections: Sections, shape: Shape) -> dict[str, tuple[float, float]]:
-        """Return its memory before a design is trained (`dse.deploy.c.least`)."""
-        return least_memory(sections, shape)
 
     def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Compile and run the files on this machine (`InC`); figures are the memory of src/dse.c."""

@@ -13,14 +13,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from dse.config.resolved import Sections
-from dse.dataset.shape import Shape
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, host, replay
 from dse.deploy.c.arrays import Matrix
 from dse.deploy.c.code import Code
 from dse.deploy.c.counting import code_of
-from dse.deploy.c.least import FLASH, RAM, least_memory
 from dse.deploy.c.plan import Plan
 from dse.deploy.c.replay import Executed, Recorded
 from dse.deploy.form import Unsupported
@@ -31,7 +28,6 @@ from dse.deploy.targets.c99 import InC
 from dse.deploy.targets.emulator import MOST_FLASH_BYTES, Core, Machine, Program, compiled
 from dse.hardware.profile import load
 from dse.records import Array, Ints
-from dse.registry import Column
 
 _MEMORY = Path(__file__).parent / "memory"
 _APART = 16
@@ -48,7 +44,6 @@ class Emulated(InC):
     core: ClassVar[Core]
     profile: ClassVar[str]
     extra: ClassVar[str] = "targets"
-    known_before: ClassVar[tuple[Column, ...]] = (RAM,)
     use: ClassVar[str] = "compile `src/dse.c` there with your firmware; README.md beside it has the flags"
 
     def form(self, bundle: Bundle) -> Code:
@@ -70,10 +65,6 @@ class Emulated(InC):
         """Return its memory before it is written: in flash constants exactly, code from measured parts."""
         plan = code_of(bundle)
         return code_size.footprint(plan) | self._flash(plan)
-
-    def least_footprint(self, sections: Sections, shape: Shape) -> dict[str, tuple[float, float]]:
-        """Return its memory before a design is trained (`dse.deploy.c.least`)."""
-        return least_memory(sections, shape, self.core.parts or None)
 
     def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""
@@ -147,7 +138,6 @@ def target_of(core: Core, module: str) -> type[Emulated]:
         "core": core,
         "label": core.label,
         "profile": core.profile,
-        "known_before": (RAM, FLASH) if core.parts else (RAM,),
     }
     name = core.label.replace("-", "").replace("+", "Plus")
     return dataclass(frozen=True)(type(name, (Emulated,), members))
