@@ -1,4 +1,4 @@
-"""Where the items of a stream come from: lines of text, a serial port, recordings.
+"""Where the items of a stream come from: lines of text, recordings.
 
 Lines have fields apart by commas, semicolons, blanks or tabs:
 
@@ -12,10 +12,8 @@ A line of text before the first number is skipped; an empty line ends a recordin
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterable, Iterator
-from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +22,6 @@ from dse.deploy.classifier import Input
 from dse.deploy.reference import prepared
 from dse.deploy.stream import Item, Passed, Stream, Windows
 from dse.deploy.window import Decision
-from dse.native.extras import MissingExtra
 from dse.recordings import RecordingError, Recordings, trials_of
 from dse.records import Array, Block, Ints, Rasters, Signals
 
@@ -53,15 +50,12 @@ class End(NamedTuple):
     n_open: int = 0
 
 
-def played(
-    bundle: Bundle, recordings: Iterable[Recording], realtime: bool = False
-) -> Iterator[Decision | End]:
+def played(bundle: Bundle, recordings: Iterable[Recording]) -> Iterator[Decision | End]:
     """Yield the decisions on recordings, one after the other, as they fall, and `End` after each.
 
     Args:
         bundle: as read.
         recordings: that it takes.
-        realtime: whether samples and events come at their own pace.
 
     Raises:
         BundleError: the bundle cannot run on a stream.
@@ -69,7 +63,7 @@ def played(
     """
     for items, windows, t0_us in recordings:
         stream = Stream(bundle, windows, t0_us)
-        yield from stream.decisions(paced(items, stream.step_ms) if realtime else items)
+        yield from stream.decisions(items)
         yield End(stream.n_open)
 
 
@@ -247,51 +241,6 @@ def chunks_of_file(descriptor: int) -> Iterator[bytes]:
     """Yield what arrives at a file descriptor, as soon as it does, until it is closed."""
     while chunk := os.read(descriptor, _CHUNK):
         yield chunk
-
-
-def chunks_of_serial(port: str, baud: int) -> Iterator[bytes]:
-    """Open a serial port; yield what arrives at it, as soon as it does, until it is unplugged.
-
-    Raises:
-        MissingExtra: pyserial is not installed.
-        RecordingError: the port cannot be opened.
-    """
-    if find_spec("serial") is None:
-        raise MissingExtra("a serial port needs pyserial: pip install 'dse[serial]'")
-    import serial
-
-    try:
-        connection = serial.Serial(port, baud)
-    except (serial.SerialException, ValueError) as error:
-        number = getattr(error, "errno", None)
-        reason = os.strerror(number) if number else error
-        raise RecordingError(f"{port}: the serial port cannot be opened: {reason}") from None
-    return _read(connection)
-
-
-def _read(connection: Any) -> Iterator[bytes]:
-    from serial import SerialException
-
-    with connection:
-        while True:
-            try:
-                yield connection.read(max(1, connection.in_waiting))
-            except (SerialException, OSError):
-                return
-
-
-def paced(items: Iterable[Item], step_ms: float) -> Iterator[Item]:
-    """Yield the items of a recording when they are due by their own time, that of the first one being now."""
-    began, first_us = time.monotonic(), 0
-    for n, item in enumerate(by_step(items, step_ms)):
-        if isinstance(item, Block):
-            first_us = first_us if n else int(item.t_us[0])
-            due_s = (int(item.t_us[-1]) - first_us) / 1e6
-        else:
-            due_s = (item.t_us - first_us) / 1e6 if isinstance(item, Passed) else n * step_ms / 1e3
-        if (left := began + due_s - time.monotonic()) > 0:
-            time.sleep(left)
-        yield item
 
 
 def by_step(items: Iterable[Item], step_ms: float) -> Iterator[Item]:

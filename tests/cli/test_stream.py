@@ -3,11 +3,9 @@
 import csv
 import io
 import json
-import os
 import signal
 import subprocess
 import sys
-import threading
 from dataclasses import replace
 
 import numpy as np
@@ -120,7 +118,6 @@ def test_malformed_lines_are_named(kind, text, message, folder, tmp_path, capsys
     [
         (["x.csv", "--data", "x.npz"], "a stream must have one source, got file and data"),
         (["no.csv"], "no.csv: No such file or directory"),
-        (["--serial", "/dev/no"], "/dev/no: the serial port cannot be opened: No such file or directory"),
         (["x", "--every", "2", "--window", "once"], "--every is a rule of its own and excludes --window"),
         (["x", "--first", "3"], "--first needs --window or --every"),
     ],
@@ -143,47 +140,6 @@ def test_events_and_times_decide(folder):
     assert [x for item in recording.items[:2] for x in stream.push(item)] == []
     [decision] = stream.push(Passed(20_100))
     assert list(sources.played(made, [recording])) == [decision, sources.End(0)]
-
-
-def test_the_pace_is_that_of_the_recording(monkeypatch):
-    now, waits = [10.0], []
-
-    def sleep(seconds):
-        waits.append(round(seconds, 6))
-        now[0] += seconds
-
-    monkeypatch.setattr("dse.deploy.sources.time.monotonic", lambda: now[0])
-    monkeypatch.setattr("dse.deploy.sources.time.sleep", sleep)
-    t_us = np.array([5000, 5900, 6100, 9000])
-    zero = np.zeros(4, np.int32)
-    items = [Block(t_us, zero, zero, zero.astype(np.uint8)), Passed(10_000)]
-    assert len(list(sources.paced(items, 1.0))) == 4
-    assert waits == [0.0009, 0.0002, 0.0029, 0.001]
-    waits.clear()
-    assert len(list(sources.paced(np.zeros((3, 2)), 5.0))) == 3
-    assert waits == [0.005, 0.005]
-
-
-def test_a_serial_port_is_read_as_lines(folder):
-    made = bundle.read(folder / "spikes")
-    assert made.input is not None
-    ours, theirs = os.openpty()
-    chunks = sources.chunks_of_serial(os.ttyname(theirs), 115_200)
-    text = (folder / "rows.csv").read_bytes().split(b"\n\n")[0] + b"\n"
-    writer = threading.Thread(target=os.write, args=(ours, text))
-
-    def started():
-        writer.start()
-        yield from chunks
-
-    recordings = sources.recordings_of_lines(started(), made.input, "port", Windows("once", first=15))
-    decisions = sources.played(made, recordings)
-    whole = sources.recordings_of_file(made, str(folder / "rows.npz"))
-    assert next(decisions) == next(sources.played(made, whole))
-    writer.join()
-    decisions.close()
-    os.close(ours)
-    os.close(theirs)
 
 
 def test_a_pipe_is_answered_as_it_speaks(folder):

@@ -20,7 +20,7 @@ NEEDED = {
     "cores": {"hardware": "loihi1_silicon"},
     "inputs": {"samples": (0,)},
 }
-DRAWN = ("chips", "front", "parallel", "price", "progress")  # of tables alone, which every study has
+DRAWN = ("chips", "front", "price", "progress")  # of tables alone, which every study has
 
 
 class Bare(SmallStudy):

@@ -11,7 +11,7 @@ from json import dumps
 from typing import TYPE_CHECKING, Literal
 
 from dse.cli.answer import Answer
-from dse.cli.signature import Count, Positive
+from dse.cli.signature import Count
 from dse.text import json_line, one_line
 
 if TYPE_CHECKING:
@@ -30,24 +30,18 @@ def stream(
     bundle: str,
     file: str | None = None,
     *,
-    serial: str | None = None,
-    baud: Positive = 115_200,
     data: str | None = None,
-    realtime: bool = False,
     window: Literal["once", "restart", "onset"] | None = None,
     every: Count = None,
     first: int = 0,
     json: bool = False,
 ) -> Answer:
-    """Decide as samples or events arrive: from a pipe, a file, a serial port or recordings.
+    """Decide as samples or events arrive: from a pipe, a file or recordings.
 
     Args:
         file: text, a line per sample (a number of every channel), step (0 or 1 of every channel) or event
             (t_us x y polarity); an empty line ends a recording; -: standard input (default).
-        serial (PORT): read the lines from this serial port, e.g. /dev/ttyACM0.
-        baud: of the serial port (default: 115200).
         data (RECORDINGS): play recordings in the format of the training data.
-        realtime: play a file or recordings at their own pace, not at once.
         window: where windows begin: once, at --first; restart: the next with the step after an answer; onset:
             at each onset of contact, by window.onset_threshold of the bundle (default: as in training: onset,
             or restart; of --data: where `dse evaluate` has the window).
@@ -59,13 +53,12 @@ def stream(
     from dse.deploy.sources import End
     from dse.recordings import RecordingError
 
-    sources = [name for name, of in {"file": file, "serial": serial, "data": data}.items() if of]
-    if len(sources) > 1:
-        raise RecordingError(f"a stream must have one source, got {' and '.join(sources)}")
+    if file and data:
+        raise RecordingError("a stream must have one source, got file and data")
     windows = _windows(window, every, first)
     recording, n_without, is_answered = 0, 0, False
     with ExitStack() as files, contextlib.suppress(KeyboardInterrupt):  # Ctrl-C ends a stream
-        items = _decisions(read(bundle), file, (serial, baud), data, realtime, windows, files)
+        items = _decisions(read(bundle), file, data, windows, files)
         if not json:
             print(",".join(_COLUMNS), flush=True)
         for item in items:
@@ -104,9 +97,7 @@ def _windows(
 def _decisions(
     bundle: Bundle,
     file: str | None,
-    serial: tuple[str | None, int],
     data: str | None,
-    realtime: bool,
     windows: Windows | None,
     files: ExitStack,
 ) -> Iterator[Decision | End]:
@@ -114,18 +105,15 @@ def _decisions(
     from dse.deploy.stream import Stream
 
     if data:
-        return sources.played(bundle, sources.recordings_of_file(bundle, data, windows), realtime)
+        return sources.played(bundle, sources.recordings_of_file(bundle, data, windows))
     taken = Stream(bundle, windows).input
-    port, baud = serial
-    if port:
-        name, chunks = port, sources.chunks_of_serial(port, baud)
-    elif file is None or file == "-":
+    if file is None or file == "-":
         name, chunks = "standard input", sources.chunks_of_file(sys.stdin.fileno())
     else:
         name = file
         chunks = sources.chunks_of_file(files.enter_context(open(name, "rb")).fileno())
     recordings = sources.recordings_of_lines(chunks, taken, name, windows)
-    return sources.played(bundle, recordings, realtime)
+    return sources.played(bundle, recordings)
 
 
 def _print(decision: Decision, recording: int, as_json: bool) -> None:
