@@ -53,9 +53,8 @@ _DOCS = {
     "hardware": "Hardware profiles for energy and latency: shipped ones by name, or YAML files of your own.",
     "objectives": "Columns to minimise or maximise, each as NAME:min or NAME:max.",
     "limits": "Conditions that each design must be able to meet, such as n_weights <= 20000 or fits; one "
-    "that cannot, by what is known before training, is not trained, nor one that a measured design dominates "
-    "for certain. Of several hardware profiles or targets, one has to do. Axes, task, family and encoder may "
-    "be named, and these columns, flash_bytes and ram_bytes with `targets: [cortex_m4]`:",
+    "that cannot, by what is known before training, is not trained. Of several hardware profiles, one has to "
+    "do. Axes, task, family and encoder may be named, and these columns:",
 }
 _COMPONENTS = (*COMPONENTS.values(), "search.samplers", "figures", "neurons", "losses", "scene.motions")
 _WITH_AXES = (*WITH_AXES, "neurons", "losses", "decision", "scene", "scene.motions")

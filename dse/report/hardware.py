@@ -16,12 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from dse.hardware.interval import column_names, is_open
-from dse.measure.correlation import spearman
 from dse.measure.objectives.accuracy import wilson_se
 from dse.records import Bools, Floats
 from dse.report.designs import StudyTask, best, described, full_read_outs
 from dse.report.rows import HARDWARE, Row, measured, number
-from dse.skyline.front import front_mask
 from dse.study import pricing
 
 if TYPE_CHECKING:
@@ -91,15 +89,6 @@ class Chip:
     def has_values(self) -> bool:
         """Whether energies have a value; for some chips only intervals are known."""
         return bool(np.isfinite(self.designs[FLAT_OUT].astype(float)).any())
-
-    def front(self) -> set[int]:
-        """Return the trials on the front of accuracy and median energy, among the designs that fit."""
-        import pandas
-
-        goals = {"accuracy": "max", FLAT_OUT: "min"}
-        table = pandas.DataFrame({"accuracy": self.accuracies, FLAT_OUT: self.medians_uj()})
-        on_front = front_mask(table, goals.items(), among=self.fits)
-        return set(self.designs["trial"].to_numpy()[on_front].tolist())
 
     def ranked(self, least: float, column: str = FLAT_OUT) -> list[int]:
         """Return the designs that fit and reach an accuracy, sorted by median energy.
@@ -238,7 +227,7 @@ _MODES = {FLAT_OUT: "flat out", AT_PERIOD: "at the sensor's period"}
 def on_chips(
     part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()
 ) -> tuple[list[Row], list[str]]:
-    """Return the winner on each chip, the cheapest chip and how fronts differ, as rows and as sentences.
+    """Return the winner on each chip and the cheapest chip, as rows and as sentences.
 
     Args:
         part: a study's designs of one task.
@@ -261,8 +250,7 @@ def on_chips(
             notes.append(f"{part.name}, {part.task}: {chip.name}: no design fits")
     reaching = [chip for chip in of_chips if chip.name in levels]
     of_chip, sentences = _at_equal_accuracy(part, reaching, list(levels.values()))
-    more, note = _fronts(part, of_chips)
-    return [*rows, *of_chip, *more], [*notes, *sentences, note]
+    return [*rows, *of_chip], [*notes, *sentences]
 
 
 def _winner(
@@ -371,30 +359,6 @@ def _order_sentences(choices: Sequence[Choice], column: str) -> list[str]:
             times = _compared(*one.over(other, column))
             sentences.append(f"{one.chip.name} over {other.chip.name}: {times}")
     return sentences
-
-
-def _fronts(part: StudyTask, of_chips: Sequence[Chip]) -> tuple[list[Row], str]:
-    """Return the sizes of the fronts and of their overlaps, and the rank correlation of energies."""
-    fronts = [chip.front() for chip in of_chips]
-    base = Row(HARDWARE, "", part.task, split=part.split, study=part.name)
-    rows = []
-    sentences = [f"{chip.name} {len(front)}" for chip, front in zip(of_chips, fronts, strict=True)]
-    for chip, front in zip(of_chips, fronts, strict=True):
-        figure = "designs on the front"
-        rows.append(replace(base, figure=figure, ours=float(len(front)), hardware=chip.name))
-    for (a, b), (x, y) in zip(combinations(of_chips, 2), combinations(fronts, 2), strict=True):
-        medians = a.medians_uj(), b.medians_uj()
-        both = np.isfinite(medians).all(axis=0)
-        shared = f"designs on the front of {b.name} too"
-        ranks = f"Spearman of energies, {b.name}, {both.sum()} designs"
-        rows.append(replace(base, figure=shared, ours=float(len(x & y)), hardware=a.name))
-        rows.append(replace(base, figure=ranks, ours=number(spearman(*medians)), hardware=a.name))
-        differ = "are the same" if x == y else f"share {len(x & y)}"
-        sentences.append(f"{a.name} and {b.name} {differ}")
-    return (
-        rows,
-        f"{part.name}, {part.task}: designs on the fronts of accuracy and energy_uj: {', '.join(sentences)}",
-    )
 
 
 def _figures(part: StudyTask, choice: Choice, title: str, column: str = FLAT_OUT) -> list[Row]:

@@ -1,7 +1,6 @@
 """Checkpoints: where trainings stand, on disk, so that a killed job repeats the last epochs alone.
 
-    checkpoints/<epochs>/runs/<trial>-<repeat>.npz   the state from which the training goes on, with a record;
-        at a rung of a study with limits also everything that a finished run has
+    checkpoints/<epochs>/runs/<trial>-<repeat>.npz   the state from which the training goes on, with a record
 
 So the folder of a rung is laid out as a study of trainings of so many epochs. A run has the newest
 checkpoint alone, and none once it has ended.
@@ -94,7 +93,6 @@ def save(
     training: str,
     record: Mapping[str, Any],
     state: Mapping[str, Array],
-    parts: Mapping[str, Mapping[str, Array]] | None = None,
 ) -> None:
     """Publish a checkpoint of a run, then remove its older ones.
 
@@ -104,14 +102,12 @@ def save(
         training: what the result of the training follows from; a training of anything else cannot go on.
         record: with at least trial and repeat; at a rung, the whole record of a run.
         state: from which the training goes on.
-        parts: at a rung, those of a run.
     """
     trial, repeat = int(record["trial"]), int(record["repeat"])
     path = store.run_file(rung_folder(study, epochs), trial, repeat)
     older = [folder for folder in folders(study, trial, repeat).values() if folder != path]
     about = {"states": SCHEMA, "training": training, "epochs": epochs}
-    every = {**(parts or {}), _STATE: state}
-    store.save_run(path, {**record, **about}, every, replaces=True, compressed=False)
+    store.save_run(path, {**record, **about}, {_STATE: state}, replaces=True, compressed=False)
     for folder in older:
         store.remove(folder)
 

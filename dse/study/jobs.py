@@ -183,8 +183,8 @@ class TrainingJob:
 
     until: epochs after which trainings pause at a rung; None: they train to their ends.
     checkpoint_s: seconds between two checkpoints.
-    points_at_rung: design points are measured at a rung too, and what they need is kept; otherwise the full
-        read-out alone, which is all that designs are ranked by.
+    points_at_rung: design points are measured at a rung too, by which designs are ranked; otherwise the full
+        read-out alone.
     """
 
     runs: tuple[Run, ...]
@@ -467,7 +467,7 @@ def _publish(
         loaded: what it was trained on.
         unseen: accuracies of the trainings without some groups.
         rungs: epochs -> what was measured there before.
-        only_full: measure its full read-out alone, without arrays.
+        only_full: measure its full read-out alone.
     """
     outcome = ended.outcome if isinstance(ended, Rung) else ended
     assert outcome is not None  # the training pauses here
@@ -494,12 +494,10 @@ def _publish(
     )
     if isinstance(ended, Rung):
         record = dataclasses.replace(record, rungs={**rungs, ended.epochs: record.measured})
-    parts = {} if only_full else _arrays(job, outcome, measurement, data)
     if isinstance(ended, Rung):
-        checkpoints.save(
-            job.study, ended.epochs, _training(job, device), record.to_plain(), ended.state, parts
-        )
+        checkpoints.save(job.study, ended.epochs, _training(job, device), record.to_plain(), ended.state)
     else:
+        parts = _arrays(job, outcome, measurement, data)
         store.save_run(job.folder, record.to_plain(), parts)
         checkpoints.remove(job.study, job.trial, job.repeat)
 

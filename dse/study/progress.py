@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.records import Floats
 from dse.text import one_line
 
 if TYPE_CHECKING:
@@ -43,7 +42,7 @@ class _Estimating(Progress):
     """Knows the time left."""
 
     def __init__(self, n_workers: int) -> None:
-        self._left = TimeLeft(n_workers, time.monotonic())
+        self._left = TimeLeft(n_workers)
 
     def expect(self, n_runs: int) -> None:
         self._left.expect(n_runs)
@@ -142,9 +141,7 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min" if minutes else f"{hours} h"
 
 
-_MIN_BURSTS = 4
-_MAX_SPREAD = 0.25  # standard error of the time per work, relative to it
-_MAX_DRIFT = 1.5  # between the earlier and the later half
+_LEAST, _APART_S = 4, 1.0
 
 
 class TimeLeft:
@@ -152,12 +149,10 @@ class TimeLeft:
 
     Args:
         n_workers: workers that train at a time.
-        began_s: start of the study, on any clock.
     """
 
-    def __init__(self, n_workers: int, began_s: float) -> None:
+    def __init__(self, n_workers: int) -> None:
         self._n_workers = n_workers
-        self._began_s = began_s
         self._ended_s: list[float] = []
         self._work: list[float] = []
         self._n_expected = 0
@@ -197,59 +192,31 @@ class TimeLeft:
         unplanned = max(0, self._n_expected - self._n_planned - untrained)
         mean = self._planned / self._n_planned if self._n_planned else 1.0
         missing = max(0.0, self._planned - sum(self._work)) + unplanned * mean
-        return seconds_left(self._ended_s, self._work, missing, self._n_workers, self._began_s, now_s)
+        return seconds_left(self._ended_s, self._work, missing, self._n_workers, now_s)
 
 
 def seconds_left(
-    ended_s: Sequence[float],
-    work: Sequence[float],
-    missing: float,
-    n_workers: int,
-    began_s: float,
-    now_s: float,
+    ended_s: Sequence[float], work: Sequence[float], missing: float, n_workers: int, now_s: float
 ) -> float | None:
     """Return the estimated time until the missing work is done, or None while there is no estimate.
 
-    The runs of a cohort end together, so the time per work is measured between bursts: runs that follow one
-    another by less than half the mean interval. There is an estimate once
-
-    1. as many bursts have ended as there are workers: what the first jobs took includes preparing the data
-       and compiling, so these are not measured;
-    2. four more bursts have ended, and another has begun;
-    3. the standard error of the time per work, as of a ratio of means, is at most a quarter of it;
-    4. the earlier and the later half of these bursts differ in it by a factor of at most 1.5.
+    The first run of each worker is not measured, since it includes preparing the data and compiling; there is
+    an estimate once runs have ended at `_LEAST` later moments, of which those of a cohort are one.
 
     Args:
         ended_s: when runs ended, rising.
         work: of each of these runs, in any unit.
         missing: work of the runs that have not ended, in the same unit.
         n_workers: workers that train at a time.
-        began_s: start of the study, or of its latest run after an interruption.
         now_s: the present, on the same clock.
     """
-    if not len(ended_s) or missing <= 0:
+    ended, done = np.asarray(ended_s, np.float64), np.cumsum(work)
+    last = np.flatnonzero(np.diff(ended, append=np.inf) > _APART_S)  # runs that end together
+    if missing <= 0 or len(last) < n_workers + _LEAST:
         return None
-    ends_s, done = _bursts(np.asarray(ended_s, np.float64), np.cumsum(work), began_s)
-    if len(ends_s) < n_workers + _MIN_BURSTS:
+    first = last[n_workers - 1]
+    measured = float(done[-1] - done[first])
+    if measured <= 0:
         return None
-    took_s, worked = np.diff(ends_s)[n_workers - 1 :], np.diff(done)[n_workers - 1 :]
-    n = len(took_s)
-    half = n // 2
-    if min(worked[:half].sum(), worked[half:].sum()) <= 0:
-        return None
-    per_work = took_s.sum() / worked.sum()
-    error = np.sqrt(n / (n - 1) * ((took_s - per_work * worked) ** 2).sum()) / worked.sum()
-    drift = took_s[:half].sum() / worked[:half].sum() / (took_s[half:].sum() / worked[half:].sum())
-    if error > _MAX_SPREAD * per_work or not 1 / _MAX_DRIFT <= drift <= _MAX_DRIFT:
-        return None
-    since_s = now_s - ends_s[-1]
-    left_s = float(per_work * (missing + sum(work) - done[-1]) - since_s)
-    return left_s if left_s > 0 else None  # a job takes longer than any so far
-
-
-def _bursts(ended_s: Floats, done: Floats, began_s: float) -> tuple[Floats, Floats]:
-    """Return the end of each burst but the newest, which may continue, and the work done until then."""
-    gaps_s = np.diff(ended_s, prepend=began_s)
-    begins = gaps_s[1:] > (ended_s[-1] - began_s) / len(ended_s) / 2
-    last = np.flatnonzero(begins)
-    return ended_s[last], done[last]
+    left_s = (ended[-1] - ended[first]) / measured * missing - (now_s - ended[-1])
+    return float(left_s) if left_s > 0 else None  # a job takes longer than any so far

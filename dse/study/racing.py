@@ -4,8 +4,8 @@ A batch of designs is raced in rounds. A round names designs and the rung to whi
 When all of them stand there, the next round is decided: one in `eta` goes on to the next rung, and two
 per objective at least; the others stop. Designs of a task, a family and a chip compete, by the full read-out
 at the rung, with all designs that have stood there before, in this batch or an earlier one
-(`dse.search.racing`). A design goes on if it is among the best anywhere. Designs that lack an objective, or
-meet the limits in no design point, come last.
+(`dse.search.racing`). A design goes on if it is among the best anywhere. Designs that lack an objective
+come last.
 
 A round is written to the disk before its designs train, and is decided from records of designs at this rung
 alone. So the same designs stop for any number of workers, and after any interruption.
@@ -25,12 +25,10 @@ import numpy as np
 
 from dse import store
 from dse.config import SearchSpace
-from dse.config.expressions import named_columns
 from dse.config.search import Racing
 from dse.hardware.profile import Profile
 from dse.records import Floats
 from dse.search.racing import best
-from dse.study import checkpoints, points
 from dse.study import trials as tables
 from dse.study.ledger import Entry
 from dse.study.record import Numbers, RunRecord
@@ -41,7 +39,6 @@ if TYPE_CHECKING:
     pass
 
 SAVED = "racing/saved"
-_OF_SIZE = {"n_weights", "memory_bytes", "n_cores", "fits", "task", "family", "hardware"}
 
 _LEAST = 2
 """Designs per objective that go on at least: fewer do not span a front."""
@@ -174,14 +171,13 @@ class Race:
         for trial, at_rung in waiting.items():
             for group, values in self._full(at_rung, [record.measured for record in at_rung]):
                 stood.setdefault(group, {})[trial] = values
-        beyond = self._beyond_limits(waiting, epochs)
         sign = np.array([1.0 if direction == "min" else -1.0 for _, direction in goals])
         going: set[int] = set()
         reasons: dict[int, str] = {}
         for stood_there in stood.values():
             of_group = dict(sorted(stood_there.items()))  # so that ties do not depend on who waits
             n = max(math.ceil(len(of_group) / self._settings.eta), _LEAST * len(goals))
-            able = [t for t, values in of_group.items() if np.isfinite(values).all() and t not in beyond]
+            able = [t for t, values in of_group.items() if np.isfinite(values).all()]
             costs = np.array([sign * of_group[trial] for trial in able]).reshape(len(able), len(goals))
             ahead = [able[place] for place in best(costs, n)]
             ahead += [trial for trial in of_group if trial not in able][: n - len(ahead)]
@@ -190,25 +186,6 @@ class Race:
                 so_far = f"{goals[0][0]} {of_group[trial][0]:.4g} after {epochs} epochs"
                 reasons[trial] = f"{so_far}, not among the best {n} of {len(of_group)} designs there"
         return {trial: reasons[trial] for trial in waiting if trial not in going}
-
-    def _beyond_limits(self, waiting: Mapping[int, Sequence[RunRecord]], epochs: int) -> set[int]:
-        """Return the designs that meet the limits in no design point, by objectives, sizes and axes."""
-        from dse.skyline.constraints import matches
-
-        decided = {name for name, _ in self._space.objectives} | _OF_SIZE | self._space.axes.keys()
-        limits = [limit for limit in self._space.limits or () if named_columns([limit]) <= decided]
-        if not limits:
-            return set()
-        folder = checkpoints.rung_folder(self._folder, epochs)
-        # Without limits nothing is kept for points, and limits may have come since.
-        with_points = {t: of for t, of in waiting.items() if all("response.npz" in one.files for one in of)}
-        rows = points.points_table(self._space, folder, with_points, self._profiles)
-        if rows.empty:
-            return set(with_points)
-        for limit in limits:
-            if named_columns([limit]) <= set(rows.columns):
-                rows = rows[matches(limit, rows)]
-        return set(with_points) - set(rows["trial"])
 
     def _full(
         self, records: Sequence[RunRecord], numbers: Sequence[Numbers]

@@ -505,7 +505,7 @@ class Runs:
                 threads,
                 until,
                 checkpoint_s,
-                points_at_rung=bool(self._space.limits) or not need_no_decisions(ranked_by),
+                points_at_rung=not need_no_decisions(ranked_by),
             )
             for members in plan
         ]

@@ -333,4 +333,4 @@ def _time_left_s(
     ended_s = [at for at in moments if at >= began_s]
     if not ended_s:
         return None
-    return seconds_left(ended_s, [1.0] * len(ended_s), n_missing, n_workers, began_s, ended_s[-1])
+    return seconds_left(ended_s, [1.0] * len(ended_s), n_missing, n_workers, ended_s[-1])

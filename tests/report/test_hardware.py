@@ -107,9 +107,6 @@ def test_a_winner_on_each_chip_and_by_how_much(tmp_path, priced):
         "runner-up: energy_uj over the winner's",
         "winner of two: energy_uj over the winner's",
         "best of another family: energy_uj over the winner's",
-        "designs on the front",
-        "designs on the front of two too",
-        "Spearman of energies, two, 4 designs",
     ]
     accuracy = one["winner: accuracy"]
     assert (accuracy.trial, accuracy.ours, accuracy.se, accuracy.test) == (0, 0.9, 0.02, 0.7)
@@ -188,8 +185,7 @@ def test_a_chip_that_nothing_fits(tmp_path, priced):
     designs = [{"accuracy": 0.9, "misfits": ("tiny",)}, {"accuracy": 0.8, "family": "knn", "macs": 9.0}]
     found = report([made(tmp_path / "nets", designs, priced)])
     assert note_of(found, "tiny") == "nets, texture: tiny: no design fits"
-    assert next(iter(rows_of(found, "tiny"))) == "designs on the front"
-    assert rows_of(found, "tiny")["designs on the front"].ours == 0
+    assert not rows_of(found, "tiny")
     assert rows_of(found, "large")["equal accuracy: accuracy"].ours == 0.9, "the others are compared"
     assert not any("tiny" in figure for figure in rows_of(found, "large"))
     assert "tiny" not in at_level(found, "flat out")
@@ -275,24 +271,6 @@ def test_a_chip_of_which_only_intervals_are_known(tmp_path, priced):
     assert "one 10 to 10 uJ, snn, trial 0; two 10 uJ (10 to 10)" in at_level(found, "flat out")
 
 
-def test_fronts_differ(tmp_path, priced):
-    # Accuracy falls from trial to trial: on `one` energy does too, on `two` the third is dominated.
-    priced |= {
-        "one": [STEADY * 4, STEADY * 3, STEADY * 2, NONE],
-        "two": [STEADY * 2, STEADY, STEADY * 3, STEADY],
-    }
-    designs = [{"accuracy": accuracy} for accuracy in (0.9, 0.8, 0.7, 0.6)]
-    found = report([made(tmp_path / "nets", designs, priced)])
-    figure = "designs on the front"
-    assert rows_of(found, "one")[figure].ours == 3
-    assert rows_of(found, "two")[figure].ours == 2
-    one = rows_of(found, "one")
-    assert one["designs on the front of two too"].ours == 2
-    # Ranks 3 2 1 and 2 1 3: 1 - 6 (1 + 1 + 4) / (3 * 8)
-    assert one["Spearman of energies, two, 3 designs"].ours == pytest.approx(-0.5)
-    assert any(note.endswith("one 3, two 2, one and two share 2") for note in found.notes)
-
-
 def test_what_saw_its_answers_and_other_precisions_win_nothing(tmp_path, priced):
     priced |= {"one": [STEADY, STEADY / 2], "two": [STEADY, STEADY / 2]}
     study = made(tmp_path / "nets", [{"accuracy": 0.9}, {"accuracy": 0.99, "transductive": True}], priced)
@@ -315,7 +293,6 @@ def test_where_there_is_nothing_to_compare(tmp_path, priced):
     found = report([made(tmp_path / "both" / "nets", [{"accuracy": 0.9}], priced)])
     assert note_of(found, "one").endswith("; no other design that fits is as accurate; it wins on two too")
     one = rows_of(found, "one")
-    assert one["Spearman of energies, two, 1 designs"].ours is None, "ranks of one say nothing"
     # Of 400 pairs 20 are 10 / 14, 20 are 10 / 12, 340 are 10 / 11 and 20 are 10 / 9.
     times = one["equal accuracy: energy_uj over that on two"]
     assert middle(times) == pytest.approx((0, 10 / 11, 10 / 14, 10 / 11))

@@ -145,19 +145,3 @@ def test_a_batch_competes_with_those_before_it(tmp_path, monkeypatch):
     reasons = study.trials.set_index("trial")["reason"]
     assert reasons[0].endswith("not among the best 4 of 6 designs there")
     assert "of 18 designs there" in reasons[12] and "of 24 designs there" in reasons[18]
-
-
-def test_designs_beyond_the_limits_stop_first(tmp_path, monkeypatch):
-    monkeypatch.setattr(Workers, "stream", in_process)
-    goals = {"objectives": ["accuracy:max", "n_weights:min", "energy_uj:min"]}
-    whole = explore.run(space_of(tmp_path, search={}, **goals), tmp_path / "whole", progress=False)
-    least_uj = whole.points().groupby("trial")["energy_uj"].min()
-    limit_uj = float(least_uj.median())
-    search = {"racing": {"rungs": [2]}}
-    limits = [f"energy_uj <= {limit_uj!r}"]
-    study = explore.run(
-        space_of(tmp_path, search=search, limits=limits, **goals), tmp_path / "results", progress=False
-    )
-    trials = study.trials
-    finished = trials["trial"][trials["status"] == "finished"]
-    assert len(finished) == 8 and (least_uj[finished] <= limit_uj).all()

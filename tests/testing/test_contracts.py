@@ -48,7 +48,6 @@ FIGURES = {
     "grid": {"x": "model.hidden", "y": "window.n_steps"},
     "energy": {"hardware": "loihi1_silicon"},
     "cores": {"hardware": "loihi1_silicon"},
-    "sweep": {"x": "model.hidden"},
     "inputs": {"samples": (0, 1)},
 }
 
