@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from dse import store
 from dse.skyline import front
-from dse.skyline.admissible import DECIDING, meeting
+from dse.skyline.admissible import meeting
 from dse.skyline.constraints import ExpressionError, conditions_of, named_columns
 from dse.skyline.front import Skyline
-from dse.skyline.table import Goal
 from dse.study import corrected, held
 from dse.study.question import CERTAINTY, DRAWS, Question
 from dse.study.results import open as open_study
@@ -22,7 +17,6 @@ from dse.study.results import open as open_study
 if TYPE_CHECKING:
     import pandas
 
-_IN_MEMORY = 4_000_000  # rows of a table that is read whole
 
 ADDED = ("target", "ram_bytes", "cycles", "power_mw", *CERTAINTY)
 """Columns of a front that are there because they were asked for."""
@@ -59,10 +53,6 @@ def front_of(
     import pandas
 
     objectives, by = question.goals(results[0]), question.groups
-    if (large := _large(results, question)) is not None:
-        rows, notes = _of_large(large, objectives, question.where, by)
-        lacking = corrected.lacking(rows, (name for name, _ in objectives))
-        return Skyline(rows, [*notes, *lacking, *held.remarks(Path(results[0]))])
     frames = question.points(results)
     frame = pandas.concat(frames, ignore_index=True)
     conditions = conditions_of(question.where)
@@ -94,43 +84,3 @@ def front_of(
         rows, remarks = on_targets(open_study(results[0]), rows, question.targets)
         notes += remarks
     return Skyline(rows, notes)
-
-
-def _large(results: Sequence[str | Path], question: Question) -> Path | None:
-    """Return the file of a table that is too large for memory, if its front needs nothing but its columns."""
-    import pyarrow.parquet
-
-    path = Path(results[0])
-    file = path / "points.parquet" if path.is_dir() else path
-    asks = replace(question, objectives=None, where=(), by=()) != Question()
-    if len(results) > 1 or asks or file.suffix != ".parquet" or not file.is_file():
-        return None
-    try:
-        n_rows = pyarrow.parquet.read_metadata(file).num_rows
-    except (OSError, ValueError):  # the reader of tables says why
-        return None
-    return file if n_rows > _IN_MEMORY else None
-
-
-def _of_large(path: Path, goals: Sequence[Goal], where: Sequence[str], by: Sequence[str]) -> Skyline:
-    """Return the front of a Parquet file, of which only the columns that decide it are read whole.
-
-    Raises:
-        ExpressionError: as in `front_of`.
-        StoreError: the file is no longer what dse has written.
-    """
-    import pyarrow.parquet
-
-    store.verify(path)
-    with pyarrow.parquet.ParquetFile(path) as file:
-        needed = {*(name for name, _ in goals), *named_columns(where), *by, *DECIDING}
-        deciding = file.read([name for name in file.schema_arrow.names if name in needed])
-        found = front.skyline(deciding.to_pandas(), goals, where, by)
-        places = np.sort(found.rows.index.to_numpy())
-        parts, start = [], 0
-        for batch in file.iter_batches():
-            here = places[(places >= start) & (places < start + batch.num_rows)] - start
-            parts.append(batch.take(pyarrow.array(here)))
-            start += batch.num_rows
-    rows: pandas.DataFrame = pyarrow.Table.from_batches(parts).to_pandas().set_axis(places)
-    return Skyline(rows.loc[found.rows.index], found.notes)

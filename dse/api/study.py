@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from dse import registry
 from dse.api.choice import Choice, choose
 from dse.api.front import front_of
@@ -30,7 +28,6 @@ if TYPE_CHECKING:
     from dse.skyline.compare import Comparison
 
 _MOST_ROWS = 10  # of the table in a notebook
-_WIDTH, _HEIGHT, _MARGIN = 360, 200, 36
 
 
 class Study(results.Study):
@@ -52,7 +49,7 @@ class Study(results.Study):
         return f"<Study {self.folder.name}: {', '.join(counts) or 'no trials'}{most}; {self.folder}>"
 
     def _repr_html_(self) -> str:
-        """Return a small picture of the front and its first rows, for notebooks."""
+        """Return the first rows of the front, for notebooks."""
         title = f"<p>{html.escape(repr(self))}</p>"
         points = self.points()
         if points.empty:
@@ -65,7 +62,7 @@ class Study(results.Study):
         shown: pandas.DataFrame = distinct.head(_MOST_ROWS)[["trial", *by, *names]]
         more = f"<p>{len(distinct) - len(shown)} more: <code>study.skyline()</code></p>"
         table = shown.to_html(index=False, float_format=lambda x: f"{x:.4g}", border=0)
-        return title + _picture(rows, goals) + table + (more if len(distinct) > len(shown) else "")
+        return title + table + (more if len(distinct) > len(shown) else "")
 
     def skyline(
         self,
@@ -217,32 +214,6 @@ def open(folder: str | Path) -> Study:
     if not isinstance(given, str | Path):
         raise TypeError(f"folder must be the path of a study's folder, got {folder!r}")
     return Study(results.open(folder).folder)
-
-
-def _picture(rows: pandas.DataFrame, goals: Sequence[tuple[str, str]]) -> str:
-    """Return the front over the first two objectives as SVG; nothing where there is one."""
-    names = [name for name, _ in goals]
-    if len(names) < 2 or rows.empty:
-        return ""
-    (y_name, x_name) = names[:2]
-    x, y = (rows[name].to_numpy(np.float64) for name in (x_name, y_name))
-    log = bool((x > 0).all() and x.max() > 100 * x.min())
-    across = _scaled(np.log10(x) if log else x) * (_WIDTH - 2 * _MARGIN) + _MARGIN
-    down = _HEIGHT - _MARGIN - _scaled(y) * (_HEIGHT - 2 * _MARGIN)
-    dots = "".join(f'<circle cx="{a:.1f}" cy="{d:.1f}" r="3"/>' for a, d in zip(across, down, strict=True))
-    ends = f"{x.min():.4g} to {x.max():.4g}{' (log)' if log else ''}"
-    return (
-        f'<svg width="{_WIDTH}" height="{_HEIGHT}" role="img" aria-label="front" '
-        'style="background:#fff" fill="#0072b2" font-family="sans-serif" font-size="11">'
-        f'{dots}<text x="{_MARGIN}" y="{_HEIGHT - 10}" fill="#333">{html.escape(x_name)}: {ends}</text>'
-        f'<text x="{_MARGIN}" y="16" fill="#333">{html.escape(y_name)}: {y.min():.4g} to {y.max():.4g}'
-        "</text></svg>"
-    )
-
-
-def _scaled(values: Any) -> Any:
-    low, high = values.min(), values.max()
-    return (values - low) / (high - low) if high > low else np.full(len(values), 0.5)
 
 
 def run(

@@ -50,11 +50,9 @@ class Racing:
 class Stop:
     """What ends a search before all designs are trained."""
 
-    cpu_hours: float | None = param(
-        None, doc="CPU hours of all trainings; looked at after each batch", unit="h", low=0, low_open=True
-    )
-    minutes: float | None = param(
-        None,
+    gone: ClassVar[Mapping[str, str]] = {"cpu_hours": "minutes ends a command in time"}
+
+    minutes: float = param(
         doc="time that a command takes, its last tables included: no training begins that cannot end by "
         "then, by estimates, and one that does not end is stopped and goes on at the next command from where "
         "it stood at most 20 s before",
@@ -62,11 +60,6 @@ class Stop:
         low=0,
         low_open=True,
     )
-
-    def __post_init__(self) -> None:
-        """Check that something ends the search."""
-        if self.cpu_hours is None and self.minutes is None:
-            raise ValueError("cpu_hours or minutes must be given, got neither")
 
 
 @dataclass(frozen=True)
@@ -106,7 +99,7 @@ class Search:
     )
     stop: Stop | None = param(  # noqa: RUF009
         None,
-        doc="keys cpu_hours, minutes: the search ends when all trainings, or the command, took so long",
+        doc="key minutes: the search ends when the command took so long",
     )
 
     @property

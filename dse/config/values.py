@@ -349,8 +349,11 @@ def read_written(
             good &= one is not INVALID
             result |= {} if one is INVALID else {name: one}
         elif name not in also and name not in getattr(cls, "ignored", ()):
+            gone = getattr(cls, "gone", {}).get(name)
+            if gone and raw is None:
+                continue  # as a study of an earlier version has it
             good = False
-            hint = getattr(cls, "gone", {}).get(name) or known_names(name, [*keys, *also])
+            hint = gone or known_names(name, [*keys, *also])
             report((*path, name), f"unknown key '{dotted((*path, name))}'; {hint}")
     return result, good
 

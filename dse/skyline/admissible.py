@@ -21,9 +21,6 @@ from dse.skyline.table import group_numbers, numbers
 COST = "energy_uj_high"
 """Column that has a number for each row that its hardware can run: also where only intervals are known."""
 
-DECIDING = ("trial", "hardware", "task", "transductive", "fits", COST)
-"""Columns that decide which rows may be compared, or that notes name."""
-
 _NAMED_IN_NOTE = 5  # rows that a note names; it only counts the others
 
 

@@ -83,5 +83,4 @@ from dse.store.runs import runs_in as runs_in
 from dse.store.runs import runs_of as runs_of
 from dse.store.runs import save_run as save_run
 from dse.store.tables import made_from as made_from
-from dse.store.tables import parquet as parquet
 from dse.store.tables import write_table as write_table

@@ -122,7 +122,6 @@ def run(
                     report.note(sentence)
                 train(FrontRepeats(space, ledger, runs, results_tables.points, report))
                 _round_front(space, ledger, runs, results_tables)
-                stopped = batches.stopped
         except OutOfTime:
             runs.recall(ledger.entries)
             stopped = "its time is over (search.stop.minutes); the same command goes on"
@@ -139,7 +138,7 @@ def run(
 
 def _until_s(space: SearchSpace, began_s: float) -> float | None:
     """Return when trainings end, so that tables, page and answer are written in the command's time too."""
-    if space.search.stop is None or space.search.stop.minutes is None:
+    if space.search.stop is None:
         return None
     whole_s = 60 * space.search.stop.minutes
     return began_s + whole_s - min(0.3 * whole_s, max(_LAST_S, 0.05 * whole_s))

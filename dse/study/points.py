@@ -7,7 +7,6 @@ Numbers are means over a trial's runs, as in `dse.study.trials`.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import itertools
@@ -34,9 +33,6 @@ from dse.study.record import Numbers, RunRecord
 if TYPE_CHECKING:
     import pandas
 
-IN_MEMORY = 4_000_000
-"""Rows of a table that is written in one piece."""
-
 Part = dict[str, Array]
 """Columns of some rows of a trial on one chip."""
 
@@ -61,11 +57,7 @@ def points_table(
         trials: trial number -> records of its runs.
         profiles: hardware to price the points on; not necessarily that of the study.
     """
-    parts = [*_parts(space, folder, trials, profiles, {})]
-    names, asked = corrected.names(space), corrected.asked(space, trials)
-    counted = sum((corrected.tally(part, names, asked) for part in parts), Counter())
-    known = corrected.values(counted)
-    return _table([corrected.with_corrected(part, names, asked, known) for part in parts], space)
+    return _whole([*_parts(space, folder, trials, profiles, {})], space, trials)
 
 
 def write_points(
@@ -78,8 +70,7 @@ def write_points(
 ) -> None:
     """Write the table of `points_table` as Parquet, unless the file is that table already.
 
-    Rows of the file that follow from unchanged runs are taken over. More rows than `IN_MEMORY` are written
-    trial by trial and chip by chip.
+    Rows of the file that follow from unchanged runs are taken over.
 
     Args:
         path: the file.
@@ -153,40 +144,25 @@ def _write(
 
     A part is noted as its trial, the number of its kind, which is its columns and their types, and its rows.
     """
-    parts: list[Part] = []
-    noted: list[tuple[int, int, int]] = []
-    kinds: dict[tuple[tuple[str, str], ...], Part] = {}  # a part without rows for every kind
-    n_rows = 0
-    names, asked = corrected.names(space), corrected.asked(space, trials)
-    counted: Counter[corrected.Key] = Counter()
-    for part in _parts(space, folder, trials, profiles, kept):
-        counted += corrected.tally(part, names, asked)
-        kind = tuple((k, x.dtype.str) for k, x in part.items())
-        kinds.setdefault(kind, {k: x[:0] for k, x in part.items()})
-        noted.append((int(part["trial"][0]), list(kinds).index(kind), len(part["trial"])))
-        n_rows += len(part["trial"])
-        parts = parts if n_rows <= IN_MEMORY else []
-        parts.append(part)
-    known = corrected.values(counted)
-    if n_rows <= IN_MEMORY:
-        made_from |= {"parts": noted, "kinds": list(kinds)}
-        whole = [corrected.with_corrected(part, names, asked, known) for part in parts]
-        store.write_table(path, _table(whole, space), json.dumps(made_from))
-        return
-    import pyarrow
+    parts = [*_parts(space, folder, trials, profiles, kept)]
+    of_parts = [tuple((k, x.dtype.str) for k, x in part.items()) for part in parts]
+    kinds = list(dict.fromkeys(of_parts))
+    noted = [
+        (int(part["trial"][0]), kinds.index(kind), len(part["trial"]))
+        for part, kind in zip(parts, of_parts, strict=True)
+    ]
+    made_from |= {"parts": noted, "kinds": kinds}
+    store.write_table(path, _whole(parts, space, trials), json.dumps(made_from))
 
-    with contextlib.ExitStack() as opened:
-        writer = None
-        for part in _parts(space, folder, trials, profiles, kept):
-            whole = [*kinds.values(), corrected.with_corrected(part, names, asked, known)]
-            frame = _table(whole, space)
-            if writer is None:
-                schema = pyarrow.Table.from_pandas(frame, preserve_index=False).schema
-                for i, name in enumerate(schema.names):
-                    if frame[name].dtype == object:
-                        schema = schema.set(i, schema.field(i).with_type(pyarrow.string()))
-                writer = opened.enter_context(store.parquet(path, schema, json.dumps(made_from)))
-            writer.write_table(pyarrow.Table.from_pandas(frame, writer.schema, preserve_index=False))
+
+def _whole(
+    parts: Sequence[Part], space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]
+) -> pandas.DataFrame:
+    """Return the table of parts, with the corrected accuracies that follow from all of them."""
+    names, asked = corrected.names(space), corrected.asked(space, trials)
+    counted = sum((corrected.tally(part, names, asked) for part in parts), Counter())
+    known = corrected.values(counted)
+    return _table([corrected.with_corrected(part, names, asked, known) for part in parts], space)
 
 
 def _parts(

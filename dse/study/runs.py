@@ -135,11 +135,6 @@ class Runs:
         """Return whether a run has ended."""
         return repeat in self._records.get(trial, {})
 
-    def train_s(self) -> float:
-        """Return the seconds that all finished runs took to train."""
-        records = (record for of_trial in self._records.values() for record in of_trial.values())
-        return sum(float(x.numbers.columns.get("train_s", 0.0)) for x in records if x.numbers is not None)
-
     def is_untrained(self, trial: int) -> bool:
         """Return whether the machine kept a run of a trial from being trained."""
         return any(trial == number for number, _ in self._untrained)

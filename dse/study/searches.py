@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from dse.config import ConfigError, Fault, SearchSpace
+from dse.config import SearchSpace
 from dse.config.space import Design
 from dse.search.limits import Exclusion
 from dse.search.proposals import Limited, Sampler, limited
@@ -106,9 +106,6 @@ class Batches:
         runs: its runs.
         before: what is known of a design before it is trained; None without limits.
         report: is told what happens.
-
-    Attributes:
-        stopped: why no further batch was proposed; '' if there are no further designs.
     """
 
     def __init__(
@@ -122,9 +119,7 @@ class Batches:
         self._space, self._ledger, self._runs = space, ledger, runs
         self._before, self._report = before, report
         self._excluded = {design_key(e.design) for e in ledger.entries if e.excluded}
-        self._n_begun = runs.count()
         self._number = 0
-        self.stopped = ""
         directions = [direction for _, direction in space.objectives]
         self._sampler: Sampler = space.search.sampler.start(space, directions)
         self._limited: Limited | None = None
@@ -138,11 +133,7 @@ class Batches:
         return [entry for entry in self._ledger.batch(number) if not entry.excluded]
 
     def ask(self) -> Asked | None:
-        """Return the designs of the next batch that are trained; None where the search ends.
-
-        Raises:
-            ConfigError: a condition to stop is reached before anything is trained.
-        """
+        """Return the designs of the next batch that are trained; None where the search ends."""
         number = self._number
         self._ledger.read()
         self._exclude(number)
@@ -154,9 +145,7 @@ class Batches:
             n_before = sum(e.batch < number and not e.excluded for e in self._ledger.entries)
             n_left = n_trials(self._space) - n_before - len(entries)
             n = min(self._space.search.batch - len(entries), n_left)
-            if n > 0 and not entries and number:
-                self.stopped = self._reached()
-            if n > 0 and not self.stopped:
+            if n > 0:
                 new = self._propose(number, n)
                 if new is not None and len(new) < n:
                     n_now = n_before + len(entries) + len(new)
@@ -238,16 +227,6 @@ class Batches:
                     self._ledger.ask(number, [design], enqueued=True)
                     known[key] = len(self._ledger.entries) - 1
                 self._ledger.book.drop("queue", "place = ?", row["place"])
-
-    def _reached(self) -> str:
-        """Return why no further batch is proposed; '' if one is."""
-        stop, hours = self._space.search.stop, self._runs.train_s() * self._space.execution.threads / 3600
-        if stop is None or stop.cpu_hours is None or hours < stop.cpu_hours:
-            return ""
-        why = f"search.stop.cpu_hours {stop.cpu_hours:g} is reached: {hours:.3g} are spent"
-        if self._runs.count() == self._n_begun:
-            raise ConfigError([Fault(str(self._space.source), 0, f"{why}; raise it to go on")])
-        return why
 
 
 def n_trials(space: SearchSpace) -> int:

@@ -60,7 +60,7 @@ def test_one_line_and_a_small_page(ran):
     study, _ = ran
     assert repr(study).startswith("<Study study: 2 finished, accuracy up to ") and "\n" not in repr(study)
     page = study._repr_html_()
-    assert page.count("<circle") >= 1 and "<table" in page and "n_weights" in page
+    assert "<table" in page and "n_weights" in page
     assert "<table" in study.skyline()._repr_html_()
 
 
@@ -128,7 +128,6 @@ def test_figures_and_optuna(ran):
         ),
         (lambda study: study.plot.fornt(), AttributeError, "Did you mean 'front'"),
         (lambda study: study.plot.front(z=1), ValueError, "unknown key 'front.z'; known: "),
-        (lambda study: study.plot.sweep(family="snn"), ValueError, "sweep.x is required: "),
         (lambda study: study.plot.confusion("a"), TypeError, "design must be a trial's number or a row"),
         (lambda study: dse.open(3), TypeError, "folder must be the path of a study's folder, got 3"),
         (lambda study: dse.run(3), TypeError, "a search space must be a YAML file, .* got int"),

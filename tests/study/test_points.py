@@ -370,8 +370,7 @@ def digests(folder, trials):
     return held.digests(folder, {trial: [run.repeat for run in runs] for trial, runs in trials.items()})
 
 
-@pytest.mark.parametrize("in_memory", [0, 10**6])
-def test_a_table_written_in_blocks_holds_the_same_points(space, tmp_path, monkeypatch, in_memory):
+def test_a_written_table_holds_the_same_points(space, tmp_path):
     zeros = np.zeros((2, 3))
     surface = {
         **{"phi": np.array([0, 4]), "theta": np.array([0.5, 0.7, 1.0])},
@@ -380,7 +379,6 @@ def test_a_table_written_in_blocks_holds_the_same_points(space, tmp_path, monkey
     }
     trials = {2: [published(tmp_path, trial=2, surface=surface)], 5: [published(tmp_path, trial=5)]}
     whole = points.points_table(space, tmp_path, trials, [OPERATIONS, LOIHI])
-    monkeypatch.setattr(points, "IN_MEMORY", in_memory)
     points.write_points(
         tmp_path / "points.parquet", space, tmp_path, trials, [OPERATIONS, LOIHI], digests(tmp_path, trials)
     )

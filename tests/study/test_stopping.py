@@ -2,9 +2,7 @@
 
 import pytest
 
-from dse.config import ConfigError
 from dse.study import explore
-from dse.study.results import Study
 from dse.study.runs import Runs
 from dse.study.workers import Workers
 from tests.tiny_study import make_space
@@ -25,21 +23,6 @@ def search(tmp_path, monkeypatch):
 
 def rows(study):
     return sorted(study.trials[COLUMNS].to_numpy().tolist())
-
-
-def test_a_search_stops_and_goes_on(search, monkeypatch):
-    monkeypatch.setattr(Runs, "train_s", lambda runs: 3600.0 * runs.count())
-    settings = {"sampler": "grid", "batch": 2, "stop": {"cpu_hours": 1}}
-    stopped = search("stopped", search=settings)
-    n = len(stopped.trials)
-    assert n == 2
-    assert any("search.stop.cpu_hours 1 is reached" in text for text in stopped.warnings)
-    with pytest.raises(ConfigError, match=r"cpu_hours 1 is reached.*raise it to go on"):
-        search("stopped", search=settings)
-    assert len(Study(stopped.folder).trials) == n
-    whole = search("stopped", search={"sampler": "grid", "batch": 2})
-    assert not [text for text in whole.warnings if text.startswith("the search stopped")]
-    assert rows(whole) == rows(search("alone", search={"sampler": "grid", "batch": 2}))
 
 
 def test_time_ends_a_search_which_goes_on(search, monkeypatch):
