@@ -78,7 +78,7 @@ def test_the_time_left_is_shown_once_it_is_known(is_terminal, capsys, monkeypatc
     shown_text = capsys.readouterr().err
     assert "about 14 min left" in shown_text
     if not is_terminal:
-        *before, last = shown_text.splitlines()
+        *before, _, last = shown_text.splitlines()
         assert last == "6/20 trial 5, about 14 min left"
         assert not any("left" in line for line in before)
 
