@@ -105,3 +105,28 @@ def raw(words, size, header):
 def dat(events, header="% Version 2\n", mark=b"\x0c\x08"):
     packed = [struct.pack("<II", t % (1 << 32), p << 28 | y << 14 | x) for t, x, y, p in events]
     return header.encode() + mark + b"".join(packed)
+
+
+def nmnist(events):
+    return b"".join(bytes([x, y, p << 7 | t >> 16 & 0x7F, t >> 8 & 0xFF, t & 0xFF]) for t, x, y, p in events)
+
+
+def head_es(kind=1, version=b"\x02\x00\x01", width=300, height=260):
+    """Return the header of an Event Stream; kind 1 is DVS, 2 ATIS."""
+    size = width.to_bytes(2, "little") + height.to_bytes(2, "little")
+    return b"Event Stream" + version + bytes([kind]) + size
+
+
+def coded_es(events, kind=1, height=260):
+    """Return events of an Event Stream: elapsed time beyond a byte's range goes before the event."""
+    full, most = 255 >> kind, (1 << kind) - 1
+    recording, before = bytearray(), 0
+    for t, x, y, polarity in events:
+        steps, rest = divmod(t - before, full)
+        while steps:
+            recording.append(full << kind | min(steps, most))
+            steps -= min(steps, most)
+        recording.append(rest << kind | polarity << (kind - 1))
+        recording += x.to_bytes(2, "little") + (height - 1 - y).to_bytes(2, "little")
+        before = t
+    return bytes(recording)

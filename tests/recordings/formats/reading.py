@@ -90,6 +90,13 @@ def many(n, width, height):
 # Format, frame, number of events, of them ON, the first and the last (what is known of them), and CRC-32 of
 # t, x and y as others decode them.
 RECORDED = {
+    "faery_dvs.es": (
+        *("es", (320, 240), 473225, 270001, (), (999000, 38, 193, 1)),
+        [4149783995, 2153943521, 3035768722],
+    ),
+    "tonic_sample_nmnist.bin": (
+        *("nmnist", (34, 34), 4325, None, (654, 7, 15, 1), (311175, 21, 14, 1), None),
+    ),
     "tonic_sample_ncars.dat": ("dat", None, 2009, None, (0, 25, 8, 0), (99952, 75, 28, 1), None),
     "expelliarmus_evt2_sample.raw": ("evt2", None, 539481, 367855, (), (), None),
     "expelliarmus_evt3_sample.raw": ("evt3", None, 219596, None, (), (), None),
@@ -112,6 +119,7 @@ MARKS = (
     b"#!AER-DAT2.0\r\n",
     b"#!AER-DAT3.1\r\nFormat: RAW\r\n#!END-HEADER\r\n",
     b"#!AER-DAT4.0\r\n",
+    b"Event Stream\x02\x00\x00\x01\x40\x01\xf0\x00",
     b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM",
     b"\x89HDF\r\n\x1a\n",
     b"PK\x03\x04",

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from dse.recordings import RecordingError
 from dse.recordings.formats import BLOCK_EVENTS, Repairs, checked, detect, named
 from dse.registry import known
-from tests.recordings.formats.encoders import dat, evt2_words, evt3_words, raw
+from tests.recordings.formats.encoders import dat, evt2_words, evt3_words, nmnist, raw
 from tests.recordings.formats.reading import MARKS, RECORDED
 
 FORMATS = list(known("recordings.formats"))
-assert {"dat", "evt2", "evt3"} <= set(FORMATS)
+assert {"dat", "evt2", "evt3", "nmnist"} <= set(FORMATS)
 FRAME = (320, 240)
 ONE = [(70, 3, 4, 1)]
 
@@ -90,6 +90,8 @@ def test_real_files_cut_and_damaged(shared_data, folder, file, data):
         ("a.raw", raw(evt3_words(ONE), 2, "% format EVT3;height=720;width=1280\n"), "evt3"),
         ("a.DAT", dat(ONE, "% Width 304\n"), "dat"),
         ("a.dat", b"no header", "dat"),
+        ("a.bin", nmnist(ONE), "nmnist"),
+        ("a.BIN", b"\xff" * 10, "nmnist"),
         ("evt2", raw([], 4, "% evt 2.0\n"), "evt2"),
     ],
 )

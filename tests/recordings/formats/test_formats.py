@@ -17,6 +17,7 @@ from dse.recordings.formats import (
     aedat4,
     checked,
     detect,
+    es,
     named,
     neutouch,
     prophesee,
@@ -24,6 +25,7 @@ from dse.recordings.formats import (
 from dse.recordings.formats.stmnist import N_ROWS
 from tests.recordings.formats import aedat_files as dv
 from tests.recordings.formats.encoders import (
+    coded_es,
     dat,
     event_lists,
     evt2_event,
@@ -36,6 +38,8 @@ from tests.recordings.formats.encoders import (
     evt3_words,
     evt3_x,
     evt3_y,
+    head_es,
+    nmnist,
     raw,
 )
 from tests.recordings.formats.reading import RECORDED, faulty, many, read, refused, tuples
@@ -53,6 +57,9 @@ WRITE = {
     "evt3": lambda events, header=EVT3: raw(evt3_words(events), 2, header),
     "evt3 by 12": lambda events: raw(evt3_words(events, 12), 2, EVT3),
     "evt3 by 8": lambda events: raw(evt3_words(events, 8), 2, EVT3),
+    "nmnist": nmnist,
+    "es": lambda events: head_es() + coded_es(events),
+    "es atis": lambda events: head_es(2) + coded_es(events, 2),
     "aedat2": lambda events: dv.head_2() + dv.words(events),
     "aedat2 davis": lambda events: dv.head_2(dv.DAVIS240) + dv.words(events, dv.DAVIS240),
     "aedat31": lambda events: dv.head_3() + dv.packets(events),
@@ -66,13 +73,15 @@ FRAMES = {
     "dat": None,
     "evt2": (640, 480),
     "evt3": (1280, 720),
+    "nmnist": (34, 34),
+    "es": (300, 260),
     "aedat2": (128, 128),
     "aedat31": (240, 180),
     "aedat4": (320, 240),
 }
-PERIODS = {"dat": 1 << 32, "evt2": 1 << 34, "evt3": 1 << 24, "aedat2": 1 << 32}
+PERIODS = {"dat": 1 << 32, "evt2": 1 << 34, "evt3": 1 << 24, "nmnist": 1 << 23, "aedat2": 1 << 32}
 """Of the clocks that wrap, in us."""
-WORD_BYTES = {"dat": 8, "evt2": 4, "evt3": 2, "aedat2": 8}
+WORD_BYTES = {"dat": 8, "evt2": 4, "evt3": 2, "nmnist": 5, "aedat2": 8, "es": 5}
 
 
 @pytest.fixture(scope="module")
@@ -103,9 +112,14 @@ def test_recorded_files(shared_data, tmp_path, file):
     for k, wanted in ((0, first), (-1, last)):
         assert tuple(int(column[k]) for column in columns[: len(wanted)]) == wanted
     assert sums in (None, [zlib.crc32(a.astype(np.int64).tobytes()) for a in columns[:3]])
-    if name != "neutouch":  # nothing in their bytes says what they are
+    if name not in ("neutouch", "nmnist"):  # nothing in their bytes says what they are
         (tmp_path / "other.name").write_bytes(path.read_bytes()[: 1 << 16])
         assert detect(tmp_path / "other.name") == named(name)
+
+
+def test_events_without_addresses_are_refused(shared_data):
+    with pytest.raises(RecordingError, match=r"byte 15 must be DVS or ATIS.*, got generic events"):
+        named("es").frame(shared_data / "native_event_files" / "faery_generic.es")
 
 
 def test_a_recording_of_evt3(shared_data):
@@ -155,8 +169,8 @@ def test_the_files_of_neutouch_are_the_packed_recordings(shared_data, name):
 def test_round_trip(path, variant, data, start, block):
     name = variant.split()[0]
     period = PERIODS.get(name, 1 << 33)
-    most = {"aedat2": 127, "aedat31": 179, "aedat4": 239}.get(name, 1279)
-    longest = period >> 4
+    most = {"nmnist": 33, "aedat2": 127, "aedat31": 179, "aedat4": 239, "es": 259}.get(name, 1279)
+    longest = min(period >> 4, 1 << 16) if name == "es" else period >> 4
     if data is None:  # several wraps, or a run of one row and time
         events = [(k * longest, k % 9, k % 2, 1) for k in range(40)] if longest > 1 << 17 else [(0, 3, 4, 1)]
     else:
@@ -164,7 +178,11 @@ def test_round_trip(path, variant, data, start, block):
     first = start % period if name in PERIODS else start % (1 << 12)
     events = [(first + t - events[0][0], x, y, p) for t, x, y, p in events]
     content = WRITE[variant](events)
-    with patch.object(formats, "BLOCK_EVENTS", block), patch.object(prophesee, "BLOCK_EVENTS", block):
+    with (
+        patch.object(formats, "BLOCK_EVENTS", block),
+        patch.object(prophesee, "BLOCK_EVENTS", block),
+        patch.object(es, "BLOCK_EVENTS", block),
+    ):
         assert found(name, path, content) == events
     assert variant != name or named(name).frame(path) == FRAMES[name]
     assert found(name, path, WRITE[variant]([])) == []
@@ -175,6 +193,20 @@ LOWER = [evt3_low(800), evt3_x(1, 0), evt3_low(811), evt3_low(801), evt3_x(1, 0)
 VALID_AND_NOT = dv.pairs([(5 << 17 | 3 << 2 | 3, 70), (5 << 17 | 3 << 2 | 2, 71)])
 HIGHS = [evt3_high(0), evt3_x(1, 0), evt3_high(1), evt3_x(2, 0), evt3_low(5), evt3_x(3, 0)]
 BY_HAND = {
+    # 127 us, a reset, 127 us, then 5 us: ON at column 258, row 1 from the bottom
+    "es": ("es", head_es() + bytes([0xFF, 0xFE, 0xFF, 5 << 1 | 1, 2, 1, 1, 0]), [(259, 258, 258, 1)]),
+    # 2 x 63 us, a threshold crossing after 4 us, a change (OFF) after 1 us
+    "es atis": (
+        "es",
+        head_es(2) + bytes([0xFE, 4 << 2 | 3, 9, 0, 9, 0, 1 << 2, 7, 0, 0, 0]),
+        [(131, 7, 259, 0)],
+    ),
+    "es of time alone": ("es", head_es() + b"\xff" * 50_000, []),
+    "nmnist: row 240 adds to the time": (
+        "nmnist",
+        nmnist([(5, 1, 1, 0), (6, 0, 240, 0), (7, 2, 1, 1), (8, 0, 240, 1), (8, 0, 240, 1), (9, 3, 1, 0)]),
+        [(5, 1, 1, 0), (7 + 8192, 2, 1, 1), (9 + 3 * 8192, 3, 1, 0)],
+    ),
     "neutouch": ("neutouch", "\n".join(LINES).encode(), [(0, 44, 0, 1), (26, 3, 0, 0), (1975323, 79, 0, 0)]),
     "neutouch, other ends of lines": (
         "neutouch",
@@ -274,7 +306,7 @@ BY_HAND = {
 @pytest.mark.parametrize("case", BY_HAND)
 @pytest.mark.parametrize("block", [1, 3, BLOCK_EVENTS])
 def test_bytes_by_hand(path, monkeypatch, case, block):
-    for module in (formats, prophesee, neutouch):
+    for module in (formats, prophesee, es, neutouch):
         monkeypatch.setattr(module, "BLOCK_EVENTS", block)
     name, content, wanted = BY_HAND[case]
     assert found(name, path, content) == wanted
@@ -300,6 +332,8 @@ def test_what_begins_like_a_header_is_none(path):
         ("evt3", raw([], 2, "% evt 3.0\n"), None),
         ("dat", dat([], "% Data file of Event2D.\n% Version 2\n% Height 240\n% Width 304\n"), (304, 240)),
         ("dat", dat([], "% Version 2\n% Width 304\n"), None),
+        ("nmnist", b"", (34, 34)),
+        ("nmnist", nmnist([*ONE, (71, 0, 34, 0)]), None),
         ("aedat2", dv.head_2(None), None),
         *(("aedat2", dv.head_2(chip), size) for chip, size in dv.CHIPS.items()),
         ("aedat31", dv.head_3("DVS128"), (128, 128)),
@@ -318,6 +352,7 @@ def test_the_frame_is_that_of_the_header(path, name, content, frame):
 def test_names_that_decide(path):
     assert not named("neutouch").matches(path.with_suffix(".txt"), LINES[0].encode())
     assert not named("neutouch").matches(path.with_suffix(".tact"), b"1606029300 75273990 1 1 3 3 0 0 3 0 \n")
+    assert not named("nmnist").matches(path.with_suffix(".bin"), nmnist([(71, 0, 34, 0)]))
 
 
 # ---- files that are not sound
@@ -335,14 +370,8 @@ def cuts():
     """Yield files that end within a word, an event, a packet or its header."""
     for name, size in WORD_BYTES.items():
         for cut in (1, size - 1):
-            yield (
-                name,
-                WRITE[name](ONE) + b"\1" * cut,
-                1,
-                "the last word",
-                f"{size} bytes",
-                "drops a truncated",
-            )
+            told = "the event" if name == "es" else "the last word"
+            yield name, WRITE[name](ONE) + b"\1" * cut, 1, f"{told}", f"{size} bytes", "drops a truncated"
     for n, whole in [(1, 2), (8, 2), (12, 1), (24, 0)]:
         told = (
             f"the packet at byte {len(GOOD_3)} must hold 3 events of 8 bytes, but the file ends after {whole}"
@@ -462,6 +491,17 @@ def test_a_bad_packet_of_aedat4_among_good_ones(path, monkeypatch, sentence, com
 
 
 REFUSED = {
+    "es": {
+        b"": "the file must begin with 'Event Stream' at byte 0, it is empty",
+        b"Event Strea": "it begins with b'Event Strea'",
+        head_es(version=b"\x01\x00\x00"): "the version at byte 12 must be 2.0, got 1.0.0",
+        head_es(version=b"\x02\x01\x00"): "the version at byte 12 must be 2.0, got 2.1.0",
+        head_es(4): "byte 15 must be DVS or ATIS, whose events have addresses, got colour events",
+        head_es(77): "whose events have addresses, got 77 events",
+        head_es()[:19]: "the header must be 20 bytes long, got 19",
+        head_es()[:13]: "the header must be 20 bytes long, got 13",
+        head_es(height=0): "the frame at byte 16 must be at least 1 x 1, got 300 x 0",
+    },
     "evt2": {
         WRITE["evt2"](ONE, "% evt 3.0\n"): "must be EVT 2.0 for this reader, got '% evt 3.0'",
         WRITE["evt2"](ONE, "% format EVT21;height=7;width=9\n"): "got '% evt 2.1'",
@@ -615,7 +655,7 @@ def test_columns_without_a_time(tmp_path):
 
 # ---- memory
 
-MOST_PER_EVENT = {"aedat2": 180, "aedat31": 180, "aedat4 lz4": 120}
+MOST_PER_EVENT = {"es": 480, "nmnist": 480, "aedat2": 180, "aedat31": 180, "aedat4 lz4": 120}
 MOST_PER_EVENT |= {"dat": 240, "evt2": 240, "evt3 by 12": 240}
 
 
