@@ -100,15 +100,14 @@ const Parallel = (() => {
       rail.addEventListener("pointerdown", (event) => {
         if (event.button !== 0) return;
         event.preventDefault();
-        const { top } = rail.getBoundingClientRect();
-        const shareAt = ({ clientY }) => Math.min(1, Math.max(0, 1 - (clientY - top) / HEIGHT));
+        // The page may draw its axes anew meanwhile: the plane stays.
+        const shareAt = ({ clientY }) => Math.min(1, Math.max(0, 1 - (clientY - plane.getBoundingClientRect().top - TOP) / HEIGHT));
         const from = shareAt(event);
         const ended = (last) => {
           const ends = [from, shareAt(last)].sort((a, b) => a - b);
           keep(axis, (ends[1] - ends[0]) * HEIGHT < DRAG_PX ? null : ends);
         };
-        rail.setPointerCapture(event.pointerId);
-        rail.addEventListener("pointerup", ended, { once: true });
+        addEventListener("pointerup", ended, { once: true });
       });
     }
 
