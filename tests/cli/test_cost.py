@@ -199,7 +199,6 @@ def test_every_mistake_at_once(net, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
-        (["--battery-mwh", "5"], "--battery-mwh: needs --contacts-per-hour (0: always idle)"),
         (
             ["--contacts-per-hour", "36001"],
             "--contacts-per-hour: contacts must not overlap: 36000 of 100 ms each fit into an hour, "

@@ -196,7 +196,8 @@ def installed(folder):
 
 
 QUICK = "--jobs 1 --set training.epochs=40 --set model.snn.hidden=12"
-QUICK += " --set 'encoder={kind: quantised, step: 0.03}'"
+QUICK += " --set model.kernels.kernels=300 --set 'encoder={kind: quantised, step: 0.03}'"
+PICK = "dse pick results/touch --hardware mcu_m4 --budget n_weights<=10000 --export bundle"
 KNOWN = "warning: the design was trained and selected on these recordings"
 
 
@@ -215,7 +216,7 @@ def test_the_first_hour_on_a_bare_clone(tmp_path, monkeypatch, capsys):
         "dse audit touch.yaml": None,
         f"dse run touch.yaml --quiet {'' if whole else QUICK}": "results/touch/page.html",
         "dse skyline results/touch": None,
-        "dse pick results/touch --budget n_weights<=10000 --export bundle": "bundle/bundle.json",
+        PICK: "bundle/bundle.json",
         "dse evaluate bundle --data touch.csv": None,
         "dse export bundle --target c99 --verify touch.csv": "bundle/targets/c99",
         "dse verify bundle --data touch.csv": None,
