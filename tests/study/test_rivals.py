@@ -52,7 +52,7 @@ def stated_and_true(number, monkeypatch):
 @pytest.fixture(scope="module")
 def statements():
     with pytest.MonkeyPatch.context() as patch:
-        return np.array([pair for number in range(60) for pair in stated_and_true(number, patch)])
+        return np.array([pair for number in range(40) for pair in stated_and_true(number, patch)])
 
 
 def test_stated_probabilities_are_true_as_often(statements):
