@@ -32,6 +32,10 @@ _OPTIONAL = (
 )
 
 
+TRAINED = ("train", "validation")
+"""Parts of a split that a pick may be trained on once more: all but the test set."""
+
+
 class NothingFeasible(ValueError):
     """No design point meets every budget; `nearest` holds the nearest ones."""
 
@@ -134,15 +138,19 @@ class Choice(Mapping[str, Any]):
         return f"<p>{html.escape(repr(self))}</p>{table.to_html(border=0, na_rep='-')}{notes}"
 
     def export(
-        self, folder: str | Path, targets: Sequence[str] = (), recordings: str | Path | None = None
+        self,
+        folder: str | Path,
+        targets: Sequence[str] = (),
+        recordings: str | Path | None = None,
+        refit: Sequence[str] = (),
     ) -> Bundle:
         """Write the design point as a bundle; arguments as of `dse.export`, errors also those of `bundle`."""
         from dse.deploy.export import export
 
-        return export(self._study(), self, folder, list(targets) or self.targets, recordings)
+        return export(self._study(), self, folder, list(targets) or self.targets, recordings, refit)
 
-    def bundle(self) -> Bundle:
-        """Return the design point as a bundle; nothing is written.
+    def bundle(self, refit: Sequence[str] = ()) -> Bundle:
+        """Return the design point as a bundle, `refit` as of `dse.export`; nothing is written.
 
         Raises:
             StoreError: it is of a table.
@@ -151,7 +159,7 @@ class Choice(Mapping[str, Any]):
         """
         from dse.deploy.export import bundle_of
 
-        return bundle_of(self._study(), self)
+        return bundle_of(self._study(), self, refit)
 
     def _study(self) -> Study:
         """Return the study that has the network."""

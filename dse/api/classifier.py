@@ -20,6 +20,7 @@ from dse.api.first import init
 from dse.api.study import run
 from dse.config import ConfigError, load_space
 from dse.data.given import from_arrays
+from dse.deploy.export import written
 from dse.deploy.predict import predicted
 from dse.recordings import RecordingError
 from dse.store import StoreError
@@ -32,8 +33,9 @@ if TYPE_CHECKING:
 class Classifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc] # scikit-learn has no types
     """What `dse.init`, `dse.run` and a pick make of arrays, as scikit-learn uses it.
 
-    `fit` holds recordings back for validation, and for a test, by itself. It keeps `study_` (the study),
-    `pick_` (the design), `bundle_` (its classifier) and `classes_`.
+    `fit` holds recordings back for validation, and for a test, by itself; then the pick learns from all of
+    them. It keeps `study_` (the study), `pick_` (the design, with what it measured), `bundle_` (its
+    classifier) and `classes_`.
 
     Args:
         budget: conditions that the pick meets, such as "energy_uj <= 50", one or several.
@@ -129,7 +131,7 @@ class Classifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc] # scikit
         except (ConfigError, StoreError) as error:
             raise ValueError(str(error)) from error
         self.pick_ = self.study_.pick(self.budget)
-        self.bundle_: Bundle = self.pick_.bundle()
+        self.bundle_: Bundle = self.pick_.bundle(("train", "validation", "test"))
         return self
 
     def predict(self, X: Any) -> Array:
@@ -156,12 +158,10 @@ class Classifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc] # scikit
         """Write the pick as a bundle, with files of some targets.
 
         Raises:
-            StoreError: the study is gone: give it a folder (`results`), or export before the estimator is
-                copied.
             BundleError: a target is unknown, or cannot be written.
         """
         check_is_fitted(self)
-        return self.pick_.export(folder, targets)
+        return written(self.bundle_, folder, targets)
 
     def _predicted(self, X: Any) -> tuple[Array, Floats]:
         check_is_fitted(self)

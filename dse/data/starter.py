@@ -246,7 +246,8 @@ def _yaml(out: Path, assumed: Sequence[str], sections: Sequence[tuple[str, Mappi
         "",
         "# Budgets are given when you pick, e.g.",
         f"# dse pick {shlex.quote(f'results/{study}')} \\",
-        '#     --budget "energy_uj <= 100" --budget "n_weights <= 10000" --export bundle',
+        '#     --budget "energy_uj <= 100" --budget "n_weights <= 10000" --export bundle --refit',
+        "# --refit trains the pick once more, on training and validation together.",
         "",
     ]
     return "\n".join(lines)

@@ -67,6 +67,7 @@ def export(
     folder: str | Path,
     targets: Sequence[str] = (),
     recordings: str | Path | None = None,
+    refit: Sequence[str] = (),
 ) -> Bundle:
     """Write the bundle of a design point; of several repeats, the one with accuracy nearest their mean.
 
@@ -76,6 +77,8 @@ def export(
         folder: folder to write; a bundle in it is replaced.
         targets: names of targets that are written with it; their verdicts are the bundle's `targets`.
         recordings: to run the targets on; None: they are not verified.
+        refit: parts of the split, such as train and validation, that the design is trained on once more,
+            together; what is recorded of it was measured before. Absent: it stays as it was trained.
 
     Raises:
         ValueError: the point names no trial, or a phi, theta or precision that the study did not evaluate.
@@ -87,12 +90,18 @@ def export(
     >>> dse.export(study, study.best("n_weights <= 20000"), "small", ["c99"]).targets["c99"].kind
     'not verified'
     """
-    bundle = bundle_of(study, point)
+    return written(bundle_of(study, point, refit), folder, targets, recordings)
+
+
+def written(
+    bundle: Bundle, folder: str | Path, targets: Sequence[str] = (), recordings: str | Path | None = None
+) -> Bundle:
+    """Write a bundle, with arguments and errors as of `export`; return it with the verdicts."""
     verified = publish(bundle, Path(folder), targets, recordings)
     return dataclasses.replace(bundle, targets={name: each.verdict for name, each in verified.items()})
 
 
-def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
+def bundle_of(study: Study, point: Mapping[str, Any], refit: Sequence[str] = ()) -> Bundle:
     """Return the bundle of a design point, as `export` writes it."""
     if "trial" not in point:
         raise ValueError(f"a point must have the column trial, got the columns {', '.join(map(str, point))}")
@@ -115,7 +124,12 @@ def bundle_of(study: Study, point: Mapping[str, Any]) -> Bundle:
         "warnings": study.warnings,
         "environment": store.document(study.folder, store.ENVIRONMENT, []),
     }
-    fitted = store.fitted_of(store.load_arrays(artefacts / "weights.npz"))
+    if refit:
+        from dse.study.jobs import fitted_again
+
+        fitted, evidence["refit"] = fitted_again(study.folder, chosen, refit), list(refit)
+    else:
+        fitted = store.fitted_of(store.load_arrays(artefacts / "weights.npz"))
     if setting.precision != precision.AS_TRAINED:
         assert isinstance(fitted, Network)  # nothing else was evaluated at another precision
         fitted = rounded(fitted, *setting.precision)

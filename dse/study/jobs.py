@@ -30,13 +30,14 @@ from dse.config.contracts import (
     trains_in_cohorts,
 )
 from dse.config.resolved import LeftOut, Sections
-from dse.dataset.cache import mark_used
+from dse.dataset.cache import mark_used, usual_root
 from dse.dataset.files import read_meta
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes, head_slices
 from dse.measure.run import Measurement, OfTargets, UnseenTargets, accuracies, measure
 from dse.models.snn.quantise import rounded
 from dse.neurons.fixed_point import STATE_LIMIT
+from dse.recordings import RecordingError
 from dse.recordings.crops import with_crops
 from dse.records import (
     Answers,
@@ -56,6 +57,7 @@ from dse.study.checkpoints import Checkpoint
 from dse.study.executors.work import Failure
 from dse.study.precision import Setting
 from dse.study.record import Numbers, RunRecord, plain_rungs
+from dse.study.results import sections_found
 
 PROCESS_BYTES = 320 * 2**20
 """Memory of a worker in addition to arrays, rounded up: interpreter, libraries, compiled kernels."""
@@ -431,6 +433,32 @@ def _alone(sections: Sections, data: Dataset, rngs: Generators) -> Outcome:
     model, training = sections.model, sections.training
     crops = 1 if getattr(model, "draws_crops", False) else training.crops
     return model.fit(with_crops(data, crops), training, rngs)
+
+
+def fitted_again(folder: Path, record: RunRecord, parts: Sequence[str]) -> Network | Parameters:
+    """Return what the design of a run learns from several parts of its split together.
+
+    Its encoder stays as it was fitted.
+
+    Args:
+        folder: of the study.
+        record: of the run.
+        parts: of train, validation and test.
+
+    Raises:
+        RecordingError: the recordings that it was trained on are not found.
+        TrainingDiverged: it does not learn from these.
+    """
+
+    def rngs(purpose: str, *index: int) -> np.random.Generator:
+        return seeds.generator(record.seed, record.design, purpose, record.repeat, *index)
+
+    for sections, base, key in sections_found(folder, record):
+        if key == record.data:
+            data = dataset.load(dataset.prepare(sections, base, usual_root()))
+            whole = np.sort(np.concatenate([getattr(data, part) for part in parts]))
+            return _alone(sections, dataclasses.replace(data, train=whole), rngs).network
+    raise RecordingError(f"{folder}: the recordings of trial {record.trial} are not found, or have changed")
 
 
 def _generators(run: Run, prefix: str = "") -> Generators:

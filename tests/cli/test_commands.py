@@ -310,6 +310,10 @@ def test_pick_exports_what_evaluate_runs(results, tmp_path, capsys, monkeypatch)
     bundle = tmp_path / "bundle"
     picked = document(capsys, "pick", results, "--budget", "n_weights<=60", "--export", bundle)
     assert picked["notes"][-1] == f"bundle: {bundle}"
+    budget = ("--budget", "n_weights<=60")
+    again = document(capsys, "pick", results, *budget, "--export", tmp_path / "again", "--refit")
+    assert again["rows"] == picked["rows"] and "training and validation" in again["notes"][-1]
+    assert main(["pick", str(results), "--refit"]) == 2 and "--export" in capsys.readouterr().err
     data = results.parent.parent / "touch.npz"
     found = document(capsys, "evaluate", bundle, "--data", data)
     (row,) = found["rows"]

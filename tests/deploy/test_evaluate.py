@@ -1,10 +1,12 @@
 """From a trained point to a bundle, and the same answers from the bundle on recordings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from dse import dataset, store
+from dse import dataset, seeds, store
 from dse.cli import main
 from dse.config import load_space
 from dse.dataset import load
@@ -82,6 +84,34 @@ def test_the_repeat_nearest_the_mean_is_exported(real, point, exported):
     assert (read.phi, read.theta) == (2.0, 0.6)
     assert read.record["energy_uj"] == point["energy_uj"]
     assert "dse" in read.evidence["environment"][-1]["versions"] or read.evidence["environment"][-1]["python"]
+
+
+def test_a_pick_learns_once_more_from_training_and_validation(real, point, exported, tmp_path):
+    before = bundle.read(exported)
+    record = real.runs(0)[before.evidence["repeat"]]
+    data = load(usual_root() / record["data"])
+    whole = np.sort(np.concatenate([data.train, data.validation]))
+
+    def rngs(purpose, *index):
+        return seeds.generator(record["seed"], record["design"], purpose, record["repeat"], *index)
+
+    model, training = before.sections.model, before.sections.training
+    wanted = model.fit(replace(data, train=whole), training, rngs).network
+    again = export(real, point, tmp_path / "again", refit=("train", "validation"))
+    same = export(real, point, tmp_path / "same", refit=("train",))
+    for k, layer in enumerate(before.fitted.layers):
+        assert np.array_equal(again.fitted.layers[k].weight, wanted.layers[k].weight)
+        assert np.array_equal(same.fitted.layers[k].weight, layer.weight)
+        assert not np.array_equal(again.fitted.layers[k].weight, layer.weight)
+    assert again.record == before.record and again.evidence["refit"] == ["train", "validation"]
+    file = real.folder.parents[1] / "tiny.npz"
+    file.rename(tmp_path / "elsewhere.npz")
+    try:
+        with pytest.raises(RecordingError, match="the recordings of trial 0 are not found"):
+            export(real, point, tmp_path / "never", refit=("train",))
+    finally:
+        (tmp_path / "elsewhere.npz").rename(file)
+    assert not (tmp_path / "never").exists()
 
 
 def test_a_bundle_says_what_recordings_it_takes(real, point, exported, on_scene, tmp_path, monkeypatch):

@@ -122,6 +122,7 @@ def pick(
     question: Annotated[Question, Without(["objectives", "where", "by", "targets"])],
     target: Texts = (),
     export: str | None = None,
+    refit: bool = False,
     verify: str | None = None,
 ) -> Answer:
     """Pick the best design point that meets all budgets, and export it as a bundle.
@@ -133,11 +134,13 @@ def pick(
             accuracy).
         export (DIR): write the picked design to this folder as a bundle; the page of the study shows those in
             RESULTS/bundles, with the verdicts on their targets.
+        refit: train it once more before --export, on the recordings of training and validation together; what
+            is printed was measured before.
 
     Returns:
         The picked row, or if no row meets every budget the nearest rows and by how much they miss.
     """
-    from dse.api.choice import choose
+    from dse.api.choice import TRAINED, choose
     from dse.cli.fronts import TELLING, columns, records, rivals_section
     from dse.store import StoreError
 
@@ -145,6 +148,8 @@ def pick(
         raise StoreError(f"{results}: only a design of a study's folder can be exported")
     if verify and not (target and export):
         raise StoreError("--verify needs --target NAME, the target to run, and --export DIR, its folder")
+    if refit and not export:
+        raise StoreError("--refit needs --export DIR, the folder of the bundle")
     choice = choose(results, budget, maximise, replace(question, targets=target))
     if choice.row is None:
         missed = [str(name) for name in choice.nearest.columns if str(name).startswith("missed ")]
@@ -158,10 +163,11 @@ def pick(
         return Answer([dict(choice)], choice.notes, list(choice.shown), sections=spikes)
     from dse.cli import verdicts
 
-    bundle = choice.export(export, recordings=verify)
+    bundle = choice.export(export, recordings=verify, refit=TRAINED if refit else ())
     of_targets = [verdicts.row(name, verdict) for name, verdict in bundle.targets.items()]
     sections = {"targets": Answer(of_targets)} if of_targets else {}
-    notes = [*choice.notes, f"bundle: {export}"]
+    again = ", trained once more on training and validation together" if refit else ""
+    notes = [*choice.notes, f"bundle: {export}{again}"]
     return Answer([dict(choice)], notes, list(choice.shown), sections=sections | spikes)
 
 
