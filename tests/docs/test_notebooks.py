@@ -49,7 +49,7 @@ def test_own_sensor(performed, capsys):
     reports = [line for line in capsys.readouterr().out.splitlines() if ": accuracy " in line]
     assert [line.split(":")[0] for line in reports] == ["trial 0", "trial 1"]
     (study, page), (best, _), (accuracy, _) = shown[3:6]
-    assert len(study) == 2 and "<circle" in page and "n_weights" in page
+    assert len(study) == 2 and "<table" in page and "n_weights" in page
     assert best["n_weights"] <= 100
     assert accuracy > 0.8
 
@@ -79,7 +79,7 @@ def test_reading_a_front(performed, monkeypatch):
     monkeypatch.setattr(renderers, "render_on_display", False)  # plotly asks for nbformat, which Jupyter has
     shown = performed("reading_a_front")
     (_, page), (front, table), _, (figure, _), (price, _), (chips, _), _, (summary, _), (gains, _) = shown
-    assert "<svg" in page and "<table" in table
+    assert "<table" in page and "<table" in table
     assert (front["front_probability"] >= 0.5).all()
     assert {trace.name for trace in figure.data} >= {"texture front"}
     assert len(price.data[0].x) == 3 and len(chips.data[1].x) == 3
