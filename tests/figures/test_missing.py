@@ -15,6 +15,7 @@ from dse.testing.small import SmallStudy
 NEEDED = {
     "grid": {"x": "model.hidden", "y": "no.such"},
     "trade": {"parameter": "no.such"},
+    "sweep": {"x": "no.such"},
     "energy": {"hardware": "loihi1_silicon"},
     "cores": {"hardware": "loihi1_silicon"},
     "inputs": {"samples": (0,)},

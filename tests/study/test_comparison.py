@@ -55,8 +55,8 @@ def test_that_accuracies_are_of_other_recordings_is_said_first(written, tmp_path
     store.write_text(space, store.read_text(space).replace("at: middle", "at: onset"))
     assert main(["compare", *folders, "--html", str(page_path)]) == 0
     capsys.readouterr()
-    page = Page(new_tab((1280, 720)), page_path).open("chosen=1.0")
-    notes = page.tab.locator("#notes > li").all_inner_texts()
+    page = Page(new_tab((1280, 720)), page_path).open("chosen=1.0&show=inside")
+    notes = page.tab.locator("#notes li").all_text_contents()
     assert "their accuracies are of other recordings" in notes[0]
     text = page.tab.inner_text("#design")
     assert "the page of each study has" in text and "dse dashboard" not in text
@@ -68,12 +68,9 @@ def test_a_table_beside_itself_is_equal_and_is_drawn(written, capsys, page_path,
     assert main([*arguments, "--html", str(page_path), "--format", "table"]) == 0
     text = capsys.readouterr().out
     assert "Joint front" in text and "Best within a budget" in text
-    page = Page(new_tab((1280, 720)), page_path).open()
+    page = Page(new_tab((1280, 720)), page_path).open("expert=1")
     assert page.tab.locator("#view-studies tbody tr").count() >= 2
     assert page.tab.input_value("#colour") == "study"
-    assert sorted(page.cells(1)) == ["0", "0", "1", "1"], "the numbers that they have in their studies"
-    named = page.tab.locator("#pick button").all_inner_texts()
-    assert all(name.startswith(("Trial 0 of ", "Trial 1 of ")) for name in named) and named
     assert page.tab.is_hidden("#export")
     page.tab.fill("#budget-1", "1")
     page.tab.wait_for_function(

@@ -48,6 +48,7 @@ FIGURES = {
     "grid": {"x": "model.hidden", "y": "window.n_steps"},
     "energy": {"hardware": "loihi1_silicon"},
     "cores": {"hardware": "loihi1_silicon"},
+    "sweep": {"x": "model.hidden"},
     "inputs": {"samples": (0, 1)},
 }
 

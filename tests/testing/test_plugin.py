@@ -169,6 +169,7 @@ def test_its_components_keep_their_contracts(installed):
         (("bars", "--out", "x.json", "--set", "column=[a"), "--set column: not valid YAML"),
         (("bars", "--out", "x.json", "--set", "column=none"), "figure bars: KeyError in line"),
         (("bars", "--out", "x.json", "--set", "column"), "--set column: must be KEY=VALUE"),
+        (("sweep", "--out", "x.json", "--set", "x=a"), "figure sweep: "),
         (("bars", "--out", "x.json", "--plugin", "no.py"), "plugin 'no.py': cannot read"),
     ],
 )
