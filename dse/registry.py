@@ -57,7 +57,7 @@ ELSEWHERE: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "dse-papers": {
         "figures": (
             *("distances", "grid", "histograms", "inputs", "intervals", "intervals_by_sample"),
-            *("lengths", "preprocessing", "psth", "surface"),
+            *("lengths", "preprocessing", "psth", "surface", "sweep"),
         ),
         "models": ("cascade", "hots", "threshold_lif"),
         "reports": ("paper",),
