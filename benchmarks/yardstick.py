@@ -173,18 +173,20 @@ def first_study(name: str, arrays: Arrays, seed: int, folder: Path) -> FirstStud
     folder.mkdir(parents=True)
     file = folder / f"{name}.npz"
     step_ms = arrays["step_ms"]
-    np.savez(file, **{key: values for key, values in arrays.items() if key != "step_ms"})
+    columns = {key: values for key, values in arrays.items() if key != "step_ms"}
+    np.savez(file, **columns)
+    np.savez(folder / "test.npz", **{key: x[arrays["split"] == "test"] for key, x in columns.items()})
     began = sum(os.times()[:4])
     path = dse.init(file, folder / f"{name}.yaml", label="label", step_ms=step_ms)
     space = dse.load_space(path, {"seed": str(seed + 1)})
     study = dse.run(space, folder / "results", jobs=1, progress=False)
     cpu_s = sum(os.times()[:4]) - began
-    is_test = arrays["split"] == "test"
     found = []
     for budget in ((), "family == 'snn'"):
         pick = study.pick(budget)
-        again = pick.bundle(("train", "validation")).predict(arrays["signal"][is_test])
-        found += [float(pick["accuracy_test"]), float(np.mean(again == arrays["label"][is_test]))]
+        again = pick.bundle(("train", "validation")).predict(folder / "test.npz")
+        right = again == arrays["label"][arrays["split"] == "test"]
+        found += [float(pick["accuracy_test"]), float(right.mean())]
     trials = study.trials.sort_values("accuracy", ascending=False)
     return FirstStudy(*found, float(trials["accuracy_test"].iloc[0]), cpu_s)
 
