@@ -205,7 +205,8 @@ class Dataset:
     heads: the parts of a joint target; empty for a single target.
     room_low, room_high: (n,) int32 inclusive bounds of the first step of any window whose steps are stored;
         None: those of training windows.
-    rises: (n_channels,) int32 what a spike of each channel adds to the level of its place; None: not known.
+    rises: (n_channels,) int32 what a spike of each channel adds to the level of its place (x and y), in the
+        encoder's least step; None: spikes do not add up to a signal.
     """
 
     spikes: Spikes

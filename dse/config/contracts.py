@@ -166,9 +166,12 @@ class Encoder(Protocol):
         """
 
     def rises(self, n_in: int) -> Ints | None:
-        """Return what a spike of each channel adds to the level of its place, whole numbers that are not 0.
+        """Return what a spike of each channel adds to the level of its place, (n_channels,) int32.
 
-        None where spikes do not add up to a signal.
+        It is in the least step of the encoder, and no number is 0. None: spikes do not add up to a signal.
+
+        Args:
+            n_in: sampled channels.
         """
         return None
 

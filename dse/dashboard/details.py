@@ -250,7 +250,8 @@ def _source(study: Study, points: pandas.DataFrame, hardware: Sequence[str]) -> 
 
 def _document(source: _Source, trial: int) -> dict[str, Any]:
     folder = source.study.folder
-    rows = source.points[source.points["trial"] == trial]
+    points = source.points  # without columns where no design was trained
+    rows = points[points["trial"] == trial] if "trial" in points else points
     if rows.empty:
         raise StoreError(f"{folder}: has no finished trial {trial}")
     notes: list[str] = []

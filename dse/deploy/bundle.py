@@ -465,6 +465,7 @@ def _readme(bundle: Bundle) -> str:
         early=bundle.phi is not None,
         spikes=f"{bundle.phi or 0:g}",
         fraction=f"{bundle.theta or 0:g}",
+        refit=" and ".join(bundle.evidence.get("refit", [])),
         **(_of_network(fitted) if isinstance(fitted, Network) else _of_family(bundle, fitted)),
         rows=[{"name": markdown(str(x)), "value": markdown(str(y))} for x, y in bundle.record.items()],
         verdicts=targets,

@@ -74,7 +74,7 @@ def _as_file(bundle: Classifier, data: Any, axes: str | None) -> Iterator[tuple[
         yield bundle, Path(data)
         return
     trained = bundle.sections.data
-    if not isinstance(trained, Sampled):
+    if bundle.sections.encoder is None or not isinstance(trained, Sampled):
         raise BundleError("data must be a file: arrays are for classifiers of sampled signals")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "recordings.npz"

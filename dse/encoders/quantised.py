@@ -53,6 +53,6 @@ class Quantised(Deltas):
         return tuple(self.step * 2**k for k in reversed(range(self.digits)))
 
     def rises(self, n_in: int) -> Ints:
-        """Return what a spike of each channel adds to the level of its place, in steps."""
+        """Return 2^digit of each channel, negative of those that say it fell, (n_channels,) int32."""
         powers = 2 ** np.arange(self.digits, dtype=np.int32)[::-1]
         return np.repeat(np.outer(powers, np.array([-1, 1], np.int32)).ravel(), n_in)

@@ -49,6 +49,11 @@ def check_encoder(encoder: Encoder, signals: Signals | None = None, *, causal: b
     expect(
         len(np.unique(positions, axis=0)) == n_channels, f"{name}.positions must tell all its channels apart"
     )
+    rises = encoder.rises(signals.n_channels)
+    expect(
+        rises is None or (rises.shape == (n_channels,) and rises.dtype.kind == "i" and bool(rises.all())),
+        f"{name}.rises must be ({n_channels},) whole numbers that are not 0, or None, got {rises}",
+    )
     if encoder.transductive:
         return
     if causal:

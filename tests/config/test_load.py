@@ -404,6 +404,19 @@ def test_no_single_character_crashes_the_reader(tmp_path):
     assert outcomes[False] > 100
 
 
+EVENTS = """
+study: x
+data: {{kind: scene, scene: quickstart}}
+task: {{target: texture}}
+split: {{stratified: {{validation: 0.2}}}}
+preprocessing: {{bin_ms: 4, every_event: {every_event}}}
+{encoder}
+model: {model}
+objectives: [accuracy:max]
+search: {{sampler: tpe, n_trials: 2}}
+"""
+
+
 @pytest.mark.parametrize(
     ("every_event", "model", "encoder", "refused"),
     [
@@ -420,20 +433,7 @@ def test_no_single_character_crashes_the_reader(tmp_path):
 )
 def test_every_event_is_for_models_that_take_events(tmp_path, every_event, model, encoder, refused):
     path = tmp_path / "x.yaml"
-    path.write_text(
-        f"""
-study: x
-data: {{kind: scene, scene: quickstart}}
-task: {{target: texture}}
-split: {{stratified: {{validation: 0.2}}}}
-preprocessing: {{bin_ms: 4, every_event: {every_event}}}
-{encoder}
-model: {model}
-objectives: [accuracy:max]
-search: {{sampler: tpe, n_trials: 2}}
-""",
-        encoding="utf-8",
-    )
+    path.write_text(EVENTS.format(every_event=every_event, model=model, encoder=encoder), encoding="utf-8")
     if not refused:
         load_space(path)
         return
@@ -445,3 +445,15 @@ search: {{sampler: tpe, n_trials: 2}}
         for kind in refused
     ]
     assert [fault.message for fault in caught.value.faults] == expected
+
+
+@pytest.mark.parametrize("reads", ["levels", "{choice: [counts, levels]}"])
+def test_levels_are_not_read_of_events_with_times_of_their_own(tmp_path, reads):
+    path, model = tmp_path / "x.yaml", f"{{kind: linear, reads: {reads}}}"
+    path.write_text(EVENTS.format(every_event="true", model=model, encoder=""), encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_space(path)
+    [fault] = caught.value.faults
+    assert fault.message.startswith("model.reads must be counts") and fault.line == 8
+    path.write_text(EVENTS.format(every_event="false", model=model, encoder=""), encoding="utf-8")
+    load_space(path)

@@ -225,6 +225,13 @@ def test_a_page_on_disk_carries_details(folder, tmp_path):
     assert list(page["details"]) == ["0"]
 
 
+def test_a_study_whose_limits_exclude_all_designs_has_a_page(tmp_path):
+    tiny_study.make_space(tmp_path, limits=["family == 'none'"])
+    assert tiny_study.run_folder(tmp_path) == 0
+    page = held(write_page(results.open(tmp_path / "results" / "tiny"), tmp_path / "page.html"))
+    assert "details" not in page
+
+
 def test_a_deterministic_design_is_as_uncertain_as_its_recordings_are_few(folder):
     study = results.open(folder)
     points = study.points().assign(repeats=3, accuracy=0.75, accuracy_se=0.0)

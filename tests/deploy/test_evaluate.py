@@ -104,6 +104,8 @@ def test_a_pick_learns_once_more_from_training_and_validation(real, point, expor
         assert np.array_equal(same.fitted.layers[k].weight, layer.weight)
         assert not np.array_equal(again.fitted.layers[k].weight, layer.weight)
     assert again.record == before.record and again.evidence["refit"] == ["train", "validation"]
+    texts = [(path / "README.md").read_text(encoding="utf-8") for path in (exported, tmp_path / "again")]
+    assert ["on the recordings of train and validation together" in text for text in texts] == [False, True]
     file = real.folder.parents[1] / "tiny.npz"
     file.rename(tmp_path / "elsewhere.npz")
     try:
@@ -112,6 +114,11 @@ def test_a_pick_learns_once_more_from_training_and_validation(real, point, expor
     finally:
         (tmp_path / "elsewhere.npz").rename(file)
     assert not (tmp_path / "never").exists()
+
+
+def test_arrays_are_no_spikes(exported):
+    with pytest.raises(BundleError, match="arrays are for classifiers of sampled signals"):
+        bundle.read(exported).predict(np.zeros((2, 16, 4)))
 
 
 def test_a_bundle_says_what_recordings_it_takes(real, point, exported, on_scene, tmp_path, monkeypatch):

@@ -115,6 +115,14 @@ class Miscounted(Mean):
         return n_in + 1
 
 
+@dataclass(frozen=True)
+class Weightless(Mean):
+    """Its spikes add nothing to a level."""
+
+    def rises(self, n_in: int) -> Array:
+        return np.zeros(n_in, np.int32)
+
+
 class Impure(NamedTuple):
     """State of `Counting`."""
 
@@ -346,6 +354,7 @@ CASES = (
     (check_family, ForgetfulKNN(), "respond must give the validation answers of its fit"),
     (check_encoder, Mean(), "Mean must be causal: a spike may not depend on later values"),
     (check_encoder, Miscounted(), "n_channels must be that of its spikes, 3, got 4"),
+    (check_encoder, Weightless(), "rises must be .* whole numbers that are not 0"),
     (check_sampler, Stuck(), "Stuck.ask must return designs that it did not return before"),
     (check_sampler, Loose(), "Loose must inherit `SamplerSettings`"),
     (check_objective, Undeclared(), "must declare every column that it returns, got error"),

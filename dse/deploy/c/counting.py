@@ -137,6 +137,7 @@ class CountingPlan(Code):
         slides = self.classifier.slides
         return {
             "reads_levels": False,
+            "n_levels": 0,
             **self.classifier.values,
             "slides": slides,
             "n_windows": len(self.ends),
@@ -372,7 +373,7 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
         "n_groups": len(groups),
         "longest": int(arrays["dilations"].max()),
         "n_bins": n_bins,
-        "n_places": groups.shape[1],
+        "n_levels": groups.shape[1],
         "n_ring": n_ring,
         "back": back,
         "most_level": MOST_LEVEL if highest > MOST_LEVEL else 0,

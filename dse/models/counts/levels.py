@@ -11,18 +11,20 @@ C computes as spikes come, with one multiplication per spike.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from dse.config.parts import Part, Told, Written
 from dse.models.counts.rate_windows import RateClassifier, window_edges
 from dse.native.compiled import compiled
 from dse.records import Answers, Array, Dataset, Ints, Parameters
 from dse.registry import param
 
 HELD = 4095
+"""Largest magnitude of a mean or a movement: 12 bits and a sign."""
 
 
 def wiring(dataset: Dataset) -> dict[str, Array]:
@@ -66,6 +68,13 @@ class LevelReader(RateClassifier):
         if self.reads == "levels" and self.channels == "sum":
             raise ValueError("model.reads levels needs model.channels each, got sum")
 
+    @classmethod
+    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+        """Yield events with times of their own, which have no levels."""
+        has_times = "encoder" not in space.parts and True in space.range("preprocessing", "every_event")
+        if has_times and "levels" in part.range("reads"):
+            yield part.told("reads", "must be counts where preprocessing.every_event is true, got levels")
+
     def wiring(self, dataset: Dataset) -> Mapping[str, Array]:
         """Return what `wiring` does, and by how many bits levels are shifted; nothing for counts.
 
@@ -91,12 +100,12 @@ class LevelReader(RateClassifier):
     def _summed(self, dataset: Dataset, samples: Array, wired: Mapping[str, Array]) -> Ints:
         edges = window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)
         n_places = int(wired["place"].max()) + 1
-        found = np.zeros((len(samples), len(edges) - 1, 2 * n_places), np.int32)
+        sums = np.zeros((len(samples), len(edges) - 1, 2 * n_places), np.int32)
         first = np.asarray(samples, np.int64) * dataset.spikes.n_steps + dataset.start[samples]
         rows, channel = dataset.spikes.row_offsets, dataset.spikes.channel
         level = np.zeros(n_places, np.int32)
-        _sum(rows, channel, first, edges, wired["place"], wired["sign"].astype(np.int32), level, found)
-        return found
+        _sum(rows, channel, first, edges, wired["place"], wired["sign"].astype(np.int32), level, sums)
+        return sums
 
     def most(self, dataset: Dataset) -> int:
         """Return the largest magnitude of an input."""
@@ -128,8 +137,8 @@ class LevelReader(RateClassifier):
 
 
 @compiled(_nrt=False)
-def _sum(row_offsets, channel, first, edges, place, sign, level, found):  # type: ignore[no-untyped-def]
-    """Sum levels over the steps of windows, and |sign| over their spikes, into `found`.
+def _sum(row_offsets, channel, first, edges, place, sign, level, sums):  # type: ignore[no-untyped-def]
+    """Sum levels over the steps of windows, and |sign| over their spikes, into `sums`.
 
     Args:
         row_offsets: of the spikes.
@@ -139,17 +148,17 @@ def _sum(row_offsets, channel, first, edges, place, sign, level, found):  # type
         place: (channel,).
         sign: (channel,).
         level: (place,) int32, overwritten.
-        found: (n, window, 2 x place) int32 zeros.
+        sums: (n, window, 2 x place) int32 zeros.
     """
     for i in range(len(first)):
         level[:] = 0
         for w in range(len(edges) - 1):
             end = edges[w + 1]
             for p in range(len(level)):
-                found[i, w, 2 * p] = level[p] * (end - edges[w])
+                sums[i, w, 2 * p] = level[p] * (end - edges[w])
             for t in range(edges[w], end):
                 for e in range(row_offsets[first[i] + t], row_offsets[first[i] + t + 1]):
                     p, rise = place[channel[e]], sign[channel[e]]
                     level[p] += rise
-                    found[i, w, 2 * p] += rise * (end - t)
-                    found[i, w, 2 * p + 1] += abs(rise)
+                    sums[i, w, 2 * p] += rise * (end - t)
+                    sums[i, w, 2 * p + 1] += abs(rise)

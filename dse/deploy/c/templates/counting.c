@@ -114,15 +114,12 @@ void dse_reset(void)
     for (i = 0; i < ${n_features}u; i++) {
         net.counts[i] = 0;
     }
-@if reads_levels
+@if n_levels
     for (i = 0; i < ${n_levels}u; i++) {
         net.levels[i] = 0;
     }
 @end
 @if slides
-    for (i = 0; i < ${n_places}u; i++) {
-        net.levels[i] = 0;
-    }
     for (i = 0; i < ${n_groups}u * ${n_ring}u; i++) {
         net.ring[i] = 0;
     }
