@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from dse.config import load_space as load_space
     from dse.deploy.evaluate import evaluate as evaluate
     from dse.deploy.export import export as export
+    from dse.deploy.reproduce import reproduce as reproduce
     from dse.deploy.verify import verify as verify
 
 __version__ = "0.1.0"
@@ -38,6 +39,7 @@ _home = {
     "init": "dse.api.first",
     "load_space": "dse.config",
     "open": "dse.api.study",
+    "reproduce": "dse.deploy.reproduce",
     "run": "dse.api.study",
     "verify": "dse.deploy.verify",
 }
@@ -54,6 +56,7 @@ __all__ = [
     "init",
     "load_space",
     "open",
+    "reproduce",
     "run",
     "verify",
 ]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from dse.deploy.verdict import Verdict
     from dse.deploy.verify import Verified
 
-_DRIFT = 4
+DRIFT = 4
 """Exit code where a target that was faithful or equivalent is less."""
 
 
@@ -26,7 +26,7 @@ def answer(verified: Mapping[str, Verified], code: int = 0) -> Answer:
         {**row(name, each.verdict), "before": None if each.before is None else each.before.kind}
         for name, each in verified.items()
     ]
-    return Answer(rows, drifts, code=_DRIFT if drifts else code)
+    return Answer(rows, drifts, code=DRIFT if drifts else code)
 
 
 def row(name: str, verdict: Verdict) -> Row:

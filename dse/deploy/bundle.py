@@ -6,6 +6,7 @@ weights.npz   trained parameters; of a network: float weights, 8-bit weights, de
 plugins/      files of the plugins with its components; reading the bundle runs their code
 targets/      a folder for every target (dse.deploy.targets)
 README.md     the same for people
+statement.json  what it follows from, for tools (dse.deploy.statement)
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from dse.deploy import checks
 from dse.deploy.c.text import filled
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
 from dse.deploy.prefix import DEFAULT, checked, prefixed
+from dse.deploy.statement import statement
 from dse.deploy.stream import Item, Stream, Windows
 from dse.deploy.verdict import Share, Verdict, in_words
 from dse.deploy.window import Decision
@@ -63,6 +65,7 @@ _TARGETS = "targets"
 _WEIGHTS = "weights.npz"
 _PLUGINS = "plugins"
 _README = "README.md"
+_STATEMENT = "statement.json"
 
 
 @dataclass(frozen=True)
@@ -143,18 +146,23 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
     verdicts = {x: v for x, v in bundle.targets.items() if x in sources or v.kind == "unsupported"}
     with store.published(folder) as temporary:
         temporary.mkdir()
-        store.save_arrays(temporary / _WEIGHTS, weights(bundle.fitted))
+        arrays, sections = weights(bundle.fitted), bundle.sections.to_plain()
+        store.save_arrays(temporary / _WEIGHTS, arrays)
+        stated = statement(
+            sections, bundle.evidence, arrays, {_WEIGHTS: store.checksum(temporary / _WEIGHTS)}
+        )
+        (temporary / _STATEMENT).write_text(f"{json.dumps(stated, indent=1, default=store.plain)}\n", "utf-8")
         plugins = tuple(_copied(source, temporary) for source in bundle.plugins)
         text = _readme(dataclasses.replace(bundle, targets=verdicts))
         (temporary / _README).write_text(text, encoding="utf-8")
-        files = [_WEIGHTS, _README, *(name for name in plugins if name.endswith(".py"))]
+        files = [_WEIGHTS, _README, _STATEMENT, *(name for name in plugins if name.endswith(".py"))]
         for name, source in sources.items():
             copy = temporary / _TARGETS / name
             shutil.copytree(source, copy)
             files += sorted(x.relative_to(temporary).as_posix() for x in copy.rglob("*") if x.is_file())
         document = _Document(
             schema=SCHEMA,
-            sections=bundle.sections.to_plain(),
+            sections=sections,
             decision=_Decision(
                 phi=bundle.phi, theta=bundle.theta, read_out_ms=bundle.read_out_ms, head=bundle.head
             ),
@@ -425,7 +433,7 @@ def _copy_others(folder: Path, bundle: Path) -> None:
     is damaged, which does not say what is its own.
     """
     for path in folder.iterdir() if folder.is_dir() else ():
-        if path.name in (_DOCUMENT, _README, _WEIGHTS, _PLUGINS, _TARGETS):
+        if path.name in (_DOCUMENT, _README, _STATEMENT, _WEIGHTS, _PLUGINS, _TARGETS):
             continue
         if path.is_dir() and not path.is_symlink():
             shutil.copytree(path, bundle / path.name, symlinks=True)

@@ -116,6 +116,7 @@ def bundle_of(study: Study, point: Mapping[str, Any], refit: Sequence[str] = ())
     evidence = {
         "study": study.space["study"],
         "seed": chosen.seed,
+        "design": dict(chosen.design),
         "trial": trial,
         "repeat": chosen.repeat,
         "accuracy_of_repeats": accuracies.tolist(),
@@ -132,9 +133,8 @@ def bundle_of(study: Study, point: Mapping[str, Any], refit: Sequence[str] = ())
         fitted = store.fitted_of(store.load_arrays(artefacts / "weights.npz"))
     if setting.precision != precision.AS_TRAINED:
         assert isinstance(fitted, Network)  # nothing else was evaluated at another precision
+        evidence["precision"] = dict(zip(("weight_bits", "pruned"), setting.precision, strict=True))
         fitted = rounded(fitted, *setting.precision)
-        weight_bits, pruned = setting.precision
-        evidence["precision"] = {"weight_bits": weight_bits, "pruned": pruned}
     sections = dataclasses.replace(_sections_of(study, chosen), test=None)
     return Bundle(
         fitted=fitted,

@@ -449,16 +449,45 @@ def fitted_again(folder: Path, record: RunRecord, parts: Sequence[str]) -> Netwo
         RecordingError: the recordings that it was trained on are not found.
         TrainingDiverged: it does not learn from these.
     """
-
-    def rngs(purpose: str, *index: int) -> np.random.Generator:
-        return seeds.generator(record.seed, record.design, purpose, record.repeat, *index)
-
     for sections, base, key in sections_found(folder, record):
         if key == record.data:
-            data = dataset.load(dataset.prepare(sections, base, usual_root()))
-            whole = np.sort(np.concatenate([getattr(data, part) for part in parts]))
-            return _alone(sections, dataclasses.replace(data, train=whole), rngs).network
+            return trained_alone(sections, base, record.seed, record.design, record.repeat, parts)
     raise RecordingError(f"{folder}: the recordings of trial {record.trial} are not found, or have changed")
+
+
+def trained_alone(
+    sections: Sections,
+    base: Path,
+    seed: int,
+    design: Mapping[str, object],
+    repeat: int,
+    parts: Sequence[str] = (),
+) -> Network | Parameters:
+    """Return what a design learns, bit for bit as in its cohort.
+
+    Args:
+        sections: of the design, with those of its fold.
+        base: folder that recordings are relative to.
+        seed: of the study.
+        design: its axes.
+        repeat: of the design.
+        parts: of the split that it learns from together; none: train.
+
+    Raises:
+        RecordingError: anything wrong with the recordings.
+        TrainingDiverged: it does not learn.
+    """
+    folder = dataset.prepare(sections, base, usual_root())
+    data = dataset.load(folder)
+    if parts:
+        whole = np.sort(np.concatenate([getattr(data, part) for part in parts]))
+        data = dataclasses.replace(data, train=whole)
+    run = Run(0, repeat, design, seed, sections, folder, base, folder, (), (), ())
+    ((_, outcome),) = _outcomes(TrainingJob((run,)), data)
+    if isinstance(outcome, Exception):
+        raise outcome
+    assert isinstance(outcome, Outcome)  # nobody has asked for a pause
+    return outcome.network
 
 
 def _generators(run: Run, prefix: str = "") -> Generators:

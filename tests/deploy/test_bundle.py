@@ -40,6 +40,7 @@ def test_a_bundle_survives_the_disk(made, tmp_path):
     assert sorted(path.name for path in (tmp_path / "b").iterdir()) == [
         "README.md",
         "bundle.json",
+        "statement.json",
         "weights.npz",
     ]
     text = (tmp_path / "b" / "README.md").read_text()

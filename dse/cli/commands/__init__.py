@@ -11,7 +11,7 @@ GROUPS = {
     "begin": ("init", "prepare"),
     "search": ("audit", "check", "doctor", "enqueue", "run"),
     "choose": ("compare", "dashboard", "figure", "pick", "report", "skyline"),
-    "deploy": ("evaluate", "export", "measure", "stream", "verify"),
+    "deploy": ("evaluate", "export", "measure", "reproduce", "stream", "verify"),
     "look_up": ("cost", "describe", "simulate"),
 }
 """Module -> its commands, in the order of `dse --help`."""

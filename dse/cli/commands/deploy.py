@@ -68,6 +68,28 @@ def export(bundle: str, *, target: Texts, verify: str | None = None, prefix: str
     return verdicts.answer(export_targets(bundle, target, verify, prefix))
 
 
+def reproduce(bundle: str, *, data: str | None = None, trial: int | None = None) -> Answer:
+    """Train an exported classifier once more from what its bundle states, and compare every number.
+
+    Args:
+        bundle: folder that `dse pick --export` wrote, or that of a study.
+        data (PATH): the recordings, or the folder that they are named relative to (default: they are looked
+            up in this folder, in that of the bundle and in those above it).
+        trial: of a study (default: that of most accuracy).
+
+    Returns:
+        identical; close, where floating point differs by less than 1e-6; or different: exit code 4.
+    """
+    import dataclasses
+
+    from dse.cli.verdicts import DRIFT
+    from dse.deploy.reproduce import reproduce
+
+    found = reproduce(bundle, data, trial)
+    row = {name: x for name, x in dataclasses.asdict(found).items() if name != "changed"}
+    return Answer([row], list(found.changed), code=DRIFT if found.kind == "different" else 0)
+
+
 def measure(bundle: str, *, data: str | None = None, rest: Annotated[float, Rule(low=0)] = _REST_S) -> Answer:
     """Measure time and energy of an exported classifier on this machine: as a stream and as C.
 
