@@ -17,6 +17,7 @@ const Answer = (() => {
   function panel(root, cards, app) {
     const { number, clip, sized, change, many, plural, headline, differences } = app;
     let shown = null;
+    const touch = Touch.player(app);
 
     // ---- words
 
@@ -255,7 +256,9 @@ const Answer = (() => {
       const other = good ? card("as good, cheaper", at(pick), subject) : isPick && best !== pick ? card("the most accurate", at(best), subject)
         : !isPick && pick >= 0 ? card("the pick", at(pick), subject) : null;
       const halved = isPick ? half : least(subject.value(cost) / 2);
-      cards.replaceChildren(...[card(isPick ? "your pick" : "your choice", subject, null), other, halved >= 0 && cost ? card(`half the ${label(cost)}`, at(halved), subject) : null].filter(Boolean));
+      const first = card(isPick ? "your pick" : "your choice", subject, null);
+      first.append(...[touch(shown)].filter(Boolean));
+      cards.replaceChildren(...[first, other, halved >= 0 && cost ? card(`half the ${label(cost)}`, at(halved), subject) : null].filter(Boolean));
     }
     const least = (most) => Budgets.least(shown.budgeted.among.filter((row) => app.numbers(app.costOf())[row] <= most), [app.numbers(shown.page.budgets.maximise).map((value) => -value)]);
 

@@ -1,12 +1,17 @@
 "use strict";
 // What a page was given: as JSON from a server, which packs what it sends, or packed in a file.
 const Data = (() => {
-  // The JSON of gzipped text that was written in base64.
-  async function unpacked(text) {
+  // The numbers of some kind that base64 holds.
+  function array(text, Kind) {
     const letters = atob(text);
     const bytes = new Uint8Array(letters.length);
     for (let k = 0; k < bytes.length; k += 1) bytes[k] = letters.charCodeAt(k);
-    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).json();
+    return new Kind(bytes.buffer);
+  }
+
+  // The JSON of gzipped text that was written in base64.
+  async function unpacked(text) {
+    return new Response(new Blob([array(text, Uint8Array)]).stream().pipeThrough(new DecompressionStream("gzip"))).json();
   }
 
   // What is wrong, in place of a page that cannot be shown.
@@ -59,5 +64,5 @@ const Data = (() => {
     return { share, value, ticks };
   }
 
-  return { read, unpacked, ends, axis };
+  return { read, array, unpacked, ends, axis };
 })();

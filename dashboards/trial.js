@@ -8,15 +8,12 @@
 
   // ---- numbers
 
-  function unpacked(text, Kind) {
-    return new Kind(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
-  }
-  const px = unpacked(page.px, Int16Array);
+  const px = Data.array(page.px, Int16Array);
   const nPins = px.length / 2 / page.n_moments;
   const place = (moment, pin, axis) => px[(moment * nPins + pin) * 2 + axis] * page.px_unit;
   const events = {
-    t: unpacked(page.t_us, Int32Array), x: unpacked(page.x, Int16Array), y: unpacked(page.y, Int16Array),
-    polarity: unpacked(page.polarity, Uint8Array),
+    t: Data.array(page.t_us, Int32Array), x: Data.array(page.x, Int16Array), y: Data.array(page.y, Int16Array),
+    polarity: Data.array(page.polarity, Uint8Array),
   };
 
   // The first event after a time.

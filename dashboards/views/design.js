@@ -131,7 +131,7 @@ const Design = (() => {
   const KINDS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f4: Float32Array, f8: Float64Array };
   function listed(values) {
     if (!values?.bdata) return Array.isArray(values) ? values : [];
-    const flat = [...new KINDS[values.dtype](Uint8Array.from(atob(values.bdata), (letter) => letter.charCodeAt(0)).buffer)];
+    const flat = [...Data.array(values.bdata, KINDS[values.dtype])];
     const [rows, width] = String(values.shape ?? "").split(",").map(Number);
     return width ? Array.from({ length: rows }, (_, k) => flat.slice(k * width, (k + 1) * width)) : flat;
   }

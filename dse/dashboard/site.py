@@ -17,6 +17,7 @@ from dse.dashboard.details import gather_details
 from dse.dashboard.live import Live, Page, stamp
 from dse.dashboard.serve import Download, Refused, Server, Site
 from dse.dashboard.study import PageRequest, checked, page_of, progress_of, with_recordings
+from dse.dashboard.touches import gather_touches
 from dse.dashboard.verdicts import folder_of
 from dse.deploy.bundle import BundleError, read
 from dse.deploy.export import export
@@ -105,26 +106,34 @@ class StudySite(Site):
         except StoreError as error:
             raise Refused(HTTPStatus.NOT_FOUND, _NO_TRIAL) from error
 
+    def touches(self, trial: int, point: int) -> Page:
+        """Return what plays held recordings to a design point."""
+        row = self._row(trial=trial, point=point)
+        with _refusing():
+            return gather_touches(self._study, [row], self._request.question.hardware)
+
+    def _row(self, **wanted: object) -> dict[str, object]:
+        """Return the first row of the table of points with some values."""
+        rows = self._points
+        for name, value in wanted.items():
+            rows = rows[rows[name] == value] if name in rows else rows.iloc[:0]
+        if rows.empty:
+            raise Refused(HTTPStatus.NOT_FOUND, "The study has no such design point.")
+        return {str(column): value for column, value in rows.iloc[0].items()}
+
     def bundle(self, trial: int, point: int, hardware: str) -> Download:
         """Return the bundle of a design point as a zip file; nothing is written to the study.
 
         It is that of the study's folder whose targets were run, if there is one; another holds the targets of
         the search space, written and not verified. A refusal names no path.
         """
-        rows = self._points
-        wanted: dict[str, object] = {"trial": trial, "point": point}
-        if hardware or "hardware" in rows:
-            wanted["hardware"] = hardware
-        for name, value in wanted.items():
-            rows = rows[rows[name] == value] if name in rows else rows.iloc[:0]
-        if len(rows) != 1:
-            raise Refused(HTTPStatus.NOT_FOUND, "The study has no such design point.")
+        is_priced = hardware or "hardware" in self._points
+        row = self._row(trial=trial, point=point, **({"hardware": hardware} if is_priced else {}))
         name = f"trial_{trial}_point_{point}"
         if (verified := folder_of(self._study.folder, trial, point, hardware)) is not None:
             with contextlib.suppress(BundleError, OSError):  # a damaged one is made anew
                 read(verified)
                 return Download(f"{name}.zip", _zipped(verified, name))
-        row = {str(column): value for column, value in rows.iloc[0].items()}
         with _refusing(), tempfile.TemporaryDirectory(prefix="dse-bundle-") as temporary:
             folder = Path(temporary) / name
             export(self._study, row, folder, self._study.space.get("targets", ()))

@@ -12,6 +12,7 @@ import numpy as np
 import pandas
 
 from dse import store
+from dse.dashboard import touches
 from dse.dashboard.definition import Definition, load
 from dse.dashboard.details import packed_details, shown_first
 from dse.dashboard.gather import gather_page
@@ -63,10 +64,13 @@ def load_definition(folder: Path, name: str) -> Definition:
     return load(name)
 
 
-def write_page(study: Study, path: Path | None = None, request: PageRequest | None = None) -> Path:
+def write_page(
+    study: Study, path: Path | None = None, request: PageRequest | None = None, *, plays: bool = True
+) -> Path:
     """Write the page of a study, by default as page.html in its folder, and return the path.
 
-    It holds the details of as many designs as fit, those on the fronts first.
+    It holds the details of as many designs as fit, those on the fronts first, and with `plays` what plays
+    recordings to the designs of its first cards.
 
     Raises:
         ConfigError: a hardware profile does not exist or is wrong.
@@ -75,11 +79,25 @@ def write_page(study: Study, path: Path | None = None, request: PageRequest | No
     request = checked(study, request or PageRequest())
     points = with_recordings(study, study.points(request.question.hardware))
     page = page_of(study, points, request) | progress_of(study.folder)
+    if plays and (rows := touches.shown_first(page)):
+        page["touches"] = touches.gather_touches(
+            study, _of_rows(page, rows, points), request.question.hardware
+        )
     least, most = _ROOM_BYTES
     room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
     details = packed_details(study, points, shown_first(page), room, request.question.hardware)
     target = path or study.folder / "page.html"
     return write_filled("page", page | ({"details": details} if details else {}), target)
+
+
+def _of_rows(page: Mapping[str, Any], rows: Sequence[int], points: pandas.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of the table of points that some rows of its page are."""
+    if not rows:
+        return []
+    names = [name for name in ("trial", "point", "hardware") if name in page["columns"]]
+    named = points.set_index(names, drop=False)
+    keys = [tuple(page["columns"][name]["values"][row] for name in names) for row in rows]
+    return [named.loc[[key]].iloc[0].to_dict() for key in keys]
 
 
 def write_comparison(

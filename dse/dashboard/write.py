@@ -24,8 +24,11 @@ PLOTLY = "plotly-strict.min.js.gz"
 """plotly.js without `eval`: plotly.js-strict-dist-min of npm, in the version of the package plotly."""
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
 _SHARED = ("dom", "data", "figure")
-_MODULES = {"page": (*_SHARED, "details", "budgets", "answer", "views"), "trial": _SHARED}
+_MODULES = {"page": (*_SHARED, "details", "budgets", "touch", "answer", "views"), "trial": _SHARED}
 """The scripts that the views and the main script of each page call."""
+
+_MODULES_RUN = "'wasm-unsafe-eval'"
+"""What lets a page run the modules of its designs, and no other text as a script."""
 
 
 def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Path:
@@ -76,7 +79,7 @@ def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Fil
         for text in (plotly, *scripts)
     )
     policy = (
-        f"default-src 'none'; script-src {hashes}; "
+        f"default-src 'none'; script-src {hashes}{' ' + _MODULES_RUN * (live or 'touches' in page)}; "
         "style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
         + ("; connect-src 'self'" if live else "")
     )

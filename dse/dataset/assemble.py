@@ -389,7 +389,7 @@ class New(NamedTuple):
     first: Ints
 
 
-def build_for(design: Sections, base: Path, classes: Sequence[str]) -> New:
+def build_for(design: Sections, base: Path, classes: Sequence[str], only: Ints | None = None) -> New:
     """Return a data set of new recordings, all of them in `test`.
 
     They are prepared as `prepare` would, with what it has fitted to the data that was trained on.
@@ -398,6 +398,7 @@ def build_for(design: Sections, base: Path, classes: Sequence[str]) -> New:
         design: as `as_prepared` returns it, with `data` naming the new file; split and test are not read.
         base: folder that the file is looked up beside.
         classes: those of the data that was trained on.
+        only: recordings that are read, rising; None: all.
 
     Raises:
         RecordingError: anything wrong with the recordings, or labels that are none of the classes. A file
@@ -408,13 +409,14 @@ def build_for(design: Sections, base: Path, classes: Sequence[str]) -> New:
     codes: Ints = np.full(n, -1, dtype=np.int64)
     if set(target_columns(task_target)) <= set(recordings.columns):
         codes = _codes_of(recordings, task_target, tuple(classes), "the new recordings")
-    every = np.ones(n, dtype=bool)
-    part = placed(recordings, design, every, positions=positions)
+    chosen = np.arange(n) if only is None else only
+    used = np.isin(np.arange(n), chosen)
+    part = placed(recordings, design, used, positions=positions)
     stored = _stored_temporarily(part)
     if design.encoder is not None and recordings.front_end != "encoder":
-        stored = _stored_temporarily(encoding.encoded(stored, design.encoder, every))
+        stored = _stored_temporarily(encoding.encoded(stored, design.encoder, used))
     none = np.zeros(0, dtype=np.int64)
-    dataset = joined(stored, tuple(classes), codes, none, none, np.arange(n))
+    dataset = joined(stored, tuple(classes), codes, none, none, chosen)
     assert part.first is not None  # placed has it
     return New(dataset, stored.notes, recordings, part.first)
 

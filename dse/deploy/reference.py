@@ -105,14 +105,32 @@ def of_recordings(bundle: Classifier, data_file: str | Path, *, repair: bool = F
         BundleError: its classifier refuses the recordings.
         RecordingError: the recordings do not fit.
     """
-    new = prepared(bundle, data_file, repair=repair)
+    return _reference(bundle, prepared(bundle, data_file, repair=repair), data_file)
+
+
+def of_new(bundle: Classifier, new: New, where: str | Path) -> Reference:
+    """Return what a bundle does on recordings that are prepared for it (`dataset.build_for`).
+
+    Args:
+        bundle: as exported.
+        new: prepared with its sections.
+        where: what an error calls them.
+
+    Raises:
+        BundleError: its classifier refuses the recordings.
+    """
+    data = dataclasses.replace(new.dataset, heads=bundle.heads)
+    return _reference(bundle, new._replace(dataset=data), where)
+
+
+def _reference(bundle: Classifier, new: New, where: str | Path) -> Reference:
     data, network = new.dataset, bundle.fitted
-    decisions = decided(bundle, data, answered(bundle, data, data_file))
+    decisions = decided(bundle, data, answered(bundle, data, where))
     is_spikes = isinstance(new.recordings, Rasters) and bundle.sections.encoder is None
     per_sample = network.steps_per_sample if isinstance(network, Network) else 1
     return Reference(
         inputs=None if is_spikes else new.recordings,
-        first_step=new.first + data.start,
+        first_step=(new.first + data.start)[data.test],
         dataset=data,
         spikes_in=spikes_of_windows(data),
         fired=tuple(spikes_of_layers(network, data, data.test)) if isinstance(network, Network) else (),

@@ -3,6 +3,9 @@
 import itertools
 import re
 import shlex
+from pathlib import Path
+
+import pytest
 
 HOSTILE = (
     '<img src=x onerror="window.hacked=1">',
@@ -128,6 +131,13 @@ class Page:
         found = self.tab.locator("#cards article").all_inner_texts()
         lines = [re.sub(r"\n+", "\n", text.replace("\u202f", " ")) for text in found]
         return {title: rest for title, _, rest in (text.partition("\n") for text in lines)}
+
+    def violations(self):
+        """Return what axe-core finds: rule and nodes."""
+        axe = pytest.importorskip("axe_playwright_python", reason="no axe-core")
+        self.tab.evaluate((Path(axe.__file__).parent / "axe.min.js").read_text(encoding="utf-8"))
+        found = self.tab.evaluate("async () => (await axe.run()).violations")
+        return [(one["id"], [node["html"][:120] for node in one["nodes"]]) for one in found]
 
     def fits(self):
         """Return whether the page holds no more than its width."""

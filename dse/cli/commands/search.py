@@ -200,7 +200,7 @@ def _page(study: Study) -> str:
     try:
         from dse.dashboard.study import write_page
 
-        return f"page: {write_page(study)}"
+        return f"page: {write_page(study, plays=False)}"
     except Exception as error:  # a page gathers every table and figure; no error of theirs may fail the run
         why = str(error) or type(error).__name__
         return (

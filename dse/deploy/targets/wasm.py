@@ -27,8 +27,13 @@ from dse.registry import register
 
 _CALLED = 16
 """Windows whose spikes are given to the module itself; a program that tells every spike has all of them."""
-_FLAGS = ("-target", "wasm32-wasi", "-std=c99", "-Os")
-_MODULE = ("-mexec-model=reactor", "-Wl,--export=__heap_base", "-Wl,--strip-all")
+_FLAGS = ("-std=c99", "-Os")
+_PROGRAM = ("-target", "wasm32-wasi", *_FLAGS)
+# Without a C library, which ziglang would compile for half a minute at its first use.
+_MODULE = (
+    *("-target", "wasm32-freestanding", *_FLAGS),
+    *("-Wl,--no-entry", "-Wl,--export=__heap_base", "-Wl,--strip-all"),
+)
 _CALLS = {replay.INIT: "init", replay.RESET: "reset", replay.STEP: "step"}
 _MOST_FUEL = 2**62
 _NEEDED = {"ziglang": "cross-compiler", "wasmtime": "run time"}
@@ -64,7 +69,7 @@ class Wasm(InC):
         with tempfile.TemporaryDirectory() as place:
             sources, options = host.driven(folder, Path(place), "-DDSE_TRACE", *recorded.options)
             program = Path(place) / "replay.wasm"
-            _built(sources, program, *options)
+            _built(sources, program, *_PROGRAM, *options)
             played = replay.parsed(_replayed(program, recorded.commands or replay.of_spikes(reference)))
         _, prefix = host.classifier_in(folder)
         labels, instructions = _called(_module(folder), prefix, replay.of_spikes(reference)[:_CALLED])
@@ -75,7 +80,7 @@ class Wasm(InC):
             "instructions_per_inference": instructions / max(1, len(labels)),
         }
         versions = tuple(f"{name} {importlib.metadata.version(name)}" for name in _NEEDED)
-        return Executed(played, figures, f"{versions[0]}, {' '.join(_FLAGS)}", versions)
+        return Executed(played, figures, f"{versions[0]}, {' '.join(_PROGRAM)}", versions)
 
 
 def _check() -> None:
@@ -84,17 +89,7 @@ def _check() -> None:
 
 
 def _built(sources: Sequence[Path], module: Path, *options: str) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "ziglang",
-        "cc",
-        *_FLAGS,
-        *options,
-        *map(str, sources),
-        "-o",
-        str(module),
-    ]
+    command = [sys.executable, "-m", "ziglang", "cc", *options, *map(str, sources), "-o", str(module)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         reason = next((x for x in done.stderr.splitlines() if "error" in x), done.stderr.strip())
