@@ -22,7 +22,7 @@ from dse.config import ConfigError
 from dse.dashboard.budgets import budget_columns
 from dse.dashboard.gather import ENERGY, INSTEAD, plain
 from dse.dashboard.verdicts import sentences
-from dse.dashboard.write import packed, plain_figure
+from dse.dashboard.write import packed, plain_figure, without_template
 from dse.figures import NothingRecorded
 from dse.figures.front import numbers
 from dse.figures.precision import BITS, PRUNED
@@ -248,6 +248,7 @@ def _source(study: Study, points: pandas.DataFrame, hardware: Sequence[str]) -> 
     return _Source(study, points, limited, chip)
 
 
+@without_template()
 def _document(source: _Source, trial: int) -> dict[str, Any]:
     folder = source.study.folder
     points = source.points  # without columns where no design was trained

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import gzip
 import hashlib
 import html
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -109,6 +110,18 @@ def packed(document: Mapping[str, Any]) -> str:
 def gzipped(content: bytes) -> bytes:
     """Return gzipped bytes, the same for the same."""
     return gzip.compress(content, compresslevel=6, mtime=0)
+
+
+@contextlib.contextmanager
+def without_template() -> Iterator[None]:
+    """Let figures be made without plotly's template, which a page drops: every figure would copy it."""
+    from plotly.io import templates
+
+    before, templates.default = templates.default, None
+    try:
+        yield
+    finally:
+        templates.default = before
 
 
 def plain_figure(figure: plotly.graph_objects.Figure) -> dict[str, Any]:
