@@ -27,7 +27,7 @@ export DSE_DATA
 # Modules are compiled once, wherever the environment forbids it: else each process of the tests does so again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: example papers quickstart test wheel faults fuzz peers setup lint types $(KERNELS) format clean
+.PHONY: example picture papers quickstart test wheel faults fuzz peers setup lint types $(KERNELS) format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -41,6 +41,10 @@ example: $(STUDY)
 # The folders of the papers in results/: runs what results/studies lacks, an hour; PAPERS=004 for one of them.
 papers: $(TESTS)
 	$(BIN)/python -m benchmarks.papers $(PAPERS)
+
+# The picture of README.md, from the page of results/example.
+picture: $(TESTS)
+	$(BIN)/python -m benchmarks.picture
 
 # Types are checked while kernels are compiled, all at once: who ends first leaves a core to the others. Test
 # files that take longest come first (tests/conftest.py), and wait much: there are more processes than cores.
