@@ -66,7 +66,7 @@ const Answer = (() => {
       const { state, page } = shown;
       const { tasks, hardware: chips, allowed } = app.lists();
       Dom.fill(task, tasks.map((name) => [name, clip(name, 40)]), state.task);
-      Dom.fill(hardware, chips.map((name) => [name, clip(name, 40)]), state.hardware);
+      Dom.fill(hardware, chips.map((name) => [name, clip(app.chipName(name), 40)]), state.hardware);
       Dom.fill(pace, allowed.pace.map((name) => [name, { flat: "as fast as it can", period: "at the sensor's pace" }[name]]), state.pace);
       const left = Object.keys(page.budgets.columns).filter((column) => !limits().includes(column));
       more.replaceChildren(element("option", { value: "", textContent: "+ limit" }), ...left.map((value) => element("option", { value, textContent: label(value) })));
@@ -89,7 +89,7 @@ const Answer = (() => {
         return element("span", { className: "whole" }, `${k ? ", " : ""}${way} `, box(column), columns[column].unit ? `\u202f${columns[column].unit}` : "");
       });
       const named = tasks.length > 1 ? task : tasks.length && tasks[0] !== "undefined" ? clip(tasks[0], 40) : "its classes";
-      return [...(chips.length > 1 ? ["On ", hardware, " "] : chips.length && chips[0] ? [`On ${clip(chips[0], 40)} `] : ["Here, "]), ...words, " ",
+      return [...(chips.length > 1 ? ["On ", hardware, " "] : chips.length && chips[0] ? [`On ${clip(app.chipName(chips[0]), 40)} `] : ["Here, "]), ...words, " ",
         ...(page.budgets.columns[main()] === undefined && !more.options.length ? [] : [more]),
         ...(allowed.pace.length > 1 ? [", ", pace] : []), ", ", shown.budgeted.pick < 0 && !shown.chosen ? "no design tells "
           : `this ${family ? app.familyName(family) : "design"} tells `, named, " apart", ...result()];
@@ -112,7 +112,7 @@ const Answer = (() => {
     function because() {
       const { misfits, isUnable, noneFits, chosen } = shown.budgeted;
       if (!noneFits) return ["One of these limits must give way."];
-      const chip = chosen.hardware ?? "the chip";
+      const chip = chosen.hardware ? app.chipName(chosen.hardware) : "the chip";
       const unable = misfits.some(isUnable);
       return [misfits.every(isUnable) ? `${chip} cannot run ${chosen.family ?? "these designs"}.`
         : `No design fits ${chip}: ${unable ? "it cannot run some, and the others are" : "all are"} too large.`];

@@ -145,6 +145,7 @@
   const trialName = (trial) => `Trial ${number(trialNumber(trial))}${page.numbered ? ` of ${page.numbered[isSecond(trial) ? "second" : "first"]}` : ""}`;
   const nameOf = (row) => (columns.trial ? trialName(columns.trial.values[row]) : `Point ${row}`);
 
+  const chipName = (name) => page.chips?.[name] ?? String(name);
   const familyName = (family) => FAMILIES[family] ?? String(family);
 
   // ---- state
@@ -391,7 +392,7 @@
   }
 
   const app = {
-    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, trialNumber, title, sized, trusts, isShare, isFraction, familyName,
+    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, trialNumber, title, sized, trusts, isShare, isFraction, familyName, chipName,
       saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric,
       distinct, numbers, categories, placed, setPoint,
     headline, costsOf, costOf: () => engine.cost, differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),

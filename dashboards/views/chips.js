@@ -16,7 +16,7 @@ const Chips = (() => {
       const level = Math.min(...found.filter(({ budgeted }) => budgeted.pick >= 0).map(({ budgeted }) => columns[gain].values[budgeted.best]));
       const least = found.map(({ budgeted }) => (cost ? Budgets.least(budgeted.among.filter((row) => columns[gain].values[row] >= level), [app.numbers(cost)]) : -1));
       const lines = found.map(({ name, budgeted }, k) => {
-        const open = button(clip(name, 32), () => app.change({ hardware: name }), { title: "show this chip", "aria-pressed": state.hardware === name });
+        const open = button(clip(app.chipName(name), 32), () => app.change({ hardware: name }), { title: "show this chip", "aria-pressed": state.hardware === name });
         const misfits = budgeted.misfits.length ? `${app.plural(budgeted.misfits.length, "setting")} ${budgeted.isUnable(budgeted.misfits[0]) ? "cannot run there" : "too large"}` : "";
         const ofPick = (column) => (column && budgeted.pick >= 0 ? app.withInterval(column, budgeted.pick) : "–");
         return [rowHead(open), budgeted.pick >= 0 ? app.nameOf(budgeted.pick) : budgeted.noneFits ? "none fits" : "none", ofPick(headline),

@@ -353,7 +353,7 @@ const Front = (() => {
       const { subject, ghost } = shown;
       const words = ({ name, symbol }) => (symbol === "ghost" ? ["before; now", ...app.differences(subject, app.point(app.keyOf(ghost)), [app.costOf()])].join(" ") : name);
       const empty = drawn.points.length ? [] : [svg("text", { x: drawn.size[0] / 2, y: drawn.size[1] / 2, "text-anchor": "middle", fill: look.quiet, "font-size": 16,
-        text: shown.budgeted.noneFits ? `No design fits ${clip(shown.state.hardware || "the chip", 40)}` : "No point has both numbers" })];
+        text: shown.budgeted.noneFits ? `No design fits ${clip(shown.state.hardware ? app.chipName(shown.state.hardware) : "the chip", 40)}` : "No point has both numbers" })];
       return [...frame(), ...band(), ...(whole ? pointNodes() : []), ...staircase(), ...cited(), ...marks().map((one) => markNode(one, words(one))), ...empty];
     }
 
@@ -371,7 +371,7 @@ const Front = (() => {
         return node;
       };
       const { budgeted } = shown;
-      const reason = budgeted.misfits.length ? `${app.many(budgeted.misfits.reduce((sum, row) => sum + budgeted.weight(row), 0))} settings ${budgeted.isUnable(budgeted.misfits[0]) ? "cannot run on" : "do not fit"} ${clip(shown.state.hardware || "the chip", 40)}` : "";
+      const reason = budgeted.misfits.length ? `${app.many(budgeted.misfits.reduce((sum, row) => sum + budgeted.weight(row), 0))} settings ${budgeted.isUnable(budgeted.misfits[0]) ? "cannot run on" : "do not fit"} ${clip(shown.state.hardware ? app.chipName(shown.state.hardware) : "the chip", 40)}` : "";
       part("#caption").replaceChildren(...words.map(([name, colour]) => element("span", {}, square(colour), ` ${clip(name, 32)}`)),
         ...(scale ? [element("span", {}, `${title(shown.colour)}: ${number(scale.low)} `, ...scale.levels.filter((_, k) => k % 4 === 0).map(square), ` ${number(scale.high)}`)] : []),
         ...(cited().length ? [element("span", { textContent: "× published, on its own data" })] : []), ...(reason ? [element("span", { id: "misfits", textContent: reason })] : []));

@@ -155,7 +155,7 @@ def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest)
         name=study.space["study"],
         objectives=study.objectives,
         notes=[
-            *rivals.brief(study, request.question),
+            *(rivals.brief(study, request.question) if len(table) else ()),
             *study.warnings,
             *held.remarks(study.folder),
             *(health.faults(study.trials) if len(table) else ()),
@@ -168,7 +168,9 @@ def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest)
     )
     rows = [] if audit is None else [store.plain_cell(row.columns) for row in audit.rows]
     points_at = _written_at(study.folder / "points.parquet")
-    return page | {"audit": rows, "points_at": points_at}
+    chips = table["hardware"].dropna().unique() if "hardware" in table else ()
+    labels = {str(name): pricing.label_of(study.folder, str(name)) for name in chips}
+    return page | {"audit": rows, "points_at": points_at, "chips": labels}
 
 
 def _written_at(path: Path) -> str | None:

@@ -114,6 +114,7 @@ class Profile(ABC):
     text: the file that it was read from, for a study to keep.
     programmable: whether its neurons run programs, so that it runs resonators too.
     schedule: on which it answers; None: what an answer costs is all that is asked.
+    label: what readers call it; '' for its name.
     any_neuron: whether all profiles of this kind run any neurons: processors and conventions.
     delays_synapses: whether profiles of this kind may give synapses delays of their own.
     """
@@ -124,6 +125,7 @@ class Profile(ABC):
     text: str = dataclasses.field(repr=False)
     programmable: bool = dataclasses.field(default=False, kw_only=True)
     schedule: Schedule | None = dataclasses.field(default=None, kw_only=True)
+    label: str = dataclasses.field(default="", kw_only=True)
 
     any_neuron: ClassVar[bool] = False
     delays_synapses: ClassVar[bool] = True
@@ -330,6 +332,7 @@ class _About:
     name: str = param(doc="name of the profile")
     kind: str = param(doc="kind of hardware")
     doc: str = param(doc="what it is")
+    label: str = param("", doc="what readers call it (default: its name)")
     interval_only: bool = param(False, doc="whether no values are published, so that a cost is a range")
     programmable: bool = param(False, doc="whether its neurons run programs, so that it runs resonators")
 
@@ -363,6 +366,7 @@ def _profile(document: Document, text: str, faults: list[Fault]) -> Profile | No
         interval_only=about.interval_only,
         text=text,
         programmable=about.programmable,
+        label=about.label,
         **numbers,
     )
 

@@ -5,6 +5,7 @@ This trains nothing: a study stores the work counts of its points.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -107,6 +108,15 @@ def kept(folder: Path, name: str) -> Profile:
         why = f"another version of dse wrote this profile ({error.faults[0].message.split(';')[0]})"
         remedy = f"`dse doctor {folder} --repair` prices the study with the profile as it is now"
         raise ConfigError([Fault(str(stored), 0, f"{why}; {remedy}")]) from None
+
+
+def label_of(folder: Path, name: str) -> str:
+    """Return what readers call the hardware of a study's points: that of its profile, or its name."""
+    for known in (lambda: kept(folder, name), lambda: load(name)):  # copies of earlier studies have no label
+        with contextlib.suppress(ConfigError, StoreError):
+            if label := known().label:
+                return label
+    return name
 
 
 def schedule_of(folder: Path, contacts_per_hour: float | None = None) -> Schedule | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -89,12 +90,13 @@ def brief(study: Study, question: Question) -> list[str]:
         several = [] if study.points().empty else list(of_study(study, question))
     except StoreError:  # `sentences` says why
         return []
-    answers = [f"{_about(one)}: {one.answer}" for one in several]
+    named = {x.hardware: pricing.label_of(study.folder, x.hardware) for x in several if x.hardware}
+    answers = [f"{_about(one, named)}: {one.answer}" for one in several]
     return [f"Should it spike? {'; '.join(answers)} (dse report has the numbers)"] if answers else []
 
 
-def _about(of: rivals.Rivals) -> str:
-    return " on ".join(filter(None, (of.task, of.hardware)))
+def _about(of: rivals.Rivals, named: Mapping[str, str] = MappingProxyType({})) -> str:
+    return " on ".join(filter(None, (of.task, named.get(of.hardware, of.hardware))))
 
 
 def worded(of: rivals.Rivals) -> list[str]:

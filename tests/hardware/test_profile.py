@@ -8,6 +8,7 @@ import yaml
 import dse.hardware
 from dse.config.faults import ConfigError
 from dse.hardware.profile import Evidence, Number, Profile, kinds, load, load_all, names, read
+from dse.study import pricing
 
 PROFILES = Path(dse.hardware.__file__).parent / "profiles"
 FILE = PROFILES / "loihi1_silicon.yaml"
@@ -195,3 +196,14 @@ def test_profiles_of_a_search_space_have_names_of_their_own(tmp_path):
     assert "three.yaml:1: name must not be empty" in no_name
     assert "three.yaml:3: doc must not be empty" in no_doc
     assert "loihi2: no such hardware profile; known: " in unknown
+
+
+def test_readers_see_the_label_of_the_copy_or_of_the_package_or_the_name(tmp_path):
+    assert pricing.label_of(tmp_path, "mcu_m4") == "Cortex-M4"
+    text = load("mcu_m4").text.replace("label: Cortex-M4", "label: M4")
+    (tmp_path / "hardware").mkdir()
+    (tmp_path / "hardware" / "mcu_m4.yaml").write_text(text)
+    assert pricing.label_of(tmp_path, "mcu_m4") == "M4"
+    (tmp_path / "hardware" / "mcu_m4.yaml").write_text(text.replace("label: M4\n", ""))
+    assert pricing.label_of(tmp_path, "mcu_m4") == "Cortex-M4"
+    assert pricing.label_of(tmp_path, "mine") == "mine"

@@ -87,7 +87,10 @@ def test_on_a_microcontroller_the_shipped_study_says_what_its_table_says(monkeyp
     assert said == [text for one in found.values() for text in rivals.worded(one)]
     assert said[0].startswith("texture on mcu_m4: spike for accuracy, not for energy. ") and len(said) == 4
     (short,) = rivals.brief(EXAMPLE, Question(hardware=("mcu_m4",)))
-    assert "texture on mcu_m4: spike for accuracy, not for energy; profile on mcu_m4: do not spike" in short
+    assert (
+        "texture on Cortex-M4: spike for accuracy, not for energy; profile on Cortex-M4: do not spike"
+        in short
+    )
 
 
 def test_on_a_duty_cycle_power_is_compared_and_budgets_count():
