@@ -133,7 +133,8 @@ def _of_point(
     module = _module(bundle)
     part, reference = _held(study, bundle, read)
     data, fitted = reference.dataset, bundle.fitted
-    first, energies = None, [None] * reference.n_recordings
+    first: int | None = None
+    energies: list[dict[str, Any]] | list[None] = [None] * reference.n_recordings
     if isinstance(fitted, Network):
         first = rule_of(bundle, reference.n_steps, fitted.sizes[-1], reference.step_ms).first
         energies = _energies(study, bundle, reference, hardware)

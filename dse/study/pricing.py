@@ -6,6 +6,7 @@ This trains nothing: a study stores the work counts of its points.
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -112,9 +113,9 @@ def kept(folder: Path, name: str) -> Profile:
 
 def label_of(folder: Path, name: str) -> str:
     """Return what readers call the hardware of a study's points: that of its profile, or its name."""
-    for known in (lambda: kept(folder, name), lambda: load(name)):  # copies of earlier studies have no label
+    for read_it in (functools.partial(kept, folder), load):  # copies of earlier studies have no label
         with contextlib.suppress(ConfigError, StoreError):
-            if label := known().label:
+            if label := read_it(name).label:
                 return label
     return name
 
