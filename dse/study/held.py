@@ -92,7 +92,7 @@ def remarks(folder: Path) -> list[str]:
     if lost and not runs:
         texts.append(f"{folder}: holds no run, only tables: what needs the runs is left out")
     elif lost:
-        why = "a run is missing, or was told, which `dse run` trains again"
+        why = "a run is missing, which `dse run` trains again"
         texts.append(f"{folder}: {named(lost)} is left out: {why}")
     return texts
 
@@ -113,13 +113,9 @@ def without_lost(folder: Path, table: pandas.DataFrame) -> pandas.DataFrame:
 
 
 def _is_whole(table: pandas.DataFrame, runs: Mapping[int, Collection[int]]) -> pandas.Series[bool]:
-    """Return which rows are of trials that have all the runs that the rows are means over.
-
-    Rows that `dse tell` of an earlier version made count as lacking theirs.
-    """
+    """Return which rows are of trials that have all the runs that the rows are means over."""
     n_runs = table["trial"].map({trial: len(repeats) for trial, repeats in runs.items()})
-    is_whole = n_runs.fillna(0) >= table["repeats"]
-    return is_whole & table["origin"].ne("told") if "origin" in table else is_whole
+    return n_runs.fillna(0) >= table["repeats"]
 
 
 def read(table: Path) -> pandas.DataFrame:
@@ -146,13 +142,12 @@ def counted(table: pandas.DataFrame) -> Counter[int]:
 
 
 def _repeats(table: Path) -> pandas.DataFrame:
-    """Return trial, number of runs and origin of each row of a table; no rows without the first two."""
+    """Return trial and number of runs of each row of a table; no rows where it does not say so."""
     import pandas
     import pyarrow.parquet
 
-    names = pyarrow.parquet.read_schema(table).names
-    columns = ["trial", "repeats", *(["origin"] if "origin" in names else ())]
-    is_said = set(columns) <= set(names)
+    columns = ["trial", "repeats"]
+    is_said = set(columns) <= set(pyarrow.parquet.read_schema(table).names)
     return pandas.read_parquet(table, columns=columns) if is_said else pandas.DataFrame(columns=columns)
 
 

@@ -17,9 +17,7 @@ from pathlib import Path
 from dse import store
 from dse.store import BOOK, COPY, Book, Damaged, StoreError
 from dse.study import held
-from dse.study.earlier import convert
 from dse.study.ledger import Entry
-from dse.study.results import is_earlier
 
 _COMPARED = 5
 
@@ -32,8 +30,7 @@ def opened(folder: Path, batch: int = 1) -> Iterator[tuple[Book, list[str]]]:
         folder: of the study, which the caller has locked.
         batch: designs that its search proposes at a time.
     """
-    notes = convert(folder) if is_earlier(folder) else []
-    notes += _restored(folder, batch)
+    notes = _restored(folder, batch)
     with Book(folder, writes=True, is_session=True) as book:
         yield book, notes
         store.back_up(book)

@@ -80,7 +80,7 @@ def doctor(results: str, *, repair: bool = False) -> Answer:
 
     Args:
         repair: remove damaged runs, checkpoints and copies, or move them aside; write the book and the
-            tables again; convert the folder of an earlier version. `dse run` trains what is missing then.
+            tables again. `dse run` trains what is missing then.
 
     Returns:
         A row per damage; exit code 1 while there is some that is not repaired.
