@@ -1,4 +1,4 @@
-"""Limits on what is known of a design before it is trained: whether it can meet them, and by how much not.
+"""Limits on what is known of a design before it is trained: whether it can meet them.
 
 A column is known as a text, or as the interval in which its number will lie: one number where it is exact,
 no upper end where only a lower bound is known. A design cannot meet a limit if no numbers in the intervals
@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dse.config.expressions import column_name, column_names, conjuncts, constant, parse
+from dse.config.expressions import column_name, column_names, constant, parse
 
 Known = str | tuple[float, float]
 """A text, or the least and the largest number."""
@@ -33,13 +33,10 @@ class Exclusion:
     reason: a sentence.
     limits: the limits that it cannot meet, each alone; empty if it meets each alone and not all together, or
         if a measured design dominates it.
-    violations: limit -> the least amount by which it misses the limit, relative to the limit; 0 where it can
-        meet it.
     """
 
     reason: str
     limits: tuple[str, ...]
-    violations: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -60,15 +57,6 @@ def can_meet(limit: str, row: Row) -> bool:
     return _verdict(parse(limit), row).may
 
 
-def violation(limit: str, row: Row) -> float:
-    """Return the least amount by which a design misses a limit; 0 if it can meet it.
-
-    A number misses `column <= limit` by its distance relative to |limit|, or by its distance from 0. Any
-    other condition is missed by 1. Parts that 'and' joins add up.
-    """
-    return sum(_excess(part, row) for part in conjuncts(parse(limit)) if not _verdict(part, row).may)
-
-
 def exclusion(limits: Sequence[str], rows: Mapping[str, Row]) -> Exclusion | None:
     """Return why a design cannot meet all limits in any of its rows; None if it can.
 
@@ -78,19 +66,12 @@ def exclusion(limits: Sequence[str], rows: Mapping[str, Row]) -> Exclusion | Non
     """
     if any(all(can_meet(limit, row) for limit in limits) for row in rows.values()):
         return None
-    missed = {
-        chip: {limit: violation(limit, row) for limit in limits if not can_meet(limit, row)}
-        for chip, row in rows.items()
-    }
-    chip = min(missed, key=lambda name: sum(missed[name].values()))
+    missed = {chip: [limit for limit in limits if not can_meet(limit, row)] for chip, row in rows.items()}
+    chip = min(missed, key=lambda name: len(missed[name]))
     reasons = [_reason(limit, rows[chip]) for limit in missed[chip]]
     where = f" on {chip}" if len(rows) > 1 else ""
     everywhere = tuple(limit for limit in limits if all(limit in of_chip for of_chip in missed.values()))
-    return Exclusion(
-        f"cannot meet {'; '.join(reasons)}{where}",
-        everywhere,
-        {limit: missed[chip].get(limit, 0.0) for limit in limits},
-    )
+    return Exclusion(f"cannot meet {'; '.join(reasons)}{where}", everywhere)
 
 
 def _reason(limit: str, row: Row) -> str:
@@ -180,18 +161,3 @@ def _compared(left: Known, sign: ast.cmpop, right: Known) -> _Verdict:
     if isinstance(sign, ast.Lt | ast.Gt):
         return _Verdict(low < other_high, high >= other_low)
     return _Verdict(low <= other_high, high > other_low)
-
-
-def _excess(node: ast.expr, row: Row) -> float:
-    """Return by how much a condition that cannot be true is missed."""
-    if not isinstance(node, ast.Compare) or len(node.ops) != 1 or isinstance(node.ops[0], ast.In | ast.NotIn):
-        return 1.0
-    left, right = _operand(node.left, row), _operand(node.comparators[0], row)
-    if isinstance(left, str) or isinstance(right, str):
-        return 1.0
-    if column_name(node.left) is None:
-        left, right = right, left
-    distance = max(left[0] - right[1], right[0] - left[1])
-    scale = abs(right[1]) or 1.0
-    # Equal ends miss a strict comparison by nothing, and an infinite or missing number by no amount.
-    return distance / scale if math.isfinite(distance) and distance > 0 and math.isfinite(scale) else 1.0

@@ -10,7 +10,7 @@ import itertools
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
@@ -48,27 +48,34 @@ Check = Callable[[Mapping[str, Raw]], Exclusion | None]
 """Returns why a design is not to be trained; None if it is."""
 
 
-@runtime_checkable
-class Limited(Sampler, Protocol):
-    """A started sampler that knows before it proposes which designs are not to be trained."""
+class Limited(Sampler):
+    """A started sampler that knows before it proposes which designs are not to be trained.
 
-    refused: list[tuple[Design, Exclusion]]
-    """Designs that the last `ask` considered and passed over."""
+    refused: designs that the last `ask` considered and passed over.
+    """
+
+    def __init__(self) -> None:
+        self._check: Check | None = None
+        self.refused: list[tuple[Design, Exclusion]] = []
 
     def restrict(self, check: Check) -> None:
         """Let `ask` propose only designs that pass a check."""
+        self._check = check
 
-    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
-        """Add by how much a design misses each limit, before its values are told."""
+    def _refuses(self, design: Design) -> bool:
+        """Return whether a design is not to be trained; if so, it is noted."""
+        why = None if self._check is None else self._check(design)
+        if why is not None:
+            self.refused.append((design, why))
+        return why is not None
 
 
-class Filtered:
+class Filtered(Limited):
     """A sampler that knows no limits: designs that are not to be trained are told as failed."""
 
-    def __init__(self, sampler: Sampler, check: Check) -> None:
+    def __init__(self, sampler: Sampler) -> None:
+        super().__init__()
         self._sampler = sampler
-        self._check = check
-        self.refused: list[tuple[Design, Exclusion]] = []
 
     def ask(self, n: int) -> list[Design]:
         """Return up to n new designs that pass the check; fewer when no more are found."""
@@ -77,12 +84,10 @@ class Filtered:
         for _ in range(_DRAWS):
             proposed = self._sampler.ask(n - len(designs))
             for design in proposed:
-                why = self._check(design)
-                if why is None:
-                    designs.append(design)
-                else:
-                    self.refused.append((design, why))
+                if self._refuses(design):
                     self._sampler.tell([design], [None])
+                else:
+                    designs.append(design)
             if len(designs) == n or not proposed:
                 break
         return designs
@@ -91,23 +96,15 @@ class Filtered:
         """Add to the history."""
         self._sampler.tell(designs, values)
 
-    def restrict(self, check: Check) -> None:
-        """Replace the check."""
-        self._check = check
-
-    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
-        """Do nothing: the sampler knows no limits."""
-
 
 def limited(sampler: Sampler, check: Check) -> Limited:
     """Return a sampler that proposes only designs that pass a check."""
-    if not isinstance(sampler, Limited):
-        return Filtered(sampler, check)
-    sampler.restrict(check)
-    return sampler
+    able = sampler if isinstance(sampler, Limited) else Filtered(sampler)
+    able.restrict(check)
+    return able
 
 
-class OptunaSampler:
+class OptunaSampler(Limited):
     """Asks one of Optuna's samplers, in a fresh in-memory study built from the history at every ask.
 
     A fresh study makes an ask a pure function of the history. It is seeded by the study seed and the
@@ -126,6 +123,7 @@ class OptunaSampler:
         make: Callable[[int], optuna.samplers.BaseSampler],
         replay: int | None = None,
     ) -> None:
+        super().__init__()
         self._space = space
         self._directions = directions
         self._make = make
@@ -133,24 +131,6 @@ class OptunaSampler:
         self._distributions = {name: _distribution(axis) for name, axis in space.axes.items()}
         self._proposed: dict[str, Design] = {}
         self._history: dict[str, tuple[Design, Values]] = {}
-        self._check: Check | None = None
-        self._violations: dict[str, Mapping[str, float]] = {}
-        self.refused: list[tuple[Design, Exclusion]] = []
-
-    def restrict(self, check: Check) -> None:
-        """Propose only designs that pass a check; the sampler sees how far others miss the limits."""
-        self._check = check
-
-    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
-        """Add by how much a design misses each limit: the sampler's constraints."""
-        self._violations[seeds.design_key(design)] = violations
-
-    def _refuses(self, design: Design) -> Exclusion | None:
-        """Return why a design is not to be trained; it is noted once."""
-        why = None if self._check is None else self._check(design)
-        if why is not None:
-            self.refused.append((design, why))
-        return why
 
     def ask(self, n: int) -> list[Design]:
         """Return up to n new designs; fewer when the space has no more."""
@@ -192,14 +172,10 @@ class OptunaSampler:
         finally:
             optuna.logging.set_verbosity(verbosity)
         if self._replay is None:
-            for key, (design, value) in self._history.items():
-                self._add(study, design, value, self._violations.get(key, {}))
+            for design, value in self._history.values():
+                self._add(study, design, value)
             return study
-        # Designs that were passed over are in no generation.
-        keys = [key for key, (_, value) in self._history.items() if value or key not in self._violations]
-        history = [
-            (self._parameters(design), value) for design, value in map(self._history.__getitem__, keys)
-        ]
+        history = [(self._parameters(design), value) for design, value in self._history.values()]
         for first in range(0, len(history), self._replay):
             batch = history[first : first + self._replay]
             for parameters, _ in batch:
@@ -207,30 +183,24 @@ class OptunaSampler:
             trials = [study.ask(self._distributions) for _ in batch]
             for trial in trials:
                 _ = trial.relative_params  # Optuna lets the sampler note the generation on this access
-            for trial, (_, value), key in zip(trials, batch, keys[first : first + self._replay], strict=True):
-                for limit, violation in self._violations.get(key, {}).items():
-                    trial.set_constraint(limit, violation)
+            for trial, (_, value) in zip(trials, batch, strict=True):
                 study.tell(trial, value, state=optuna.trial.TrialState.FAIL if value is None else None)
         # The replay drew numbers; what follows must not depend on how many.
         study.sampler = self._make(seed)
         return study
 
-    def _add(
-        self, study: optuna.Study, design: Design, value: Values, violations: Mapping[str, float]
-    ) -> None:
-        """Add a finished design to a study; one that misses a limit may have no values."""
+    def _add(self, study: optuna.Study, design: Design, value: Values) -> None:
+        """Add a design to a study; one without values has failed, or is not to be trained."""
         import optuna
 
         parameters = self._parameters(design)
         states = optuna.trial.TrialState
-        missed = any(violation > 0 for violation in violations.values())
         study.add_trial(
             optuna.trial.create_trial(
-                state=states.COMPLETE if value is not None else states.PRUNED if missed else states.FAIL,
+                state=states.PRUNED if value is None else states.COMPLETE,
                 values=value,
                 params=parameters,
                 distributions={name: self._distributions[name] for name in parameters},
-                constraints=dict(violations) or None,
             )
         )
 
@@ -287,12 +257,11 @@ class OptunaSampler:
             trial, design = self._proposal(study)
             key = seeds.design_key(design)
             if key not in self._proposed:
-                why = self._refuses(design)
-                if why is None:
+                if not self._refuses(design):
                     return design
                 self._proposed[key] = design
                 if self._replay is None:
-                    self._add(study, design, None, why.violations)
+                    self._add(study, design, None)
             study.tell(trial, state=optuna.trial.TrialState.FAIL)
         return None
 

@@ -62,7 +62,6 @@ def _trial(space: SearchSpace, entry: Entry) -> optuna.trial.FrozenTrial:
         params={name: _scalar(entry.design[name]) for name in distributions},
         distributions=distributions,
         user_attrs=about | ({"enqueued": True} if entry.enqueued else {}),
-        system_attrs={f"constraints:{limit}": x for limit, x in entry.violations.items()},
         intermediate_values=dict(entry.at_rungs),
     )
     trial.datetime_start = _moment(entry.proposed_s)

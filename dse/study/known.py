@@ -25,9 +25,7 @@ from dse.measure.objectives.work import memory_bytes
 from dse.measure.on_chips import columns_on
 from dse.measure.run import read_out_steps
 from dse.records import Operations
-from dse.search.limits import MISSING, Exclusion, Known, Row, exclusion, violation
-from dse.study.record import RunRecord
-from dse.study.trials import summary
+from dse.search.limits import MISSING, Exclusion, Known, Row, exclusion
 
 _SIZING = ("data", "task", "window", "preprocessing", "encoder", "model")
 
@@ -55,18 +53,6 @@ class KnownBefore:
         if not self._limits:
             return None
         return exclusion(self._limits, self._rows(design, needs_data=self.needs_data))
-
-    def violations(self, design: Mapping[str, Raw], records: Sequence[RunRecord]) -> dict[str, float]:
-        """Return limit -> how far a trained design misses it at its full read-out, on its best chip."""
-        numbers = [record.last for record in records]
-        axes = self._cells(design)
-        rows = []
-        for chip in self._profiles or (None,):
-            columns = summary(numbers, chip if chip in numbers[0].hardware else None)
-            of_chip = dict.fromkeys(registry.columns("hardware"), MISSING)
-            rows.append(axes | of_chip | {name: _number(x) for name, x in columns.items()})
-        missed = [{limit: violation(limit, row) for limit in self._limits} for row in rows]
-        return min(missed, key=lambda each: sum(each.values()))
 
     def _cells(self, design: Mapping[str, Raw]) -> dict[str, Known]:
         task, family = self._space.task_name(design), self._space.kind("model", design)

@@ -30,7 +30,7 @@ class Entry:
     values: its objectives; None before the report, and for a failed trial.
     excluded: why it is not trained; '' if it is.
     enqueued: whether the user asked for it (`dse enqueue`), not the sampler.
-    violations: limit -> by how much it misses it. at_rungs: epochs -> first objective there.
+    at_rungs: epochs -> first objective there.
     stopped: whether it stopped at a rung.
     """
 
@@ -42,7 +42,6 @@ class Entry:
     values: tuple[float, ...] | None = None
     excluded: str = ""
     enqueued: bool = False
-    violations: Mapping[str, float] = field(default_factory=dict)
     at_rungs: Mapping[int, float] = field(default_factory=dict)
     stopped: bool = False
 
@@ -64,7 +63,6 @@ class Entry:
             values=None if values is None else tuple(values),
             excluded=row["excluded"],
             enqueued=bool(row["enqueued"]),
-            violations=more.get("violations", {}),
             at_rungs={int(n): x for n, x in more.get("at_rungs", {}).items()},
             stopped=more.get("stopped", False),
         )
@@ -72,7 +70,6 @@ class Entry:
     def row(self) -> dict[str, Any]:
         """Return it as a row of the book; `of` is the way back."""
         parts = {
-            "violations": dict(self.violations),
             "at_rungs": dict(self.at_rungs),
             "stopped": self.stopped,
         }
@@ -139,20 +136,16 @@ class Ledger:
     def exclude(self, batch: int, design: Mapping[str, object], why: Exclusion) -> None:
         """Append a design that is not trained."""
         entry = self._next(batch, design, 0)
-        violations = dict(why.violations)
-        self._append(
-            [replace(entry, reported_s=entry.proposed_s, excluded=why.reason, violations=violations)]
-        )
+        self._append([replace(entry, reported_s=entry.proposed_s, excluded=why.reason)])
 
     def exclude_proposed(self, trial: int, why: Exclusion) -> None:
         """Write that a design, which was proposed, is not trained after all."""
-        self._end(trial, excluded=why.reason, violations=dict(why.violations))
+        self._end(trial, excluded=why.reason)
 
     def tell(
         self,
         trial: int,
         values: Sequence[float] | None,
-        violations: Mapping[str, float] | None = None,
         at_rungs: Mapping[int, float] = _NO_VALUES,
         *,
         stopped: bool = False,
@@ -162,13 +155,11 @@ class Ledger:
         Args:
             trial: its number.
             values: its objectives, at its last rung if it stopped there.
-            violations: limit -> by how much the trial misses it.
             at_rungs: epochs -> first objective there.
             stopped: whether it stopped at a rung.
         """
         objectives = None if values is None else tuple(map(float, values))
-        missed = {limit: float(x) for limit, x in (violations or {}).items()}
-        self._end(trial, values=objectives, violations=missed, at_rungs=dict(at_rungs), stopped=stopped)
+        self._end(trial, values=objectives, at_rungs=dict(at_rungs), stopped=stopped)
 
     def _next(self, batch: int, design: Mapping[str, object], after: int, *, enqueued: bool = False) -> Entry:
         written = json.loads(json.dumps(dict(design)))  # as it is read after a restart

@@ -178,24 +178,14 @@ class Batches:
                 if not entry.is_reported and not self._runs.is_untrained(entry.trial):
                     records = self._runs.of(entry.trial)[: self._space.search.repeats]
                     values, at_rungs = values_of(self._space, records), _at_rungs(self._space, records)
-                    missed = {} if values is None else self._missed(entry, records)
                     stopped = any(one.stopped_at_epoch is not None for one in records)
-                    self._ledger.tell(entry.trial, values, missed, at_rungs, stopped=stopped)
+                    self._ledger.tell(entry.trial, values, at_rungs, stopped=stopped)
         if self._limited is not None:
             for entry in self._ledger.batch(number):
-                if entry.excluded and (why := self._check(entry.design)):
-                    self._limited.judge(entry.design, why.violations)
+                if entry.excluded and self._check(entry.design) is not None:
                     self._limited.tell([entry.design], [None])
-            for entry in self.of(number):
-                if entry.values is not None:
-                    records = self._runs.of(entry.trial)[: self._space.search.repeats]
-                    self._limited.judge(entry.design, self._missed(entry, records))
         ended = self.of(number)
         self._sampler.tell([entry.design for entry in ended], [entry.values for entry in ended])
-
-    def _missed(self, entry: Entry, records: Sequence[RunRecord]) -> dict[str, float]:
-        """Return limit -> by how much a trained design misses it."""
-        return {} if self._before is None else self._before.violations(entry.design, records)
 
     def _check(self, design: Mapping[str, object]) -> Exclusion | None:
         assert self._before is not None  # there are limits

@@ -21,8 +21,6 @@ from dse.study.as_optuna import as_optuna
 from dse.study.ledger import Ledger, read_entries
 from tests.spaces import write_space
 
-LIMIT = "n_weights <= 60"
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -32,9 +30,9 @@ def folder(tmp_path_factory):
     store.write_text(folder / store.SPACE, space.to_yaml())
     with store.Book(folder, writes=True) as book:
         ledger = Ledger(book)
-        ledger.exclude(0, design_at(space, 5), Exclusion("cannot meet it", (LIMIT,), {LIMIT: 0.25}))
+        ledger.exclude(0, design_at(space, 5), Exclusion("cannot meet it", ("n_weights <= 60",)))
         ledger.ask(0, [design_at(space, place) for place in (0, 1, 2)])
-        ledger.tell(1, (0.75, 42.0), {LIMIT: 0.0}, {3: 0.5})
+        ledger.tell(1, (0.75, 42.0), {3: 0.5})
         ledger.tell(2, None)
     return folder
 
@@ -47,7 +45,6 @@ def test_optuna_has_the_trials_of_the_study(folder):
     assert tuple(trial.state for trial in study.trials) == states
     assert finished.params == {"encoder.thresholds": "[1.0, 2.0]", "model.hidden": 4}
     assert (finished.values, finished.intermediate_values) == ([0.75, 42.0], {3: 0.5})
-    assert (finished.constraints, excluded.constraints) == ({LIMIT: 0.0}, {LIMIT: 0.25})
     assert excluded.user_attrs["excluded"] == "cannot meet it"
     assert failed.values is None
     assert running.user_attrs["design"]["model.hidden"] == 12

@@ -18,7 +18,7 @@ WORKERS = True
 RATES = [0.1, 0.2, 0.3, 0.4, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.9]
 
 
-RACING = {"racing": {"rungs": [2, 5], "audit": 2}}
+RACING = {"racing": {"rungs": [2, 5]}}
 
 
 def space_of(folder, jobs=1, search=RACING, **changes):

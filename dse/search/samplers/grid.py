@@ -10,8 +10,7 @@ from dse.config.parts import Part, Told, Written
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
 from dse.registry import register
-from dse.search.limits import Exclusion
-from dse.search.proposals import Check, Sampler, Values
+from dse.search.proposals import Limited, Sampler, Values
 from dse.search.space import design_at, index_of
 
 
@@ -37,8 +36,9 @@ class Grid(SamplerSettings):
         return _GridSampler(space)
 
 
-class _GridSampler:
+class _GridSampler(Limited):
     def __init__(self, space: SearchSpace) -> None:
+        super().__init__()
         total = space.n_designs
         if total is None:
             raise ValueError(
@@ -48,14 +48,6 @@ class _GridSampler:
         self._total = total
         self._next = 0
         self._proposed: set[int] = set()
-        self._check: Check | None = None
-        self.refused: list[tuple[Design, Exclusion]] = []
-
-    def restrict(self, check: Check) -> None:
-        self._check = check
-
-    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
-        """Do nothing: a grid learns nothing."""
 
     def ask(self, n: int) -> list[Design]:
         designs: list[Design] = []
@@ -64,11 +56,8 @@ class _GridSampler:
             if self._next not in self._proposed:
                 self._proposed.add(self._next)
                 design = design_at(self._space, self._next)
-                why = None if self._check is None else self._check(design)
-                if why is None:
+                if not self._refuses(design):
                     designs.append(design)
-                else:
-                    self.refused.append((design, why))
             self._next += 1
         return designs
 

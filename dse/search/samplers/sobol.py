@@ -14,8 +14,7 @@ from dse.config.contracts import SamplerSettings
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
 from dse.registry import register
-from dse.search.limits import Exclusion
-from dse.search.proposals import Check, Sampler, Values
+from dse.search.proposals import Limited, Sampler, Values
 from dse.search.space import design_at
 
 # Points in a row that give no new design, after which the rest of a grid is proposed in its order.
@@ -35,24 +34,17 @@ class Sobol(SamplerSettings):
         return _SobolSampler(space)
 
 
-class _SobolSampler:
+class _SobolSampler(Limited):
     def __init__(self, space: SearchSpace) -> None:
         from scipy.stats import qmc
 
+        super().__init__()
         self._space = space
         seed = int(seeds.generator(space.seed, {}, "sampler").integers(2**31))
         rng = np.random.default_rng(seed)  # the sequence spawns generators, which a counter-based one cannot
         self._points = qmc.Sobol(max(1, len(space.axes)), scramble=True, rng=rng)
         self._known: set[str] = set()
         self._rest = 0
-        self._check: Check | None = None
-        self.refused: list[tuple[Design, Exclusion]] = []
-
-    def restrict(self, check: Check) -> None:
-        self._check = check
-
-    def judge(self, design: Mapping[str, Raw], violations: Mapping[str, float]) -> None:
-        """Do nothing: the sequence learns nothing."""
 
     def ask(self, n: int) -> list[Design]:
         self.refused = []
@@ -73,9 +65,7 @@ class _SobolSampler:
         if key in self._known:
             return False
         self._known.add(key)
-        why = None if self._check is None else self._check(design)
-        if why is not None:
-            self.refused.append((design, why))
+        if self._refuses(design):
             return False
         designs.append(design)
         return True
