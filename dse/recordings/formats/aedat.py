@@ -1,10 +1,8 @@
-"""AEDAT 2.0 of jAER and 3.1 of cAER: a text header, then addresses with time stamps."""
+"""AEDAT 2.0 of jAER: a text header, then addresses with time stamps."""
 
 from __future__ import annotations
 
-import os
 import re
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +11,7 @@ from typing import BinaryIO, ClassVar
 import numpy as np
 
 from dse.recordings import RecordingError
-from dse.recordings.formats import BLOCK_EVENTS, Clock, Format, Repairs, block_of, open_file, read_words
+from dse.recordings.formats import Clock, Format, Repairs, block_of, open_file, read_words
 from dse.records import Block
 from dse.registry import register
 
@@ -34,10 +32,6 @@ _CHIP = re.compile(rb"#\s*AEChip:\s*(?:\S*\.)?(\w+)\s*$")
 _END_2 = re.compile(rb"#\s*end of ascii header\s*$", re.IGNORECASE)
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
 _UNNAMED = "DVS128"  # files without the chip's name are older than the DAVIS
-_PACKET = struct.Struct("<hhiiiiii")
-_POLARITY = 1
-_EVENT = np.dtype([("data", "<u4"), ("t", "<i4")])
-_END_3 = b"#!END-HEADER"
 
 
 def chip_frame(chip: str) -> tuple[int, int] | None:
@@ -126,102 +120,3 @@ def _size(chip: str, name: str) -> tuple[int, int]:
     if (size := chip_frame(chip)) is None:
         raise RecordingError(f"{name}: the header's AEChip must be a DVS128 or a DAVIS, got '{chip}'")
     return size
-
-
-@register("recordings.formats", "aedat31")
-@dataclass(frozen=True)
-class Aedat31(Format):
-    """AEDAT 3.1: polarity events of the first source that has any.
-
-    Packets of other types or sources, and events that are marked as invalid, are passed over. A time is the
-    event's 31 bits below the packet's overflow counter; after a reset of the camera's clock times begin anew.
-
-    Source: iniVation, AEDAT File Formats, AEDAT 3.1.
-    """
-
-    suffixes: ClassVar[tuple[str, ...]] = (".aedat", ".aedat3")
-    marks: ClassVar[tuple[bytes, ...]] = (b"#!AER-DAT3",)
-
-    def frame(self, path: Path) -> tuple[int, int] | None:
-        """Return the size of the chip that is the source, None if it is not known or sources differ."""
-        with open_file(path) as file:
-            sizes = {chip_frame(chip) for chip in _read_header_3(file, path.name)}
-        return sizes.pop() if len(sizes) == 1 else None
-
-    def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
-        """Yield the events; a packet header that is not sound ends the reading."""
-        with open_file(path) as file:
-            _read_header_3(file, path.name)
-            end, camera = os.fstat(file.fileno()).st_size, None
-            while (at := file.tell()) < end:
-                head = file.read(_PACKET.size)
-                if len(head) < _PACKET.size:
-                    broken(
-                        f"the packet header at byte {at} must have {_PACKET.size} bytes, "
-                        f"but the file ends after {len(head)}",
-                        "drops a truncated packet header",
-                    )
-                    return
-                kind, source, size, time_at, overflow, capacity, n, valid = _PACKET.unpack(head)
-                sound = kind >= 0 and source >= 0 and overflow >= 0 and 0 <= valid <= n == capacity
-                if not sound or not 0 <= time_at <= size - 4:
-                    broken(
-                        f"the packet header at byte {at} must hold sizes of an event and of a packet that is "
-                        f"full, got type {kind}, source {source}, {size} bytes per event with the time at "
-                        f"byte {time_at}, overflow {overflow}, {n} events, {valid} of them valid, and room "
-                        f"for {capacity}",
-                        "drops the bytes after an invalid packet header",
-                        end - at,
-                    )
-                    return
-                begin = at + _PACKET.size
-                whole = min(n, (end - begin) // size)
-                broken(
-                    f"the packet at byte {at} must hold {n} events of {size} bytes, but the file ends after "
-                    f"{whole} of them",
-                    "drops the events of a truncated packet",
-                    n - whole,
-                )
-                if kind == _POLARITY and whole and camera in (None, source):
-                    if (size, time_at) == (_EVENT.itemsize, 4):
-                        camera = source
-                        yield from _events_3(file, whole, overflow)
-                    else:
-                        broken(
-                            f"the polarity events of the packet at byte {at} must be 8 bytes long with the "
-                            f"time at byte 4, got {size} bytes with the time at byte {time_at}",
-                            "drops packets of polarity events with another layout",
-                        )
-                file.seek(begin + n * size)
-
-
-def _read_header_3(file: BinaryIO, name: str) -> list[str]:
-    """Read up to the first packet; return the names of the sources."""
-    read_version(file, name, "3.1")
-    sources: list[str] = []
-    while True:
-        at = file.tell()
-        line = file.readline(_LINE_BYTES)
-        if line.rstrip(b"\r\n") == _END_3:
-            return sources
-        if not line.startswith(b"#"):
-            got = f"{line[:16]!r}" if line else "the end of the file"
-            raise RecordingError(
-                f"{name}: the header must end with the line '{_END_3.decode()}', got {got} at byte {at}"
-            )
-        key, _, value = line.decode(errors="replace").partition(":")
-        if key == "#Format" and value.strip() != "RAW":
-            raise RecordingError(
-                f"{name}: the header's Format must be RAW, got '{value.strip()}' at byte {at}"
-            )
-        if key.startswith("#Source "):
-            sources.append(value.strip())
-
-
-def _events_3(file: BinaryIO, n: int, overflow: int) -> Iterator[Block]:
-    """Yield the valid ones of n events: bits 31-17 column, 16-2 row, 1 polarity, 0 validity."""
-    for first in range(0, n, BLOCK_EVENTS):
-        events = np.frombuffer(file.read(min(BLOCK_EVENTS, n - first) * _EVENT.itemsize), _EVENT)
-        data = events["data"].astype(np.int64)
-        t_us = (overflow << 31) + events["t"].astype(np.int64)
-        yield from block_of(t_us, data >> 17, data >> 2 & 0x7FFF, data >> 1 & 1, data & 1 == 1)

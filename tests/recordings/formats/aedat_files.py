@@ -1,6 +1,5 @@
-"""Writers of AEDAT files, after the specification: version 2 of jAER, 3.1 of cAER and 4 of DV."""
+"""Writers of AEDAT files, after the specification: version 2 of jAER and 4 of DV."""
 
-import itertools
 import struct
 
 import numpy as np
@@ -13,9 +12,8 @@ CHIPS = {
     "eu.seebetter.ini.chips.davis.Davis640": (640, 480),
 }
 DVS128, DAVIS240 = list(CHIPS)[:2]
-VERSION_2, VERSION_3, VERSION_4 = b"#!AER-DAT2.0\r\n", b"#!AER-DAT3.1\r\n", b"#!AER-DAT4.0\r\n"
-END_2, END_3 = b"#End Of ASCII Header\r\n", b"#!END-HEADER\r\n"
-POLARITY = 1
+VERSION_2, VERSION_4 = b"#!AER-DAT2.0\r\n", b"#!AER-DAT4.0\r\n"
+END_2 = b"#End Of ASCII Header\r\n"
 
 
 def _without_size(data):
@@ -58,34 +56,6 @@ def words(events, chip=DVS128):
         )
         for t, x, y, p in events
     )
-
-
-def head_3(source="DAVIS240C", layout=b"RAW", more=b""):
-    named = f"#Source 1: {source}\r\n".encode()
-    start = b"#Start-Time: 2016-04-01 12:00:00 (TZ+0100)\r\n"
-    return VERSION_3 + b"#Format: " + layout + b"\r\n" + named + start + more + END_3
-
-
-def packet_3(data, count, kind=POLARITY, **fields):
-    """Return a packet; `fields` overwrite those of its header."""
-    size = len(data) // count if count else 8
-    header = {"kind": kind, "source": 1, "size": size, "time_at": 4, "overflow": 0}
-    header |= {"capacity": count, "n": count, "valid": count}
-    assert set(fields) <= set(header)
-    return struct.pack("<hhiiiiii", *(header | fields).values()) + data
-
-
-def pairs(values):
-    return b"".join(struct.pack("<Ii", *pair) for pair in values)
-
-
-def packets(events, **fields):
-    """Return events in packets, a new one wherever the overflow counter rises."""
-    recording = b""
-    for overflow, part in itertools.groupby(events, lambda event: event[0] >> 31):
-        values = [(x << 17 | y << 2 | p << 1 | 1, t % (1 << 31)) for t, x, y, p in part]
-        recording += packet_3(pairs(values), len(values), overflow=overflow, **fields)
-    return recording
 
 
 def prefixed(kind, table):

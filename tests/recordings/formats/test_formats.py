@@ -62,7 +62,6 @@ WRITE = {
     "es atis": lambda events: head_es(2) + coded_es(events, 2),
     "aedat2": lambda events: dv.head_2() + dv.words(events),
     "aedat2 davis": lambda events: dv.head_2(dv.DAVIS240) + dv.words(events, dv.DAVIS240),
-    "aedat31": lambda events: dv.head_3() + dv.packets(events),
     **{
         f"aedat4 {name}": lambda events, name=name: dv.head_4(name) + dv.coded(events, name)
         for name in dv.COMPRESS
@@ -76,7 +75,6 @@ FRAMES = {
     "nmnist": (34, 34),
     "es": (300, 260),
     "aedat2": (128, 128),
-    "aedat31": (240, 180),
     "aedat4": (320, 240),
 }
 PERIODS = {"dat": 1 << 32, "evt2": 1 << 34, "evt3": 1 << 24, "nmnist": 1 << 23, "aedat2": 1 << 32}
@@ -169,7 +167,7 @@ def test_the_files_of_neutouch_are_the_packed_recordings(shared_data, name):
 def test_round_trip(path, variant, data, start, block):
     name = variant.split()[0]
     period = PERIODS.get(name, 1 << 33)
-    most = {"nmnist": 33, "aedat2": 127, "aedat31": 179, "aedat4": 239, "es": 259}.get(name, 1279)
+    most = {"nmnist": 33, "aedat2": 127, "aedat4": 239, "es": 259}.get(name, 1279)
     longest = min(period >> 4, 1 << 16) if name == "es" else period >> 4
     if data is None:  # several wraps, or a run of one row and time
         events = [(k * longest, k % 9, k % 2, 1) for k in range(40)] if longest > 1 << 17 else [(0, 3, 4, 1)]
@@ -190,7 +188,6 @@ def test_round_trip(path, variant, data, start, block):
 
 PIXEL, DAVIS_PIXEL = 5 << 8 | 3 << 1, 7 << 22 | 5 << 12 | 1 << 11
 LOWER = [evt3_low(800), evt3_x(1, 0), evt3_low(811), evt3_low(801), evt3_x(1, 0)]
-VALID_AND_NOT = dv.pairs([(5 << 17 | 3 << 2 | 3, 70), (5 << 17 | 3 << 2 | 2, 71)])
 HIGHS = [evt3_high(0), evt3_x(1, 0), evt3_high(1), evt3_x(2, 0), evt3_low(5), evt3_x(3, 0)]
 BY_HAND = {
     # 127 us, a reset, 127 us, then 5 us: ON at column 258, row 1 from the bottom
@@ -224,23 +221,6 @@ BY_HAND = {
         dv.head_2(dv.DAVIS240)
         + dv.stamped([DAVIS_PIXEL, 1 << 31 | 5, 1 << 31 | 3 << 10, 9 << 12 | 1 << 10], range(4)),
         [(0, 234, 172, 1)],
-    ),
-    # ON at column 5, row 3; then the same but marked as invalid.
-    "aedat31": (
-        "aedat31",
-        dv.head_3() + dv.packet_3(VALID_AND_NOT, 2, overflow=2, valid=1),
-        [(2 * 2**31 + 70, 5, 3, 1)],
-    ),
-    "aedat31: other types, other sources, empty packets": (
-        "aedat31",
-        dv.head_3()
-        + dv.packet_3(bytes(24), 3, 0)
-        + dv.packet_3(bytes(2036), 1, 2, time_at=8)
-        + dv.packet_3(b"", 0, source=3)
-        + dv.packets(ONE)
-        + dv.packets(ONE, source=2)
-        + dv.packet_3(b"", 0),
-        ONE,
     ),
     "aedat4: the first stream of events": (
         "aedat4",
@@ -336,11 +316,6 @@ def test_what_begins_like_a_header_is_none(path):
         ("nmnist", nmnist([*ONE, (71, 0, 34, 0)]), None),
         ("aedat2", dv.head_2(None), None),
         *(("aedat2", dv.head_2(chip), size) for chip, size in dv.CHIPS.items()),
-        ("aedat31", dv.head_3("DVS128"), (128, 128)),
-        ("aedat31", dv.head_3("DAVIS346B"), (346, 260)),
-        ("aedat31", dv.head_3("DYNAPSE"), None),
-        ("aedat31", dv.head_3("DVS128", more=b"#Source 2: DAVIS240B\r\n"), None),
-        ("aedat31", dv.head_3("DVS128", more=b"#-Source 2: DAVIS240B\r\n"), (128, 128)),
         ("aedat4", dv.head_4(streams=(("EVTS", None),)), None),
     ],
 )
@@ -358,12 +333,7 @@ def test_names_that_decide(path):
 # ---- files that are not sound
 
 BLOCK = many(1000, 320, 240)
-GOOD_3, GOOD_4 = dv.head_3() + dv.packets(BLOCK[:3]), dv.head_4() + dv.coded(BLOCK)
-BAD_FIELDS = [
-    *({"size": -8}, {"size": 0}, {"size": 3}, {"time_at": 5}, {"time_at": -1}, {"n": 2}, {"valid": 4}),
-    *({"n": -1, "capacity": -1, "valid": -1}, {"kind": -1}, {"source": -5}, {"overflow": -1}),
-]
-"""Fields of a header of a packet of AEDAT 3.1 that cannot be."""
+GOOD_4 = dv.head_4() + dv.coded(BLOCK)
 
 
 def cuts():
@@ -372,13 +342,6 @@ def cuts():
         for cut in (1, size - 1):
             told = "the event" if name == "es" else "the last word"
             yield name, WRITE[name](ONE) + b"\1" * cut, 1, f"{told}", f"{size} bytes", "drops a truncated"
-    for n, whole in [(1, 2), (8, 2), (12, 1), (24, 0)]:
-        told = (
-            f"the packet at byte {len(GOOD_3)} must hold 3 events of 8 bytes, but the file ends after {whole}"
-        )
-        yield "aedat31", GOOD_3 + dv.packets(BLOCK[:3])[:-n], 3 + whole, told
-    told = f"the packet header at byte {len(GOOD_3)} must have 28 bytes, but the file ends after 10"
-    yield "aedat31", GOOD_3 + dv.packet_3(b"", 0)[:10], 3, told
     for left in (3, 8, 100):
         told = f"the packet at byte {len(GOOD_4)} must end within the {left} bytes left, got "
         yield "aedat4", GOOD_4 + dv.coded(BLOCK)[:left], 1000, told, f"({left} in all)"
@@ -397,15 +360,7 @@ def bad_headers():
         for header in ("", "% Date today\n"):
             told = f"reads the data after {len(header)} bytes of header as EVT {version}"
             yield name, WRITE[name](ONE, header), 1, f"the encoding in a line '% evt {version}'", told
-    for fields in BAD_FIELDS:
-        bad = dv.packet_3(bytes(24), 3, **fields)
-        told = f"the packet header at byte {len(GOOD_3)} must hold sizes"
-        yield "aedat31", GOOD_3 + bad, 3, told, f"({len(bad)} in all)"
-    n = 2**31 - 1  # takes no memory
-    absurd = dv.packet_3(bytes(80), 0, size=8, capacity=n, n=n, valid=n)
-    yield "aedat31", dv.head_3() + absurd, 0, "must hold 2147483647 events of 8 bytes", f"({n - 10} in all)"
-    told = f"the polarity events of the packet at byte {len(dv.head_3())} must be 8 bytes long"
-    yield "aedat31", dv.head_3() + dv.packet_3(bytes(36), 3) + dv.packets(BLOCK[:3]), 3, told
+    n = 2**31 - 1
     for size in (n, -1, -n - 1):
         bad = dv.packet_4(b"abc", 0, size) + dv.coded(ONE)
         told = f"{len(GOOD_4)} must end within the {len(bad)} bytes left, got a length of {size} bytes"
@@ -520,12 +475,6 @@ REFUSED = {
         b"#!AER-DAT1.0\r\n": "it begins with b'#!AER-DAT1.0'",
         b"#!AER-DAT2.0": "it begins with b'#!AER-DAT2.0'",
         dv.head_2("a.b.Cochlea64"): "AEChip must be a DVS128 or a DAVIS, got 'Cochlea64'",
-    },
-    "aedat31": {
-        b"#!AER-DAT3.0\r\n": "it begins with b'#!AER-DAT3.0'",
-        dv.VERSION_3 + b"#Format: RAW\r\n": "line '#!END-HEADER', got the end of the file at",
-        dv.VERSION_3 + b"#Source 1: DVS128\r\n\x01\x00": "'#!END-HEADER', got b'\\x01\\x00' at byte 33",
-        dv.head_3(layout=b"SerializedTS"): "Format must be RAW, got 'SerializedTS' at byte 14",
     },
     "aedat4": {
         b"#!AER-DAT4.1\r\n": "it begins with b'#!AER-DAT4.1'",
@@ -655,7 +604,7 @@ def test_columns_without_a_time(tmp_path):
 
 # ---- memory
 
-MOST_PER_EVENT = {"es": 480, "nmnist": 480, "aedat2": 180, "aedat31": 180, "aedat4 lz4": 120}
+MOST_PER_EVENT = {"es": 480, "nmnist": 480, "aedat2": 180, "aedat4 lz4": 120}
 MOST_PER_EVENT |= {"dat": 240, "evt2": 240, "evt3 by 12": 240}
 
 
