@@ -42,7 +42,8 @@ def front_of(
     """Return the non-dominated points, and notes on what was left out.
 
     Args:
-        results: folders of studies, or CSV, Parquet or JSON tables, which are concatenated.
+        results: folders of studies, or CSV, Parquet or JSON tables; column `study` says which of several a
+            point is from.
         question: what is asked; conditions on front_share and front_probability hold for points of the front.
 
     Raises:
@@ -54,6 +55,8 @@ def front_of(
 
     objectives, by = question.goals(results[0]), question.groups
     frames = question.points(results)
+    if len(results) > 1:  # a copy is in one piece: pandas warns where a column is added to many
+        frames = [x.copy().assign(study=str(path)) for path, x in zip(results, frames, strict=True)]
     frame = pandas.concat(frames, ignore_index=True)
     conditions = conditions_of(question.where)
     certain = [x for x in conditions if named_columns([x]) & set(CERTAINTY)]

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
     from dse.deploy.bundle import Bundle
-    from dse.skyline.compare import Comparison
 
 _MOST_ROWS = 10  # of the table in a notebook
 
@@ -69,6 +68,8 @@ class Study(results.Study):
         objectives: str | Sequence[Any] | Mapping[str, str] | None = None,
         where: str | Sequence[str] | None = None,
         by: str | Sequence[str] | None = None,
+        *,
+        beside: Sequence[str | Path] = (),
         **options: Any,
     ) -> Skyline:
         """Return the non-dominated points and notes on what was left out.
@@ -77,6 +78,7 @@ class Study(results.Study):
             objectives: 'accuracy:max,energy_uj:min', pairs, or a mapping; None: those of the search space.
             where: condition such as "n_weights <= 5000", or several.
             by: columns whose values have separate fronts, beside hardware and task.
+            beside: other studies, or tables, whose points compete; column `study` tells which is which.
             options: hardware, oversize, contacts_per_hour, targets, confidence and draws, as of
                 `dse.study.question.Question`.
 
@@ -89,7 +91,7 @@ class Study(results.Study):
         'mlp'
         """
         question = Question.of(objectives=objectives, where=where, by=by, **options)
-        return front_of([self.folder], question)
+        return front_of([self.folder, *beside], question)
 
     def pick(self, budgets: str | Sequence[str] = (), maximise: str | None = None, **options: Any) -> Choice:
         """Return the best point within the budgets (`row`), or None and the nearest ones (`nearest`).
@@ -128,38 +130,6 @@ class Study(results.Study):
         """
         conditions = [text for each in budgets for text in texts(each, "budgets")]
         return self.pick(conditions, **options).found
-
-    def compare(
-        self,
-        other: results.Study | str | Path,
-        objectives: str | Sequence[Any] | Mapping[str, str] | None = None,
-        where: str | Sequence[str] | None = None,
-        *,
-        hardware: str | Sequence[str] = (),
-    ) -> Comparison:
-        """Return this study beside another: `summary`, `front` (joint), `gains` within budgets, `notes`.
-
-        Args:
-            other: a study, its folder, or a table.
-            objectives: as of `skyline`; None: those of both studies, which must be the same.
-            where: condition for the points of both, or several.
-            hardware: profiles, by name or file, to compute costs on; empty: those of each study.
-
-        Raises:
-            ExpressionError: the two have no objectives, tasks or hardware in common, or a condition is wrong.
-            TypeError: an argument of another kind.
-
-        >>> float(study.compare("results/example").gains["gain"].max())
-        0.0
-        """
-        from dse.study.comparison import compare_studies
-
-        given: object = other
-        if not isinstance(given, results.Study | str | Path):
-            raise TypeError(f"other must be a study or the path of one, got {other!r}")
-        path = other.folder if isinstance(other, results.Study) else other
-        question = Question.of(objectives=objectives, where=where, hardware=hardware)
-        return compare_studies(self.folder, path, question)[0]
 
     def export(
         self,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,8 +22,6 @@ from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.on_chips import DRAWN
 from dse.report.gather import gather_marks
 from dse.skyline import front
-from dse.skyline.compare import STUDY, Comparison
-from dse.skyline.table import Goal
 from dse.store import StoreError
 from dse.study import health, held, pricing, resampling, rivals
 from dse.study.question import Question
@@ -98,43 +95,6 @@ def _of_rows(page: Mapping[str, Any], rows: Sequence[int], points: pandas.DataFr
     named = points.set_index(names, drop=False)
     keys = [tuple(page["columns"][name]["values"][row] for name in names) for row in rows]
     return [named.loc[[key]].iloc[0].to_dict() for key in keys]
-
-
-def write_comparison(
-    compared: Comparison, tables: Mapping[str, pandas.DataFrame], objectives: Sequence[Goal], path: Path
-) -> Path:
-    """Write the page of two studies: the points of both, coloured by study; return the path.
-
-    Trials of the second study are numbered on after those of the first; `numbered` tells from where, so that
-    readers see the number that each has in its study.
-
-    Args:
-        compared: `dse.study.comparison.compare_studies`.
-        tables: the points by the name of their study.
-        objectives: of both.
-        path: file to write.
-    """
-    (one, first), (other, second) = tables.items()
-    numbered = None
-    if {"trial"} <= set(first) & set(second):
-        start = int(first["trial"].max()) + 1
-        second = second.assign(trial=second["trial"] + start)
-        numbered = {"from": start, "first": one, "second": other}
-    named = zip(tables, (first, second), strict=True)
-    frame = pandas.concat([table.assign(**{STUDY: name}) for name, table in named], ignore_index=True)
-    page = gather_page(
-        frame,
-        name=" and ".join(tables),
-        objectives=list(objectives),
-        notes=compared.notes,
-        results="",
-        definition=load(),
-    )
-    sections = {"studies": compared.summary, "gains": compared.gains}
-    plain = {
-        key: [store.plain_cell(row) for row in table.to_dict("records")] for key, table in sections.items()
-    }
-    return write_filled("page", page | plain | {"colour": STUDY, "numbered": numbered}, path)
 
 
 def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest) -> dict[str, Any]:

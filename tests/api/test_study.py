@@ -107,6 +107,14 @@ def test_figures_and_optuna(ran):
     assert copy.trials[0].values[0] == study.trials["accuracy"][0]
 
 
+def test_points_of_a_table_compete(ran, tmp_path):
+    study, _ = ran
+    table = tmp_path / "better.csv"
+    study.points().assign(accuracy=1.0, n_weights=1, energy_uj=0.0).to_csv(table, index=False)
+    assert {*study.skyline(beside=[table]).rows["study"]} == {str(table)}
+    assert "study" not in study.skyline().rows
+
+
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [

@@ -27,7 +27,6 @@ skyline study --where n_weights<=20000 --confidence 0.5
 report study
 pick study --budget energy_uj<=100
 pick study --budget energy_uj<=0.001
-compare study other
 doctor study
 prepare
 init touch.csv --force

@@ -51,7 +51,6 @@ READ = {
     "pick": ("{study} --budget n_weights<=100000", 0),
     "dashboard": ("{study} --html page.html", 0),
     "figure": ("{study} front --out front.json", 0),
-    "compare": ("{study} {root}/again", 0),
     "report": ("{study}", 2),
     "doctor": ("{study}", 0),
     "enqueue": ("{space} {root}/designs.yaml --results results", 2),

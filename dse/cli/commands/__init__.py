@@ -10,7 +10,7 @@ from typing import Any
 GROUPS = {
     "begin": ("init", "prepare"),
     "search": ("audit", "check", "doctor", "enqueue", "run"),
-    "choose": ("compare", "dashboard", "figure", "pick", "report", "skyline"),
+    "choose": ("dashboard", "figure", "pick", "report", "skyline"),
     "deploy": ("evaluate", "export", "measure", "reproduce", "stream", "verify"),
     "look_up": ("cost", "describe", "simulate"),
 }

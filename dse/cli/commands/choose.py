@@ -17,50 +17,6 @@ from dse.study.question import MOST_DRAWS, Question
 _NOTHING_FEASIBLE = 3
 
 
-def compare(
-    first: str,
-    second: str,
-    *,
-    objectives: str | None = None,
-    where: Texts = (),
-    hardware: Texts = (),
-    html: Path | None = None,
-) -> Answer:
-    """Compare two studies: the joint front, the hypervolume of each, and gains within budgets.
-
-    Args:
-        first: folder of a study, or a CSV, Parquet or JSON table.
-        second: folder of a study, or a CSV, Parquet or JSON table.
-        objectives (LIST): e.g. accuracy:max,energy_uj:min (default: those of the studies, which must be the
-            same).
-        html (FILE): write the page of both, as one file that opens offline.
-    """
-    from dse.cli.fronts import TELLING, columns, records
-    from dse.skyline.compare import STUDY
-    from dse.study.comparison import compare_studies
-
-    question = Question(objectives=objectives, where=where, hardware=hardware)
-    compared, tables, goals = compare_studies(first, second, question)
-    notes = list(compared.notes)
-    if html:
-        from dse.dashboard.study import write_comparison
-
-        notes.append(f"page: {write_comparison(compared, tables, goals, html)}")
-    front = compared.front
-    essential = [name for name in (STUDY, "trial", *(name for name, _ in goals)) if name in front]
-    shown = [STUDY, *columns(front, goals)]
-    return Answer(
-        records(compared.summary),
-        notes,
-        essential=[STUDY, "on_joint_front", "hypervolume"],
-        telling=TELLING,
-        sections={
-            "Joint front": Answer(records(front), columns=shown, essential=essential, telling=TELLING),
-            "Best within a budget": Answer(records(compared.gains), all_rows=True),
-        },
-    )
-
-
 def dashboard(
     results: str,
     *,
