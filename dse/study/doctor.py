@@ -386,9 +386,8 @@ def _check_table(study: _Study, path: Path) -> None:
     if ("status" in table) != (path.name == held.TRIALS):
         raise ValueError("is another table")
     made_from, rows = json.loads(store.made_from(path) or "{}"), held.counted(table)
-    written: Counter[int] = Counter()
-    for trial, _, n in made_from.get("parts", ((x, 0, 1) for x in made_from.get("digests", ()))):
-        written[int(trial)] += n
+    one_each = dict.fromkeys(made_from.get("digests", ()), 1) if path.name == held.TRIALS else {}
+    written = Counter({int(trial): n for trial, n in made_from.get("rows", one_each).items()})
     if written and (wrong := sorted(t for t in rows | written if rows[t] != written[t])):
         raise ValueError(f"has {rows[wrong[0]]} rows of trial {wrong[0]}, not {written[wrong[0]]}")
     found = held.behind(path)

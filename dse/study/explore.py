@@ -210,6 +210,7 @@ class _Tables:
         self._due = time.monotonic()
         self._on_trial = on_trial
         self._ended: set[int] = set()
+        self._made: points.Made = {}
 
     def know_ended(self) -> None:
         """Remember the trials that have ended before."""
@@ -247,7 +248,8 @@ class _Tables:
         """
         if not self._coordinator.leads:
             return
-        both.write(self._space, self._folder, self._runs.trials(), self._profiles, self._ledger.entries)
+        runs, entries = self._runs.trials(), self._ledger.entries
+        both.write(self._space, self._folder, runs, self._profiles, entries, self._made)
         store.back_up(self._ledger.book)
 
 

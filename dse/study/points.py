@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 Part = dict[str, Array]
 """Columns of some rows of a trial on one chip."""
+Made = dict[int, tuple[str, list[Part]]]
+"""Trial -> a digest of its runs, and the parts that follow from them."""
 
 
 def points_table(
@@ -57,7 +59,8 @@ def points_table(
         trials: trial number -> records of its runs.
         profiles: hardware to price the points on; not necessarily that of the study.
     """
-    return _whole([*_parts(space, folder, trials, profiles, {})], space, trials)
+    parts = _parts(space, folder, trials, profiles, dict.fromkeys(map(str, trials), ""), {})
+    return _whole(parts, space, trials)
 
 
 def write_points(
@@ -67,10 +70,9 @@ def write_points(
     trials: Mapping[int, Sequence[RunRecord]],
     profiles: Sequence[Profile],
     digests: Mapping[str, str],
+    made: Made,
 ) -> None:
     """Write the table of `points_table` as Parquet, unless the file is that table already.
-
-    Rows of the file that follow from unchanged runs are taken over.
 
     Args:
         path: the file.
@@ -79,18 +81,20 @@ def write_points(
         trials: trial number -> records of its runs.
         profiles: hardware to price the points on.
         digests: of the trials' runs (`dse.study.held.digests`).
+        made: what was made before of the same search space and chips; parts of unchanged runs are taken from
+            it, and those of others are added.
     """
-    common = _digest(space, profiles)
+    made_from = {"common": _digest(space, profiles), "digests": digests}
     before = json.loads(store.made_from(path) or "{}")
-    if before.get("common") != common:
-        before = {}
-    elif "parts" in before and sum(n for *_, n in before["parts"]) != held.n_rows(path):
-        before = {}  # it is not what was written
-    elif before["digests"] == digests:
+    rows = before.pop("rows", {})
+    if before == made_from and sum(rows.values()) == held.n_rows(path):  # else it is not what was written
         return
-    kept = _kept(path, before, digests) if before.get("kinds") else {}
+    parts = _parts(space, folder, trials, profiles, digests, made)
+    rows = Counter[str]()
+    for part in parts:
+        rows[str(int(part["trial"][0]))] += len(part["trial"])
     with store.noted(path) as temporary:
-        _write(temporary, {"common": common, "digests": digests}, space, folder, trials, profiles, kept)
+        store.write_table(temporary, _whole(parts, space, trials), json.dumps({**made_from, "rows": rows}))
 
 
 def _digest(space: SearchSpace, profiles: Sequence[Profile]) -> str:
@@ -108,53 +112,6 @@ def _code() -> bytes:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()
 
 
-def _kept(path: Path, before: Mapping[str, Any], digests: Mapping[str, str]) -> dict[int, list[Part]]:
-    """Return trial -> its parts of a written table, of the trials whose digest is unchanged.
-
-    Args:
-        path: of the table.
-        before: what it was made from, as `_write` notes it.
-        digests: of the trials as they are now.
-    """
-    import pyarrow.parquet
-
-    table = pyarrow.parquet.read_table(path)
-    columns = {name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}
-    kept: dict[int, list[Part]] = {}
-    start = 0
-    for trial, kind, n_rows in before["parts"]:
-        if digests.get(str(trial)) == before["digests"][str(trial)]:
-            rows = slice(start, start + n_rows)
-            part = {name: columns[name][rows].astype(dtype) for name, dtype in before["kinds"][kind]}
-            kept.setdefault(trial, []).append(part)
-        start += n_rows
-    return kept
-
-
-def _write(
-    path: Path,
-    made_from: dict[str, Any],
-    space: SearchSpace,
-    folder: Path,
-    trials: Mapping[int, Sequence[RunRecord]],
-    profiles: Sequence[Profile],
-    kept: Mapping[int, list[Part]],
-) -> None:
-    """Write the table; it notes digests, and the parts that it consists of, for `_kept`.
-
-    A part is noted as its trial, the number of its kind, which is its columns and their types, and its rows.
-    """
-    parts = [*_parts(space, folder, trials, profiles, kept)]
-    of_parts = [tuple((k, x.dtype.str) for k, x in part.items()) for part in parts]
-    kinds = list(dict.fromkeys(of_parts))
-    noted = [
-        (int(part["trial"][0]), kinds.index(kind), len(part["trial"]))
-        for part, kind in zip(parts, of_parts, strict=True)
-    ]
-    made_from |= {"parts": noted, "kinds": kinds}
-    store.write_table(path, _whole(parts, space, trials), json.dumps(made_from))
-
-
 def _whole(
     parts: Sequence[Part], space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]
 ) -> pandas.DataFrame:
@@ -170,23 +127,26 @@ def _parts(
     folder: Path,
     trials: Mapping[int, Sequence[RunRecord]],
     profiles: Sequence[Profile],
-    kept: Mapping[int, list[Part]],
-) -> Iterator[Part]:
-    """Yield the columns of the points of a trial on every profile; of the trials in `kept` what is there."""
+    digests: Mapping[str, str],
+    made: Made,
+) -> list[Part]:
+    """Return the columns of the points of all trials on every profile; of unchanged runs those in `made`."""
     for trial, runs in sorted(trials.items()):
-        if trial in kept:
-            yield from kept[trial]
+        digest = digests[str(trial)]
+        if trial in made and made[trial][0] == digest:
             continue
         if not all(record.finished for record in runs):
+            made.pop(trial, None)
             continue
         try:
-            yield from _of_trial(space, folder, trial, runs, profiles)
+            made[trial] = digest, [*_of_trial(space, folder, trial, runs, profiles)]
         except (LookupError, ValueError, TypeError) as error:
             place = store.run_file(folder, trial, runs[0].repeat)
             text = f"its arrays cannot be evaluated ({type(error).__name__}: {error})"
             raise store.StoreError(
                 f"{place}: {text}; without this file, `dse run` trains it again"
             ) from error
+    return [part for trial in sorted(trials.keys() & made.keys()) for part in made[trial][1]]
 
 
 def _of_trial(

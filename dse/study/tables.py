@@ -27,6 +27,7 @@ def write(
     runs: Mapping[int, Sequence[RunRecord]],
     profiles: Sequence[Profile],
     entries: Sequence[Entry],
+    made: points.Made,
 ) -> pandas.DataFrame:
     """Write the tables of a study, and the profiles that price them; return that of the trials.
 
@@ -36,6 +37,7 @@ def write(
         runs: trial -> records of its runs, repeat 0 first.
         profiles: of its hardware.
         entries: of its book; excluded designs have a row too, unless they have been trained since.
+        made: of earlier calls, as of `points.write_points`.
     """
     pricing.keep(profiles, folder)
     trained = {design_key(entry.design) for entry in entries if not entry.excluded}
@@ -44,7 +46,7 @@ def write(
     digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in runs.items()})
     with store.noted(folder / held.TRIALS) as path:
         store.write_table(path, table, json.dumps({"digests": digests}))
-    points.write_points(folder / held.POINTS, space, folder, runs, profiles, digests)
+    points.write_points(folder / held.POINTS, space, folder, runs, profiles, digests, made)
     return table
 
 
@@ -76,4 +78,4 @@ def write_again(folder: Path) -> None:
         for trial, repeats in store.runs_in(folder).items()
         if trial < len(entries)
     }
-    write(space, folder, runs, of_space(space), entries)
+    write(space, folder, runs, of_space(space), entries, {})
