@@ -1,8 +1,8 @@
 """What is damaged in a study's folder, what it costs, and its repair; nothing that can be read is lost.
 
 Checks compare what the parts of a study say of each other: the book, the files that it knows, the records of
-runs, the tables, the checkpoints, and what racing has written down. Whatever lets `dse run` stop or hang, or
-leaves the tables behind the records, is named by one of them.
+runs, and the tables. Whatever lets `dse run` stop or hang, or leaves the tables behind the records, is named
+by one of them. A checkpoint that is damaged costs some epochs: `dse run` removes it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dse import seeds, store
 from dse.config import ConfigError
 from dse.hardware.profile import load, names
 from dse.store import StoreError
-from dse.study import checkpoints, held, mended, precision, pricing, racing, tables
+from dse.study import held, mended, precision, pricing, tables
 from dse.study.held import plain_space
 from dse.study.ledger import Entry, read_entries
 from dse.study.record import RunRecord, load_record
@@ -35,8 +35,7 @@ _FOLDERS = (
     *(store.RUNS, precision.FOLDER, f"{precision.FOLDER}/*", "hardware", "plugins"),
     *("checkpoints", "checkpoints/*", f"checkpoints/*/{store.RUNS}"),
 )
-_CHECKPOINTS = f"checkpoints/*/{store.RUNS}/*"
-_OF_RUNS = (f"{store.RUNS}/*", f"{precision.FOLDER}/*/*", _CHECKPOINTS)
+_OF_RUNS = (f"{store.RUNS}/*", f"{precision.FOLDER}/*/*", f"checkpoints/*/{store.RUNS}/*")
 _LOCK = ".lock"
 _TABLES = (held.TRIALS, held.POINTS)
 _TEXTS = (store.SPACE, "plugins/*.py", "hardware/*.yaml")
@@ -112,13 +111,6 @@ class _Study:
             if isinstance(found, RunRecord):
                 records.setdefault(found.trial, {})[found.repeat] = found
         return records
-
-    @cached_property
-    def rounds(self) -> dict[int, list[dict[str, Any]]]:
-        """Batch -> the rounds that racing has decided, if the book can be read."""
-        with contextlib.suppress(StoreError), store.Book(self.folder) as book:
-            return racing.rounds_of(book)
-        return {}
 
     def knows(self, trial: int) -> bool:
         """Return whether the book names a trial; True where the book is damaged."""
@@ -270,43 +262,6 @@ def _missing(study: _Study) -> Iterator[Damage]:
             yield Damage(name, "is missing", "one evaluation", remedy, partial(_aside, study, path))
 
 
-def _checkpoints(study: _Study) -> Iterator[Damage]:
-    """Where unfinished trainings stand, against where racing lets them stand."""
-    standing: dict[int, int] = {}
-    for path in _matches(study.folder, _CHECKPOINTS):
-        if path.is_file() and (fault := _checkpoint(study, path, standing)):
-            remedy = f"it is removed; {AGAIN} trains on from where it can"
-            drop = partial(store.remove, path)
-            yield Damage(study.name(path), fault, "some epochs of a training", remedy, drop)
-    for one, after in itertools.chain(*(itertools.pairwise(x) for x in study.rounds.values())):
-        for trial in (*after["trials"], *(x["trial"] for x in after["stopped"])):
-            if trial in one["trials"] and trial not in study.records:
-                if standing.get(trial, 0) < (one["epochs"] or 0):
-                    path = store.run_file(checkpoints.rung_folder(study.folder, one["epochs"]), trial, 0)
-                    fault = f"is missing: trial {trial} stood at this rung"
-                    remedy = f"{AGAIN} trains it again"
-                    yield Damage(study.name(path), fault, f"{one['epochs']} epochs of a training", remedy)
-
-
-def _checkpoint(study: _Study, path: Path, standing: dict[int, int]) -> str:
-    """Return what is wrong with a checkpoint; '' if nothing is, and then note that its trial stands there."""
-    epochs = path.parents[1].name
-    try:
-        plain = store.load_run(path) or {}
-        trial, repeat = int(plain["trial"]), int(plain["repeat"])
-        if plain["epochs"] != int(epochs):
-            return f"is of a training that stood after {plain['epochs']} epochs"
-    except (StoreError, *_MALFORMED) as error:
-        return _said(error, path)
-    if not study.knows(trial):
-        return "is of a trial that the book does not name"
-    record = study.records.get(trial, {}).get(repeat)
-    if record is not None:
-        return "is of a run that has ended"
-    standing[trial] = max(standing.get(trial, 0), int(epochs))
-    return ""
-
-
 def _texts(study: _Study) -> Iterator[Damage]:
     """The search space, copies of plugins, and hardware profiles."""
     space = study.folder / store.SPACE
@@ -421,5 +376,5 @@ def _matches(folder: Path, pattern: str) -> list[Path]:
 
 
 _CHECKS: tuple[Callable[[_Study], Iterator[Damage]], ...] = (
-    *(_access, _book, _runs, _texts, _tables, _missing, _checkpoints, _recordings),
+    *(_access, _book, _runs, _texts, _tables, _missing, _recordings),
 )
