@@ -19,7 +19,7 @@ from dse.config.axes import Axis
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
 from dse.search.limits import Exclusion
-from dse.search.space import design_at, index_of, position
+from dse.search.space import at, design_at, index_of, position
 
 if TYPE_CHECKING:
     import optuna
@@ -214,7 +214,7 @@ class OptunaSampler(Limited):
         if self._replay is not None:
             rng = seeds.generator(self._space.seed, design, "sampler")
             values |= {
-                name: _drawn(axis, rng) for name, axis in self._space.axes.items() if name not in design
+                name: at(axis, rng.random()) for name, axis in self._space.axes.items() if name not in design
             }
         return {
             name: _to_optuna(axis, values[name]) for name, axis in self._space.axes.items() if name in values
@@ -292,25 +292,11 @@ class OptunaSampler(Limited):
     def _drawn_design(self, rng: np.random.Generator) -> Design:
         """Return a design drawn uniformly: its kinds first, then on every axis that they have."""
         axes = self._space.axes.items()
-        design = {name: _drawn(axis, rng) for name, axis in axes if axis.condition is None}
+        design = {name: at(axis, rng.random()) for name, axis in axes if axis.condition is None}
         return {
-            name: design[name] if name in design else _drawn(axis, rng)
+            name: design[name] if name in design else at(axis, rng.random())
             for name, axis in self._space.active(design).items()
         }
-
-
-def _drawn(axis: Axis, rng: np.random.Generator) -> Raw:
-    """Return a value drawn uniformly from an axis, on a logarithmic scale where it has one."""
-    if axis.values is not None:
-        return axis.values[int(rng.integers(len(axis.values)))]
-    assert axis.low is not None and axis.high is not None  # a range has ends
-    # An integer has what is rounded to it: half a step on either side.
-    margin = 0.5 if axis.is_int else 0.0
-    low, high = axis.low - margin, axis.high + margin
-    value = (
-        math.exp(rng.uniform(math.log(low), math.log(high))) if axis.log else float(rng.uniform(low, high))
-    )
-    return min(max(round(value) if axis.is_int else value, axis.low), axis.high)
 
 
 def _is_ordered(axis: Axis) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Collection, Iterator, Mapping
 
 from dse.config.axes import Axis, n_combinations
@@ -118,3 +119,18 @@ def position(axis: Axis, value: object) -> int:
         if known == sought and isinstance(known, bool) == isinstance(sought, bool):
             return place
     raise ValueError(f"{axis.name} must be one of {list(axis.values or ())}, got {value!r}")
+
+
+def at(axis: Axis, u: float) -> Raw:
+    """Return the value of an axis at a coordinate in [0, 1), of equal shares or on its logarithmic scale."""
+    if axis.values is not None:
+        return axis.values[int(u * len(axis.values))]
+    assert axis.low is not None and axis.high is not None  # a range has ends
+    # An integer has what is rounded to it: half a step on either side.
+    margin = 0.5 if axis.is_int else 0.0
+    low, high = axis.low - margin, axis.high + margin
+    if axis.log:
+        value = math.exp(math.log(low) + u * (math.log(high) - math.log(low)))
+    else:
+        value = low + u * (high - low)
+    return min(max(round(value) if axis.is_int else value, axis.low), axis.high)

@@ -9,6 +9,7 @@ from dse.config import load_space
 from dse.search import proposals
 from dse.search.limits import Exclusion
 from dse.search.proposals import limited
+from dse.search.space import at
 from tests import families
 from tests.spaces import grid, write_space
 
@@ -330,7 +331,7 @@ def test_a_gene_of_another_kind_belongs_to_the_design(mixed):
 def test_draws_reach_both_ends_of_an_integer_axis(mixed):
     rng = seeds.generator(0, {}, "test")
     width = dataclasses.replace(mixed.axes["model.wide_of_a_test.width"], low=2, high=4)
-    drawn = [proposals._drawn(width, rng) for _ in range(3000)]
+    drawn = [at(width, rng.random()) for _ in range(3000)]
     assert all(type(value) is int for value in drawn)
     # On a logarithmic scale a number has the share of [n - 1/2, n + 1/2]: log(5/3), log(7/5), log(9/7).
     shares = [drawn.count(value) / 3000 for value in (2, 3, 4)]

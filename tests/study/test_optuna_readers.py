@@ -1,15 +1,8 @@
-"""A study as Optuna reads it, and as optuna-dashboard's own API over HTTP serves it."""
+"""A study as Optuna reads it, in memory and from a storage, as optuna-dashboard does."""
 
 from __future__ import annotations
 
-import json
-import threading
-import urllib.request
-from typing import Any
-from wsgiref.simple_server import WSGIRequestHandler, make_server
-
 import optuna
-import optuna_dashboard
 import pytest
 from optuna.trial import TrialState
 
@@ -54,37 +47,11 @@ def test_optuna_has_the_trials_of_the_study(folder):
         assert (trial.datetime_complete is None) == (entry.reported_s is None)
 
 
-class _Silent(WSGIRequestHandler):
-    def log_message(self, *_: Any) -> None:
-        pass
-
-
-@pytest.fixture
-def served(folder, tmp_path):
+def test_a_storage_has_the_same_trials(folder, tmp_path):
     place = f"sqlite:///{tmp_path}/optuna.db"
     as_optuna(folder, place)
-    app = optuna_dashboard.wsgi(optuna.storages.RDBStorage(place))
-    with make_server("127.0.0.1", 0, app, handler_class=_Silent) as server:
-        thread = threading.Thread(target=server.serve_forever, daemon=True)
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
-        thread.join()
-
-
-def answer(url):
-    with urllib.request.urlopen(url, timeout=120) as response:
-        return json.load(response)
-
-
-def test_the_dashboard_serves_the_study(served, folder):
-    (summary,) = answer(f"{served}/api/studies")["study_summaries"]
-    assert summary["study_name"] == folder.name
-    assert summary["directions"] == ["maximize", "minimize"]
-    study = answer(f"{served}/api/studies/{summary['study_id']}")
-    trials = study["trials"]
-    assert [trial["state"] for trial in trials] == ["Pruned", "Complete", "Fail", "Running"]
-    assert study["objective_names"] == ["accuracy", "n_weights"]
-    assert trials[1]["values"] == [0.75, 42.0]
-    assert {x["name"]: x["param_external_value"] for x in trials[1]["params"]}["model.hidden"] == "4"
-    assert [trial["number"] for trial in study["best_trials"]] == [1]
+    read = optuna.load_study(study_name=folder.name, storage=place)
+    here = as_optuna(folder)
+    assert [x.state for x in read.trials] == [x.state for x in here.trials]
+    assert [x.params for x in read.trials] == [x.params for x in here.trials]
+    assert (read.directions, read.metric_names) == (here.directions, here.metric_names)

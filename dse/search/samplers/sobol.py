@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dse import seeds
-from dse.config.axes import Axis
 from dse.config.contracts import SamplerSettings
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
 from dse.registry import register
 from dse.search.proposals import Limited, Sampler, Values
-from dse.search.space import design_at
+from dse.search.space import at, design_at
 
 # Points in a row that give no new design, after which the rest of a grid is proposed in its order.
 _MOST_POINTS = 1024
@@ -76,21 +74,6 @@ class _SobolSampler(Limited):
     def _placed(self, point: Sequence[float]) -> Design:
         """Return the design at a point of the unit cube; axes that it does not have use no coordinate."""
         axes = self._space.axes.values()
-        values = {axis.name: _at(axis, float(u)) for axis, u in zip(axes, point, strict=False)}
+        values = {axis.name: at(axis, float(u)) for axis, u in zip(axes, point, strict=False)}
         shared = {name: values[name] for name, axis in self._space.axes.items() if axis.condition is None}
         return {name: values[name] for name in self._space.active(shared)}
-
-
-def _at(axis: Axis, u: float) -> Raw:
-    """Return the value of an axis at a coordinate in [0, 1)."""
-    if axis.values is not None:
-        return axis.values[int(u * len(axis.values))]
-    assert axis.low is not None and axis.high is not None  # a range has ends
-    # An integer has what is rounded to it: half a step on either side.
-    margin = 0.5 if axis.is_int else 0.0
-    low, high = axis.low - margin, axis.high + margin
-    if axis.log:
-        value = math.exp(math.log(low) + u * (math.log(high) - math.log(low)))
-    else:
-        value = low + u * (high - low)
-    return min(max(round(value) if axis.is_int else value, axis.low), axis.high)
