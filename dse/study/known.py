@@ -25,7 +25,9 @@ from dse.measure.objectives.work import memory_bytes
 from dse.measure.on_chips import columns_on
 from dse.measure.run import read_out_steps
 from dse.records import Operations
-from dse.search.limits import MISSING, Exclusion, Known, Row, exclusion
+from dse.search.limits import MISSING, Exclusion, Known, Row, can_meet, exclusion
+from dse.study.record import RunRecord
+from dse.study.trials import summary
 
 _SIZING = ("data", "task", "window", "preprocessing", "encoder", "model")
 
@@ -53,6 +55,17 @@ class KnownBefore:
         if not self._limits:
             return None
         return exclusion(self._limits, self._rows(design, needs_data=self.needs_data))
+
+    def meets(self, design: Mapping[str, Raw], records: Sequence[RunRecord]) -> bool:
+        """Return whether a trained design meets the limits at its full read-out, on some chip."""
+        numbers, cells = [record.last for record in records], self._cells(design)
+        of_chip = dict.fromkeys(registry.columns("hardware"), MISSING)
+        for chip in self._profiles or (None,):
+            columns = summary(numbers, chip if chip in numbers[0].hardware else None)
+            row = cells | of_chip | {name: _number(x) for name, x in columns.items()}
+            if all(can_meet(limit, row) for limit in self._limits):
+                return True
+        return False
 
     def _cells(self, design: Mapping[str, Raw]) -> dict[str, Known]:
         task, family = self._space.task_name(design), self._space.kind("model", design)

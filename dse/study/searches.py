@@ -183,7 +183,14 @@ class Batches:
                 if entry.excluded and self._check(entry.design) is not None:
                     self._limited.tell([entry.design], [None])
         ended = self.of(number)
-        self._sampler.tell([entry.design for entry in ended], [entry.values for entry in ended])
+        self._sampler.tell([entry.design for entry in ended], list(map(self._told, ended)))
+
+    def _told(self, entry: Entry) -> tuple[float, ...] | None:
+        """Return the objectives of a design as the sampler learns them; None where it misses a limit."""
+        records = self._runs.of(entry.trial)[: self._space.search.repeats]
+        if entry.values is None or self._before is None or self._before.meets(entry.design, records):
+            return entry.values
+        return None
 
     def _check(self, design: Mapping[str, object]) -> Exclusion | None:
         assert self._before is not None  # there are limits
