@@ -15,6 +15,7 @@ from dse.study import explore
 from dse.study.known import KnownBefore
 from dse.study.ledger import read_entries
 from dse.study.preview import preview
+from dse.study.record import Numbers, RunRecord
 from tests.tiny_study import REAL, write_recordings
 
 FIXED = ["loihi1_silicon", "truenorth"]
@@ -141,3 +142,17 @@ def test_a_fault_names_file_line_and_what_is_known(tmp_path):
     assert any("Did you mean 'n_weights'?" in line for line in lines)
     assert any("column 'fits' needs a hardware profile" in line for line in lines)
     assert all(f"{tmp_path / 'real.yaml'}:" in line for line in lines)
+
+
+def test_a_trained_design_meets_limits_on_some_chip(home):
+    here = space(home, limits=["energy_uj <= 5", "fits"], hardware=FIXED, objectives=["accuracy"])
+    known = KnownBefore(here, load_all(here.hardware, here.source.parent), lambda _: None)
+
+    def meets(**chips):
+        columns = {chip: {"energy_uj": x, "fits": True} for chip, x in chips.items()}
+        numbers = Numbers({"accuracy": 0.5}, columns)
+        record = RunRecord(trial=0, repeat=0, design={}, seed=0, numbers=numbers)
+        return known.meets(design_at(here, 0), [record])
+
+    assert meets(loihi1_silicon=9.0, truenorth=5.0) and not meets(loihi1_silicon=9.0, truenorth=6.0)
+    assert not meets(truenorth=math.nan)
