@@ -103,14 +103,6 @@ def test_figures(ran):
     assert study.plot.confusion(study.best()).data and study.plot.learning(0).data
 
 
-def test_points_of_a_table_compete(ran, tmp_path):
-    study, _ = ran
-    table = tmp_path / "better.csv"
-    study.points().assign(accuracy=1.0, n_weights=1, energy_uj=0.0).to_csv(table, index=False)
-    assert {*study.skyline(beside=[table]).rows["study"]} == {str(table)}
-    assert "study" not in study.skyline().rows
-
-
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [

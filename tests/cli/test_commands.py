@@ -253,11 +253,9 @@ def test_skyline_formats(table, capfdbinary):
 def test_skyline_of_several_tables_and_of_a_study(results, table, capsys):
     alone = document(capsys, "skyline", results)["rows"]
     assert {"phi", "theta", "energy_uj", "model.hidden"} <= set(alone[0])
-    assert {row["task"] for row in document(capsys, "skyline", results, table, "--by", "task")["rows"]} == {
-        "fabric",
-        "a",
-        "b",
-    }
+    both = document(capsys, "skyline", results, table, "--by", "task")["rows"]
+    assert {row["task"] for row in both} == {"fabric", "a", "b"}
+    assert {row["study"] for row in both} == {str(results), str(table)} and "study" not in alone[0]
 
 
 @pytest.mark.parametrize(
