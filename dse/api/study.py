@@ -20,6 +20,7 @@ from dse.study import results
 from dse.study.question import Question, texts
 
 if TYPE_CHECKING:
+    import optuna
     import pandas
     import plotly.graph_objects
 
@@ -151,6 +152,22 @@ class Study(results.Study):
     def plot(self) -> Plots:
         """The figures: `study.plot.front()`, `study.plot.surface(point)`, ...; dir() lists them."""
         return Plots(self)
+
+    def to_optuna(self, storage: str | None = None) -> optuna.Study:
+        """Return the trials as a study of Optuna, for its own plots and importances.
+
+        Args:
+            storage: where it is written for `optuna-dashboard`, such as sqlite:///search.db; None: in memory.
+
+        Raises:
+            ConfigError: a component of the search space is not installed here.
+
+        >>> len(study.to_optuna().trials)
+        16
+        """
+        from dse.study.as_optuna import as_optuna
+
+        return as_optuna(self.folder, storage)
 
 
 def open(folder: str | Path) -> Study:

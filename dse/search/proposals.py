@@ -305,21 +305,31 @@ def _is_ordered(axis: Axis) -> bool:
     return len(numbers) == len(values) and numbers == sorted(numbers)
 
 
-def _distribution(axis: Axis) -> optuna.distributions.BaseDistribution:
-    """Return an axis as Optuna knows it: the place among its values, or the number itself."""
+def distribution(axis: Axis, values: Sequence[str | float | None]) -> optuna.distributions.BaseDistribution:
+    """Return an axis as Optuna knows it.
+
+    Args:
+        axis: of the search space.
+        values: what stands for each value of the axis, where it has values.
+    """
     from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
     if axis.values is not None:
-        n_values = len(axis.values)
-        return (
-            IntDistribution(0, n_values - 1)
-            if _is_ordered(axis)
-            else CategoricalDistribution(range(n_values))
-        )
+        return CategoricalDistribution(values)
     assert axis.low is not None and axis.high is not None  # a range has ends
     if axis.is_int:
         return IntDistribution(int(axis.low), int(axis.high), log=axis.log)
     return FloatDistribution(axis.low, axis.high, log=axis.log)
+
+
+def _distribution(axis: Axis) -> optuna.distributions.BaseDistribution:
+    """Return an axis as the samplers know it: the place among its values, or the number itself."""
+    from optuna.distributions import IntDistribution
+
+    n_values = len(axis.values or ())
+    if axis.values is not None and _is_ordered(axis):
+        return IntDistribution(0, n_values - 1)
+    return distribution(axis, range(n_values))
 
 
 def _to_optuna(axis: Axis, value: Raw) -> Raw:

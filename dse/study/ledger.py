@@ -9,12 +9,15 @@ import contextlib
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from dse.search.limits import Exclusion
 from dse.store import Book, StoreError
+
+_NO_VALUES: Mapping[Any, float] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,8 @@ class Entry:
     values: its objectives; None before the report, and for a failed trial.
     excluded: why it is not trained; '' if it is.
     enqueued: whether the user asked for it (`dse enqueue`), not the sampler.
+    at_rungs: epochs -> first objective there.
+    stopped: whether it stopped at a rung.
     """
 
     trial: int
@@ -37,6 +42,8 @@ class Entry:
     values: tuple[float, ...] | None = None
     excluded: str = ""
     enqueued: bool = False
+    at_rungs: Mapping[int, float] = field(default_factory=dict)
+    stopped: bool = False
 
     @property
     def is_reported(self) -> bool:
@@ -46,7 +53,7 @@ class Entry:
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Entry:
         """Return the entry of a row of the book."""
-        values = row["objectives"]
+        more, values = row["more"], row["objectives"]
         return cls(
             trial=row["trial"],
             batch=row["batch"],
@@ -56,10 +63,16 @@ class Entry:
             values=None if values is None else tuple(values),
             excluded=row["excluded"],
             enqueued=bool(row["enqueued"]),
+            at_rungs={int(n): x for n, x in more.get("at_rungs", {}).items()},
+            stopped=more.get("stopped", False),
         )
 
     def row(self) -> dict[str, Any]:
         """Return it as a row of the book; `of` is the way back."""
+        parts = {
+            "at_rungs": dict(self.at_rungs),
+            "stopped": self.stopped,
+        }
         return {
             "trial": self.trial,
             "batch": self.batch,
@@ -69,7 +82,7 @@ class Entry:
             "reported_s": self.reported_s,
             "objectives": None if self.values is None else list(self.values),
             "excluded": self.excluded,
-            "more": {},
+            "more": {name: x for name, x in parts.items() if x},
         }
 
 
@@ -129,9 +142,24 @@ class Ledger:
         """Write that a design, which was proposed, is not trained after all."""
         self._end(trial, excluded=why.reason)
 
-    def tell(self, trial: int, values: Sequence[float] | None) -> None:
-        """Write the objectives of a trial, at its last rung if it stopped there; None: it failed."""
-        self._end(trial, values=None if values is None else tuple(map(float, values)))
+    def tell(
+        self,
+        trial: int,
+        values: Sequence[float] | None,
+        at_rungs: Mapping[int, float] = _NO_VALUES,
+        *,
+        stopped: bool = False,
+    ) -> None:
+        """Write the result of a trial: its objectives, or None for a failed trial.
+
+        Args:
+            trial: its number.
+            values: its objectives, at its last rung if it stopped there.
+            at_rungs: epochs -> first objective there.
+            stopped: whether it stopped at a rung.
+        """
+        objectives = None if values is None else tuple(map(float, values))
+        self._end(trial, values=objectives, at_rungs=dict(at_rungs), stopped=stopped)
 
     def _next(self, batch: int, design: Mapping[str, object], after: int, *, enqueued: bool = False) -> Entry:
         written = json.loads(json.dumps(dict(design)))  # as it is read after a restart

@@ -177,7 +177,9 @@ class Batches:
             for entry in self.of(number):
                 if not entry.is_reported and not self._runs.is_untrained(entry.trial):
                     records = self._runs.of(entry.trial)[: self._space.search.repeats]
-                    self._ledger.tell(entry.trial, values_of(self._space, records))
+                    values, at_rungs = values_of(self._space, records), _at_rungs(self._space, records)
+                    stopped = any(one.stopped_at_epoch is not None for one in records)
+                    self._ledger.tell(entry.trial, values, at_rungs, stopped=stopped)
         if self._limited is not None:
             for entry in self._ledger.batch(number):
                 if entry.excluded and self._check(entry.design) is not None:
@@ -240,3 +242,15 @@ def values_of(space: SearchSpace, records: Sequence[RunRecord]) -> tuple[float, 
     row = tables.summary(numbers, next(iter(numbers[0].hardware), None))
     values = [float(row.get(name, math.nan)) for name, _ in space.objectives]
     return tuple(values) if all(map(math.isfinite, values)) else None
+
+
+def _at_rungs(space: SearchSpace, records: Sequence[RunRecord]) -> dict[int, float]:
+    """Return epochs -> the first objective of a trial's full read-out at that rung, where it has one."""
+    name = space.objectives[0][0]
+    values = {}
+    for epochs in sorted(set.intersection(*(set(one.rungs) for one in records))):
+        numbers = [one.rungs[epochs] for one in records]
+        value = float(tables.summary(numbers, next(iter(numbers[0].hardware), None)).get(name, math.nan))
+        if math.isfinite(value):
+            values[epochs] = value
+    return values

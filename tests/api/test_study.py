@@ -97,10 +97,14 @@ def test_what_is_picked_is_evaluated_as_its_folder_is(ran, tmp_path):
     assert len(found.label) == 24 and found.accuracy > 0.5
 
 
-def test_figures(ran):
+def test_figures_and_optuna(ran):
     study, _ = ran
     assert "front" in dir(study.plot) and study.plot.front().data
     assert study.plot.confusion(study.best()).data and study.plot.learning(0).data
+    copy = study.to_optuna()
+    assert [trial.params["model.hidden"] for trial in copy.trials] == [4, 8]
+    assert copy.metric_names == ["accuracy", "n_weights", "energy_uj"]
+    assert copy.trials[0].values[0] == study.trials["accuracy"][0]
 
 
 @pytest.mark.parametrize(

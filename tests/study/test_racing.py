@@ -8,6 +8,8 @@ from pandas.testing import assert_frame_equal
 
 from dse import store
 from dse.study import explore
+from dse.study.as_optuna import as_optuna
+from dse.study.ledger import read_entries
 from dse.study.racing import saved
 from dse.study.workers import Workers
 from tests import tiny_study
@@ -75,6 +77,19 @@ def test_one_in_three_goes_on_and_the_rest_is_as_without(raced, tmp_path, monkey
     others = ["train_s", *(f"accuracy_corrected{end}" for end in ends)]
     assert_frame_equal(here.drop(columns=others), raced.points().drop(columns=others))
     assert not list(raced.folder.glob("checkpoints/*"))
+
+
+def test_optuna_has_the_intermediate_values(raced):
+    loaded = as_optuna(raced.folder)
+    entries = read_entries(raced.folder)
+    states = [trial.state.name for trial in loaded.trials]
+    assert states.count("PRUNED") >= 5 and set(states) == {"PRUNED", "COMPLETE"}
+    assert all(entry.is_reported and entry.values is not None for entry in entries)
+    for trial, entry in zip(loaded.trials, entries, strict=True):
+        assert 2 in trial.intermediate_values
+        if trial.state.name == "PRUNED":
+            last = max(trial.intermediate_values)
+            assert trial.intermediate_values[last] == entry.values[0]
 
 
 @pytest.mark.parametrize("n_ends", [27, 34])
