@@ -104,7 +104,7 @@ def rivals_section(find: Callable[[], Iterable[Rivals]]) -> dict[str, Answer]:
 
     try:
         several = list(find())
-    except StoreError as error:  # they are damaged
+    except StoreError as error:  # answers of earlier versions are not stored one by one
         return {RIVALS: Answer([], text=wrapped(f"not known: {error}"))}
     text = "\n".join(wrapped(sentence) for one in several for sentence in worded(one))
     return {RIVALS: Answer([row for one in several for row in one.rows], text=text)} if several else {}

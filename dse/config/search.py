@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 from dse import registry
 from dse.config.axes import Axis, n_combinations
@@ -25,6 +26,8 @@ _BATCH = 8
 @dataclass(frozen=True)
 class Racing:
     """Which designs stop before their last epoch: those that others are ahead of."""
+
+    ignored: ClassVar[frozenset[str]] = frozenset({"audit"})
 
     rungs: tuple[int, ...] = param(
         doc="epochs after which each design is measured, and stops or goes on; rising", low=1
@@ -47,6 +50,8 @@ class Racing:
 class Stop:
     """What ends a search before all designs are trained."""
 
+    gone: ClassVar[Mapping[str, str]] = {"cpu_hours": "minutes ends a command in time"}
+
     minutes: float = param(
         doc="time that a command takes, its last tables included: no training begins that cannot end by "
         "then, by estimates, and one that does not end is stopped and goes on at the next command from where "
@@ -60,6 +65,13 @@ class Stop:
 @dataclass(frozen=True)
 class Search:
     """How designs are proposed and how often each is trained; a sampler adds its own keys."""
+
+    gone: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(
+            ("front_undecided", "front_trainings"), "repeats_on_front repeats all designs on the front"
+        ),
+        "from": "every study trains its own designs",
+    }
 
     sampler: SamplerSettings = param(  # noqa: RUF009
         "grid",

@@ -224,7 +224,8 @@ def read_object(
     The mapping's keys are the init fields of the dataclass, their annotations and rules (`registry.param`)
     say what a value must be. A key that the dataclass does not have is a mistake, and the report names the
     key that it may stand for; so is a required key that is absent, and whatever the dataclass itself refuses
-    with a ValueError, whose sentence begins with the key that it is about.
+    with a ValueError, whose sentence begins with the key that it is about. Its mapping `gone` says what to
+    write in place of a key that it once had.
 
     Args:
         cls: the dataclass.
@@ -347,9 +348,12 @@ def read_written(
                 one = one if read_one(raw, key.hint, rule, (*path, name), report) is not INVALID else INVALID
             good &= one is not INVALID
             result |= {} if one is INVALID else {name: one}
-        elif name not in also:
+        elif name not in also and name not in getattr(cls, "ignored", ()):
+            gone = getattr(cls, "gone", {}).get(name)
+            if gone and raw is None:
+                continue  # as a study of an earlier version has it
             good = False
-            hint = known_names(name, [*keys, *also])
+            hint = gone or known_names(name, [*keys, *also])
             report((*path, name), f"unknown key '{dotted((*path, name))}'; {hint}")
     return result, good
 

@@ -68,7 +68,7 @@ def newest(study: Path, trial: int, repeat: int, training: str) -> Checkpoint | 
     for epochs, folder in folders(study, trial, repeat).items():
         try:
             plain = store.load_run(folder)
-            if plain is not None and _made_as(plain) == (SCHEMA, epochs, training):
+            if plain is not None and made_as(plain, epochs) == (SCHEMA, epochs, training):
                 rungs = {int(n): Numbers.from_plain(x) for n, x in plain.get("rungs", {}).items()}
                 return Checkpoint(epochs, folder, rungs)
         except (Damaged, KeyError, TypeError, ValueError):
@@ -77,9 +77,14 @@ def newest(study: Path, trial: int, repeat: int, training: str) -> Checkpoint | 
     return None
 
 
-def _made_as(plain: Mapping[str, Any]) -> tuple[int, int, str]:
-    """Return the schema of a checkpoint, its epochs, and what the training follows from, by its record."""
-    return plain["states"], plain["epochs"], plain["training"]
+def made_as(plain: Mapping[str, Any], epochs: int) -> tuple[int, int, str]:
+    """Return the schema of a checkpoint, its epochs, and what the training follows from.
+
+    Args:
+        plain: its record.
+        epochs: by its folder, for a record of an earlier version.
+    """
+    return plain["states"], plain.get("epochs", epochs), plain["training"]
 
 
 def save(
@@ -129,7 +134,7 @@ def at_rung(study: Path, trial: int, repeat: int, epochs: int) -> RunRecord | No
     folder = store.run_file(rung_folder(study, epochs), trial, repeat)
     try:
         plain = store.load_run(folder)
-        if plain is None or plain.get("status") != "finished" or plain.get("epochs") != epochs:
+        if plain is None or plain.get("status") != "finished" or plain.get("epochs", epochs) != epochs:
             return None
         return RunRecord.from_plain(plain, folder)
     except Damaged:

@@ -71,7 +71,8 @@ def lacking(rows: pandas.DataFrame, names: Iterable[str]) -> list[str]:
         column = corrected_of(name)[0]
         if column not in rows or (rows[name].notna() & rows[column].isna()).any():
             notes.append(
-                f"no {column}: a table does not say how many recordings its {name} is of; a study does"
+                f"no {column}: a table does not say how many recordings its {name} is of; a study does "
+                "(one of an earlier version has the column after `dse run`)"
             )
     return notes
 

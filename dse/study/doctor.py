@@ -27,7 +27,7 @@ from dse.study import held, mended, precision, pricing, tables
 from dse.study.held import plain_space
 from dse.study.ledger import Entry, read_entries
 from dse.study.record import RunRecord, load_record
-from dse.study.results import sections_found
+from dse.study.results import is_earlier, sections_found
 
 AGAIN = "`dse run` with the study's search space"
 ASIDE = "it is renamed, its name ending in .damaged, to be read by eye"
@@ -129,7 +129,7 @@ def examine(folder: Path) -> list[Damage]:
     if not any(os.path.lexists(folder / name) for name in (store.SPACE, store.BOOK, store.RUNS)):
         raise StoreError(f"{folder}: is not the folder of a study: there is no {store.SPACE}")
     study, found = _Study(folder), dict[str, Damage]()
-    for check in _CHECKS:
+    for check in (_book,) if is_earlier(folder) else _CHECKS:
         for damage in check(study):
             found.setdefault(damage.file, damage)  # what a later check says follows from it
     return list(found.values())
@@ -188,7 +188,10 @@ def _access(study: _Study) -> Iterator[Damage]:
 
 
 def _book(study: _Study) -> Iterator[Damage]:
-    if study.fault:
+    if is_earlier(study.folder):
+        fault = "is missing: an earlier version of dse wrote the study"
+        yield Damage(store.BOOK, fault, "nothing", "the folder is converted", partial(_mend, study))
+    elif study.fault:
         remedy = f"it is restored from {store.COPY}; {store.BOOK}.damaged is what it was"
         yield Damage(store.BOOK, study.fault, "what is newer than its copy", remedy, partial(_mend, study))
     copy = study.folder / store.COPY

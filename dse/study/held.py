@@ -92,7 +92,7 @@ def remarks(folder: Path) -> list[str]:
     if lost and not runs:
         texts.append(f"{folder}: holds no run, only tables: what needs the runs is left out")
     elif lost:
-        why = "a run is missing, which `dse run` trains again"
+        why = "a run is missing, or was told, which `dse run` trains again"
         texts.append(f"{folder}: {named(lost)} is left out: {why}")
     return texts
 
@@ -113,9 +113,13 @@ def without_lost(folder: Path, table: pandas.DataFrame) -> pandas.DataFrame:
 
 
 def _is_whole(table: pandas.DataFrame, runs: Mapping[int, Collection[int]]) -> pandas.Series[bool]:
-    """Return which rows are of trials that have all the runs that the rows are means over."""
+    """Return which rows are of trials that have all the runs that the rows are means over.
+
+    Rows that `dse tell` of an earlier version made count as lacking theirs.
+    """
     n_runs = table["trial"].map({trial: len(repeats) for trial, repeats in runs.items()})
-    return n_runs.fillna(0) >= table["repeats"]
+    is_whole = n_runs.fillna(0) >= table["repeats"]
+    return is_whole & table["origin"].ne("told") if "origin" in table else is_whole
 
 
 def read(table: Path) -> pandas.DataFrame:
@@ -142,12 +146,13 @@ def counted(table: pandas.DataFrame) -> Counter[int]:
 
 
 def _repeats(table: Path) -> pandas.DataFrame:
-    """Return trial and number of runs of each row of a table; no rows where it does not say so."""
+    """Return trial, number of runs and origin of each row of a table; no rows without the first two."""
     import pandas
     import pyarrow.parquet
 
-    columns = ["trial", "repeats"]
-    is_said = set(columns) <= set(pyarrow.parquet.read_schema(table).names)
+    names = pyarrow.parquet.read_schema(table).names
+    columns = ["trial", "repeats", *(["origin"] if "origin" in names else ())]
+    is_said = set(columns) <= set(names)
     return pandas.read_parquet(table, columns=columns) if is_said else pandas.DataFrame(columns=columns)
 
 

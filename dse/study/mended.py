@@ -17,7 +17,9 @@ from pathlib import Path
 from dse import store
 from dse.store import BOOK, COPY, Book, Damaged, StoreError
 from dse.study import held
+from dse.study.earlier import convert
 from dse.study.ledger import Entry
+from dse.study.results import is_earlier
 
 _COMPARED = 5
 
@@ -30,7 +32,8 @@ def opened(folder: Path, batch: int = 1) -> Iterator[tuple[Book, list[str]]]:
         folder: of the study, which the caller has locked.
         batch: designs that its search proposes at a time.
     """
-    notes = _restored(folder, batch)
+    notes = convert(folder) if is_earlier(folder) else []
+    notes += _restored(folder, batch)
     with Book(folder, writes=True, is_session=True) as book:
         yield book, notes
         store.back_up(book)

@@ -273,7 +273,7 @@ def misfits(folder: str | Path, row: pandas.Series[Any], hardware: Sequence[str]
 
 
 def work_is_counted(folder: str | Path, rows: pandas.DataFrame) -> bool:
-    """Return whether the program of a trial's classifier was counted.
+    """Return whether the program of a trial's classifier was counted: not by runs of earlier versions.
 
     Raises:
         StoreError: as in `points`.

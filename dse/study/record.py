@@ -183,6 +183,8 @@ class RunRecord:
         Raises:
             StoreError: a key is missing or invalid; `where` names the file.
         """
+        if plain.get("status") == "told":
+            raise store.damaged(where, "holds values of `dse tell`, which are no longer read")
         try:
             record = cls(
                 trial=int(plain["trial"]),

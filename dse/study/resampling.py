@@ -202,7 +202,7 @@ def certainty(
     if names & {*ACCURACIES}:
         try:
             columns["front_probability"] = share(draws(paths, frames, hardware, goals, n_draws))
-        except StoreError as error:  # they are damaged
+        except StoreError as error:  # studies of earlier versions lack answers to single recordings
             notes.append(f"no front_probability: {error}")
     return columns, notes
 

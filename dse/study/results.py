@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from dse.skyline.table import Goal
 
 
+EARLIER = ("journal.log", "environment.json", "artefacts")
+"""What folders of earlier versions hold (`dse.study.earlier`)."""
+
+
 @dataclass(frozen=True)
 class Study:
     """The results in a study's folder."""
@@ -187,6 +191,11 @@ def sections_found(folder: Path, record: RunRecord) -> Iterator[tuple[Sections, 
             yield sections, base, dataset.dataset_key(sections, base)
 
 
+def is_earlier(folder: Path) -> bool:
+    """Return whether an earlier version wrote the folder of a study."""
+    return any((folder / name).exists() for name in EARLIER)
+
+
 def open(folder: str | Path) -> Study:
     """Return the study in a folder.
 
@@ -197,6 +206,9 @@ def open(folder: str | Path) -> Study:
     for name in ("search_space.yaml", held.TRIALS, held.POINTS):
         if not (path / name).is_file():
             raise store.StoreError(f"{path}: is not the folder of a study with results: there is no {name}")
+    if not (path / store.BOOK).is_file() and is_earlier(path):
+        text = "an earlier version of dse wrote this study"
+        raise store.StoreError(f"{path}: {text}; `dse doctor {path} --repair` converts it")
     study = Study(path)
     study.load_plugins()
     return study

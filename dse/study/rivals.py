@@ -76,7 +76,7 @@ def sentences(study: Study, question: Question = Question()) -> list[str]:  # no
         points = study.points()
         several = () if points.empty else of_study(study, question)
         texts = [text for one in several for text in worded(one)]
-    except StoreError as error:  # it is damaged
+    except StoreError as error:  # a study of an earlier version, or a damaged one
         return [f"whether to spike is not known: {error}"]
     families = ", ".join(dict.fromkeys(points["family"].astype(str))) if "family" in points else ""
     if texts or not families:

@@ -170,6 +170,9 @@ CASES = [
             ("racing: {eta: 2}", "search.racing.rungs is required"),
             ("stop: {minutes: 0}", "search.stop.minutes must be > 0, got 0"),
             ("stop: {}", "search.stop.minutes is required"),
+            ("stop: {cpu_hours: 1, minutes: 2}", "unknown key 'search.stop.cpu_hours'; minutes ends"),
+            ("front_undecided: [0.1, 0.9]", "unknown key 'search.front_undecided'; repeats_on_front"),
+            ("from: [a]", "unknown key 'search.from'; every study trains its own designs"),
         )
     ),
     (

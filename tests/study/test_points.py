@@ -410,7 +410,7 @@ def test_a_table_is_written_again_only_where_it_would_differ(space, tmp_path, mo
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
     assert is_written() and not is_written()
-    pd.read_parquet(path).to_parquet(path)  # it notes nothing
+    pd.read_parquet(path).to_parquet(path)  # of an earlier version
     assert is_written() and not is_written()
     monkeypatch.setattr(points, "_code", lambda: b"of another version")
     assert is_written() and not is_written()

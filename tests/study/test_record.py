@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
-from dse.store import Damaged, StoreError
+from dse.store import Damaged, StoreError, run_file
+from dse.study import held
 from dse.study.record import RunRecord
 
 MEASURED = {
@@ -72,6 +74,17 @@ def test_a_key_that_is_missing_is_named(key):
 def test_a_key_of_another_type_is_damage(key, value):
     with pytest.raises(Damaged, match=rf"record.json: key '?'{key}'?' is missing or invalid; `dse doctor"):
         RunRecord.from_plain({**FINISHED, key: value}, Path("run/record.json"))
+
+
+def test_values_that_an_earlier_version_was_told_are_left_out(tmp_path):
+    told = {"trial": 3, "repeat": 0, "design": {}, "seed": 7, "status": "told", "reason": "", **MEASURED}
+    with pytest.raises(Damaged, match="`dse tell`, which are no longer read"):
+        RunRecord.from_plain({**told, "of_heads": {}}, Path("run/record.json"))
+    for run in (run_file(tmp_path, trial, 0) for trial in (2, 3)):
+        run.parent.mkdir(exist_ok=True)
+        run.touch()
+    table = pd.DataFrame({"trial": [2, 3], "repeats": [1, 1], "origin": [None, "told"]})
+    assert held.without_lost(tmp_path, table)["trial"].tolist() == [2]
 
 
 def test_a_number_that_is_a_list_is_damage():

@@ -79,8 +79,8 @@ def doctor(results: str, *, repair: bool = False) -> Answer:
     """Say what is damaged or missing in a study's folder and what it costs; repair what can be repaired.
 
     Args:
-        repair: move damaged runs and copies aside; write the book and the tables again. `dse run` trains what
-            is missing then.
+        repair: move damaged runs and copies aside; write the book and the tables again; convert the folder of
+            an earlier version. `dse run` trains what is missing then.
 
     Returns:
         A row per damage; exit code 1 while there is some that is not repaired.
