@@ -140,7 +140,7 @@ const Answer = (() => {
       const deploys = page.budgets.results && subject.value("transductive") !== true;
       const command = chosen && budgeted.pick !== subject.row ? exported(page.budgets.results, trial, point, chip.hardware) : budgeted.command;
       return [
-        ...(!deploys ? [element("p", { textContent: "A page of two studies exports no design; the page of each study does." })]
+        ...(!deploys ? [element("p", { textContent: "A design that has seen the labels is not exported." })]
           : point === null && chosen && budgeted.pick !== subject.row ? [] : [element("p", {}, "Its network, its settings and the evidence as a folder:"), ...copier(command, "command")]),
         ...(deploys && isServed() && point !== null ? [element("a", { id: "bundle", textContent: "download it", href: Details.address("bundle.zip", { trial, point, ...chip }) })] : []),
         element("p", {}, "A link to what you see:"), ...copier(location.href, "link"),

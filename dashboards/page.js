@@ -139,10 +139,7 @@
     return `${text} (${low}–${high})`;
   }
 
-  // A trial as the reader knows it: on a page of two studies those of the second are numbered on.
-  const isSecond = (trial) => Boolean(page.numbered) && trial >= page.numbered.from;
-  const trialNumber = (trial) => (trial === null ? null : trial - (isSecond(trial) ? page.numbered.from : 0));
-  const trialName = (trial) => `Trial ${number(trialNumber(trial))}${page.numbered ? ` of ${page.numbered[isSecond(trial) ? "second" : "first"]}` : ""}`;
+  const trialName = (trial) => `Trial ${number(trial)}`;
   const nameOf = (row) => (columns.trial ? trialName(columns.trial.values[row]) : `Point ${row}`);
 
   const chipName = (name) => page.chips?.[name] ?? String(name);
@@ -392,7 +389,7 @@
   }
 
   const app = {
-    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, trialNumber, title, sized, trusts, isShare, isFraction, familyName, chipName,
+    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, title, sized, trusts, isShare, isFraction, familyName, chipName,
       saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric,
       distinct, numbers, categories, placed, setPoint,
     headline, costsOf, costOf: () => engine.cost, differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),

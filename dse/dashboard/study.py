@@ -95,7 +95,7 @@ def _of_rows(page: Mapping[str, Any], rows: Sequence[int], points: pandas.DataFr
     names = [name for name in ("trial", "point", "hardware") if name in page["columns"]]
     named = points.set_index(names, drop=False)
     keys = [tuple(page["columns"][name]["values"][row] for name in names) for row in rows]
-    return [named.loc[[key]].iloc[0].to_dict() for key in keys]
+    return [{str(name): x for name, x in named.loc[[key]].iloc[0].items()} for key in keys]
 
 
 def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest) -> dict[str, Any]:

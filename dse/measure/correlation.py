@@ -31,5 +31,5 @@ def spearman(x: ArrayLike, y: ArrayLike) -> float:
     if len(a) < 3 or (a == a[0]).all() or (b == b[0]).all():
         return float("nan")
     # Not that of SciPy, whose statistics take a second and 34 MB to import.
-    ranks = [pandas.Series(values).rank() for values in (a, b)]
-    return float(np.clip(np.corrcoef(*ranks)[0, 1], -1, 1))
+    ranks = [pandas.Series(values).rank().to_numpy() for values in (a, b)]
+    return float(np.clip(np.corrcoef(np.array(ranks))[0, 1], -1, 1))

@@ -23,7 +23,6 @@ from dse.study.results import EARLIER
 
 _JOURNAL, _ENVIRONMENT, _ARTEFACTS = EARLIER
 _REMOVED = (_JOURNAL, _ENVIRONMENT, _ARTEFACTS, "racing", "checkpoints", held.TRIALS, held.POINTS)
-_LIMIT = "constraints:"
 # The SHA-256 of a file with zeros for its digits, near the beginning of a JSON file.
 _SEAL = re.compile(rb"dse-sha256:([0-9a-f]{64})")
 # Keys of a search space that are gone: what ends a search changes no result, nor does who shares its designs.
@@ -102,7 +101,6 @@ def _entries(path: Path) -> Iterator[Entry]:
     for trial in (x for study in storage.get_all_studies() for x in storage.get_all_trials(study._study_id)):
         about, moments = trial.user_attrs, (trial.datetime_start, trial.datetime_complete)  # in local time
         proposed_s, reported_s = (None if x is None else x.timestamp() for x in moments)
-        limits = {x: float(y) for x, y in trial.system_attrs.items() if x.startswith(_LIMIT)}
         excluded = about.get("excluded", "")
         yield Entry(
             trial=trial.number,
@@ -113,7 +111,6 @@ def _entries(path: Path) -> Iterator[Entry]:
             values=None if trial.values is None else tuple(map(float, trial.values)),
             excluded=excluded,
             enqueued=bool(about.get("enqueued")),
-            violations={name.removeprefix(_LIMIT): x for name, x in limits.items()},
             at_rungs=trial.intermediate_values,
             stopped=trial.state.name == "PRUNED" and not excluded,
         )
