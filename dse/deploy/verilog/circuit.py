@@ -54,21 +54,36 @@ class Circuit:
 
     @property
     def memories(self) -> dict[str, tuple[int, int]]:
-        """Words and bits of a word of every memory."""
+        """Words and bits of a word of every memory; what is the same in every word takes none."""
         form, n = self.form, sum(self.form.sizes[1:])
         return {
             "weights": (len(self.weights), self.weight_bits + self.delay_bits),
             "sums": (n << self.slot_bits, self.sum_bits),
             "states": (2 * n, self.state_bits),
-            "keeps": (2 * n, 13),
+            "keeps": (2 * n, varying(self.keeps)),
             "inputs": (1 << (self.sample_bits + self.word_bits), 16),
             "counts": (1 << max(1, bits(form.sizes[-1] - 1)), bits(form.network_steps)),
         }
+
+    @property
+    def most_cycles(self) -> int:
+        """Clock cycles that an input step takes at most, in which everything spikes."""
+        form, n = self.form, sum(self.form.sizes[1:])
+        n_words = -(-form.n_channels // 16)
+        rows = zip(form.sizes[1:], _lengths(form), strict=True)
+        of_step = 5 * n + sum(size * (length + 4) for size, length in rows if length) + 8
+        of_copy = form.n_channels * (form.sizes[1] + 5) + 4 * n_words
+        return form.steps_per_sample * (of_step + n_words) + len(form.delays) * of_copy
 
 
 def bits(number: int) -> int:
     """Return the bits of a whole number that is not negative."""
     return int(number).bit_length()
+
+
+def varying(words: Ints) -> int:
+    """Return in how many bits some words differ."""
+    return int(np.bitwise_or.reduce(words ^ words[0])).bit_count()
 
 
 def of_form(form: Spiking) -> Circuit:
@@ -152,6 +167,12 @@ def _rows(form: Spiking) -> tuple[Ints, Ints]:
     return np.concatenate([x.ravel() for x in rows]), np.concatenate([x.ravel() for x in delays])
 
 
+def _lengths(form: Spiking) -> list[int]:
+    """Return the weights that a spike of each layer meets."""
+    own = [layer.n_neurons * (layer.recurrent is not None) for layer in form.layers]
+    return [a + b for a, b in zip(own, (*form.sizes[2:], 0), strict=True)]
+
+
 def _delays(layer: LayerForm) -> Ints:
     return np.zeros(layer.weights.shape, np.int64) if layer.delays is None else layer.delays.astype(np.int64)
 
@@ -179,9 +200,7 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
     ends = np.cumsum(sizes).tolist()
     begins = [0, *ends]
     loops = [layer.recurrent is not None for layer in form.layers]
-    onward = [*sizes[1:], 0]
     firsts = [a if loop else min(b, n - 1) for a, b, loop in zip(begins, ends, loops, strict=False)]
-    lengths = [size * loop + after for size, loop, after in zip(sizes, loops, onward, strict=True)]
     part_bits = max(1, bits(per_sample - 1))
     most = total * max(1, confidence.numerator, confidence.denominator)
     numbers = {
@@ -223,7 +242,7 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
     vectors = {
         "LAST": (neuron_bits, [end - 1 for end in ends]),
         "FIRST": (neuron_bits, firsts),
-        "LENGTH": (neuron_bits, lengths),
+        "LENGTH": (neuron_bits, _lengths(form)),
         "THRESHOLD": (circuit.state_bits, [layer.threshold for layer in form.layers]),
         "LAGS": (circuit.sample_bits, [delay // per_sample for delay in form.delays]),
         "LAG_PARTS": (part_bits, [delay % per_sample for delay in form.delays]),

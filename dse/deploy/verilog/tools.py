@@ -3,13 +3,14 @@
 They are WebAssembly, and see the folder that they run in. The first run of each compiles it, once per
 machine.
 
-Source: yosys, nextpnr, Project IceStorm, Project Trellis (REFERENCES.md).
+Source: yosys, nextpnr, Project IceStorm (REFERENCES.md).
 """
 
 from __future__ import annotations
 
 import importlib.metadata
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -37,15 +38,16 @@ _OF_BOARD = ("top.v", "uart.v")
 class Board:
     """A chip on a board, and the tools that configure it.
 
-    name: of the board. package: of Python, with nextpnr and the packer.
+    chip: its name. package: of Python, with nextpnr and the packer.
     synthesis: command of yosys. router, routing: of nextpnr, and its options for the chip.
     pins: file of constraints, its suffix tells nextpnr's option. placed: suffix of what nextpnr writes.
     packer: its options follow. bitstream: file that configures the chip.
     clock_mhz: that the board gives.
     cells, memory, multiplier: names of what the chip has in the report of nextpnr.
+    n_blocks: of memory. block_bits, widths: bits of one, and how wide its words can be.
     """
 
-    name: str
+    chip: str
     package: str
     synthesis: str
     router: str
@@ -59,11 +61,26 @@ class Board:
     cells: str
     memory: str
     multiplier: str
+    n_blocks: int
+    block_bits: int
+    widths: tuple[int, ...]
 
     @property
     def baud_cycles(self) -> int:
         """Clock cycles per bit of the serial port, at a million bits per second."""
         return self.clock_mhz
+
+
+def blocks(board: Board, words: int, n_bits: int) -> int:
+    """Return the blocks of memory that words of some bits take; the last words may lie in another shape."""
+    if not words or not n_bits:
+        return 0
+    best = math.inf
+    for width in board.widths:
+        columns, depth = -(-n_bits // width), board.block_bits // width
+        whole = columns * (words // depth)
+        best = min(best, whole + (columns if words < depth else blocks(board, words % depth, n_bits)))
+    return int(best)
 
 
 def check(board: Board) -> Path:

@@ -66,6 +66,9 @@ def test_a_bitstream_with_a_report(tmp_path):
     report = json.loads((tmp_path / "report.json").read_text())
     assert verdict.figures.items() > report.items()
     assert 300 < report["cells"] < 1200 and report["multipliers"] == 2 and report["clock_mhz"] > 12
+    before = TARGET.footprint(made)
+    assert before["memory_blocks"] == report["memory_blocks"]
+    assert 1 <= before["most_cycles_per_step"] / verdict.figures["cycles_of_longest_step"] < 1.5
     # A step updates 17 neurons in two network steps.
     assert 2 * 17 * 5 < verdict.figures["cycles_per_step"] <= verdict.figures["cycles_of_longest_step"]
     assert verdict.figures["share_of_step"] == verdict.figures["cycles_of_longest_step"] / (

@@ -51,6 +51,8 @@ REFUSED = (
     ("ice40", made(resonates=True), "layer 1 has neurons 'resonator', and Verilog is written for cuba_lif"),
     ("ice40", of(made(), "float32"), "integer arithmetic, got float32"),
     ("ice40", last({"decay_current": 0, "decay_voltage": 0, "threshold": 2**25}), "Verilog has 32: choose"),
+    ("ice40", made(sizes=(300, 90, 3)), "27270 weights of 8 bits, delays included, of which 12288 fit"),
+    ("ice40", made(sizes=(3, 3000, 3)), "iCE40 UP5K has 30: 45 are for states"),
     ("ice40", NO_NETWORK, "Verilog holds networks of neurons, and family snn is none"),
     ("loihi", last({"decay_current": 0}), "layer 2 has a current decay of 0, and the least of Loihi is"),
     ("loihi", last({"decay_voltage": 4096}), "layer 2 has a voltage decay of 1, and the most of Loihi is"),
