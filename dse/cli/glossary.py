@@ -59,6 +59,11 @@ _OTHERS = {
         "bytes",
         "code and constants of the exported classifier on a target; of c99 as this machine's compiler has it",
     ),
+    "memory_blocks": ("", "blocks of memory of the exported network on a gate array"),
+    "most_cycles_per_step": (
+        "cycles",
+        "cycles of an input step of a gate array, at most",
+    ),
     "compiler": ("", "compiler of the code that was run, with its version and options"),
     "cycles": ("cycles", "predicted processor cycles per inference on a target"),
 }
