@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from dse.config import load_space as load_space
     from dse.deploy.evaluate import evaluate as evaluate
     from dse.deploy.export import export as export
-    from dse.deploy.reproduce import reproduce as reproduce
     from dse.deploy.verify import verify as verify
 
 __version__ = "0.1.0"
@@ -39,7 +38,6 @@ _home = {
     "init": "dse.api.first",
     "load_space": "dse.config",
     "open": "dse.api.study",
-    "reproduce": "dse.deploy.reproduce",
     "run": "dse.api.study",
     "verify": "dse.deploy.verify",
 }
@@ -56,7 +54,6 @@ __all__ = [
     "init",
     "load_space",
     "open",
-    "reproduce",
     "run",
     "verify",
 ]

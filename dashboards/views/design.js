@@ -316,7 +316,7 @@ const Design = (() => {
 
     function absent(page) {
       if (Details.isServed(page) || page.details?.[loaded.trial]) return Details.absent(page, loaded.trial);
-      if (!page.budgets.results) return "This page of two studies has no details of designs; the page of each study has.";
+      if (!page.budgets.results) return "This page has no details of designs.";
       const n = Object.keys(page.details ?? {}).length;
       const carried = n ? `the details of ${app.plural(n, "design")}` : "no details of designs";
       return `This file carries ${carried}; dse dashboard ${Budgets.quoted(page.budgets.results)} shows all.`;

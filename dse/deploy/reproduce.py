@@ -87,7 +87,7 @@ def reproduce(
         RecordingError: the recordings are not found, or are others.
         TrainingDiverged: it does not learn.
 
-    >>> dse.reproduce("small").kind
+    >>> reproduce("small").kind
     'identical'
     """
     stated = bundle if isinstance(bundle, Bundle) else _stated(Path(bundle), trial)

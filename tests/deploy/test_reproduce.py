@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import dse
 from dse.cli import main
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
@@ -41,7 +40,7 @@ def test_every_design_is_the_same_bit_for_bit(studies, tmp_path):
     fewer = export(network, point, tmp_path / "bundle")
     again = export(network, {"trial": 0}, tmp_path / "again", refit=("train", "validation"))
     for folder, made in (("bundle", fewer), ("again", again)):
-        found = dse.reproduce(tmp_path / folder, base_of(network))
+        found = reproduce(tmp_path / folder, base_of(network))
         assert found.kind == "identical" and found.sha256 == digest(bundle.weights(made.fitted))
     assert reproduce(network.folder).kind == reproduce(network.folder, trial=0).kind == "identical"
 
