@@ -112,6 +112,7 @@ def test_a_page_from_before_the_first_trial_to_the_last(fake_model, chromium, tm
     assert faults == []
     written = held(write_page(results.open(folder), tmp_path / "page.html"))
     assert sorted(written.pop("details")) == ["0", "1", "2"]  # which a server sends when they are asked for
+    assert len(written.pop("touches")["designs"]) > 0  # likewise
     # The server does not know the family of these tests, and so not how many designs there are.
     assert [one.pop("progress")["runs"]["done"] for one in (page, written)] == [3, 3]
     served, of_page = page.pop("notes"), written.pop("notes")

@@ -194,7 +194,7 @@ def test_profiles_of_a_search_space_have_names_of_their_own(tmp_path):
     again, no_name, no_doc, unknown = map(str, caught.value.faults)
     assert "two.yaml: another profile has the name 'one' too" in again
     assert "three.yaml:1: name must not be empty" in no_name
-    assert "three.yaml:3: doc must not be empty" in no_doc
+    assert "three.yaml:4: doc must not be empty" in no_doc
     assert "loihi2: no such hardware profile; known: " in unknown
 
 

@@ -61,6 +61,7 @@ READ = {
     "stream": ("{bundle} --data {data}", 2),
     "measure": ("{bundle} --data {data}", 2),
     "verify": ("{bundle} --data {data}", 2),
+    "reproduce": ("{bundle}", 2),
     "export": ("{bundle} --target c99", 2),
     "init": ("{data} --label label --step-ms 10 --out first.yaml", 0),
     "prepare": ("braille {root} --out prepared", 2),
