@@ -5,7 +5,7 @@ bundle.json   schema, how recordings become spikes, the decision rule, the class
 weights.npz   trained parameters; of a network: float weights, 8-bit weights, decays, thresholds
 plugins/      files of the plugins with its components; reading the bundle runs their code
 targets/      a folder for every target (dse.deploy.targets)
-README.md     the same for people
+README.md     the model card (dse.deploy.card)
 statement.json  what it follows from, for tools (dse.deploy.statement)
 """
 
@@ -26,12 +26,12 @@ import numpy as np
 from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.deploy import checks
-from dse.deploy.c.text import filled
+from dse.deploy.card import card
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
-from dse.deploy.prefix import DEFAULT, checked, prefixed
+from dse.deploy.prefix import DEFAULT, checked
 from dse.deploy.statement import statement
 from dse.deploy.stream import Item, Stream, Windows
-from dse.deploy.verdict import Share, Verdict, in_words
+from dse.deploy.verdict import Share, Verdict
 from dse.deploy.window import Decision
 from dse.engine.checks import check_network
 from dse.native.extras import require_torch
@@ -39,7 +39,6 @@ from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
 from dse.records import Array, Head, Network, Parameters
 from dse.store import StoreError
-from dse.text import markdown
 
 if TYPE_CHECKING:
     from dse.deploy.module import NetworkModule
@@ -153,8 +152,7 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
         )
         (temporary / _STATEMENT).write_text(f"{json.dumps(stated, indent=1, default=store.plain)}\n", "utf-8")
         plugins = tuple(_copied(source, temporary) for source in bundle.plugins)
-        text = _readme(dataclasses.replace(bundle, targets=verdicts))
-        (temporary / _README).write_text(text, encoding="utf-8")
+        (temporary / _README).write_text(card(bundle, verdicts), encoding="utf-8")
         files = [_WEIGHTS, _README, _STATEMENT, *(name for name in plugins if name.endswith(".py"))]
         for name, source in sources.items():
             copy = temporary / _TARGETS / name
@@ -453,66 +451,3 @@ def _copy_others(folder: Path, bundle: Path) -> None:
 
 def _is_empty(folder: Path) -> bool:
     return folder.is_dir() and not any(folder.iterdir())
-
-
-def _readme(bundle: Bundle) -> str:
-    title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(bundle.answers)}"
-    known: dict[str, Any] = registry.known("targets") if bundle.targets else {}
-    targets = []
-    for name, verdict in bundle.targets.items():
-        target = known.get(name)
-        use = "" if verdict.kind == "unsupported" else prefixed(getattr(target, "use", ""), bundle.prefix)
-        row = {"name": markdown(name), "label": getattr(target, "label", ""), "use": use}
-        targets.append({**row, "verdict": _in_words(verdict)})
-    fitted, at = bundle.fitted, bundle.read_out_ms
-    return filled(
-        Path(__file__).parent / "templates" / "README.md",
-        bundle,
-        title=markdown(title),
-        when="at the end of the window" if at is None else f"after {at:g} ms",
-        early=bundle.phi is not None,
-        spikes=f"{bundle.phi or 0:g}",
-        fraction=f"{bundle.theta or 0:g}",
-        refit=" and ".join(bundle.evidence.get("refit", [])),
-        **(_of_network(fitted) if isinstance(fitted, Network) else _of_family(bundle, fitted)),
-        rows=[{"name": markdown(str(x)), "value": markdown(str(y))} for x, y in bundle.record.items()],
-        verdicts=targets,
-    )
-
-
-def _in_words(verdict: Verdict) -> str:
-    words = [f"**{markdown(in_words(verdict.kind, verdict.run_by))}**"]
-    if verdict.kind == "faithful":
-        of = f"{verdict.n_recordings} recordings ({markdown(verdict.recordings)})"
-        words.append(f"all decisions and spikes of {of}")
-    words += [markdown(verdict.reason)] * bool(verdict.reason)
-    words += [markdown(f"{name} {value:g}") for name, value in verdict.figures.items()]
-    words += [markdown(f"compiled by {verdict.compiler}")] * bool(verdict.compiler)
-    return "; ".join(words)
-
-
-def _of_family(bundle: Bundle, fitted: Parameters) -> dict[str, object]:
-    """Return what README.md says of a classifier that is no single network."""
-    arrays = ", ".join(f"`own/{markdown(name)}`" for name in fitted.arrays)
-    return {"network": False, "kind": bundle.sections.kinds["model"], "arrays": arrays}
-
-
-def _of_network(fitted: Network) -> dict[str, object]:
-    """Return what README.md says of a network."""
-    kinds = {layer.neuron: (neuron_of(layer.neuron), layer.parameters) for layer in fitted.layers}
-    has_8_bits = all("fixed_point" in neuron.exports for neuron, _ in kinds.values())
-    eight = " before 8-bit rounding, `k/weight_8bit` what runs on a chip (value / 32)" if has_8_bits else ""
-    parameters = [
-        f"`k/{name}`" + (f" in {neuron.units[name]}" if name in neuron.units else "")
-        for neuron, names in kinds.values()
-        for name in names
-    ]
-    own = " `k/delay` (neuron, input) are the synapses' own delays, steps." if fitted.delay_bits else ""
-    return {
-        "network": True,
-        "sizes": "-".join(map(str, fitted.sizes)),
-        "labels": " and ".join(neuron.label for neuron, _ in kinds.values()),
-        "as_far": ", as far as its neurons have them" if len(kinds) > 1 else "",
-        "arrays": ", ".join([f"`k/weight` (neuron, input){eight}", *dict.fromkeys(parameters)]),
-        "own_delays": own,
-    }

@@ -20,7 +20,10 @@ from dse.models.snn.quantise import rounded
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import BITS
 from dse.recordings import RecordingError
+from dse.recordings.files import locate
+from dse.recordings.prepare import CARD
 from dse.records import Array, Network, Parameters
+from dse.store import StoreError
 from dse.study import precision
 from dse.study.record import RunRecord, load_records
 from dse.study.results import Study, sections_found
@@ -122,6 +125,8 @@ def bundle_of(study: Study, point: Mapping[str, Any], refit: Sequence[str] = ())
         "accuracy_of_repeats": accuracies.tolist(),
         "data": chosen.data,
         "recordings": _recordings(study, chosen),
+        "licence": _licence(study, chosen),
+        "confusion": _confusion(artefacts, setting.head),
         "warnings": study.warnings,
         "environment": store.document(study.folder, store.ENVIRONMENT, []),
     }
@@ -159,6 +164,24 @@ def _recordings(study: Study, record: RunRecord) -> str | None:
             with contextlib.suppress(RecordingError, OSError):
                 return sections.data.content(base)
     return None
+
+
+def _licence(study: Study, record: RunRecord) -> str | None:
+    """Return the licence that the data card beside the recordings states; None where there is none."""
+    if record.sections["data"]["kind"] == "scene":
+        return "none: they are simulated"
+    for sections, base, _ in sections_found(study.folder, record):
+        if isinstance(file := getattr(sections.data, "file", None), str):
+            with contextlib.suppress(RecordingError, StoreError, AttributeError):
+                return str(store.read_json(locate(f"{file}{CARD}", base)).get("license"))
+    return None
+
+
+def _confusion(run: Path, head: str) -> dict[str, Any] | None:
+    """Return which class a run took for which: of the test set, or of the validation samples without one."""
+    counts = store.load_arrays(run / (f"confusion_{head}.npz" if head else "confusion.npz"))
+    of = "test" if "test" in counts else "validation"
+    return {"of": of, "counts": counts[of].tolist()} if of in counts else None
 
 
 def _sections_of(study: Study, record: RunRecord) -> Sections:

@@ -1,9 +1,9 @@
 """Public recordings as the shipped search spaces read them: a component of section `datasets` per set.
 
 A set is converted from the files that its authors publish, number by number: nothing is filtered, resampled
-or rescaled. Beside each file of the result stands a record of its origin, licence and checksums, and whether
-the recordings are those of the published results. Parts that no search space reads, such as held-out
-repetitions, become files of their own.
+or rescaled. Beside each file of the result stands its data card (Croissant 1.1, REFERENCES.md): origin,
+licence, arrays, checksums, and whether the recordings are those of the published results. Parts that no
+search space reads, such as held-out repetitions, become files of their own.
 
 The scripts of `datasets/` hold the shipped sets; a plugin registers more.
 """
@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -61,8 +61,25 @@ class PublicSet(Protocol):
         """
 
 
-RECORD = ".origin.json"
-"""Ends the name of the record of a file."""
+CARD = ".croissant.json"
+"""Ends the name of the data card of a file."""
+
+_CONTEXT = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "sc": "https://schema.org/",
+    "cr": "http://mlcommons.org/croissant/",
+    "dct": "http://purl.org/dc/terms/",
+    "conformsTo": "dct:conformsTo",
+    "recordSet": "cr:recordSet",
+    "field": "cr:field",
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "isArray": "cr:isArray",
+    "arrayShape": "cr:arrayShape",
+    "source": "cr:source",
+    "fileObject": "cr:fileObject",
+}
+_TYPES = {"b": "sc:Boolean", "i": "sc:Integer", "u": "sc:Integer", "f": "sc:Float", "U": "sc:Text"}
 
 
 @dataclass(frozen=True)
@@ -84,7 +101,7 @@ def sets() -> dict[str, PublicSet]:
 
 
 def prepare(name: str, source: Path, out: Path) -> list[Written]:
-    """Convert a public set and write its files, the one that search spaces read first, each with its record.
+    """Convert a public set and write its files with their data cards, the one that search spaces read first.
 
     Args:
         name: of `sets`.
@@ -119,18 +136,74 @@ def prepare(name: str, source: Path, out: Path) -> list[Written]:
     for target, arrays in sorted(targets.items(), key=lambda item: item[0] != main):
         published = digest(arrays) == public.digest if target == main else None
         _write(target, arrays)
-        record = {
-            "set": name,
-            "origin": public.origin,
-            "licence": public.licence or "none stated: ask its authors before you pass it on",
-            "as_in_published_results": published,
-            "source_sha256": sources,
-            "result_sha256": {target.name: checksum(target)},
-        }
-        with atomic(target.with_name(f"{target.name}{RECORD}")) as temporary:
-            temporary.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        card = data_card(name, public, target, arrays, sources, published)
+        with atomic(target.with_name(f"{target.name}{CARD}")) as temporary:
+            temporary.write_text(json.dumps(card, indent=1) + "\n", encoding="utf-8")
         written.append(Written(target, published))
     return written
+
+
+def data_card(
+    name: str,
+    public: PublicSet,
+    target: Path,
+    arrays: Mapping[str, Array],
+    sources: Mapping[str, str],
+    published: bool | None,
+) -> dict[str, Any]:
+    """Return what is known of a file of a converted set, as Croissant describes data.
+
+    Args:
+        name: of the set.
+        public: the set.
+        target: the file.
+        arrays: that it holds.
+        sources: the authors' files -> SHA-256.
+        published: whether it is that of the published results; None: no search space reads it.
+    """
+    files = {target.name: checksum(target), **sources}
+    known = public.licence or "none stated: ask its authors before you pass it on"
+    return {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": "http://mlcommons.org/croissant/1.1",
+        "name": name,
+        "description": str(type(public).__doc__).partition("\n")[0],
+        "url": f"https://{public.origin.split()[0]}",
+        "isBasedOn": public.origin,
+        "license": f"https://spdx.org/licenses/{known}" if public.licence else known,
+        "distribution": [
+            {
+                "@type": "cr:FileObject",
+                "@id": file,
+                "name": file,
+                "contentUrl": file,
+                "encodingFormat": "application/zip" if file == target.name else "application/octet-stream",
+                "sha256": digest,
+            }
+            for file, digest in files.items()
+        ],
+        "recordSet": [
+            {
+                "@type": "cr:RecordSet",
+                "@id": "arrays",
+                "name": "arrays",
+                "field": [
+                    {
+                        "@type": "cr:Field",
+                        "@id": f"arrays/{key}",
+                        "name": key,
+                        "dataType": _TYPES[array.dtype.kind],
+                        "isArray": True,
+                        "arrayShape": ",".join(map(str, array.shape)),
+                        "source": {"fileObject": {"@id": target.name}},
+                    }
+                    for key, array in arrays.items()
+                ],
+            }
+        ],
+        "sameAsPublishedResults": published,
+    }
 
 
 def _write(target: Path, arrays: Mapping[str, Array]) -> None:

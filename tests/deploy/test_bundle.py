@@ -44,7 +44,22 @@ def test_a_bundle_survives_the_disk(made, tmp_path):
         "weights.npz",
     ]
     text = (tmp_path / "b" / "README.md").read_text()
-    assert "felt, silk, wool" in text and "with more than 4 of them" in text and "| accuracy | 0.9 |" in text
+    assert "felt, silk, wool" in text and "with more than 4 of them" in text
+    assert "| accuracy, validation | 0.9 |" in text and "Known failures" not in text
+
+
+def test_the_card_names_the_commonest_mistakes_first_and_the_licence(made, tmp_path):
+    counts = [[8, 2, 0], [0, 10, 0], [1, 3, 1]]
+    evidence = {**made.evidence, "confusion": {"of": "test", "counts": counts}, "licence": "CC-BY-4.0"}
+    record = {"energy_uj": 12345.6, "energy_uj_low": 7.25, "energy_uj_high": 20000.0}
+    write(replace(made, evidence=evidence, record=record), tmp_path / "b")
+    text = (tmp_path / "b" / "README.md").read_text()
+    assert [line for line in text.splitlines() if line.endswith("samples")] == [
+        "- wool is taken for silk: 3 of 5 test samples",
+        "- felt is taken for silk: 2 of 10 test samples",
+        "- wool is taken for felt: 1 of 5 test samples",
+    ]
+    assert "Licence of the recordings: CC-BY-4.0." in text and "| 12346 (7.25 to 20000) |" in text
 
 
 def test_eight_bits_hold_exactly_what_runs(made):

@@ -14,7 +14,7 @@ from dse.dataset.cache import usual_root
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
 from dse.deploy.evaluate import evaluate
-from dse.deploy.export import export
+from dse.deploy.export import bundle_of, export
 from dse.measure import decision
 from dse.measure.run import read_out
 from dse.models.snn import respond
@@ -106,7 +106,12 @@ def test_a_pick_learns_once_more_from_training_and_validation(real, point, expor
     assert again.record == before.record and again.evidence["refit"] == ["train", "validation"]
     texts = [(path / "README.md").read_text(encoding="utf-8") for path in (exported, tmp_path / "again")]
     assert ["on the recordings of train and validation together" in text for text in texts] == [False, True]
+    run = store.run_file(real.folder, int(point["trial"]), before.evidence["repeat"])
+    counts = store.load_arrays(run / "confusion.npz")
+    assert before.evidence["confusion"] == {"of": "validation", "counts": counts["validation"].tolist()}
     file = real.folder.parents[1] / "tiny.npz"
+    file.with_name(f"{file.name}.croissant.json").write_text('{"license": "MIT"}')
+    assert bundle_of(real, point).evidence["licence"] == "MIT" and before.evidence["licence"] is None
     file.rename(tmp_path / "elsewhere.npz")
     try:
         with pytest.raises(RecordingError, match="the recordings of trial 0 are not found"):

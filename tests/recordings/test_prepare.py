@@ -11,7 +11,7 @@ import pytest
 
 from dse.cli.command_line import main
 from dse.recordings import RecordingError
-from dse.recordings.prepare import RECORD, digest, prepare, sets
+from dse.recordings.prepare import CARD, digest, prepare, sets
 from dse.store import checksum
 from tests.command import document
 
@@ -99,7 +99,7 @@ def made_from(name, source, tmp_path):
     return written[0].path
 
 
-def test_a_taxel_is_a_place_of_the_patch_and_the_record_has_both_checksums(tmp_path, capsys):
+def test_a_taxel_is_a_place_of_the_patch_and_its_card_has_all_checksums(tmp_path, capsys):
     source = icub(tmp_path / "source")
     assert main(["prepare", "icub", str(source), "--out", str(tmp_path / "data")]) == 0
     path = tmp_path / "data" / sets()["icub"].file
@@ -113,12 +113,16 @@ def test_a_taxel_is_a_place_of_the_patch_and_the_record_has_both_checksums(tmp_p
         == ((recording * 6 + row) * 10 + column) * 75 + step
     )
     assert made["label"].tolist() == [2, 1, 0]
-    record = json.loads(path.with_name(f"{path.name}{RECORD}").read_text())
-    assert record["result_sha256"] == {path.name: checksum(path)}
-    names = ("icub_test.npy", "labels_test.npy")
-    assert record["source_sha256"] == {name: checksum(source / name) for name in names}
-    assert record["as_in_published_results"] is False
-    assert "none stated" in record["licence"] and "a745c42" in record["origin"]
+    card = json.loads(path.with_name(f"{path.name}{CARD}").read_text())
+    names = (path, source / "icub_test.npy", source / "labels_test.npy")
+    assert {x["@id"]: x["sha256"] for x in card["distribution"]} == {x.name: checksum(x) for x in names}
+    assert card["sameAsPublishedResults"] is False
+    assert "none stated" in card["license"] and "a745c42" in card["isBasedOn"]
+    shapes = {x["name"]: (x["dataType"], x["arrayShape"]) for x in card["recordSet"][0]["field"]}
+    assert shapes == {
+        "signal": ("sc:Float", "3,75,60"),
+        "label": ("sc:Integer", "3"),
+    }
     prepare("icub", source, tmp_path / "data")  # again: the same
     other = icub(tmp_path / "other", label=[0, 0, 0])
     with pytest.raises(RecordingError, match="is another file than is made from"):

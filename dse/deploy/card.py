@@ -1,0 +1,163 @@
+"""The model card of a bundle: what it is for, what it was made from, how good it is and where it fails.
+
+Source: Mitchell et al., Model Cards for Model Reporting (REFERENCES.md).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dse import registry
+from dse.deploy.c.text import filled
+from dse.deploy.classifier import Classifier
+from dse.deploy.prefix import prefixed
+from dse.deploy.verdict import Verdict, in_words
+from dse.neurons import neuron_of
+from dse.records import Network, Parameters
+from dse.text import markdown
+
+_MEASURED = {
+    "accuracy_corrected": "accuracy, corrected for being the best of many",
+    "accuracy": "accuracy, validation",
+    "accuracy_test": "accuracy, test",
+    "accuracy_shifted": "accuracy in moved windows",
+    "accuracy_unseen": "accuracy in groups that were not trained on",
+    "n_weights": "weights",
+    "memory_bytes": "memory, bytes",
+    "spikes_per_inference": "spikes per decision",
+    "decision_latency_ms": "decides after, ms",
+    "hardware": "chip",
+    "energy_uj": "energy per decision on it, modelled, uJ",
+    "latency_ms": "answers on it after, modelled, ms",
+}
+"""Columns of a design point that a card shows -> what they are; bundle.json holds all."""
+
+_MOST_FAILURES = 5
+
+
+def card(bundle: Classifier, targets: Mapping[str, Verdict]) -> str:
+    """Return the model card of a bundle, Markdown.
+
+    Args:
+        bundle: what it holds.
+        targets: the verdicts of the targets in it.
+    """
+    title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(bundle.answers)}"
+    known: dict[str, Any] = registry.known("targets") if targets else {}
+    rows = []
+    for name, verdict in targets.items():
+        target = known.get(name)
+        use = "" if verdict.kind == "unsupported" else prefixed(getattr(target, "use", ""), bundle.prefix)
+        row = {"name": markdown(name), "label": getattr(target, "label", ""), "use": use}
+        rows.append({**row, "verdict": _in_words(verdict)})
+    fitted, at, evidence = bundle.fitted, bundle.read_out_ms, bundle.evidence
+    sections = bundle.sections.to_plain()
+    return filled(
+        Path(__file__).parent / "templates" / "README.md",
+        bundle,
+        title=markdown(title),
+        n_answers=len(bundle.answers),
+        takes=_takes(bundle),
+        when="at the end of the window" if at is None else f"after {at:g} ms",
+        early=bundle.phi is not None,
+        spikes=f"{bundle.phi or 0:g}",
+        fraction=f"{bundle.theta or 0:g}",
+        recordings=_stated(sections["data"]),
+        split=_stated(sections["split"]),
+        digest=evidence.get("recordings") or "not known",
+        licence=markdown(str(evidence.get("licence") or "not stated; ask those who recorded them")),
+        refit=" and ".join(evidence.get("refit", [])),
+        **(_of_network(fitted) if isinstance(fitted, Network) else _of_family(bundle, fitted)),
+        rows=[{"name": name, "value": markdown(value)} for name, value in _measured(bundle.record)],
+        failures=[{"text": markdown(text)} for text in _failures(bundle)],
+        verdicts=rows,
+    )
+
+
+def _takes(bundle: Classifier) -> str:
+    """Return what recordings a classifier takes, in words."""
+    takes = bundle.input
+    if takes is None:
+        return "recordings as those that it was trained on"
+    of = (
+        f"{takes.width} x {takes.height} pixels" if takes.kind == "events" else f"{takes.n_channels} channels"
+    )
+    return f"{takes.kind} of {of}, {takes.n_steps} steps of {takes.step_ms:g} ms"
+
+
+def _stated(section: Mapping[str, Any]) -> str:
+    """Return what a section of the search space states, as JSON."""
+    return json.dumps({key: value for key, value in section.items() if value not in (None, "")})
+
+
+def _measured(record: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    """Yield the rows of the table of measurements, with an interval where there is one."""
+    for column, words in _MEASURED.items():
+        if (value := record.get(column)) is not None:
+            low, high = record.get(f"{column}_low"), record.get(f"{column}_high")
+            interval = "" if low is None or high is None else f" ({_in_digits(low)} to {_in_digits(high)})"
+            yield words, f"{_in_digits(value)}{interval}"
+
+
+def _in_digits(value: Any) -> str:
+    """Return a value as text, a number in four digits or as a whole one."""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+
+
+def _failures(bundle: Classifier) -> Iterable[str]:
+    """Yield what the classifier mistakes most, and what the study warned of."""
+    if confusion := bundle.evidence.get("confusion"):
+        counts, names = np.array(confusion["counts"]), [*bundle.answers, "no known pair"]
+        wrong = counts / np.maximum(1, counts.sum(axis=1, keepdims=True))
+        np.fill_diagonal(wrong, 0)
+        for at in np.argsort(-wrong, axis=None, kind="stable")[:_MOST_FAILURES]:
+            true, answer = np.unravel_index(at, wrong.shape)
+            if wrong[true, answer] > 0:
+                of = f"{counts[true, answer]} of {counts[true].sum()} {confusion['of']} samples"
+                yield f"{names[true]} is taken for {names[answer]}: {of}"
+    yield from (f"the study warned: {warning}" for warning in bundle.evidence.get("warnings", ()))
+
+
+def _in_words(verdict: Verdict) -> str:
+    words = [f"**{markdown(in_words(verdict.kind, verdict.run_by))}**"]
+    if verdict.kind == "faithful":
+        of = f"{verdict.n_recordings} recordings ({markdown(verdict.recordings)})"
+        words.append(f"all decisions and spikes of {of}")
+    words += [markdown(verdict.reason)] * bool(verdict.reason)
+    words += [markdown(f"{name} {value:g}") for name, value in verdict.figures.items()]
+    words += [markdown(f"compiled by {verdict.compiler}")] * bool(verdict.compiler)
+    return "; ".join(words)
+
+
+def _of_family(bundle: Classifier, fitted: Parameters) -> dict[str, object]:
+    """Return what the card says of a classifier that is no single network."""
+    arrays = ", ".join(f"`own/{markdown(name)}`" for name in fitted.arrays)
+    return {"network": False, "kind": bundle.sections.kinds["model"], "arrays": arrays}
+
+
+def _of_network(fitted: Network) -> dict[str, object]:
+    """Return what the card says of a network."""
+    kinds = {layer.neuron: (neuron_of(layer.neuron), layer.parameters) for layer in fitted.layers}
+    has_8_bits = all("fixed_point" in neuron.exports for neuron, _ in kinds.values())
+    eight = " before 8-bit rounding, `k/weight_8bit` what runs on a chip (value / 32)" if has_8_bits else ""
+    parameters = [
+        f"`k/{name}`" + (f" in {neuron.units[name]}" if name in neuron.units else "")
+        for neuron, names in kinds.values()
+        for name in names
+    ]
+    own = " `k/delay` (neuron, input) are the synapses' own delays, steps." if fitted.delay_bits else ""
+    return {
+        "network": True,
+        "sizes": "-".join(map(str, fitted.sizes)),
+        "labels": " and ".join(neuron.label for neuron, _ in kinds.values()),
+        "as_far": ", as far as its neurons have them" if len(kinds) > 1 else "",
+        "arrays": ", ".join([f"`k/weight` (neuron, input){eight}", *dict.fromkeys(parameters)]),
+        "own_delays": own,
+    }
