@@ -60,9 +60,10 @@ test: $(TESTS) $(PEERS)
 	@$(MAKE) --no-print-directory -j 4 types $(KERNELS)
 	$(PYTEST) $(addprefix --ignore ,$(OF_ENGINE) $(OF_DELAYS) $(OF_SCENE))
 
-# The wheel, installed without the pins and outside the clone, with the newest Python there is; it takes 1 GB of disk.
+# The wheel, installed without the pins and outside the clone, with the newest Python there is, or each of PYTHONS;
+# it takes 1 GB of disk.
 wheel: $(TESTS)
-	@.ci/wheel $(BIN)/python "$(CURDIR)/$(VENV)/wheel"
+	@.ci/wheel $(BIN)/python "$(CURDIR)/$(VENV)/wheel" $(PYTHONS)
 
 # Faults of every kind, this many of each, by fixed seeds; `make test` has a few of them.
 FAULTS ?= 300

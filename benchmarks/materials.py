@@ -10,6 +10,7 @@ import json
 import re
 from typing import Any
 
+DSE = "dse-spiking"  # what the distribution of package `dse` is called
 _CLASSIFIER = "License :: OSI Approved :: "
 
 
@@ -33,7 +34,7 @@ def materials() -> dict[str, Any]:
         "bomFormat": "CycloneDX",
         "specVersion": "1.6",
         "version": 1,
-        "metadata": {"component": {"type": "library", "name": "dse", "version": installed["dse"].version}},
+        "metadata": {"component": {"type": "library", "name": DSE, "version": installed[DSE].version}},
         "components": [
             {
                 "type": "library",
@@ -43,7 +44,7 @@ def materials() -> dict[str, Any]:
                 "licenses": [{"license": {"name": text}}] if (text := licence(each)) else [],
             }
             for name, each in sorted(installed.items())
-            if name != "dse"
+            if name != DSE
         ],
     }
 

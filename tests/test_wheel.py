@@ -1,5 +1,6 @@
 """The wheel carries what a user needs without the clone, and it is found there."""
 
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -20,7 +21,7 @@ def wheel(tmp_path_factory):
         check=True,
         capture_output=True,
     )
-    (path,) = folder.glob("dse-*.whl")
+    (path,) = folder.glob("dse_spiking-*.whl")
     return path
 
 
@@ -41,6 +42,21 @@ def test_data_is_inside(wheel):
     assert "dse/hardware/profiles/loihi1_silicon.yaml" in names
     assert {"dse/_datasets/icub.py", "dse/_datasets/braille.npy"} <= names
     assert {"dse/scene/sensors.yaml", "dse/scene/textures.yaml"} <= names
+
+
+def test_the_source_distribution_builds_the_same_wheel(wheel, tmp_path):
+    hatch = [sys.executable, "-m", "hatchling", "build", "-d", str(tmp_path), "-t"]
+    subprocess.run([*hatch, "sdist"], cwd=ROOT, check=True, capture_output=True)
+    [archive] = tmp_path.glob("dse_spiking-*.tar.gz")
+    shutil.unpack_archive(archive, tmp_path, filter="data")
+    unpacked = tmp_path / archive.name.removesuffix(".tar.gz")
+    subprocess.run([*hatch, "wheel"], cwd=unpacked, check=True, capture_output=True)
+    assert content(tmp_path / wheel.name) == content(wheel)
+
+
+def content(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
 
 
 def test_nothing_else_is_inside(wheel):

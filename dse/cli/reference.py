@@ -148,7 +148,7 @@ def remarks(section: str, name: str | None) -> list[str]:
     """Return sentences about a component in addition to its keys: of a hardware profile, and of a target."""
     if section == "targets" and name is not None:
         target: Any = registry.known(section)[name]
-        extra = [f"needs pip install 'dse[{target.extra}]'"] if target.extra else []
+        extra = [f"needs pip install 'dse-spiking[{target.extra}]'"] if target.extra else []
         chip = getattr(target, "profile", "")
         predicted = [f"cycles of `dse pick`: per inference, predicted by {chip}"] if chip else []
         return [*extra, *predicted, f"use: {target.use}"]

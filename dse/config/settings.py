@@ -778,4 +778,4 @@ def missing_package(package: str, extra: str) -> str | None:
     """Return that a package of an extra is not installed, as the end of a sentence; None where it is."""
     if find_spec(package) is not None:
         return None
-    return f"needs the package {package}, which is not installed: pip install 'dse[{extra}]'"
+    return f"needs the package {package}, which is not installed: pip install 'dse-spiking[{extra}]'"

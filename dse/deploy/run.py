@@ -173,7 +173,7 @@ def _f1(first: Ints, second: Ints) -> float:
 def require(package: str, extra: str) -> None:
     """Check that a package is installed."""
     if find_spec(package) is None:
-        raise TargetError(f"{package} is not installed: pip install 'dse[{extra}]'")
+        raise TargetError(f"{package} is not installed: pip install 'dse-spiking[{extra}]'")
 
 
 def interpreter(package: str, *others: str) -> Path | None:

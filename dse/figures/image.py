@@ -84,7 +84,7 @@ def static_image(
         MissingExtra: kaleido or a browser is missing, or the browser does not start.
     """
     if find_spec("kaleido") is None:
-        raise MissingExtra("a figure as PDF, SVG or PNG needs kaleido: pip install 'dse[figures]'")
+        raise MissingExtra("a figure as PDF, SVG or PNG needs kaleido: pip install 'dse-spiking[figures]'")
     import kaleido
     from choreographer.errors import (
         BrowserClosedError,

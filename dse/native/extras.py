@@ -16,4 +16,4 @@ def require_torch(what: str) -> None:
         MissingExtra: it is not.
     """
     if find_spec("torch") is None:
-        raise MissingExtra(f"{what} needs torch: pip install 'dse[torch]'")
+        raise MissingExtra(f"{what} needs torch: pip install 'dse-spiking[torch]'")

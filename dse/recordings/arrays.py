@@ -287,7 +287,7 @@ def _hdf5(path: Path, names: list[str] | None, only_shapes: bool = False) -> dic
         import h5py
     except ImportError:
         raise RecordingError(
-            f"{path.name}: HDF5 files need h5py, which is not installed; pip install 'dse[h5]'"
+            f"{path.name}: HDF5 files need h5py, which is not installed; pip install 'dse-spiking[h5]'"
         ) from None
     is_matlab = path.suffix.lower() == ".mat"
     items: dict[str, Any] = {}

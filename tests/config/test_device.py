@@ -9,7 +9,7 @@ from dse.config import ConfigError, load_space, settings
 from dse.study import explore
 from tests.spaces import write_space
 
-torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'dse[torch]'")
+torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'dse-spiking[torch]'")
 
 
 @pytest.fixture
@@ -44,7 +44,8 @@ def test_a_sampler_that_needs_a_package(command, tmp_path, capsys, monkeypatch):
     assert load_space(path, check_data=True).search.sampler_name == "gp"
     monkeypatch.setattr(settings, "find_spec", lambda name: None)
     assert main([command, str(path)]) == 2
-    fault = "search.sampler 'gp' needs the package torch, which is not installed: pip install 'dse[torch]'"
+    fault = "search.sampler 'gp' needs the package torch, which is not installed"
+    fault += ": pip install 'dse-spiking[torch]'"
     assert capsys.readouterr().err.splitlines() == [f"{path}:19: {fault}"]
 
 

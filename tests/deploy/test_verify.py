@@ -113,7 +113,7 @@ def test_a_target_that_refuses_is_unsupported_and_has_no_files(tmp_path, touch):
     ("names", "message"),
     [
         (["array"], "unknown target 'array'; known: .* Did you mean 'arrays'"),
-        (["arrays", "locked"], r"target locked: no key is installed; pip install 'dse\[key\]'"),
+        (["arrays", "locked"], r"target locked: no key is installed; pip install 'dse-spiking\[key\]'"),
         (["stubborn"], "target stubborn: the disk is full"),
         (["stubborn", "locked"], "(?s)target stubborn: .*\ntarget locked: "),
     ],
@@ -214,7 +214,7 @@ def test_what_cannot_be_run_here_is_exit_code_2(folder, touch, capsys):
     ]
     export_targets(folder, ["locked"])
     assert main(["verify", str(folder), "--data", str(touch)]) == 2
-    assert capsys.readouterr().err == "target locked: no key is installed; pip install 'dse[key]'\n"
+    assert capsys.readouterr().err == "target locked: no key is installed; pip install 'dse-spiking[key]'\n"
     assert main(["verify", str(folder), "--data", str(touch), "--target", "c64"]) == 2
     assert "has no target 'c64'; it has the targets arrays, unread, locked" in capsys.readouterr().err
 

@@ -130,6 +130,6 @@ def test_neurons_without_a_kernel_need_torch(monkeypatch):
         unit=np.ones(2, np.float32),
     )
     monkeypatch.setattr("dse.native.extras.find_spec", lambda name: None)
-    message = r"training neurons without a kernel needs torch: pip install 'dse\[torch\]'"
+    message = r"training neurons without a kernel needs torch: pip install 'dse-spiking\[torch\]'"
     with pytest.raises(RuntimeError, match=message):
         start([Member((layer,), 0.6, 0.05, "ideal")], 1, 1)

@@ -18,7 +18,7 @@ def figure():
 
 @pytest.fixture
 def browser(chromium_path, monkeypatch):
-    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
+    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse-spiking[figures]'")
     monkeypatch.setenv("DSE_CHROMIUM", str(chromium_path))
 
 
@@ -49,12 +49,12 @@ def test_what_is_missing_is_named(monkeypatch):
         return None if name == "kaleido" else importlib.util.find_spec(name)
 
     monkeypatch.setattr(image, "find_spec", without)
-    with pytest.raises(MissingExtra, match=r"needs kaleido: pip install 'dse\[figures\]'"):
+    with pytest.raises(MissingExtra, match=r"needs kaleido: pip install 'dse-spiking\[figures\]'"):
         static_image(figure(), "png")
 
 
 def test_a_browser_that_does_not_start(monkeypatch, tmp_path):
-    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
+    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse-spiking[figures]'")
     broken = tmp_path / "chromium"
     broken.write_text("#!/bin/sh\nexit 1\n")
     broken.chmod(0o755)
@@ -64,7 +64,7 @@ def test_a_browser_that_does_not_start(monkeypatch, tmp_path):
 
 
 def test_no_browser(monkeypatch, tmp_path):
-    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
+    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse-spiking[figures]'")
     monkeypatch.setenv("DSE_CHROMIUM", str(tmp_path / "none"))
     with pytest.raises(MissingExtra, match="Chromium: install one, or name it in DSE_CHROMIUM"):
         static_image(figure(), "png")

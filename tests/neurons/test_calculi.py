@@ -12,7 +12,7 @@ from dse.neurons import LayerSpec, parameters_of, population_of
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
 
-torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'dse[torch]'")
+torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'dse-spiking[torch]'")
 
 N_NEURONS, N_SAMPLES, N_STEPS = 5, 3, 40
 LAYER = LayerSpec(n_neurons=N_NEURONS, is_output=False, steps_per_sample=1, step_ms=2.0)

@@ -53,7 +53,7 @@ class Locked(Arrays):
     label: ClassVar[str] = "arrays behind a lock"
 
     def verify(self, bundle: Bundle, folder: Path, reference: Reference) -> Verdict:
-        raise TargetError("no key is installed; pip install 'dse[key]'")
+        raise TargetError("no key is installed; pip install 'dse-spiking[key]'")
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ def test_a_figure_is_drawn(installed, tmp_path):
 
 
 def test_a_figure_for_print(installed, tmp_path, chromium_path, monkeypatch):
-    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse[figures]'")
+    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse-spiking[figures]'")
     monkeypatch.setenv("DSE_CHROMIUM", str(chromium_path))
     out = tmp_path / "bars.pdf"
     assert main(["figure", str(installed), "bars", "--out", str(out), "--size", "400x300"]) == 0
@@ -147,7 +147,7 @@ def test_a_figure_for_print_without_kaleido(installed, tmp_path, monkeypatch, ca
     monkeypatch.setattr(image, "find_spec", lambda name: None)
     assert main(["figure", str(installed), "bars", "--out", str(tmp_path / "bars.svg")]) == 2
     assert capsys.readouterr().err == (
-        "dse figure: a figure as PDF, SVG or PNG needs kaleido: pip install 'dse[figures]'\n"
+        "dse figure: a figure as PDF, SVG or PNG needs kaleido: pip install 'dse-spiking[figures]'\n"
     )
     assert not list(tmp_path.iterdir())
 

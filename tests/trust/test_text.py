@@ -61,7 +61,7 @@ def test_c_holds_no_code_of_a_label_and_its_name(tmp_path, label):
     export_targets(tmp_path / "b", ["c99"])
     folder = tmp_path / "b" / "targets" / "c99"
     if (compiler := shutil.which("gcc")) is None:
-        pytest.importorskip("ziglang", reason="no compiler: pip install 'dse[targets]'")
+        pytest.importorskip("ziglang", reason="no compiler: pip install 'dse-spiking[targets]'")
     command = [compiler] if compiler else [sys.executable, "-m", "ziglang", "cc"]
     strict = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic", "-I", folder / "src"]
     names = tmp_path / "names.c"

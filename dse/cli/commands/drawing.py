@@ -30,8 +30,9 @@ def figure(
 
     Args:
         name: a figure, e.g. front.
-        out (FILE): file to write: .pdf, .svg or .png for print (needs `pip install 'dse[figures]'` and
-            Chromium), .html (a page that works offline and saves SVG) or .json (plotly's own format).
+        out (FILE): file to write: .pdf, .svg or .png for print (needs Chromium, and
+            `pip install 'dse-spiking[figures]'`), .html (a page that works offline and saves SVG) or .json
+            (plotly's own format).
         size (WIDTHxHEIGHT): size of a .pdf, .svg or .png: 85x60mm fits a column of most journals, 700x450 is
             in pixels of 1/96 inch (default: the figure's own, else 700x450); text has 8 pt.
         set (KEY=VALUE): replace the value of a key, e.g. x=model.hidden; `dse describe figures NAME` lists

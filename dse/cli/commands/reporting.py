@@ -49,7 +49,7 @@ def report(
         system (LETTERS): print only the rows of these published systems, by their letters in the report, e.g.
             A or DE.
         out (FOLDER): with --paper, also write a folder: the comparison, figures (needs
-            `pip install 'dse[figures]'` and Chromium) and the tables of the studies.
+            `pip install 'dse-spiking[figures]'` and Chromium) and the tables of the studies.
         hardware (NAME): compare this hardware profile (name or YAML file) with others; repeatable (default:
             the profiles of each study).
         published: components of section `reports`, an option each.

@@ -42,7 +42,7 @@ def compiler() -> list[str]:
             return [path]
     if importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "cc"]
-    raise NoCompiler("no C compiler is installed: install gcc or clang, or pip install 'dse[targets]'")
+    raise NoCompiler("no C compiler: install gcc or clang, or pip install 'dse-spiking[targets]'")
 
 
 def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:

@@ -36,7 +36,7 @@ class Target(Protocol):
     A target whose names begin with the bundle's `prefix` (`dse export --prefix`) has `has_prefix`, True.
 
     label: what it is, such as 'C99 for any processor'.
-    extra: extra of `dse` (pip install 'dse[EXTRA]') that writing or verifying needs; '' for none.
+    extra: extra of `dse` (pip install 'dse-spiking[EXTRA]') that writing or verifying needs; '' for none.
     use: how its files are used, one sentence or command, relative to the bundle's folder.
     """
 

@@ -125,7 +125,7 @@ def missing(needed: Mapping[str, str] = _NEEDED) -> str:
     """
     for name, what in needed.items():
         if importlib.util.find_spec(name) is None:
-            return f"{name}, the {what}, is not installed: pip install 'dse[targets]'"
+            return f"{name}, the {what}, is not installed: pip install 'dse-spiking[targets]'"
         try:
             importlib.import_module(name)
         except ImportError as error:

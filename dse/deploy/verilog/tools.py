@@ -92,7 +92,7 @@ def check(board: Board) -> Path:
     python = interpreter(_YOSYS, board.package)
     if python is None or find_spec("ziglang") is None:
         missing = "ziglang" if python is not None else "yosys and nextpnr"
-        raise TargetError(f"needs {missing}: pip install 'dse[{EXTRA}]'")
+        raise TargetError(f"needs {missing}: pip install 'dse-spiking[{EXTRA}]'")
     return python
 
 

@@ -90,7 +90,7 @@ class Npz(_EventArrays):
 @register("recordings.formats", "h5")
 @dataclass(frozen=True)
 class H5(_EventArrays):
-    """Event arrays of an HDF5 file; needs h5py (`pip install 'dse[h5]'`)."""
+    """Event arrays of an HDF5 file; needs h5py (`pip install 'dse-spiking[h5]'`)."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5")
     marks: ClassVar[tuple[bytes, ...]] = (b"\x89HDF\r\n\x1a\n",)

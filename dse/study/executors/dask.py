@@ -60,7 +60,7 @@ class Dask:
         self, n: int, address: str | None, scheduler_file: str | None, shared: Sequence[Path] = ()
     ) -> None:
         if find_spec("distributed") is None:
-            raise MissingExtra("execution.backend dask needs distributed: pip install 'dse[dask]'")
+            raise MissingExtra("execution.backend dask needs distributed: pip install 'dse-spiking[dask]'")
         import dask
         from distributed import Client, LocalCluster
 

@@ -122,7 +122,7 @@ def test_code_that_no_processor_runs(programs):
 
 def test_without_compiler_or_emulator(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "unicorn" else name)
-    assert emulator.missing() == "unicorn, the emulator, is not installed: pip install 'dse[targets]'"
+    assert emulator.missing() == "unicorn, the emulator, is not installed: pip install 'dse-spiking[targets]'"
     with pytest.raises(TargetError, match="unicorn, the emulator"):
         compiled([], M4)
 

@@ -124,5 +124,5 @@ def test_what_fails_or_is_missing_is_one_line(tmp_path, monkeypatch):
         tools.placed(TARGET.board, tmp_path)
     assert "\n" not in str(said.value)
     monkeypatch.setattr(tools, "interpreter", lambda *names: None)
-    with pytest.raises(TargetError, match=r"^needs yosys and nextpnr: pip install 'dse\[fpga\]'$"):
+    with pytest.raises(TargetError, match=r"^needs yosys and nextpnr: pip install 'dse-spiking\[fpga\]'$"):
         TARGET.write(made, tmp_path)

@@ -20,7 +20,8 @@ from dse.records import Layer, Network
 from tests.deploy import bundles
 
 needs_xylosim = pytest.mark.skipif(
-    importlib.util.find_spec("xylosim") is None, reason="xylosim is not installed: pip install 'dse[xylo]'"
+    importlib.util.find_spec("xylosim") is None,
+    reason="xylosim is not installed: pip install 'dse-spiking[xylo]'",
 )
 
 

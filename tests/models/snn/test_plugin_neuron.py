@@ -11,7 +11,7 @@ from dse import store
 from dse.config.locate import shipped_folder
 from tests.command import document
 
-pytest.importorskip("torch", reason="torch is not installed: pip install 'dse[torch]'")
+pytest.importorskip("torch", reason="torch is not installed: pip install 'dse-spiking[torch]'")
 
 SPACE = """\
 study: adaptive

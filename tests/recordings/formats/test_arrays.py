@@ -167,7 +167,7 @@ def test_hdf5_without_its_library_and_with_names_that_are_no_text(tmp_path, monk
         assert str(error).startswith("a.h5: the file cannot be read") and "\n" not in str(error)
     monkeypatch.setitem(sys.modules, "h5py", None)
     assert detect(path) == H5()
-    refused(H5(), path, "HDF5 files need h5py, which is not installed; pip install 'dse[h5]'")
+    refused(H5(), path, "HDF5 files need h5py, which is not installed; pip install 'dse-spiking[h5]'")
 
 
 @pytest.mark.parametrize("mark", [",", ";", "\t", ", "])
