@@ -10,13 +10,13 @@ from typing import Any
 from dse import registry
 from dse.config import names, parts, search
 from dse.config.contracts import Source
-from dse.config.faults import Fault, known_names
+from dse.config.faults import known_names
 from dse.config.locate import find_space, names_a_file
 from dse.config.parts import FAMILIES, Part, Written
 from dse.config.sections import SECTIONS, SETTINGS, front_end
 from dse.config.space import DecisionGrid, SearchSpace
 from dse.config.values import INVALID, Report, construct, echo, read
-from dse.config.yaml_lines import Document, Raw, in_file_order, override, plain_document, read_document
+from dse.config.yaml_lines import Document, Raw, override, plain_document, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import Plugin, Rule
 
@@ -62,20 +62,14 @@ def load_space(
     else:
         source = find_space(str(path_or_name))
         document = read_document(source, overrides or {})
-    faults = list(document.faults)
-    space = None
-    if document.data or not faults:
-        space = _space(document, source, faults, check_data)
-    if space is None or faults:
-        raise in_file_order(faults)
+    space = _space(document, source, check_data) if document.data or not document.faults else None
+    document.check()
+    assert space is not None  # else there were faults
     return space
 
 
-def _space(document: Document, source: Path, faults: list[Fault], check_data: bool) -> SearchSpace | None:
-    def report(path: Keys, message: str) -> None:
-        faults.append(document.fault(path, message))
-
-    data = document.data
+def _space(document: Document, source: Path, check_data: bool) -> SearchSpace | None:
+    data, report = document.data, document.report
     if not isinstance(data, dict):
         report((), f"a search space must be a mapping from section names to sections, got {echo(data)}")
         return None
@@ -108,7 +102,7 @@ def _space(document: Document, source: Path, faults: list[Fault], check_data: bo
         objectives = names.objectives(
             data["objectives"], hardware, report, has_test=has_test, sections=sections
         )
-    if faults:
+    if document.faults:
         return None
     return SearchSpace(
         study=study,
@@ -162,15 +156,12 @@ def _plugins(raw: Raw, source: Path, report: Report) -> tuple[Plugin, ...] | Non
 def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
     """Read the sections that are components or settings."""
     found: dict[str, Part] = {}
-    recordings = needed = None
-    if "data" in data:
-        recordings = parts.component_class(("data",), data["data"], report)
+    needed = None
+    recordings = parts.component(("data",), data["data"], report) if "data" in data else None
     if recordings is not None:
-        needed = front_end(recordings)
-        found["data"] = parts.component(("data",), recordings, data["data"], report)
-        kind = found["data"].kind
+        found["data"], kind, needed = recordings, recordings.kind, front_end(recordings.cls)
         if "test" in data:
-            found["test"] = parts.test_file(recordings, kind, data["test"], report)
+            found["test"] = parts.test_file(recordings, data["test"], report)
         if needed != "preprocessing" and "preprocessing" in data:
             report(("preprocessing",), f"section 'preprocessing' does not apply to {kind} recordings")
         if needed == "encoder" and "encoder" not in data:

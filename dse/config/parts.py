@@ -199,56 +199,46 @@ def settings(section: str, cls: type, raw: Raw, report: Report) -> Part:
     return _apart((section,), cls, "", *read_fields(cls, raw, (section,), report, one), report)
 
 
-def component_class(
-    path: Path, raw: Raw, report: Report, known: Mapping[str, type] | None = None
-) -> type | None:
-    """Return the class that `kind` of a section names; None after a fault.
-
-    Args:
-        path: the section, and the kind where it is one of a choice.
-        raw: the section or the entry of its choice, as written.
-        report: called with (path, sentence) for every mistake.
-        known: components by name; None: those of the section.
-    """
-    name = str(path[0]) if known is None else dotted(path)
-    known = registry.known(COMPONENTS[name]) if known is None else known
-    if not isinstance(raw, dict):
-        report(path, f"{name} must be a mapping with a kind, got {echo(raw)}")
-    elif "kind" not in raw:
-        report(path, f"{name}.kind is required; {known_names('', known)}")
-    elif not isinstance(raw["kind"], str) or raw["kind"] not in known:
-        kind = raw["kind"]
-        where = elsewhere(COMPONENTS.get(name, ""), str(kind))
-        text = f"unknown {name}.kind {echo(kind)}{where}; {known_names(str(kind), known)}"
-        report((*path, "kind"), text)
-    else:
-        return known[raw["kind"]]
-    return None
-
-
-def component(path: Path, cls: type, raw: Raw, report: Report) -> Part:
-    """Read a component whose class is known.
+def component(path: Path, raw: Raw, report: Report) -> Part | None:
+    """Read a component; None where no kind is known.
 
     Args:
         path: its section, and its kind where the section is a choice of several.
-        cls: its class.
-        raw: its keys and `kind`, as written.
+        raw: its keys and `kind`, as written; of an encoder or a model the name alone is enough.
         report: called with (path, sentence) for every mistake.
     """
-    assert isinstance(raw, dict)  # it names the class
-    keys = {key: value for key, value in raw.items() if key != "kind"}
-    one = read_or_axis if path[0] in WITH_AXES else read_fixed
-    return _apart(path, cls, raw["kind"], *read_fields(cls, keys, path, report, one), report)
+    section = str(path[0])
+    known, by_name = registry.known(COMPONENTS[section]), section in FAMILIES
+    named = _class_and_keys(path, section, raw, known, report, by_name=by_name)
+    if named is None:
+        return None
+    kind, keys = named
+    one = read_or_axis if section in WITH_AXES else read_fixed
+    return _apart(path, known[kind], kind, *read_fields(known[kind], keys, path, report, one), report)
 
 
 def named(path: Path, raw: Raw, known: Mapping[str, type], report: Report) -> Any:
     """Return the component that a key holds, given its name or a mapping with a kind; None after a fault."""
-    keys = {"kind": raw} if isinstance(raw, str) else raw
-    cls = component_class(path, keys, report, known)
-    if cls is None or not isinstance(keys, dict):
-        return None
-    own = {key: value for key, value in keys.items() if key != "kind"}
-    return read_object(cls, own, path, report, read_fixed)
+    found = _class_and_keys(path, dotted(path), raw, known, report, by_name=True)
+    return None if found is None else read_object(known[found[0]], found[1], path, report, read_fixed)
+
+
+def _class_and_keys(
+    path: Path, name: str, raw: Raw, known: Mapping[str, type], report: Report, *, by_name: bool
+) -> tuple[str, dict[str, Raw]] | None:
+    """Return the kind that a mapping names and its other keys; None after a fault."""
+    raw = {"kind": raw} if by_name and isinstance(raw, str) else raw
+    if not isinstance(raw, dict):
+        report(path, f"{name} must be a mapping with a kind, got {echo(raw)}")
+    elif "kind" not in raw:
+        report(path, f"{name}.kind is required; {known_names('', known)}")
+    elif not isinstance(kind := raw["kind"], str) or kind not in known:
+        where = elsewhere(COMPONENTS.get(name, ""), str(kind))
+        text = f"unknown {name}.kind {echo(kind)}{where}; {known_names(str(kind), known)}"
+        report((*path, "kind"), text)
+    else:
+        return kind, {key: value for key, value in raw.items() if key != "kind"}
+    return None
 
 
 def family(section: str, raw: Raw, report: Report) -> Part | None:
@@ -258,7 +248,7 @@ def family(section: str, raw: Raw, report: Report) -> Part | None:
     the axis `<section>.kind`; an axis of one of them is called `<section>.<kind>.<key>`.
     """
     if not (isinstance(raw, dict) and "choice" in raw):
-        return _one((section,), raw, report)
+        return component((section,), raw, report)
     where, entries = (section, "choice"), raw["choice"]
     if not isinstance(entries, list | tuple) or not entries:
         report(where, f"{section}.choice must be a list of one or more components, got {echo(entries)}")
@@ -302,24 +292,18 @@ def _entry(section: str, raw: Raw, place: Path, of_several: bool, report: Report
         report(place, text)
         return None
     path: Path = (section, kind) if of_several and isinstance(kind, str) else (section,)
-    return _one(path, raw, lambda below, text: report((*place, *below[len(path) :]), text))
+    return component(path, raw, lambda below, text: report((*place, *below[len(path) :]), text))
 
 
-def _one(path: Path, raw: Raw, report: Report) -> Part | None:
-    """Read a component, or its name alone, whose keys are called after a path; None without a known kind."""
-    keys = {"kind": raw} if isinstance(raw, str) else raw
-    cls = component_class(path, keys, report)
-    return None if cls is None else component(path, cls, keys, report)
-
-
-def test_file(cls: type, kind: str, raw: Raw, report: Report) -> Part:
+def test_file(data: Part, raw: Raw, report: Report) -> Part:
     """Read `test`: keys that differ from those of `data`."""
     if isinstance(raw, dict) and "kind" in raw:
-        if raw["kind"] != kind:
-            report(("test", "kind"), f"test.kind must equal data.kind, {kind}, got {echo(raw['kind'])}")
+        if raw["kind"] != data.kind:
+            text = f"test.kind must equal data.kind, {data.kind}, got {echo(raw['kind'])}"
+            report(("test", "kind"), text)
         raw = {key: value for key, value in raw.items() if key != "kind"}
-    values, good = read_written(cls, raw, ("test",), report, read_fixed)
-    return Part(cls, "", values, {}, good)
+    values, good = read_written(data.cls, raw, ("test",), report, read_fixed)
+    return Part(data.cls, "", values, {}, good)
 
 
 def with_name(part: Part) -> Part:

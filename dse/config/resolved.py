@@ -16,7 +16,6 @@ from dse.config.values import Report, Values, dotted, plain, read_object, refuse
 from dse.config.yaml_lines import Path as Keys
 from dse.config.yaml_lines import Raw
 
-_COMPONENTS = ("data", "encoder", "model")
 _FITTED = ("preprocessing", "encoder")
 
 
@@ -99,8 +98,7 @@ class Sections:
         fields = {name: part.built({}) for name, part in values.items() if part is not None and part.good}
         data = values.get("data")
         if sections.get("test") and data is not None and data.good:
-            test = parts.test_file(data.cls, data.kind, sections["test"], report)
-            fields["test"] = data.built(test.values)
+            fields["test"] = data.built(parts.test_file(data, sections["test"], report).values)
         fields.setdefault("window", Window())
         for name in ("data", "task", "split", "model", "training"):
             if name not in sections:
@@ -149,9 +147,8 @@ class Sections:
 
 
 def _read(name: str, raw: Raw, report: Report) -> parts.Part | None:
-    if name in _COMPONENTS:
-        component_cls = parts.component_class((name,), raw, report)
-        return None if component_cls is None else parts.component((name,), component_cls, raw, report)
+    if name in parts.COMPONENTS:
+        return parts.component((name,), raw, report)
     if name in SETTINGS:
         part = parts.settings(name, SETTINGS[name], raw, report)
         return parts.with_name(part) if name == "task" else part

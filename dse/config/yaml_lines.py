@@ -47,6 +47,19 @@ class Document:
     places: dict[Path, tuple[str, int]]
     faults: list[Fault] = field(default_factory=list)
 
+    def report(self, path: Path, message: str) -> None:
+        """Add a fault at a path."""
+        self.faults.append(self.fault(path, message))
+
+    def check(self) -> None:
+        """Raise what was reported.
+
+        Raises:
+            ConfigError: there are faults.
+        """
+        if self.faults:
+            raise in_file_order(self.faults)
+
     def fault(self, path: Path, message: str) -> Fault:
         """Return a fault at a path, or at the nearest enclosing path that stands in the text."""
         path = located(self.data, path)

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.values import Report, dotted, echo, read_written
-from dse.config.yaml_lines import Document, in_file_order, read_document
+from dse.config.yaml_lines import Document, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.dashboard.sources import sources
 from dse.dashboard.views import view_names
@@ -104,10 +104,9 @@ def load(name: str | Path = DEFAULT) -> Definition:
     """
     path = _path(str(name))
     document = read_document(path, {})
-    faults = list(document.faults)
-    values = {} if faults else _values(document, path, faults)
-    if faults:
-        raise in_file_order(faults)
+    document.check()
+    values = _values(document, path)
+    document.check()
     return Definition(**values)
 
 
@@ -121,12 +120,9 @@ def _path(name: str) -> Path:
     return Path(name)
 
 
-def _values(document: Document, file: Path, faults: list[Fault]) -> dict[str, Any]:
+def _values(document: Document, file: Path) -> dict[str, Any]:
     """Return the valid keys of the file, each in its type."""
-
-    def report(path: Keys, message: str) -> None:
-        faults.append(document.fault(path, message))
-
+    report = document.report
     values = read_written(Definition, document.data, (), report)[0]
     for place, plugin in enumerate(values.get("plugins", ())):
         try:

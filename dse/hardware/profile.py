@@ -24,8 +24,7 @@ from dse.config.parts import Told, Written
 from dse.config.settings import Schedule
 from dse.config.space import SearchSpace
 from dse.config.values import Report, echo, read_fields, read_object
-from dse.config.yaml_lines import Document, Raw, in_file_order, parse
-from dse.config.yaml_lines import Path as Keys
+from dse.config.yaml_lines import Document, Raw, parse
 from dse.hardware.plan import Misfit, NotApplicable, Plan
 from dse.records import Floats, Operations, Workload
 from dse.registry import param
@@ -318,10 +317,10 @@ def read(text: str, source: str) -> Profile:
         ConfigError: everything that is wrong with it.
     """
     document = parse(text, source)
-    faults = list(document.faults)
-    profile = None if faults else _profile(document, text, faults)
-    if faults or profile is None:
-        raise in_file_order(faults)
+    document.check()
+    profile = _profile(document, text)
+    document.check()
+    assert profile is not None  # else there were faults
     return profile
 
 
@@ -337,13 +336,9 @@ class _About:
     programmable: bool = param(False, doc="whether its neurons run programs, so that it runs resonators")
 
 
-def _profile(document: Document, text: str, faults: list[Fault]) -> Profile | None:
+def _profile(document: Document, text: str) -> Profile | None:
     """Return the profile of a file, or None after reporting everything that is wrong."""
-
-    def report(path: Keys, message: str) -> None:
-        faults.append(document.fault(path, message))
-
-    data = document.data
+    data, report = document.data, document.report
     if not isinstance(data, dict):
         report((), f"a profile must be a mapping of names to numbers, got {echo(data)}")
         return None
@@ -358,7 +353,7 @@ def _profile(document: Document, text: str, faults: list[Fault]) -> Profile | No
     if about is not None and about.name and not names_a_file(about.name):
         report(("name",), f"name must be valid as a file name, got '{about.name}'")
     numbers: dict[str, Any] = {name: _number(name, figure, data, report) for name, figure in figures.items()}
-    if about is None or faults:
+    if about is None or document.faults:
         return None
     return cls(
         name=about.name,

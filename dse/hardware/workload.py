@@ -29,7 +29,7 @@ import numpy as np
 
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.values import INVALID, Hint, Report, dotted, echo, read, read_object
-from dse.config.yaml_lines import Document, Raw, in_file_order, parse
+from dse.config.yaml_lines import Document, Raw, parse
 from dse.config.yaml_lines import Path as Keys
 from dse.hardware.inference import Inference, of_network
 from dse.records import Operations, Workload
@@ -105,24 +105,21 @@ def read_inference(text: str, source: str) -> Inference:
         source: what faults call the file.
     """
     document = parse(text, source)
-    faults = list(document.faults)
-    inference = None if faults else _inference(document, faults)
-    if faults or inference is None:
-        raise in_file_order(faults)
+    document.check()
+    inference = _inference(document)
+    document.check()
+    assert inference is not None  # else there were faults
     return inference
 
 
-def _inference(document: Document, faults: list[Fault]) -> Inference | None:
-    def report(path: Keys, message: str) -> None:
-        faults.append(document.fault(path, message))
-
-    data = document.data
+def _inference(document: Document) -> Inference | None:
+    data, report = document.data, document.report
     if not isinstance(data, dict):
         report((), f"a workload must be a mapping of keys to values, got {echo(data)}")
         return None
     if "layers" in data:
         network = _network(data, report)
-        return None if faults or network is None else network()
+        return None if document.faults or network is None else network()
     if "macs" in data or "additions" in data:
         operations = read_object(_Operations, data, (), report)
         return None if operations is None else operations.inference()

@@ -16,11 +16,11 @@ from typing import Any, cast
 
 from dse import registry
 from dse.config.axes import Axis
-from dse.config.faults import Fault, known_names
+from dse.config.faults import known_names
 from dse.config.locate import find_file, shipped_folder, yaml_files
 from dse.config.parts import read_fixed, read_or_axis
 from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_object, read_written
-from dse.config.yaml_lines import Document, in_file_order, read_document
+from dse.config.yaml_lines import Document, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import param
 from dse.scene import checks, presets
@@ -87,10 +87,9 @@ def load_scene(
     """
     source = find_scene(str(path_or_name), base)
     document = read_document(source, overrides or {})
-    faults = list(document.faults)
-    scene = _scene(document, faults) if document.data or not faults else None
-    if scene is None or faults:
-        raise in_file_order(faults)
+    scene = _scene(document) if document.data or not document.faults else None
+    document.check()
+    assert scene is not None  # else there were faults
     return scene
 
 
@@ -108,14 +107,12 @@ def shipped_scenes() -> dict[str, Path]:
     return yaml_files(shipped_folder("search_spaces") / "scenes")
 
 
-def _scene(document: Document, faults: list[Fault]) -> Scene | None:
-    def report(path: Keys, message: str) -> None:
-        faults.append(document.fault(path, message))
-
-    if not isinstance(document.data, dict):
-        report((), f"a scene must be a mapping of keys to values, got {echo(document.data)}")
+def _scene(document: Document) -> Scene | None:
+    data, report = document.data, document.report
+    if not isinstance(data, dict):
+        report((), f"a scene must be a mapping of keys to values, got {echo(data)}")
         return None
-    keys = _keys(document.data, report)
+    keys = _keys(data, report)
     sensor, of_camera = _sensor(keys.get("sensor", INVALID), report)
     camera = read_object(Camera, {**of_camera, **(keys.get("camera") or {})}, ("camera",), report, read_fixed)
     variation = read_object(Variation, keys.get("variation"), ("variation",), report, read_fixed)
@@ -134,7 +131,7 @@ def _scene(document: Document, faults: list[Fault]) -> Scene | None:
     if sensor is not None and method is not None:
         for motion, _ in motions:
             _report_all(checks.step_faults(method, sensor, motion), ("method",), report)
-    if faults or sensor is None or camera is None or variation is None or method is None:
+    if document.faults or sensor is None or camera is None or variation is None or method is None:
         return None
     return Scene(
         name=keys["scene"], seed=keys["seed"], sensor=sensor, camera=camera,

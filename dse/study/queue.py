@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from dse.config import Fault, SearchSpace
+from dse.config import SearchSpace
 from dse.config.axes import Axis
 from dse.config.faults import known_names
 from dse.config.space import Design
 from dse.config.values import as_tuple, echo
-from dse.config.yaml_lines import Document, Raw, in_file_order, read_document
+from dse.config.yaml_lines import Document, Raw, read_document
 from dse.seeds import design_key
 from dse.store import Book, back_up, explained
 
@@ -51,42 +51,39 @@ def read_designs(space: SearchSpace, path: Path) -> list[Design]:
         ConfigError: every design that is none of the search space, with its line.
     """
     document = read_document(path, {})
-    if document.faults:
-        raise in_file_order(document.faults)
+    document.check()
     written = document.data if isinstance(document.data, list) else [document.data]
     designs: list[Design] = []
-    faults: list[Fault] = []
     for index, one in enumerate(written):
         where = (index,) if isinstance(document.data, list) else ()
         design = on_axes(space, one) if isinstance(one, dict) else None
         if design is not None:
             designs.append(design)
         else:
-            faults += _faults(space, one, document, where)
+            _report(space, one, document, where)
     if not written:
-        faults.append(document.fault((), "must hold at least one design, got none"))
-    if faults:
-        raise in_file_order(faults)
+        document.report((), "must hold at least one design, got none")
+    document.check()
     return designs
 
 
-def _faults(space: SearchSpace, one: object, document: Document, where: tuple[int, ...]) -> list[Fault]:
+def _report(space: SearchSpace, one: object, document: Document, where: tuple[int, ...]) -> None:
+    """Report why something is no design of a search space."""
     if not isinstance(one, dict):
-        return [document.fault(where, f"a design must be a mapping of axes to values, got {echo(one)}")]
-    faults = []
+        document.report(where, f"a design must be a mapping of axes to values, got {echo(one)}")
+        return
+    n_before = len(document.faults)
     for name, value in one.items():
         axis = space.axes.get(name)
         if axis is None:
-            text = f"unknown axis '{name}'; {known_names(name, space.axes)}"
-            faults.append(document.fault((*where, name), text))
+            document.report((*where, name), f"unknown axis '{name}'; {known_names(name, space.axes)}")
         elif axis_value(axis, value) is None:
             text = f"{name} must be on its axis {axis.to_plain()}, got {echo(value)}"
-            faults.append(document.fault((*where, name), text))
-    if not faults:
+            document.report((*where, name), text)
+    if len(document.faults) == n_before:
         needed = list(space.active(one))
         text = f"a design must have the axes {', '.join(needed)}, got {', '.join(map(str, one)) or 'none'}"
-        faults.append(document.fault(where, text))
-    return faults
+        document.report(where, text)
 
 
 def enqueue(folder: Path, designs: Sequence[Design]) -> None:

@@ -8,7 +8,6 @@ from functools import cache
 from importlib import resources
 from typing import Any, Literal, TypeVar
 
-from dse.config.faults import ConfigError, Fault
 from dse.config.values import read_object
 from dse.config.yaml_lines import Document, parse
 from dse.registry import param
@@ -190,11 +189,10 @@ def _document() -> Document:
 
 def _read(cls: type[T], path: tuple[str, ...]) -> T:
     document = _document()
-    faults: list[Fault] = list(document.faults)
     written: Any = document.data
     for key in path:
         written = written[key]
-    record = read_object(cls, written, path, lambda at, text: faults.append(document.fault(at, text)))
-    if faults or record is None:
-        raise ConfigError(faults)
+    record = read_object(cls, written, path, document.report)
+    document.check()
+    assert record is not None  # else there were faults
     return record
