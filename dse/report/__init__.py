@@ -1,4 +1,4 @@
-"""`dse report`: spiking and other model families, chips, and what a cheap reader knows of the recordings.
+"""`dse report`: whether to spike, chips, and what a cheap reader knows of the recordings.
 
 Designs are selected on validation; test accuracy is printed beside. What others publish stands beside:
 plugins register it in section `reports` (`Published`).

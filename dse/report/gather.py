@@ -1,4 +1,4 @@
-"""Studies -> the report: rows of what others publish, of our families and of chips, and notes."""
+"""Studies -> the report: rows of what others publish and of chips, and notes."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from dataclasses import dataclass, field
 from dse import registry
 from dse.audit import Audit
 from dse.report import Published
-from dse.report.designs import StudyTask, alike, record, tasks_of
-from dse.report.families import WITHIN, compared
+from dse.report.designs import StudyTask, record, tasks_of
 from dse.report.hardware import on_chips
-from dse.report.rows import FAMILIES, Row, of_readers
+from dse.report.rows import Row, of_readers
 from dse.study import health, held, pricing, rivals
 from dse.study.question import Question
 from dse.study.results import Study
@@ -42,7 +41,7 @@ class Report:
 
 
 def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
-    """Return how families and chips compare, after what others publish beside designs of these studies.
+    """Return how chips compare, after what others publish beside designs of these studies.
 
     Args:
         studies: with finished trials or without.
@@ -60,15 +59,6 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
         rows += beside
         of_published += sentences
     notes: list[str] = []
-    for group in alike(parts):
-        against, verdicts = compared(group)
-        rows += against
-        notes += verdicts
-    if any(row.system == FAMILIES for row in rows):
-        notes.append(
-            f"{FAMILIES}: within {WITHIN:g} of the best accuracy of the same side; own spikes are those of "
-            "hidden and output neurons; accuracies that differ by no more than the standard error are a draw"
-        )
     if any(row.reader is not None for row in rows):
         notes.append(_READER)
     for study in studies:

@@ -15,9 +15,6 @@ from dse.study import health
 if TYPE_CHECKING:
     import pandas
 
-FAMILIES = "families"
-"""Value of `system` in rows that compare our model families."""
-
 HARDWARE = "hardware"
 """Value of `system` in rows that compare chips."""
 
@@ -29,7 +26,7 @@ _TESTS = {"accuracy": "accuracy_test", "t_p_ms": "t_p_test_ms", "t_h_ms": "t_h_t
 class Row:
     """One figure.
 
-    system: letter of a published system, FAMILIES or HARDWARE. figure: name of the number, with its unit.
+    system: letter of a published system, or HARDWARE. figure: name of the number, with its unit.
     published, ours: the numbers; None where one of them does not exist.
     se: standard error of ours; test: the same design on the test set; runs: number of runs behind ours.
     shifted, unseen: accuracy of the same design on moved windows, and on groups without training recordings;

@@ -144,7 +144,6 @@ def test_a_study_as_it_is_run(tmp_path, capsys):
         assert rows[figure]["ours"] == trial["accuracy"]
         assert rows[figure]["se"] == pytest.approx(trial["accuracy_se"])
         assert rows[figure]["split"].startswith("train: repetition 0; validation: repetition 1 (train 12")
-    assert rows["best accuracy, not spiking"]["family"] == "knn"
     assert rows["accuracy, 160 ms (printed: 250 ms)"]["published"] == 0.93
 
 

@@ -1,4 +1,4 @@
-"""Families, chips and published systems beside each other: what `dse report` does."""
+"""Whether to spike, chips and published systems beside each other: what `dse report` does."""
 
 from __future__ import annotations
 
@@ -76,7 +76,8 @@ def report(
     titles = [f"{name}: {known[name].title} ({known[name].source})" for name in known if name in used]
     splits = dict.fromkeys((row.study, row.task, row.split) for row in rows if row.split)
     splits_of_rows = [f"{study}, {task}: {split}" for study, task, split in splits]
-    code = 0 if rows else 1
+    lead = gathered.spikes if letters is None else []
+    code = 0 if rows or lead else 1
     columns = [row.columns for row in rows]
     empty = {name for name in (*_HONEST, "reader", "reader_se") if all(row[name] is None for row in columns)}
     columns = [{name: x for name, x in row.items() if name not in empty} for row in columns]
@@ -91,7 +92,7 @@ def report(
     return Answer(
         *(columns, notes, shown, essential, _TELLING),
         table=table,
-        lead=gathered.spikes if letters is None else (),
+        lead=lead,
         code=code,
         all_rows=True,
         sections=audits,
@@ -122,7 +123,7 @@ def _with_values(rows: Sequence[Mapping[str, object]], columns: Sequence[str]) -
 
 
 def _systems(text: str | None, known: list[str]) -> set[str] | None:
-    """Return the systems of --system; None: all, and our families against each other.
+    """Return the systems of --system; None: all.
 
     Raises:
         ExpressionError: one is unknown, or none is named.
