@@ -1,8 +1,7 @@
-"""One study on several chips: which design wins on each, by how much, and which chip is cheapest.
+"""One study on several chips: the cheapest design on each at an accuracy that all reach, and ratios.
 
-On a chip, of the designs that fit and are as accurate as the best that fits, the one of least energy wins. It
-is compared with its runner-up and with the winners of other chips under the same samples of this chip's
-uncertain numbers. Chips are compared by their cheapest designs at an accuracy that all of them reach.
+On a chip, the designs that fit are candidates; the accuracy is the highest that every chip reaches, less its
+error. What is best on one chip alone `dse pick` says, and its rivals with it.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dse.hardware.interval import column_names, is_open
+from dse.hardware.interval import is_open
 from dse.measure.objectives.accuracy import wilson_se
 from dse.records import Bools, Floats
-from dse.report.designs import StudyTask, best, described, full_read_outs
+from dse.report.designs import StudyTask, best, full_read_outs
 from dse.report.rows import HARDWARE, Row, measured, number
 from dse.study import pricing
 
@@ -30,23 +29,39 @@ QUANTILES = (0.5, 0.05, 0.95)
 FLAT_OUT, AT_PERIOD = "energy_uj", "energy_throttled_uj"
 """Energies: with all input at once, or with one step per period of the sensor, waiting included."""
 
+_MODES = {FLAT_OUT: "flat out", AT_PERIOD: "at the sensor's period"}
+
+HOW = (
+    f"{HARDWARE}: equal accuracy is the highest accuracy that all chips with a fitting design reach, within "
+    "±, the larger of the standard error over runs and Wilson's error for the number of recordings; for each "
+    "chip the cheapest design of that accuracy is compared; the uncertain numbers of two chips are sampled "
+    "independently",
+    f"{HARDWARE}: low and high are the ends of an energy interval, or the 5 % and 95 % quantiles of a ratio; "
+    "beyond the uncertainty: both quantiles are on one side of 1; the uncertainty is that of the chips' "
+    "numbers, not of the activity over runs",
+)
+"""Explanations of the rows and sentences."""
+
 
 class Ratio(NamedTuple):
     """The ratio of two energies over samples of the chips' numbers.
 
     median, low, high: median, 5 % and 95 % quantile.
     share: fraction of the samples in which it is above 1.
+    has_value: whether both energies have one; for some chips only intervals are known.
     """
 
     median: float
     low: float
     high: float
     share: float
+    has_value: bool
 
-    @property
-    def is_beyond(self) -> bool:
-        """Whether the energies differ beyond the uncertainty: both quantiles are on one side of 1."""
-        return self.low > 1 or self.high < 1
+    def __str__(self) -> str:
+        """Return the ratio in words, and whether it exceeds the uncertainty: no quantile passes 1."""
+        how = "beyond" if self.low > 1 or self.high < 1 else "within"
+        times = _in_range(self.median, self.low, self.high, " times the energy", self.has_value)
+        return f"{times}, more in {self.share:.0%} of draws, {how} the uncertainty"
 
 
 class Level(NamedTuple):
@@ -77,42 +92,34 @@ class Chip:
     fits: Bools
 
     @property
-    def accuracies(self) -> Floats:
-        """Accuracy of each design, (design,)."""
-        return np.asarray(self.designs["accuracy"], dtype=np.float64)
-
-    def medians_uj(self, column: str = FLAT_OUT) -> Floats:
-        """Return the median energy of each design, (design,)."""
-        return np.asarray(np.median(self.energies_uj[column], axis=0))
-
-    @property
     def has_values(self) -> bool:
         """Whether energies have a value; for some chips only intervals are known."""
         return bool(np.isfinite(self.designs[FLAT_OUT].astype(float)).any())
 
-    def ranked(self, least: float, column: str = FLAT_OUT) -> list[int]:
-        """Return the designs that fit and reach an accuracy, sorted by median energy.
+    def cheapest(self, least: float, column: str = FLAT_OUT) -> Choice | None:
+        """Return the design of least median energy among those that fit and reach an accuracy.
 
         Energies that agree in three digits are a tie, which goes to fewer weights, then to the more accurate,
         then to the earlier trial: medians of dependent energies that hardly differ are in no certain order.
         """
-        medians = self.medians_uj(column)
-        candidates = np.flatnonzero(self.fits & (self.accuracies >= least) & np.isfinite(medians))
+        medians = np.median(self.energies_uj[column], axis=0)
+        accuracies = np.asarray(self.designs["accuracy"], dtype=np.float64)
+        candidates = np.flatnonzero(self.fits & (accuracies >= least) & np.isfinite(medians))
         keys = (
             self.designs["trial"].to_numpy()[candidates],
-            -self.accuracies[candidates],
+            -accuracies[candidates],
             self.designs["n_weights"].to_numpy(np.float64)[candidates],
             np.array([float(f"{median:.3g}") for median in medians[candidates]]),
         )
-        designs: list[int] = candidates[np.lexsort(keys)].tolist()
-        return designs
+        return Choice(self, int(candidates[np.lexsort(keys)[0]]), column) if len(candidates) else None
 
 
 class Choice(NamedTuple):
-    """A design on a chip, by its place there."""
+    """A design on a chip, by its place there, and the energy that it was chosen by."""
 
     chip: Chip
     design: int
+    column: str
 
     @property
     def row(self) -> pandas.Series[Any]:
@@ -120,31 +127,33 @@ class Choice(NamedTuple):
         return self.chip.designs.iloc[self.design]
 
     @property
-    def name(self) -> str:
-        """Its family and trial."""
-        return f"{self.row['family']}, trial {self.row['trial']}"
-
-    @property
-    def fits(self) -> bool:
-        """Whether the chip can run and hold it."""
-        return bool(self.chip.fits[self.design])
-
-    def drawn_uj(self, column: str = FLAT_OUT) -> Floats:
-        """Return its energy in every draw, (draw,)."""
-        energies: Floats = self.chip.energies_uj[column][:, self.design]
+    def drawn_uj(self) -> Floats:
+        """Its energy in every draw, (draw,)."""
+        energies: Floats = self.chip.energies_uj[self.column][:, self.design]
         return energies
 
-    def median_uj(self, column: str = FLAT_OUT) -> float:
-        """Return its median energy."""
-        return float(self.chip.medians_uj(column)[self.design])
-
-    def over(self, other: Choice, column: str) -> tuple[Ratio, bool]:
-        """Return the ratio of its energy to that of a design on another chip, and whether both have values.
+    def over(self, other: Choice) -> Ratio:
+        """Return the ratio of its energy to that of a design on another chip; two energies of 0 are equal.
 
         The figures of two chips are drawn independently: every draw of one meets every draw of the other.
         """
-        factor = ratio(other.drawn_uj(column)[:, None], self.drawn_uj(column)[None, :])
-        return factor, self.chip.has_values and other.chip.has_values
+        ours, theirs = self.drawn_uj[None, :], other.drawn_uj[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratios = np.where(ours == theirs, 1.0, ours / theirs)
+        quantiles = np.quantile(ratios, QUANTILES, method="inverted_cdf").tolist()
+        return Ratio(*quantiles, float(np.mean(ratios > 1)), self.chip.has_values and other.chip.has_values)
+
+    def __str__(self) -> str:
+        """Return its chip, energy, family and trial in words.
+
+        The range of the chip's numbers says whether that of the energy is open, not the draws.
+        """
+        ends = [number(self.row.get(f"{self.column}_{end}")) or 0.0 for end in ("low", "high")]
+        energy = f"at least {_short(ends[0])} uJ"
+        if not is_open(*ends):
+            median, low, high = np.quantile(self.drawn_uj, QUANTILES, method="inverted_cdf")
+            energy = _in_range(median, low, high, " uJ", self.chip.has_values)
+        return f"{self.chip.name} {energy}, {self.row['family']}, trial {self.row['trial']}"
 
 
 def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()) -> list[Chip]:
@@ -185,49 +194,10 @@ def accuracy_error(part: StudyTask, row: pandas.Series[Any]) -> float:
     return max(over_runs, float(wilson_se(round(row["accuracy"] * n), n)) if n else 0.0)
 
 
-def common_level(levels: Sequence[Level]) -> Level:
-    """Return the highest accuracy that every chip reaches; among equals, the one with the larger error."""
-    return min(levels, key=lambda level: (level.accuracy, level.least))
-
-
-def cheapest(chips: Sequence[Chip], least: float, column: str = FLAT_OUT) -> list[Choice]:
-    """Return the cheapest design that fits and reaches an accuracy on every chip that has one."""
-    ranks = [(chip, chip.ranked(least, column)) for chip in chips]
-    return [Choice(chip, designs[0]) for chip, designs in ranks if designs]
-
-
-def ratio(energies_uj: Floats, other: Floats) -> Ratio:
-    """Return the ratio of two energies in uJ, draw by draw, broadcast together.
-
-    Two energies of 0 are equal.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = np.where(other == energies_uj, 1.0, other / energies_uj)
-    median, low, high = np.quantile(ratios, QUANTILES, method="inverted_cdf")
-    return Ratio(float(median), float(low), float(high), float(np.mean(ratios > 1)))
-
-
-HOW = (
-    f"{HARDWARE}: the winner on a chip is the design with the least energy, flat out, among those that fit "
-    "and are as accurate as the best that fits, within ±, the larger of the standard error over runs and "
-    "Wilson's error for the number of recordings; rivals are compared under the same samples of the chip's "
-    "uncertain numbers",
-    f"{HARDWARE}: equal accuracy is the highest accuracy that all chips with a fitting design reach; for "
-    "each chip the cheapest design of that accuracy is compared; the uncertain numbers of two chips are "
-    "sampled independently",
-    f"{HARDWARE}: low and high are the ends of an energy interval, or the 5 % and 95 % quantiles of a ratio; "
-    "beyond the uncertainty: both quantiles are on one side of 1; the uncertainty is that of the chips' "
-    "numbers, not of the activity over runs",
-)
-"""Explanations of the rows and sentences."""
-
-_MODES = {FLAT_OUT: "flat out", AT_PERIOD: "at the sensor's period"}
-
-
 def on_chips(
     part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()
 ) -> tuple[list[Row], list[str]]:
-    """Return the winner on each chip and the cheapest chip, as rows and as sentences.
+    """Return the cheapest designs at equal accuracy, flat out and at the sensor's period, and sentences.
 
     Args:
         part: a study's designs of one task.
@@ -237,137 +207,42 @@ def on_chips(
     of_chips = chips(part, points, hardware)
     if len(of_chips) < 2:
         return [], []
-    levels = {chip.name: level for chip in of_chips if (level := reached(part, chip)) is not None}
-    ranks = {chip.name: chip.ranked(levels[chip.name].least) for chip in of_chips if chip.name in levels}
-    rows: list[Row] = []
-    notes = list(HOW)
-    for chip in of_chips:
-        if chip.name in levels:
-            of_chip, note = _winner(part, chip, levels[chip.name], ranks)
-            rows += of_chip
-            notes.append(note)
-        else:
-            notes.append(f"{part.name}, {part.task}: {chip.name}: no design fits")
-    reaching = [chip for chip in of_chips if chip.name in levels]
-    of_chip, sentences = _at_equal_accuracy(part, reaching, list(levels.values()))
-    return [*rows, *of_chip], [*notes, *sentences]
-
-
-def _winner(
-    part: StudyTask, chip: Chip, level: Level, ranks: Mapping[str, Sequence[int]]
-) -> tuple[list[Row], str]:
-    """Return the winner on a chip and its margins.
-
-    Args:
-        part: a study's designs of one task.
-        chip: some design fits it.
-        level: the accuracy that it reaches.
-        ranks: for every chip that some design fits, the designs as accurate as its best, cheapest first.
-    """
-    first, *others = ranks[chip.name]
-    winner = Choice(chip, first)
-    rows = _figures(part, winner, "winner")
-    sentences = [_winner_sentence(part, winner)]
-    if not others:
-        sentences.append("no other design that fits is as accurate")
-    for design, titles in _rivals(chip, ranks).items():
-        if design == first:
-            sentences.append(f"it wins on {', '.join(titles)} too")
-            continue
-        rival = Choice(chip, design)
-        if rival.fits:
-            over, has_values = ratio(winner.drawn_uj(), rival.drawn_uj()), chip.has_values
-            figures = [f"{title}: energy_uj over the winner's" for title in titles]
-            rows += [_ratio_row(part, rival, figure, over, has_values) for figure in figures]
-        sentences.append(f"the {', '.join(titles)} ({rival.name}) {_verdict(part, level, winner, rival)}")
-    return rows, "; ".join(sentences)
-
-
-def _rivals(chip: Chip, ranks: Mapping[str, Sequence[int]]) -> dict[int, list[str]]:
-    """Return the designs that a chip's winner is compared with, and the role of each.
-
-    The winner itself is included, with the names of the other chips on which it wins.
-    """
-    winner, *others = ranks[chip.name]
-    family = chip.designs["family"]
-    titles: dict[int, list[str]] = {}
-    if others:
-        titles[others[0]] = ["runner-up"]
-    stranger = next((design for design in others if family[design] != family[winner]), None)
-    if stranger is not None:
-        titles.setdefault(stranger, ["best of another family"])
-    for name, designs in ranks.items():
-        if name != chip.name:
-            title = name if designs[0] == winner else f"winner of {name}"
-            titles.setdefault(designs[0], []).append(title)
-    return titles
-
-
-def _verdict(part: StudyTask, level: Level, winner: Choice, rival: Choice) -> str:
-    """Compare a rival with a chip's winner, in words."""
-    if not np.isfinite(rival.drawn_uj()).all():
-        return "cannot run on this chip"
-    if not rival.fits:
-        return "does not fit"
-    over_winner, has_value = ratio(winner.drawn_uj(), rival.drawn_uj()), winner.chip.has_values
-    if rival.row["accuracy"] >= level.least:
-        return f"takes {_compared(over_winner, has_value)}"
-    less = float(winner.row["accuracy"] - rival.row["accuracy"])
-    error = math.hypot(accuracy_error(part, winner.row), accuracy_error(part, rival.row))
-    how = "beyond" if less > error else "within"
-    return (
-        f"is less accurate by {less:.3g} ± {error:.2g}, {how} the error, at {_times(over_winner, has_value)}"
-    )
-
-
-def _at_equal_accuracy(
-    part: StudyTask, fitting: Sequence[Chip], levels: Sequence[Level]
-) -> tuple[list[Row], list[str]]:
-    """Return the cheapest designs at an accuracy that all chips reach, flat out and at the sensor's period.
-
-    Args:
-        part: a study's designs of one task.
-        fitting: chips that some design fits; with fewer than two, the result is empty.
-        levels: the accuracy that each of them reaches.
-    """
+    levels = [(chip, reached(part, chip)) for chip in of_chips]
+    about, fitting = f"{part.name}, {part.task}", [(chip, level) for chip, level in levels if level]
+    notes = [*HOW, *(f"{about}: {chip.name}: no design fits" for chip, level in levels if level is None)]
     if len(fitting) < 2:
-        return [], []
-    level = common_level(levels)
-    about = f"{part.name}, {part.task}: at accuracy {level.accuracy:.3g} ± {level.error:.2g}"
+        return [], notes
+    # Of equal accuracies the one with the larger error.
+    level = min((level for _, level in fitting), key=lambda level: (level.accuracy, level.least))
     rows: list[Row] = []
-    notes: list[str] = []
     orders: list[list[str]] = []
     for column, how in _MODES.items():
-        choices = cheapest(fitting, level.least, column)
-        rows += [row for one in choices for row in _figures(part, one, "equal accuracy", column)]
-        for one, other in combinations(choices, 2):
-            figure = f"equal accuracy: {column} over that on {other.chip.name}"
-            rows.append(_ratio_row(part, one, figure, *one.over(other, column)))
-        choices.sort(key=lambda one: one.median_uj(column))
-        notes.append(f"{about}, {how}: {'; '.join(_order_sentences(choices, column))}")
+        several = [chip.cheapest(level.least, column) for chip, _ in fitting]
+        choices = [one for one in several if one is not None]
+        rows += [row for one in choices for row in _figures(part, one)]
+        rows += [_ratio_row(part, one, other) for one, other in combinations(choices, 2)]
+        choices.sort(key=lambda one: float(np.median(one.drawn_uj)))
+        told = "; ".join([*map(str, choices), *_ratios(choices)])
+        notes.append(f"{about}: at accuracy {level.accuracy:.3g} ± {level.error:.2g}, {how}: {told}")
         orders.append([one.chip.name for one in choices])
     if orders[0] != orders[1]:
-        notes[1] += f"; flat out the order is {', '.join(orders[0])}"
+        notes[-1] += f"; flat out the order is {', '.join(orders[0])}"
     return rows, notes
 
 
-def _order_sentences(choices: Sequence[Choice], column: str) -> list[str]:
-    """Return the energies on some chips, cheapest first, with ratios to the one before and the first."""
-    sentences = [f"{one.chip.name} {_energy(one, column)}, {one.name}" for one in choices]
-    for before, one in enumerate(choices[1:]):
-        for other in (choices[place] for place in dict.fromkeys((before, 0))):
-            times = _compared(*one.over(other, column))
-            sentences.append(f"{one.chip.name} over {other.chip.name}: {times}")
-    return sentences
+def _ratios(choices: Sequence[Choice]) -> list[str]:
+    """Return how each of some designs, cheapest first, compares with the one before and the first."""
+    pairs = [(one, choices[place]) for k, one in enumerate(choices[1:]) for place in dict.fromkeys((k, 0))]
+    return [f"{one.chip.name} over {other.chip.name}: {one.over(other)}" for one, other in pairs]
 
 
-def _figures(part: StudyTask, choice: Choice, title: str, column: str = FLAT_OUT) -> list[Row]:
+def _figures(part: StudyTask, choice: Choice) -> list[Row]:
     """Return a design's energy on a chip with its interval; flat out, also accuracy, weights and latency."""
-    row = choice.row
+    row, column = choice.row, choice.column
     names = ("accuracy", "n_weights", FLAT_OUT, "latency_ms") if column == FLAT_OUT else (column,)
     return [
         replace(
-            measured(part, HARDWARE, f"{title}: {name}", None, row, name),
+            measured(part, HARDWARE, f"equal accuracy: {name}", None, row, name),
             hardware=choice.chip.name,
             low=number(row.get(f"{name}_low")),
             high=number(row.get(f"{name}_high")),
@@ -377,49 +252,17 @@ def _figures(part: StudyTask, choice: Choice, title: str, column: str = FLAT_OUT
     ]
 
 
-def _ratio_row(part: StudyTask, choice: Choice, figure: str, factor: Ratio, has_value: bool) -> Row:
-    row = measured(part, HARDWARE, figure, None, choice.row, FLAT_OUT)
-    ours = number(factor.median) if has_value else None
-    return replace(
-        row, hardware=choice.chip.name, ours=ours, low=number(factor.low), high=number(factor.high)
-    )
-
-
-def _winner_sentence(part: StudyTask, choice: Choice) -> str:
-    axes = described(choice.row)
-    design = f"{choice.name}: {axes}" if axes else choice.name
-    here = f"{choice.row['accuracy']:.3g} ± {accuracy_error(part, choice.row):.2g}"
-    accuracy = f"accuracy {here}"
-    value, low, high = (number(choice.row.get(x)) for x in column_names("accuracy_corrected"))
-    if value is not None:
-        accuracy = f"corrected accuracy {value:.3g} ({low:.3g} to {high:.3g}), measured {here}"
-    return f"{part.name}, {part.task}: {choice.chip.name}: {design} wins, {accuracy}, {_energy(choice)}"
-
-
-def _energy(choice: Choice, column: str = FLAT_OUT) -> str:
-    """Return an energy in words; the range of the chip's numbers says whether it is open, not the draws."""
-    ends = [number(choice.row.get(f"{column}_{end}")) or 0.0 for end in ("low", "high")]
-    if is_open(*ends):
-        return f"at least {_short(ends[0])} uJ"
-    median, low, high = np.quantile(choice.drawn_uj(column), QUANTILES, method="inverted_cdf")
-    return _in_range(median, low, high, " uJ", choice.chip.has_values)
-
-
-def _times(factor: Ratio, has_value: bool) -> str:
-    """Return a ratio of energies in words."""
-    return _in_range(factor.median, factor.low, factor.high, " times the energy", has_value)
+def _ratio_row(part: StudyTask, one: Choice, other: Choice) -> Row:
+    figure, ratio = f"equal accuracy: {one.column} over that on {other.chip.name}", one.over(other)
+    row = measured(part, HARDWARE, figure, None, one.row, FLAT_OUT)
+    ours = number(ratio.median) if ratio.has_value else None
+    return replace(row, hardware=one.chip.name, ours=ours, low=number(ratio.low), high=number(ratio.high))
 
 
 def _in_range(median: float, low: float, high: float, unit: str, has_value: bool) -> str:
     """Return `10 uJ (8 to 12)`; `8 to 12 uJ` where there is no value, or one in a range that is open."""
     ends = f"{_short(low)} to {_short(high)}"
     return f"{_short(median)}{unit} ({ends})" if has_value and not is_open(low, high) else f"{ends}{unit}"
-
-
-def _compared(factor: Ratio, has_value: bool) -> str:
-    """Return a ratio of energies in words, and whether it exceeds the uncertainty."""
-    how = "beyond" if factor.is_beyond else "within"
-    return f"{_times(factor, has_value)}, more in {factor.share:.0%} of draws, {how} the uncertainty"
 
 
 def _short(value: float) -> str:

@@ -56,7 +56,7 @@ def test_the_table_fits_a_terminal_and_shows_every_row(results, capsys):
     assert max(map(len, lines)) <= 160
     assert lines[0].split()[:5] == ["system", "figure", "task", "published", "ours"]
     main(["report", str(results), "--json"])
-    assert len(lines) - 1 == len(json.loads(capsys.readouterr().out)["rows"]) > 24
+    assert len(lines) - 1 == len(json.loads(capsys.readouterr().out)["rows"]) > 20
 
 
 @needs_papers
@@ -162,13 +162,10 @@ def test_chips_are_set_against_each_other(tmp_path, capsys, monkeypatch):
     header = table[table.index("\nsystem") + 1 :].splitlines()[0].split()
     assert {"low", "high", "hardware"} <= set(header)
     [energy] = [
-        line.split() for line in table.splitlines() if "winner: energy_uj" in line and " one " in line
+        line.split() for line in table.splitlines() if "accuracy: energy_uj  " in line and " one " in line
     ]
-    assert energy[-3:] == ["one", "snn", "0"] and ["5", "-", "4", "7"] == energy[5:9]
-    assert (
-        "nets, texture: two: snn, trial 0 wins, accuracy 0.9 ± 0.097, 5 uJ (5 to 5); "
-        "no other design that fits is as accurate; it wins on one too" in notes
-    )
+    assert energy[-3:] == ["one", "snn", "0"] and ["5", "-", "4", "7"] == energy[6:10]
+    assert "at accuracy 0.9 ± 0.097, flat out: one 5 uJ (5 to 5), snn, trial 0; two 5 uJ (5 to 5)" in notes
     main(["report", str(folder), "--system", "A", "--format", "table"])
     header = capsys.readouterr().out.splitlines()[0].split()
     assert header[0] == "system" and not {"low", "high", "hardware"} & set(header), "only where told"
