@@ -9,9 +9,9 @@ microseconds; a *step* is one time step of the encoder (a sampling period or a t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -516,23 +516,12 @@ class Workload:
 
     def mapped(self, change: Callable[[Array], Array]) -> Workload:
         """Return a copy with a function applied to every array of design points."""
-        return replace(
-            self,
-            n_steps=change(self.n_steps),
-            spikes=change(self.spikes),
-            updates=None if self.updates is None else change(self.updates),
-            awake=None if self.awake is None else change(self.awake),
-        )
+        return _changed(self, ("n_steps", "spikes", "updates", "awake"), change)
 
     def over_steps(self) -> Workload:
         """Return the sum over steps: spikes (..., step, layer), n_steps (..., step)."""
-        return replace(
-            self,
-            n_steps=np.asarray(self.n_steps).sum(axis=-1),
-            spikes=np.asarray(self.spikes).sum(axis=-2),
-            updates=None if self.updates is None else np.asarray(self.updates).sum(axis=-2),
-            awake=None if self.awake is None else np.asarray(self.awake).sum(axis=-2),
-        )
+        of_layers = _changed(self, ("spikes", "updates", "awake"), lambda x: np.asarray(x).sum(axis=-2))
+        return _changed(of_layers, ("n_steps",), lambda x: np.asarray(x).sum(axis=-1))
 
     def check(self) -> None:
         """Check that counts are possible and shapes match.
@@ -662,18 +651,9 @@ class Operations:
 
     def mapped(self, change: Callable[[Array], Array]) -> Operations:
         """Return a copy with a function applied to every array of design points."""
-        return Operations(
-            macs=change(self.macs),
-            additions=change(self.additions),
-            updates=change(self.updates),
-            n_weights=change(self.n_weights),
-            duration_ms=change(self.duration_ms),
-            number_bits=self.number_bits,
-            event_macs=None if self.event_macs is None else change(self.event_macs),
-            event_additions=None if self.event_additions is None else change(self.event_additions),
-            program={name: change(times) for name, times in self.program.items()},
-            stored_bits=self.stored_bits,
-        )
+        names = ("macs", "additions", "updates", "n_weights", "duration_ms", "event_macs", "event_additions")
+        program = {name: change(times) for name, times in self.program.items()}
+        return _changed(replace(self, program=program), names, change)
 
     def check(self) -> None:
         """Check that counts are possible.
@@ -688,6 +668,16 @@ class Operations:
                 _check_counts(name, np.asarray(counts, np.float64))
         if not self.number_bits >= 1:
             raise ValueError(f"number_bits must be >= 1, got {self.number_bits}")
+
+
+W = TypeVar("W", Workload, Operations)
+
+
+def _changed(work: W, names: Iterable[str], change: Callable[[Array], Array]) -> W:
+    """Return a copy with a function applied to those of some arrays that are there."""
+    arrays = {name: values for name in names if (values := getattr(work, name)) is not None}
+    changed: dict[str, Any] = {name: change(values) for name, values in arrays.items()}
+    return replace(work, **changed)
 
 
 def _check_counts(name: str, values: Floats) -> None:

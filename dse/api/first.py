@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,92 +11,81 @@ from dse.config import ConfigError, load_space
 from dse.data import look as looking
 from dse.data import starter
 from dse.data.look import Look, Options
-from dse.recordings import RecordingError, Recordings
+from dse.recordings import RecordingError
 from dse.store import StoreError, write_text
 from dse.study.preview import preview
 
 
 @dataclass(frozen=True)
-class Seen:
-    """Recordings that a search space is to be written for, and the file that it goes to.
+class First:
+    """A search space that was written.
 
-    name: of the recordings, for errors. likely: the column that most probably is the label.
+    file: where it is. row: of `dse check`. assumed: one sentence each. n_recordings: that it is for.
     """
 
-    name: str
-    look: Look
-    recordings: Recordings
-    likely: str
-    out: Path
-
-
-@dataclass(frozen=True)
-class First:
-    """A search space that was written: the row of `dse check`, and what was assumed, one sentence each."""
-
+    file: Path
     row: dict[str, object]
     assumed: tuple[str, ...]
+    n_recordings: int
 
 
-def place_of(data: str | Path | Mapping[str, Any], out: str | Path | None, force: bool) -> Path:
-    """Return the file of the search space.
+def write(
+    data: str | Path | Mapping[str, Any],
+    out: str | Path | None,
+    label: str | None,
+    group: str | None,
+    options: Mapping[str, Any],
+    *,
+    force: bool = False,
+    ask_step_ms: Callable[[], float | None] = lambda: None,
+    ask_label: Callable[[Look, str], str] = lambda _, likely: likely,
+) -> First:
+    """Write a first search space, and check it; a faulty one is not left. Arguments and errors as of `init`.
 
-    Raises:
-        StoreError: it exists.
+    Args:
+        data: recordings.
+        out: where to write.
+        label: label column to predict.
+        group: label column whose values stay in one part of the split.
+        options: of a file or folder.
+        force: replace the file if it exists.
+        ask_step_ms: returns the sampling period, where the recordings do not tell.
+        ask_label: returns the label column, given the recordings and the likely one.
     """
     named = data.get("file") or data.get("folder") if isinstance(data, Mapping) else data
     path = Path(str(named))
-    name = path.resolve().name if path.is_dir() else path.stem
-    place = Path(out or f"{name or 'study'}.yaml")
+    stem = path.resolve().name if path.is_dir() else path.stem
+    place = Path(out or f"{stem or 'study'}.yaml")
     if place.exists() and not force:
         raise StoreError(f"{place}: exists already; --force replaces it, --out FILE writes another")
-    return place
-
-
-def seen(name: str, look: Look, out: Path, label: str | None = None) -> Seen:
-    """Return recordings as a look at them says that they are read.
-
-    Args:
-        name: of the recordings, for errors.
-        look: at them.
-        out: file of the search space.
-        label: the column to predict; None: guess it.
-
-    Raises:
-        RecordingError: the sampling period is not known, the recordings are faulty, or there is no label.
-    """
+    if isinstance(data, Mapping):
+        name, look = "data", starter.described(data, place.parent)
+    else:
+        name, look = path.name, looking.look(path, replace(Options(**options), base=place.parent))
+    if look.lacks_step and (step_ms := ask_step_ms()):
+        look = replace(look, data=look.data | {"step_ms": step_ms}, lacks_step=False)
     if look.lacks_step:
         raise RecordingError(f"{name}: the sampling period is not in the file; state it with --step-ms N")
-    recordings = starter.read(look, out.parent)
-    return Seen(name, look, recordings, label or starter.label_of(look, recordings), out)
-
-
-def write(of: Seen, label: str, group: str | None) -> First:
-    """Write the search space, and check it; a faulty one is not left.
-
-    Raises:
-        RecordingError: no such column, or no classes in it; a class has too few recordings for any split.
-        ConfigError: the recordings fit no search space.
-    """
+    recordings = starter.read(look, place.parent)
+    label = label or ask_label(look, starter.label_of(look, recordings))
     for option, column in (("--label", label), ("--group", group)):
-        if column is not None and column not in of.look.n_values:
-            if column == label and column in of.recordings.columns and column not in of.look.refused:
-                starter.check_classes(of.recordings.columns[column], column)
-            known = ", ".join(of.look.n_values) or "none"
-            why = f"column '{column}' {of.look.refused[column]}; " if column in of.look.refused else ""
-            raise RecordingError(
-                f"{option} {column}: {why}must be a label column of {of.name}; there are {known}"
-            )
-    first = starter.starter(of.look, of.out, of.recordings, label, group)
-    write_text(of.out, first.text)
+        if column is not None and column not in look.n_values:
+            if column == label and column in recordings.columns and column not in look.refused:
+                starter.check_classes(recordings.columns[column], column)
+            known = ", ".join(look.n_values) or "none"
+            why = f"column '{column}' {look.refused[column]}; " if column in look.refused else ""
+            text = f"{option} {column}: {why}must be a label column of {name}; there are {known}"
+            raise RecordingError(text)
+    first = starter.starter(look, place, recordings, label, group)
+    write_text(place, first.text)
     try:
-        row = {"file": str(of.out), **preview(load_space(of.out, check_data=True))}
+        row = {"file": str(place), **preview(load_space(place, check_data=True))}
     except (ConfigError, RecordingError):
-        of.out.unlink()  # nothing is left that does not run
+        place.unlink()  # nothing is left that does not run
         raise
     doubts = row.pop("doubts", [])
     assert isinstance(doubts, list)  # as `preview` has it
-    return First(row, (*first.assumed, *doubts))
+    return First(place, row, (*first.assumed, *doubts), recordings.n_recordings)
 
 
 def init(
@@ -134,13 +123,6 @@ def init(
             f"data must be a file, a folder, or section `data`, got {type(data).__name__}; "
             "dse.data.from_arrays(signals, labels, step_ms=...) makes the latter of arrays"
         )
-    place = place_of(data, out, force)
-    if isinstance(data, Mapping):
-        if options:
-            raise TypeError(f"section `data` states {', '.join(options)} itself")
-        name, look = "data", starter.described(data, place.parent)
-    else:
-        name, look = Path(data).name, looking.look(Path(data), replace(Options(**options), base=place.parent))
-    recordings = seen(name, look, place, label)
-    write(recordings, recordings.likely, group)
-    return place
+    if isinstance(data, Mapping) and options:
+        raise TypeError(f"section `data` states {', '.join(options)} itself")
+    return write(data, out, label, group, options, force=force).file

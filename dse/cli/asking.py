@@ -12,7 +12,7 @@ def is_person() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def asked(question: str, default: str = "") -> str:
+def answered(question: str, default: str = "") -> str:
     """Return what a person answers, the default where there is none or the answer is empty."""
     if not is_person():
         return default
@@ -24,4 +24,4 @@ def trusts(what: str, digest: str) -> bool:
     """Return whether a person says that code may run."""
     rights = f"is code that would run here with your rights (SHA-256 {digest})"
     question = f"{one_line(what)}\n{rights}.\nRun it, now and later?"
-    return asked(question, "no").lower() in ("y", "yes")
+    return answered(question, "no").lower() in ("y", "yes")

@@ -140,8 +140,9 @@ class Choice(NamedTuple):
         ours, theirs = self.drawn_uj[None, :], other.drawn_uj[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = np.where(ours == theirs, 1.0, ours / theirs)
-        quantiles = np.quantile(ratios, QUANTILES, method="inverted_cdf").tolist()
-        return Ratio(*quantiles, float(np.mean(ratios > 1)), self.chip.has_values and other.chip.has_values)
+        median, low, high = map(float, np.quantile(ratios, QUANTILES, method="inverted_cdf"))
+        has_value = self.chip.has_values and other.chip.has_values
+        return Ratio(median, low, high, float(np.mean(ratios > 1)), has_value)
 
     def __str__(self) -> str:
         """Return its chip, energy, family and trial in words.

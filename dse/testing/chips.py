@@ -103,12 +103,7 @@ def _operations() -> Operations:
 
 def _grown(load: Workload | Operations) -> Workload | Operations:
     """Return a multiple of everything that happens; what is stored, and the clock, stay."""
-    if isinstance(load, Operations):
-        return replace(
-            load,
-            macs=load.macs * _GROWTH,
-            additions=load.additions * _GROWTH,
-            updates=load.updates * _GROWTH,
-            program={kind: times * _GROWTH for kind, times in load.program.items()},
-        )
-    return load.mapped(lambda counts: counts * _GROWTH)
+    more: Workload | Operations = load.mapped(lambda counts: counts * _GROWTH)
+    if isinstance(load, Operations) and isinstance(more, Operations):
+        return replace(more, n_weights=load.n_weights, duration_ms=load.duration_ms)
+    return more

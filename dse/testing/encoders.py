@@ -56,10 +56,13 @@ def check_encoder(encoder: Encoder, signals: Signals | None = None, *, causal: b
     )
     if encoder.transductive:
         return
+    together = small.dense(spikes)
     if causal:
         _check_causal(name, encoder, signals, first, length)
-    _check_alone(name, encoder, signals, first, length, spikes)
-    _check_running(name, encoder, signals, first, length, spikes)
+    for i in range(n):
+        _check_alone(
+            name, encoder, signals, i, slice(first[i], first[i] + length[i]), together[i, : length[i]]
+        )
 
 
 def _fitted(name: str, encoder: Encoder, signals: Signals) -> Encoder:
@@ -99,51 +102,34 @@ def _check_causal(name: str, encoder: Encoder, signals: Signals, first: Array, l
         begin, end = signals.offsets[i] + first[i] + until, signals.offsets[i + 1]
         values[begin:end] = values[begin:end][::-1] * 2
     changed = dataclasses.replace(signals, values=values)
-    before, after = (_dense(encoder.encode_all(x, first, length))[:, :until] for x in (signals, changed))
+    before, after = (small.dense(encoder.encode_all(x, first, length))[:, :until] for x in (signals, changed))
     expect(same(before, after), f"{name} must be causal: a spike may not depend on later values")
 
 
 def _check_alone(
-    name: str, encoder: Encoder, signals: Signals, first: Array, length: Array, together: Spikes
+    name: str, encoder: Encoder, signals: Signals, i: int, window: slice, among_others: Array
 ) -> None:
-    dense = _dense(together)
-    for i in range(signals.n_recordings):
-        part = slice(signals.offsets[i], signals.offsets[i + 1])
-        one = Signals(
-            values=signals.values[part],
-            offsets=np.array([0, signals.offsets[i + 1] - signals.offsets[i]]),
-            step_ms=signals.step_ms,
-            columns={},
-        )
-        alone = _dense(encoder.encode_all(one, first[i : i + 1], length[i : i + 1]))[0]
-        expect(
-            same(alone[: length[i]], dense[i, : length[i]]),
-            f"{name} must encode a recording alone as it does among others",
-        )
+    """Encode a recording by itself, whole and sample by sample; an encoder may refuse the latter.
 
-
-def _check_running(
-    name: str, encoder: Encoder, signals: Signals, first: Array, length: Array, together: Spikes
-) -> None:
-    """Run every recording sample by sample; an encoder that refuses to is no fault."""
-    dense = _dense(together)
-    for i in range(signals.n_recordings):
-        try:
-            running = encoder.running(signals.n_channels, signals.step_ms)
-        except ValueError:
-            return
-        begin, end = int(signals.offsets[i]), int(signals.offsets[i] + first[i] + length[i])
-        rows = np.zeros((end - begin, together.n_channels), bool)
-        for row, sample in zip(rows, signals.values[begin:end], strict=True):
-            row[running.step(sample)] = True
-        expect(
-            same(rows[first[i] :], dense[i, : length[i]]),
-            f"{name}.running must spike sample by sample as encode_all does",
-        )
-
-
-def _dense(spikes: Spikes) -> Array:
-    """Return spikes as (sample, step, channel)."""
-    fired = np.zeros((len(spikes.row_offsets) - 1, spikes.n_channels), bool)
-    fired[np.repeat(np.arange(len(fired)), np.diff(spikes.row_offsets)), spikes.channel] = True
-    return fired.reshape(spikes.n_samples, spikes.n_steps, spikes.n_channels)
+    Args:
+        name: of the encoder.
+        encoder: fitted.
+        signals: all recordings.
+        i: the one.
+        window: the steps that are encoded.
+        among_others: (step, channel) its spikes where all recordings are encoded.
+    """
+    values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
+    one = Signals(values=values, offsets=np.array([0, len(values)]), step_ms=signals.step_ms, columns={})
+    length = np.array([len(among_others)])
+    alone = small.dense(encoder.encode_all(one, np.array([window.start]), length))[0, : len(among_others)]
+    expect(same(alone, among_others), f"{name} must encode a recording alone as it does among others")
+    try:
+        running = encoder.running(signals.n_channels, signals.step_ms)
+    except ValueError:
+        return
+    rows = np.zeros((window.stop, among_others.shape[1]), bool)
+    for row, sample in zip(rows, values[: window.stop], strict=True):
+        row[running.step(sample)] = True
+    text = f"{name}.running must spike sample by sample as encode_all does"
+    expect(same(rows[window.start :], among_others), text)

@@ -19,7 +19,7 @@ def check_figure(figure: Figure[Any], results: Results | None = None) -> None:
 
     Args:
         figure: with keys that suit the study.
-        results: a study; absent: a small one, with axes model.hidden, training.epochs and window.n_steps.
+        results: a study; absent: a small one, with axes model.hidden and window.n_steps.
 
     Raises:
         AssertionError: what it violates.

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
-
 from dse import seeds
-from dse.config.axes import Axis
-from dse.config.search import Search
-from dse.config.settings import ExecutionSettings
-from dse.config.space import DecisionGrid, Design, SearchSpace
+from dse.config import Design, SearchSpace, load_space
 from dse.search.proposals import Sampler
+from dse.testing import small
 from dse.testing.expect import expect, expect_component
 
 BATCH = 4
@@ -83,20 +78,9 @@ def _values(designs: Sequence[Design]) -> list[tuple[float, float] | None]:
 
 def _space() -> SearchSpace:
     """Return a grid of 48 designs over a choice and two stepped ranges."""
-    axes = [
-        Axis("model.hidden", (4, 8, 12, 16), is_int=True),
-        Axis("training.epochs", (1, 2, 3), 1, 3, 1, is_int=True),
-        Axis("training.dropout", (0.0, 0.1, 0.2, 0.3), 0.0, 0.3, 0.1),
-    ]
-    return SearchSpace(
-        study="small",
-        seed=5,
-        source=Path("small.yaml"),
-        parts={},
-        axes={axis.name: axis for axis in axes},
-        decision=DecisionGrid(np.array([0]), np.array([0.5])),
-        hardware=(),
-        objectives=(("accuracy", "max"), ("n_weights", "min")),
-        search=Search(batch=BATCH),
-        execution=ExecutionSettings(),
-    )
+    axes = {
+        "model.hidden": "{choice: [4, 8, 12, 16]}",
+        "training.epochs": "{range: [1, 3]}",
+        "training.dropout": "{range: [0, 0.3], step: 0.1}",
+    }
+    return load_space(small.SPACE, axes | {"seed": "5", "window.n_steps": "16", "search.batch": str(BATCH)})

@@ -2,30 +2,48 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
+import shutil
+import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
-from dse import seeds, store
+from dse import seeds
+from dse.config import load_space
 from dse.config.contracts import Generators
-from dse.hardware.profile import Profile, load
+from dse.hardware.profile import load
 from dse.measure.objectives import FullReadOut, Points, Priced
-from dse.measure.run import Measurement, measure, records_for_objectives
-from dse.preprocessing.stages import Stages
-from dse.records import Array, Block, Dataset, Ints, Outcome, Signals, Spikes
-
-if TYPE_CHECKING:
-    import pandas
+from dse.measure.run import records_for_objectives
+from dse.records import Array, Dataset, Ints, Signals, Spikes
+from dse.study import explore
+from dse.study.results import Study
 
 N_CLASSES = 3
 CHIP = "loihi1_silicon"
-HIDDEN = (4, 6, 9)
-"""Hidden neurons of the trials of `SmallStudy`."""
 PHI, THETA = np.array([0, 2]), np.array([0.25, 0.5, 0.75])
 """Decision grid."""
+SPACE = {
+    "study": "small",
+    "data": {
+        **{"kind": "events", "file": "touch.npz", "width": 4, "height": 3, "x": "x", "y": "y"},
+        **{"polarity": "polarity", "columns": {"fabric": "label"}, "class_names": {"fabric": "names"}},
+    },
+    "task": {"target": "fabric", "name": "texture"},
+    "window": {"n_steps": {"choice": [16, 24]}},
+    "split": {"stratified": {"validation": 0.25, "test": 0.25}},
+    "preprocessing": {"bin_ms": 2},
+    "model": {"kind": "snn", "hidden": {"choice": [4, 6, 9]}},
+    "training": {"epochs": 3, "batch_size": 8},
+    "decision": {"phi": PHI, "theta": THETA},
+    "precision": {"weight_bits": [4, 8]},
+    "hardware": [CHIP],
+    "objectives": ["accuracy", "energy_uj"],
+}
+"""The search space of `SmallStudy`."""
 
 
 def generators(seed: int) -> Generators:
@@ -72,6 +90,13 @@ def spikes_of(fired: Array, step_ms: float) -> Spikes:
     return Spikes(offsets, channel, fired.shape[1], fired.shape[2], step_ms)
 
 
+def dense(spikes: Spikes) -> Array:
+    """Return spikes as (sample, step, channel)."""
+    fired = np.zeros((len(spikes.row_offsets) - 1, spikes.n_channels), bool)
+    fired[np.repeat(np.arange(len(fired)), np.diff(spikes.row_offsets)), spikes.channel] = True
+    return fired.reshape(spikes.n_samples, spikes.n_steps, spikes.n_channels)
+
+
 def places(n_channels: int) -> Ints:
     """Return positions of channels that lie in a row."""
     positions = np.zeros((n_channels, 3), np.int32)
@@ -81,33 +106,16 @@ def places(n_channels: int) -> Ints:
 
 def without_spikes_after(data: Dataset, n_steps: int) -> Dataset:
     """Return the same windows, in which nothing happens after so many steps."""
-    spikes = data.spikes
-    row = np.repeat(np.arange(len(spikes.row_offsets) - 1), np.diff(spikes.row_offsets))
-    sample, step = row // spikes.n_steps, row % spikes.n_steps
-    keep = step - data.start[sample] < n_steps
-    counts = np.bincount(row[keep], minlength=len(spikes.row_offsets) - 1)
-    cut = Spikes(
-        row_offsets=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        channel=spikes.channel[keep],
-        n_steps=spikes.n_steps,
-        n_channels=spikes.n_channels,
-        step_ms=spikes.step_ms,
-    )
-    return replace(data, spikes=cut)
+    fired = dense(data.spikes)
+    fired[np.arange(data.spikes.n_steps) >= data.start[:, None] + n_steps] = False
+    return replace(data, spikes=spikes_of(fired, data.spikes.step_ms))
 
 
 def one_step_later(data: Dataset) -> Dataset:
     """Return the same windows in recordings that begin with one more step, without spikes."""
-    spikes = data.spikes
-    begins = spikes.row_offsets[:-1].reshape(-1, spikes.n_steps)
-    later = np.append(np.concatenate([begins[:, :1], begins], axis=1), spikes.row_offsets[-1])
-    return replace(
-        data,
-        spikes=replace(spikes, row_offsets=later, n_steps=spikes.n_steps + 1),
-        start=data.start + 1,
-        start_low=data.start_low + 1,
-        start_high=data.start_high + 1,
-    )
+    spikes = spikes_of(np.pad(dense(data.spikes), ((0, 0), (1, 0), (0, 0))), data.spikes.step_ms)
+    starts = {name: getattr(data, name) + 1 for name in ("start", "start_low", "start_high")}
+    return replace(data, spikes=spikes, **starts)
 
 
 def signals(lengths: Sequence[int] = (40, 31, 40, 25, 40, 33), n_channels: int = 3) -> Signals:
@@ -119,140 +127,39 @@ def signals(lengths: Sequence[int] = (40, 31, 40, 25, 40, 33), n_channels: int =
     return Signals(np.concatenate(values).astype(np.float32), offsets, 5.0, {"label": label})
 
 
+def _write_touches(path: Path) -> None:
+    """Write 48 recordings of 64 ms from a frame of 4 x 3 pixels: three fabrics, each with two busy pixels."""
+    rng = np.random.default_rng(7)
+    label = np.arange(48) % N_CLASSES
+    rate_hz = np.where(np.arange(12) % N_CLASSES == label[:, None], 250, 25)
+    recording, t_ms, pixel = np.nonzero(rng.random((48, 64, 12)) < rate_hz[:, None] / 1000)
+    np.savez(
+        path,
+        t_us=1000 * t_ms,
+        x=pixel % 4,
+        y=pixel // 4,
+        polarity=pixel % 2,
+        offsets=np.searchsorted(recording, np.arange(49)),
+        label=label,
+        names=np.array(["felt", "linen", "silk"]),
+    )
+
+
+@functools.cache
+def _trained() -> Path:
+    """Return the folder of a study that is trained once and goes with the process."""
+    folder = Path(tempfile.mkdtemp(prefix="dse-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    _write_touches(folder / "touch.npz")
+    space = load_space(SPACE, {"data.file": str(folder / "touch.npz")})
+    return explore.run(space, folder, progress=False).folder
+
+
 @dataclass(frozen=True)
-class SmallStudy:
-    """A finished study of three trials of small networks, in memory: `dse.figures.Results`."""
+class SmallStudy(Study):
+    """A finished study of small networks: `dse.figures.Results`."""
 
-    @property
-    def objectives(self) -> list[tuple[str, str]]:
-        return [("accuracy", "max"), ("energy_uj", "min")]
-
-    @cached_property
-    def _data(self) -> Dataset:
-        return dataset()
-
-    @cached_property
-    def _runs(self) -> list[tuple[Outcome, Measurement]]:
-        from dse.config.settings import Training
-        from dse.models.snn.family import SNN
-
-        chip = self.chip(CHIP)
-        runs = []
-        for hidden in HIDDEN:
-            model, training = SNN(hidden=(hidden,)), Training(epochs=3, batch_size=8)
-            outcome = model.fit(self._data, training, generators(hidden))
-            runs.append((outcome, measure(outcome, self._data, PHI, THETA, [chip])))
-        return runs
-
-    @cached_property
-    def trials(self) -> pandas.DataFrame:
-        """One row per trial."""
-        import pandas
-
-        return pandas.DataFrame(
-            [
-                {
-                    **self._about(trial),
-                    "repeats": 1,
-                    "hardware": CHIP,
-                    **measured.columns,
-                    **measured.hardware[CHIP],
-                    "status": "finished",
-                    "reason": "",
-                }
-                for trial, (_, measured) in enumerate(self._runs)
-            ]
-        )
-
-    def points(self) -> pandas.DataFrame:
-        """Return one row per full read-out, per setting of phi and theta, and a cheaper one of the best."""
-        import pandas
-
-        from dse.measure.on_chips import columns_on
-
-        rows = [self.trials.assign(point=0, phi=np.nan, theta=np.nan, read_out_ms=np.nan)]
-        for trial, (_, measured) in enumerate(self._runs):
-            assert measured.points_load is not None
-            costs = columns_on(self.chip(CHIP), measured.points_load)
-            phi, theta = np.meshgrid(PHI.astype(float), THETA, indexing="ij")
-            columns = {"phi": phi, "theta": theta, **measured.points, **costs}
-            frame = pandas.DataFrame({name: np.ravel(x) for name, x in columns.items()})
-            about = {
-                **self._about(trial),
-                "repeats": 1,
-                "hardware": CHIP,
-                "point": np.arange(1, phi.size + 1),
-            }
-            rows.append(frame.assign(**about, n_weights=measured.columns["n_weights"]))
-        frame = pandas.concat(rows, ignore_index=True)
-        best = frame.loc[[frame["accuracy"].idxmax()]]
-        cheaper = {"accuracy": best["accuracy"] - 0.03, "energy_uj": best["energy_uj"] / 2}
-        frame = pandas.concat(
-            [frame, best.assign(**cheaper, point=PHI.size * len(THETA) + 1)], ignore_index=True
-        )
-        return frame.assign(weight_bits=8, pruned_after=0.0)
-
-    def best_trial(self) -> int:
-        """Return the most accurate trial."""
-        return int(self.trials["accuracy"].to_numpy().argmax())
-
-    def classes(self, trial: int) -> tuple[str, ...]:
-        """Return the names of the classes."""
-        return self._data.classes
-
-    def sections(self, trial: int) -> dict[str, object]:
-        """Return no sections: nothing was read from a file."""
-        return {}
-
-    def arrays(self, trial: int, name: str) -> list[dict[str, Array]]:
-        """Return what a file of a trial's artefacts holds."""
-        outcome, measured = self._runs[trial]
-        assert measured.points_load is not None and measured.read_outs_load is not None
-        response = store.response_arrays(outcome.validation, self._data.validation)
-        grid = {"phi": PHI, "theta": THETA}
-        files: dict[str, dict[str, Array]] = {
-            "response.npz": {**response, "target": self._data.target[self._data.validation]},
-            "history.npz": dict(outcome.history),
-            "confusion.npz": {"validation": measured.confusion},
-            "read_out.npz": measured.read_outs | store.work_arrays(measured.read_outs_load),
-            "surface.npz": grid | measured.points | store.work_arrays(measured.points_load),
-        }
-        return [files[name]] if name in files else []
-
-    def stages(self, trial: int, sample: int) -> Stages:
-        """Return a recording of 20 events on a frame of 4 x 3 pixels, whose middle is pooled."""
-        t_us = np.arange(20) * 1000
-        events = Block(t_us, np.arange(20) % 4, np.arange(20) % 3, np.arange(20) % 2)
-        return Stages(
-            name="felt",
-            events=events,
-            frame=(4, 3),
-            crop=(1, 0, 2, 3),
-            counts=np.ones(10, np.int64),
-            channels=np.arange(10) % 2,
-            n_channels=2,
-            bin_us=2000,
-            begin_us=0,
-            end_us=16_000,
-        )
-
-    def dataset(self, trial: int) -> Dataset:
-        """Return what a trial was trained on."""
-        return self._data
-
-    def chip(self, name: str) -> Profile:
-        """Return a shipped hardware profile."""
-        return load(name)
-
-    def _about(self, trial: int) -> dict[str, str | int]:
-        return {
-            "trial": trial,
-            "task": "texture",
-            "family": "snn",
-            "model.hidden": HIDDEN[trial],
-            "training.epochs": 3,
-            "window.n_steps": (16, 24, 24)[trial],
-        }
+    folder: Path = field(default_factory=_trained)
 
 
 def records() -> dict[str, list[Points | FullReadOut | Priced]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import shlex
 import sys
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from dse.cli.answer import Answer, listing, wrapped
-from dse.cli.asking import asked, is_person
+from dse.cli.asking import answered, is_person
 from dse.cli.signature import Amount, number
 from dse.recordings.table import UNITS_MS
 from dse.registry import Rule
@@ -49,34 +48,27 @@ def init(
         out (FILE): where to write (default: the name of DATA with .yaml, in this folder).
         force: replace the file if it exists.
     """
-    from dse.api import first
-    from dse.data import look as looking
+    from dse.api.first import write
 
-    path = Path(data)
-    place = first.place_of(path, out, force)
-    options = looking.Options(
-        step_ms=step_ms or None,
-        time_unit=time_unit,
-        labels=labels,
-        signal=signal,
-        recording=recording,
-        base=place.parent,
-    )
-    look = looking.look(path, options)
-    if look.lacks_step and (text := asked("Sampling period in ms")):
-        look = dataclasses.replace(look, data=look.data | {"step_ms": number(text, low=0)}, lacks_step=False)
-    seen = first.seen(path.name, look, place, label)
-    written = first.write(seen, label or _label(look, seen.likely), group)
-    row = written.row
+    options = {"step_ms": step_ms or None, "time_unit": time_unit, "labels": labels, "signal": signal}
+    options |= {"recording": recording}
+    first = write(data, out, label, group, options, force=force, ask_step_ms=_step_ms, ask_label=_label)
+    row, place = first.row, first.file
     parts = ", ".join(f"{row[part]} {part}" for part in ("train", "validation", "test") if part in row)
-    n = f"{row['trained']} designs, {seen.recordings.n_recordings} recordings"
+    n = f"{row['trained']} designs, {first.n_recordings} recordings"
     lines = [
-        *listing([("-", sentence) for sentence in written.assumed]).splitlines(),
+        *listing([("-", sentence) for sentence in first.assumed]).splitlines(),
         wrapped(f"{place}: {n}{f' ({parts})' if parts else ''}"),
         f"next: dse audit {shlex.quote(str(place))}",
         f"      dse run {shlex.quote(str(place))}",
     ]
-    return Answer([row], list(written.assumed) if format == "json" else (), text="\n".join(lines))
+    return Answer([row], list(first.assumed) if format == "json" else (), text="\n".join(lines))
+
+
+def _step_ms() -> float | None:
+    """Return the sampling period that is asked for; None without an answer."""
+    text = answered("Sampling period in ms")
+    return number(text, low=0) if text else None
 
 
 def _label(look: Look, likely: str) -> str:
@@ -85,7 +77,7 @@ def _label(look: Look, likely: str) -> str:
     if len(names) < 2 or not is_person():
         return likely
     print(listing([(name, f"{look.n_values[name]} values") for name in names]), file=sys.stderr)
-    while (name := asked("Label column to predict", likely)) not in names:
+    while (name := answered("Label column to predict", likely)) not in names:
         print(one_line(f"must be one of {', '.join(names)}, got '{name}'"), file=sys.stderr)
     return name
 

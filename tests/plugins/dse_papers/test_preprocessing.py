@@ -84,6 +84,6 @@ def test_a_silent_recording():
 
 def test_several_recordings():
     rasters = InputsFigure(samples=(0, 1)).gather(SmallStudy())
-    assert [raster.title for raster in rasters] == ["felt", "felt"]
+    assert [raster.title for raster in rasters] == ["felt", "linen"]
     with pytest.raises(ValueError, match="samples must name at least one recording, got none"):
         InputsFigure(samples=()).gather(SmallStudy())
