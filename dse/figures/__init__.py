@@ -25,6 +25,7 @@ from dse.hardware.profile import Profile
 from dse.preprocessing.stages import Stages
 from dse.records import Array, Dataset
 from dse.registry import param
+from dse.skyline.table import Goal
 
 if TYPE_CHECKING:
     import pandas
@@ -91,6 +92,11 @@ def trial_key() -> Any:
     return param(
         None, doc="number of the trial (default: the most accurate one that has what is drawn)", axis=False
     )
+
+
+def task_key() -> Any:
+    """Declare the key `task` of a figure (`of_task`)."""
+    return param("", doc="what is predicted (default: the first task)", axis=False)
 
 
 def hardware_key() -> Any:
@@ -172,6 +178,13 @@ def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
         if name in frame:
             frame = frame[frame[name].isna()]
     return frame.drop_duplicates(["trial", *(name for name in ("task", "hardware") if name in frame)])
+
+
+def gain_of(results: Results, points: pandas.DataFrame) -> tuple[str | None, list[Goal]]:
+    """Return the column that is maximised, and the other objectives, as far as points have them."""
+    goals = [Goal(name, way) for name, way in results.objectives if name in points]
+    gain = next((goal.column for goal in goals if goal.direction == "max"), None)
+    return gain, [goal for goal in goals if goal.column != gain]
 
 
 def trial_of(results: Results, trial: int | None) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ import numpy as np
 
 from dse import store
 from dse.figures import NothingRecorded, Results, chip_of, hardware_key, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, rows_layout, short
+from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, rows_layout, safe, short
 from dse.hardware.cost import cost
 from dse.records import Floats
 from dse.registry import param, register
@@ -101,7 +100,7 @@ class EnergyFigure:
         total = record.energy_uj if known else high - low
         ends = f"{short(low)}–{short(high)}"
         words = [*(short(uj) for _, uj, _ in rows), f"{short(record.energy_uj)} ({ends})" if known else ends]
-        names = [html.escape(name, quote=False) for name, _, _ in rows] + ["total"]
+        names = [safe(name) for name, _, _ in rows] + ["total"]
         bars = {
             "type": "bar",
             "orientation": "h",

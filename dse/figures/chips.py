@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, of_task
+from dse.figures import Results, gain_of, of_task, task_key
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, label, rows_layout
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, label, rows_layout, safe
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import fitting, honest
 from dse.skyline.pick import pick
-from dse.skyline.table import Goal
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -53,24 +51,20 @@ class ChipsFigure:
     cost: str = param(
         "", doc="column of a cost (default: energy, else the first that is minimised)", axis=False
     )
-    task: str = param("", doc="what is predicted (default: the first task)", axis=False)
+    task: str = task_key()
 
     def gather(self, results: Results) -> Chips:
-        goals = [Goal(name, way) for name, way in results.objectives]
         points, cost = of_task(results.points(), self.task), self.cost
         if "hardware" not in points:
             raise ValueError("points must be on hardware, got a study without it")
-        gain = next(
-            (goal.column for goal in goals if goal.direction == "max" and goal.column in points), None
-        )
-        less = [goal.column for goal in goals if goal.direction == "min" and goal.column in points]
+        gain, ties = gain_of(results, points)
+        less = [goal.column for goal in ties if goal.direction == "min"]
         cost = cost or ("energy_uj" if "energy_uj" in less else next(iter(less), ""))
         if gain is None or not cost:
             raise ValueError("objectives must maximise a column and minimise another")
         if cost not in points:
             raise ValueError(f"cost must be a column of the points, got '{cost}'")
         frame, held = points[honest(points)], fitting(points)[honest(points)]
-        ties = [goal for goal in goals if goal.column != gain and goal.column in frame]
         tables, without = {}, []
         for chip, rows in frame.groupby("hardware", sort=False):
             known = np.isfinite(numbers(rows, cost)) & np.isfinite(numbers(rows, gain))
@@ -113,7 +107,7 @@ class ChipsFigure:
                 x=cost,
                 y=places + shift,
                 mode="markers",
-                name=html.escape(name, quote=False),
+                name=safe(name),
                 marker={"symbol": symbol, "size": 9, "color": colour},
                 error_x=interval_bars(low, high),
                 hovertemplate="%{x:.4g}<extra></extra>",
@@ -122,8 +116,8 @@ class ChipsFigure:
             note = {"showarrow": False, "yanchor": "bottom", "yshift": 4, "font": {"size": 10}}
             x = float(np.log10(cost)) if is_log else float(cost)
             figure.add_annotation(x=x, y=place - 0.15, text=f"{value:.3f}", **note)
-        unknown = html.escape(", ".join(record.without), quote=False)
-        of = f"{html.escape(record.task, quote=False)}: " if record.task else ""
+        unknown = safe(", ".join(record.without))
+        of = f"{safe(record.task)}: " if record.task else ""
         title = of + axis_title(record.cost) + (f"<br>not known: {unknown}" if unknown else "")
         layout = rows_layout(title, record.hardware, _ROW_PX, _MARGIN_PX, 2)
         layout["xaxis"] |= {"type": "log" if is_log else "linear", "exponentformat": "none"}

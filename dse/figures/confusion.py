@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse.figures import Results, recorded, trial_key
+from dse.figures.labels import safe
 from dse.records import Array
 from dse.registry import register
 
@@ -54,7 +54,7 @@ class ConfusionFigure:
 
         # Places, not names, are the coordinates: two classes may bear the same name.
         places = list(range(len(record.classes)))
-        names = [html.escape(name, quote=False) for name in record.classes]
+        names = [safe(name) for name in record.classes]
         heat = go.Heatmap(
             x=places,
             y=places,

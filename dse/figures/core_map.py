@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ import numpy as np
 
 from dse import store
 from dse.figures import Results, chip_of, hardware_key, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures.labels import LEGEND, colour_of, safe
 from dse.hardware.placement import neurons_per_core
 from dse.hardware.plan import NotApplicable
 from dse.records import Array, Workload
@@ -92,7 +91,7 @@ class CoresFigure:
                 f"core {core}: {name}, {count} of {total} neurons ({count / total:.0%})"
                 for core, count in enumerate(neurons.tolist(), first)
             ]
-            cells = _cells((n_rows, n_columns), first, words, OKABE_ITO_LIGHT[k % len(OKABE_ITO_LIGHT)])
+            cells = _cells((n_rows, n_columns), first, words, colour_of(k))
             traces.append(cells | {"name": f"{name}: {len(words)}"})
             first += len(words)
         free = [f"core {core}: free" for core in range(first, n)]
@@ -111,7 +110,7 @@ class CoresFigure:
             "annotations": [
                 {
                     "name": "cores",
-                    "text": "<br>".join(html.escape(line, quote=False) for line in lines),
+                    "text": "<br>".join(safe(line) for line in lines),
                     **{"x": 0, "xref": "paper", "xanchor": "left", "align": "left"},
                     **{"y": 0, "yref": "y domain", "yanchor": "top", "yshift": -4},
                     "showarrow": False,
@@ -122,7 +121,7 @@ class CoresFigure:
             "yaxis": {**hidden, "range": [n_rows - 0.5, -0.5], "scaleanchor": "x", "constraintoward": "top"},
             "height": 200 + below,
             "margin": {"l": 8, "r": 8, "t": 32, "b": below},
-            "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
+            "legend": {**LEGEND, "font": {"size": 10}},
         }
         return go.Figure(traces, layout)
 

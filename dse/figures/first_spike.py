@@ -5,7 +5,6 @@ Source: threshold encoding for texture recognition, Fig. 3 (REFERENCES.md).
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from dse import store
 from dse.figures import NothingRecorded, Results, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT, interval_bars, rows_layout
+from dse.figures.labels import OKABE_ITO_LIGHT, interval_bars, rows_layout, safe
 from dse.measure.objectives.first_spike import by_class, first_spike_ms
 from dse.records import Floats, Ints
 from dse.registry import register
@@ -81,7 +80,7 @@ class FirstSpikeFigure:
         """Draw a bar per class, its median, with a line from its least to its largest time."""
         import plotly.graph_objects as go
 
-        names = [html.escape(name, quote=False) for name in record.classes]
+        names = [safe(name) for name in record.classes]
         hover = [
             f"{name}: median of {timed} of {n} samples"
             for name, timed, n in zip(names, record.n_timed.tolist(), record.n.tolist(), strict=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from dse import registry
 from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, short
+from dse.figures.labels import axis_title, colour_of, interval_bars, safe, short, shortened
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import admissible
@@ -159,7 +158,7 @@ class FrontFigure:
         logs = [spans_decades(record.values[:, k]) for k in range(len(record.columns))]
         figure = go.Figure()
         for index, name in enumerate(record.groups):
-            colour = OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)]
+            colour = colour_of(index)
             for best in (False, True):
                 rows = np.flatnonzero((record.group == index) & (record.on_front == best))
                 rows = rows[np.argsort(record.values[rows, 0], kind="stable")]
@@ -170,7 +169,7 @@ class FrontFigure:
                         axis: record.values[rows, k] for axis, k in zip("xyz", range(len(logs)), strict=False)
                     },
                     "showlegend": best or len(record.groups) == 1,
-                    "name": html.escape(f"{name} {'front' if best else 'dominated'}".strip(), quote=False),
+                    "name": safe(f"{name} {'front' if best else 'dominated'}".strip()),
                     "mode": "lines+markers" if best and flat else "markers",
                     "marker": {
                         "color": colour,
@@ -242,7 +241,4 @@ def _hover(frame: pandas.DataFrame, columns: Sequence[str]) -> tuple[str, ...]:
 
 
 def _safe(value: object) -> str:
-    text = short(value)
-    return html.escape(
-        text if len(text) <= HOVER_CHARACTERS else text[: HOVER_CHARACTERS - 1] + "…", quote=False
-    )
+    return safe(shortened(short(value), HOVER_CHARACTERS))

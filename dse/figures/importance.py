@@ -8,7 +8,6 @@ Source: Breiman, Machine Learning 45, 2001.
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -16,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse import registry
-from dse.figures import Results, full_read_outs, hardware_key, of_task, on_one_chip
+from dse.figures import Results, full_read_outs, hardware_key, of_task, on_one_chip, task_key
 from dse.figures.front import numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, label
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, label, safe
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import honest
@@ -64,7 +63,7 @@ class ImportanceFigure:
 
     objective: str = param("", doc="column of an objective (default: the first one)", axis=False)
     hardware: str = hardware_key()
-    task: str = param("", doc="what is predicted (default: the first task)", axis=False)
+    task: str = task_key()
 
     def gather(self, results: Results) -> Importance:
         goals = dict(results.objectives)
@@ -84,7 +83,7 @@ class ImportanceFigure:
         """Draw a bar per parameter with its standard error, the most important on top."""
         import plotly.graph_objects as go
 
-        names = [html.escape(label(name)[0], quote=False) for name in record.names]
+        names = [safe(label(name)[0]) for name in record.names]
         bars = go.Bar(
             x=record.importance,
             y=names,

@@ -32,6 +32,9 @@ _UNITS = {
 }
 _SYMBOLS = {"phi": "φ", "theta": "θ"}
 
+LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0}
+"""A legend in a line above the figure."""
+
 
 def label(column: str) -> tuple[str, str]:
     """Return the words and the unit of a column: `energy_uj` is ("energy", "µJ").
@@ -49,12 +52,27 @@ def label(column: str) -> tuple[str, str]:
 def axis_title(column: str) -> str:
     """Return a column's words with its unit in brackets, safe as plotly text."""
     words, unit = label(column)
-    return html.escape(f"{words} ({unit})" if unit else words, quote=False)
+    return safe(f"{words} ({unit})" if unit else words)
+
+
+def safe(text: str) -> str:
+    """Return a text as plotly shows it: no mark-up of its own."""
+    return html.escape(text, quote=False)
+
+
+def shortened(text: str, most: int) -> str:
+    """Return a text in at most so many characters."""
+    return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def colour_of(place: int) -> str:
+    """Return the colour of the first, second, ... curve; after the last the first again."""
+    return OKABE_ITO_LIGHT[place % len(OKABE_ITO_LIGHT)]
 
 
 def row_axis(names: Sequence[str]) -> dict[str, Any]:
     """Return a vertical axis with a name for each row 0, 1, ..., the first on top; names may be alike."""
-    words = [html.escape(name, quote=False) for name in names]
+    words = list(map(safe, names))
     places = list(range(len(words)))
     return {"tickvals": places, "ticktext": words, "autorange": "reversed", "showgrid": False}
 
@@ -74,7 +92,7 @@ def rows_layout(
     return {
         "xaxis": {"title": {"text": title}},
         "yaxis": row_axis(names),
-        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "traceorder": "normal"},
+        "legend": {**LEGEND, "traceorder": "normal"},
         "height": margin_px + row_px * max(least, len(names)),
     }
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse.figures import NothingRecorded, Results, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures.labels import LEGEND, colour_of
 from dse.records import Array
 from dse.registry import register
 
@@ -66,7 +66,7 @@ class LearningFigure:
         layout: dict[str, Any] = {
             "height": 280,
             "margin": {"l": 56, "r": 12, "t": 28, "b": 40},
-            "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
+            "legend": {**LEGEND, "font": {"size": 10}},
             "xaxis": {"title": {"text": "epoch"}, "anchor": f"y{n}" if n > 1 else "y"},
         }
         traces = []
@@ -87,7 +87,7 @@ class LearningFigure:
                         "y": values.astype(np.float32)[::every],
                         "yaxis": axis,
                         "mode": "lines",
-                        "line": {"color": OKABE_ITO_LIGHT[repeat % len(OKABE_ITO_LIGHT)], "width": 1.2},
+                        "line": {"color": colour_of(repeat), "width": 1.2},
                         "name": run,
                         "legendgroup": run,
                         "showlegend": panel == 0 and len(repeats) > 1,

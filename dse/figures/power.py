@@ -5,7 +5,6 @@ Source: Brayshaw et al., real-time texture classification, Fig. 5 (REFERENCES.md
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from dse.figures import NothingRecorded, Results, full_read_outs, trial_key, trial_of
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, rows_layout, watts
+from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, rows_layout, safe, watts
 from dse.records import Array
 from dse.registry import register
 
@@ -98,7 +97,7 @@ class PowerFigure:
         for place, (idle_w, beyond_w) in enumerate(zip(record.idle_w, record.beyond_w, strict=True)):
             text = f"{watts(float(idle_w))} + {watts(float(beyond_w))}"
             figure.add_annotation(beside(text, float(ends_w[place]), place))
-        unknown = html.escape(", ".join(record.without), quote=False)
+        unknown = safe(", ".join(record.without))
         title = "power (W)" + (f"<br>not known: {unknown}" if unknown else "")
         figure.update_layout(rows_layout(title, record.hardware, _BAR_PX, _MARGIN_PX, 3), barmode="stack")
         return figure.update_xaxes(range=[0, _ROOM * float(ends_w.max())])

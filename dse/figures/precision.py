@@ -18,7 +18,7 @@ from dse.figures import (
     trial_of,
 )
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title
+from dse.figures.labels import axis_title, colour_of
 from dse.records import Array
 from dse.registry import param, register
 
@@ -100,7 +100,7 @@ class PrecisionFigure:
                     name=name,
                     legendgroup=name,
                     showlegend=panel == 1,
-                    line={"color": OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)], "width": 1.5},
+                    line={"color": colour_of(index), "width": 1.5},
                     customdata=record.weight_bits[known],
                     hovertemplate=f"{name}, %{{customdata}} bits: %{{y:.3f}} at %{{x:.4g}}<extra></extra>",
                     row=1,

@@ -6,20 +6,18 @@ two: no point is chosen anew within it, because noise would always find a cheape
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, hardware_key, of_task, on_one_chip
+from dse.figures import Results, gain_of, hardware_key, of_task, on_one_chip, task_key
 from dse.figures.front import numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, label, short
+from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, label, safe, short
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import register
 from dse.skyline.admissible import admissible
 from dse.skyline.pick import economy, pick
-from dse.skyline.table import Goal
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -59,14 +57,11 @@ class PriceFigure:
     """What 0.01 of accuracy costs at the pick, in each cost, with its 90 % interval."""
 
     hardware: str = hardware_key()
-    task: str = param("", doc="what is predicted (default: the first task)", axis=False)
+    task: str = task_key()
 
     def gather(self, results: Results) -> Prices:
         points = of_task(on_one_chip(results.points(), self.hardware), self.task)
-        goals = [Goal(name, way) for name, way in results.objectives]
-        gain = next(
-            (goal.column for goal in goals if goal.direction == "max" and goal.column in points), None
-        )
+        gain, ties = gain_of(results, points)
         if gain is None:
             raise ValueError("an objective must be maximised, such as accuracy:max")
         frame = points[admissible(points)]
@@ -76,7 +71,6 @@ class PriceFigure:
         known = values[np.isfinite(values)]
         if not len(known) or known.min() < 0 or known.max() > 1:
             raise ValueError(f"{gain} must be a fraction, in [0, 1], of some points")
-        ties = [goal for goal in goals if goal.column != gain and goal.column in frame]
         picked = pick(frame, [], gain, ties).row
         assert picked is not None  # no budget excludes anything
         costs = [goal.column for goal in [*ties, *economy(frame)] if goal.direction == "min"]
@@ -107,7 +101,7 @@ class PriceFigure:
         share = np.where(known, 100 * record.price / record.at, low)
         top = 1.2 * float(np.max(np.where(known, high, low)))
         beyond = np.where(known, high, top)
-        names = [html.escape(label(column)[0], quote=False) for column in record.columns]
+        names = [safe(label(column)[0]) for column in record.columns]
         words = []
         for column, is_known, *numbers_of in zip(
             record.columns, known, record.price, record.low, record.high, strict=True
@@ -136,10 +130,7 @@ class PriceFigure:
         )
         for name, text in zip(names, words, strict=True):
             figure.add_annotation(beside(text, 0, name, xshift=0, yshift=12))
-        of = html.escape(
-            f"{record.task + ': ' if record.task else ''}price of 0.01 of {label(record.gain)[0]}",
-            quote=False,
-        )
+        of = safe(f"{record.task + ': ' if record.task else ''}price of 0.01 of {label(record.gain)[0]}")
         figure.update_layout(
             xaxis={
                 "title": {"text": f"{of},<br>% of what trial {record.trial} costs"},

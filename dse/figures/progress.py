@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ import numpy as np
 
 from dse.figures import Results
 from dse.figures.front import numbers
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures.labels import colour_of, safe, shortened
 from dse.records import Array
 from dse.registry import register
 from dse.skyline.admissible import fitting, honest
@@ -83,7 +82,7 @@ class ProgressFigure:
         for curve in record.curves:
             task, chip = tasks.index(curve.task), chips.index(curve.hardware)
             several = len(tasks) > 1
-            colour = OKABE_ITO_LIGHT[(task if several else chip) % len(OKABE_ITO_LIGHT)]
+            colour = colour_of(task if several else chip)
             name = _name(curve.task if several else "", curve.hardware if len(chips) > 1 else "")
             for panel, (axis, words) in enumerate(axes, 1):
                 figure.add_trace(
@@ -240,7 +239,4 @@ def _growth(costs: Array, place: Array, n_steps: int) -> tuple[Array, Array]:
 
 
 def _name(task: str, hardware: str) -> str:
-    text = " · ".join(part for part in (task, hardware) if part)
-    return html.escape(
-        text if len(text) <= _NAME_CHARACTERS else f"{text[: _NAME_CHARACTERS - 1]}…", quote=False
-    )
+    return safe(shortened(" · ".join(part for part in (task, hardware) if part), _NAME_CHARACTERS))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from dse import store
 from dse.figures import Results, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures.labels import LEGEND, OKABE_ITO_LIGHT, safe, shortened
 from dse.measure.decision import decide
 from dse.records import Array
 from dse.registry import param, register
@@ -86,9 +85,7 @@ class RecordingFigure:
         """
         import plotly.graph_objects as go
 
-        names = [
-            name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…" for name in record.classes
-        ]
+        names = [shortened(name, _LONGEST_NAME) for name in record.classes]
         every = -(-len(names) // _MOST_NAMES)  # names of many classes would cover each other
         n_layers, peaks = record.layers.shape[1], record.layers.max(axis=0)
         layers = ["input", *(f"layer {layer}" for layer in range(1, n_layers - 1)), "output"][-n_layers:]
@@ -110,7 +107,7 @@ class RecordingFigure:
         layout = {
             "height": 320,
             "margin": {"l": 64, "r": 16, "t": 28, "b": 40},
-            "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0, "font": {"size": 10}},
+            "legend": {**LEGEND, "font": {"size": 10}},
             "shapes": [{"type": "line", **shape} for shape in shapes],
             "annotations": notes,
             "xaxis": {
@@ -122,7 +119,7 @@ class RecordingFigure:
                 "domain": [0.56, 1.0],
                 "range": [len(names) - 0.4, -0.6],
                 "tickvals": list(range(0, len(names), every)),
-                "ticktext": [html.escape(name, quote=False) for name in names[::every]],
+                "ticktext": [safe(name) for name in names[::every]],
                 "showgrid": False,
             },
             "yaxis2": {
@@ -191,7 +188,7 @@ def gather_recording(
 
 def _rasters(recording: Recording) -> list[dict[str, Any]]:
     """Return the output spikes, those of the true class in a colour of their own."""
-    names = [html.escape(name, quote=False) for name in recording.classes]
+    names = [safe(name) for name in recording.classes]
     steps, spiking = recording.spikes.T
     if recording.true is None:
         kinds = [("output spike", np.ones(len(spiking), bool), QUIET)]
@@ -215,7 +212,7 @@ def _rasters(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _confidence(recording: Recording) -> dict[str, Any]:
-    names = [html.escape(name, quote=False) for name in recording.classes]
+    names = [safe(name) for name in recording.classes]
     return {
         "type": "scatter",
         "x0": recording.step_ms,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse.figures import NothingRecorded, Results, mean_of
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, short
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, colour_of, safe, short
 from dse.measure import decision
 from dse.records import Array
 from dse.registry import param, register
@@ -73,8 +72,8 @@ class RecognitionFigure:
 
         figure = go.Figure()
         for i, one in enumerate(record):
-            name = html.escape(one.name, quote=False)
-            colour = OKABE_ITO_LIGHT[i % len(OKABE_ITO_LIGHT)]
+            name = safe(one.name)
+            colour = colour_of(i)
             figure.add_scatter(
                 x=one.time_ms,
                 y=one.accuracy,

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures.labels import OKABE_ITO_LIGHT, safe
 from dse.records import Array, Block
 
 if TYPE_CHECKING:
@@ -244,7 +243,7 @@ def draw_course(view: TrialView) -> plotly.graph_objects.Figure:
         figure.update_yaxes(rangemode="tozero", row=row, col=1)
     figure.update_xaxes(range=[0, float(view.t_s[-1])])
     figure.update_xaxes(title_text="time (s)", row=4, col=1)
-    figure.update_layout(showlegend=False, title={"text": html.escape(view.name, quote=False)})
+    figure.update_layout(showlegend=False, title={"text": safe(view.name)})
     return figure
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from dse.figures import Results, of_task
 from dse.figures.front import numbers
-from dse.figures.labels import axis_title, short
+from dse.figures.labels import axis_title, safe, short
 from dse.records import Array
 from dse.registry import param, register
 
@@ -174,7 +173,7 @@ def _exact(value: float) -> str:
 
 
 def _safe(text: str) -> str:
-    return html.escape(_clipped(text, _LABEL_CHARACTERS), quote=False)
+    return safe(_clipped(text, _LABEL_CHARACTERS))
 
 
 def _clipped(text: str, n: int) -> str:

@@ -6,7 +6,6 @@ al., IEEE Trans. Biomed. Circuits Syst. 11, 2017 (REFERENCES.md).
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ import numpy as np
 
 from dse.encoders.receptors import FA_FALLING, FA_RISING, KINDS
 from dse.figures import Results, trial_key, trial_of
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures.labels import OKABE_ITO_LIGHT, safe
 from dse.records import Array, Dataset, Floats, Ints
 from dse.registry import param, register
 from dse_papers.figures.panels import chosen_classes
@@ -313,9 +312,7 @@ def _panels(
     """Return a panel per group with a trace per class, high enough for the names of all classes."""
     from plotly.subplots import make_subplots
 
-    names = [
-        [html.escape(x, quote=False) for x in several] for several in (intervals.groups, intervals.classes)
-    ]
+    names = [[safe(x) for x in several] for several in (intervals.groups, intervals.classes)]
     figure = make_subplots(rows=1, cols=len(names[0]), subplot_titles=names[0], **axes)
     for g in range(len(names[0])):
         for c, name in enumerate(names[1]):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dse.figures.labels import safe
 from dse.records import Dataset, Ints
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def class_panels(
     figure = make_subplots(
         rows=n_rows,
         cols=n_columns,
-        subplot_titles=[html.escape(name, quote=False) for name in names],
+        subplot_titles=[safe(name) for name in names],
         shared_xaxes=True,
         shared_yaxes=True,
         x_title=x_title,

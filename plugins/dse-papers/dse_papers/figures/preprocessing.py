@@ -5,7 +5,6 @@ Source: Brayshaw et al., texture and velocity, Figs. 4 and 6 (REFERENCES.md).
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse.figures import Results, trial_key, trial_of
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures.labels import OKABE_ITO_LIGHT, safe
 from dse.preprocessing.stages import Stages
 from dse.records import Floats, Ints
 from dse.registry import param, register
@@ -160,7 +159,7 @@ def draw_rasters(rasters: Sequence[Raster]) -> plotly.graph_objects.Figure:
 
     n_columns = min(2, len(rasters))
     n_rows = -(-len(rasters) // n_columns)
-    titles = [html.escape(raster.title, quote=False) for raster in rasters]
+    titles = [safe(raster.title) for raster in rasters]
     figure = make_subplots(
         rows=n_rows,
         cols=n_columns,

@@ -7,7 +7,6 @@ al., temporal and spatio-temporal domains, Fig. 5a (REFERENCES.md).
 from __future__ import annotations
 
 import fnmatch
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ import numpy as np
 
 from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, short
+from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, colour_of, interval_bars, safe, short
 from dse.records import Array, Floats
 from dse.registry import param, register
 
@@ -103,14 +102,14 @@ class SweepFigure:
         figure = make_subplots(rows=n, cols=1, shared_xaxes=True, vertical_spacing=0.08 / n)
         for row, column in enumerate(record.columns, 1):
             for index, line in enumerate(record.lines):
-                colour = OKABE_ITO_LIGHT[index % len(OKABE_ITO_LIGHT)]
+                colour = colour_of(index)
                 style = index // len(OKABE_ITO_LIGHT) % len(_DASHES)
                 figure.add_scatter(
                     x=line.x,
                     y=line.values[column],
                     error_y=interval_bars(line.low[column], line.high[column], width=3),
                     mode="lines+markers",
-                    name=html.escape(line.name, quote=False),
+                    name=safe(line.name),
                     legendgroup=str(index),
                     showlegend=row == 1 and len(record.lines) > 1,
                     line={"color": colour, "width": 1.5, "dash": _DASHES[style]},
