@@ -239,24 +239,22 @@ def _range(
     low, high = (end[0] if isinstance(end, tuple) else end for end in ends)
     step, log = raw.get("step"), raw.get("log", False)
     is_int = kind is int or (anything and all(type(number) is int for number in (low, high, step or 0)))
-    good = True
-
-    def refuse(key: str, text: str) -> None:
-        nonlocal good
-        good = False
-        report((*path, key), text)
-
+    faults: list[tuple[str, str]] = []
     if low >= high:
-        refuse("range", f"{name}.range must be in increasing order, got [{echo(low)}, {echo(high)}]")
+        faults.append(("range", f".range must be in increasing order, got [{echo(low)}, {echo(high)}]"))
     if not isinstance(log, bool):
-        refuse("log", f"{name}.log must be true or false, got {echo(log)}")
+        faults.append(("log", f".log must be true or false, got {echo(log)}"))
     elif log and low <= 0:
-        refuse("range", f"{name}.range must start above 0 for log: true, got {echo(low)}")
+        faults.append(("range", f".range must start above 0 for log: true, got {echo(low)}"))
     elif log and step is not None:
-        refuse("step", f"{name} has log: true and cannot also have a step")
+        faults.append(("step", " has log: true and cannot also have a step"))
     if step is not None and (not _is_number(step) or step <= 0 or (is_int and type(step) is not int)):
-        refuse("step", f"{name}.step must be {'an integer' if is_int else 'a number'} > 0, got {echo(step)}")
-    if not good:
+        faults.append(
+            ("step", f".step must be {'an integer' if is_int else 'a number'} > 0, got {echo(step)}")
+        )
+    for key, text in faults:
+        report((*path, key), f"{name}{text}")
+    if faults:
         return INVALID
     assert isinstance(log, bool) and (step is None or _is_number(step))
     step = 1 if is_int and step is None and not log else step
@@ -265,7 +263,7 @@ def _range(
     if not is_int:
         step = float(step)
     if (high - low) / step >= _MOST_VALUES:
-        refuse("range", f"{name}.range has more than {_MOST_VALUES} values; use a larger step")
+        report(where, f"{name}.range has more than {_MOST_VALUES} values; use a larger step")
         return INVALID
     return Axis(name, stepped(low, high, step), low, high, step, False, is_int, listed)
 

@@ -35,7 +35,6 @@ from dse.config.values import (
     read,
     read_fields,
     read_object,
-    read_written,
 )
 from dse.config.yaml_lines import Path, Raw
 from dse.registry import Rule, elsewhere, rule_of
@@ -302,7 +301,7 @@ def test_file(data: Part, raw: Raw, report: Report) -> Part:
             text = f"test.kind must equal data.kind, {data.kind}, got {echo(raw['kind'])}"
             report(("test", "kind"), text)
         raw = {key: value for key, value in raw.items() if key != "kind"}
-    values, good = read_written(data.cls, raw, ("test",), report, read_fixed)
+    values, good = read_fields(data.cls, raw, ("test",), report, read_fixed, has_defaults=False)
     return Part(data.cls, "", values, {}, good)
 
 

@@ -294,53 +294,26 @@ def read_fields(
     read_one: ReadOne = read,
     *,
     also: Collection[str] = (),
+    has_defaults: bool = True,
 ) -> tuple[Values, bool]:
     """Return the keys of a dataclass with their values, and whether all of it is right.
 
-    Keys with a mistake are left out; absent ones have their default. `construct` makes the dataclass of them
-    (`read_object` does both). Arguments as in `read_object`.
+    Keys with a mistake are left out; absent ones have their default, unless only what is written is asked for
+    (`has_defaults`). `construct` makes the dataclass of them (`read_object` does both). Other arguments as in
+    `read_object`.
     """
-    result, good = read_written(cls, value, path, report, read_one, also=also)
-    written = value if isinstance(value, dict) else {}
-    keys = keys_of(cls, written if good else None)
-    for name, key in keys.items():
-        if name in written:
-            continue
-        if key.default is not None:
-            default = key.default()
-            result |= {} if default is INVALID else {name: default}
-        else:
-            doc = key.rule.doc
-            if value is None or isinstance(value, dict):
-                report(path, f"{dotted((*path, name))} is required" + (f": {doc}" if doc else ""))
-            good = False
-    return {name: result[name] for name in keys if name in result}, good
-
-
-def read_written(
-    cls: type,
-    value: Raw,
-    path: Path,
-    report: Report,
-    read_one: ReadOne = read,
-    *,
-    also: Collection[str] = (),
-) -> tuple[Values, bool]:
-    """Return those keys of a dataclass that are written, and whether all are right (see `read_fields`)."""
-    if value is None:
-        value = {}
-    if not isinstance(value, dict):
-        name = dotted(path) or "the file"
-        report(path, f"{name} must be a mapping of keys to values, got {echo(value)}")
+    if not isinstance(value, dict | None):
+        report(path, f"{dotted(path) or 'the file'} must be a mapping of keys to values, got {echo(value)}")
         return {}, False
+    written = value or {}
     try:
-        keys = keys_of(cls, value)
+        keys = keys_of(cls, written)
     except ValueError as error:
         report(*blamed(str(error), _fields(cls), path))
         return {}, False
     result: Values = {}
     good = True
-    for name, raw in value.items():
+    for name, raw in written.items():
         if name in keys:
             key = keys[name]
             one = read_one(raw, key.hint, key.rule, (*path, name), report)
@@ -355,7 +328,19 @@ def read_written(
             good = False
             hint = gone or known_names(name, [*keys, *also])
             report((*path, name), f"unknown key '{dotted((*path, name))}'; {hint}")
-    return result, good
+    if not has_defaults:
+        return result, good
+    keys = keys if good else keys_of(cls)
+    for name, key in keys.items():
+        if name in written:
+            continue
+        if key.default is None:
+            good = False
+            doc = f": {key.rule.doc}" if key.rule.doc else ""
+            report(path, f"{dotted((*path, name))} is required{doc}")
+        elif (default := key.default()) is not INVALID:
+            result[name] = default
+    return {name: result[name] for name in keys if name in result}, good
 
 
 def plain(value: Raw) -> Any:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dse.config.faults import ConfigError, Fault, known_names
-from dse.config.values import Report, dotted, echo, read_written
+from dse.config.values import Report, dotted, echo, read_fields
 from dse.config.yaml_lines import Document, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.dashboard.sources import sources
@@ -123,7 +123,7 @@ def _path(name: str) -> Path:
 def _values(document: Document, file: Path) -> dict[str, Any]:
     """Return the valid keys of the file, each in its type."""
     report = document.report
-    values = read_written(Definition, document.data, (), report)[0]
+    values, _ = read_fields(Definition, document.data, (), report, has_defaults=False)
     for place, plugin in enumerate(values.get("plugins", ())):
         try:
             load_plugin(plugin, file.parent, named_by=file)

@@ -19,7 +19,7 @@ from dse.config.axes import Axis
 from dse.config.faults import known_names
 from dse.config.locate import find_file, shipped_folder, yaml_files
 from dse.config.parts import read_fixed, read_or_axis
-from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_object, read_written
+from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_object
 from dse.config.yaml_lines import Document, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.registry import param
@@ -206,7 +206,7 @@ def _varied(keys: Mapping[str, Any], where: Keys, report: Report) -> list[Textur
             called = f" '{name}'" if name is not None else ""
             text = f"{dotted(where)}{called} is not a shipped texture and must have {', '.join(missing)}"
             report(where, f"{text}; {known_names(str(name or ''), known)}")
-            read_written(Texture, written, where, report, read_or_axis)
+            read_fields(Texture, written, where, report, read_or_axis, has_defaults=False)
             return []
     values = {"name": name, **(known[name].values() if name in known else {}), **written}
     fields, good = read_fields(Texture, values, where, report, read_or_axis)
