@@ -23,7 +23,7 @@ from typing import (
 import numpy as np
 
 from dse import registry
-from dse.config.parts import Part, Told, Written
+from dse.config.parts import KeyFault, Part, Written
 from dse.config.settings import Training, missing_package
 from dse.records import (
     Answers,
@@ -289,7 +289,7 @@ class SamplerSettings(Protocol):
     """The package that the sampler imports, which the extra of the same name installs; '' for none."""
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield what a search space lacks for the sampler: packages, a number of designs, other axes.
 
         Args:
@@ -300,11 +300,11 @@ class SamplerSettings(Protocol):
         if (axis := next((x for x in space.axes.values() if x.condition), None)) and not cls.conditional:
             able = ", ".join(x for x, other in registry.known("search.samplers").items() if other.conditional)  # type: ignore[attr-defined]
             text = f"cannot search {axis.name}, an axis that only some designs have; these can: {able}"
-            yield part.told("sampler", f"'{name}' {text}")
+            yield part.fault("sampler", f"'{name}' {text}")
         if space.is_run and cls.requires and (lack := missing_package(cls.requires, cls.requires)):
-            yield part.told("sampler", f"'{name}' {lack}")
+            yield part.fault("sampler", f"'{name}' {lack}")
         if part.range("n_trials") == (None,):
-            yield part.told("n_trials", f"is required for sampler '{name}'")
+            yield part.fault("n_trials", f"is required for sampler '{name}'")
 
     def start(self, space: Any, directions: Sequence[str]) -> Any:
         """Return the sampler (`dse.search.proposals.Sampler`) at the start of a search.

@@ -45,8 +45,8 @@ FAMILIES = ("encoder", "model")
 """Sections whose component may be an axis."""
 WITH_AXES = ("window", "preprocessing", "encoder", "model", "training", "task")
 
-Told = tuple[Path, str]
-"""Where a mistake is, and the sentence about it."""
+KeyFault = tuple[Path, str]
+"""Where a key is that has a fault, and the sentence about it."""
 
 # Cross-field rules are tried on at most this many combinations of a section's own axes.
 _MOST_COMBINATIONS = 1000
@@ -82,12 +82,12 @@ class Part:
             return axis.extremes()
         return (self.values[key],) if key in self.values else ()
 
-    def told(self, key: str, text: str) -> Told:
+    def fault(self, key: str, text: str) -> KeyFault:
         """Return what is wrong with a key, given the sentence after its name."""
         path = (*self.path, key)
         return path, f"{dotted(path)} {text}"
 
-    def blamed(self, message: str) -> Told:
+    def blamed(self, message: str) -> KeyFault:
         """Return what an error of the section's class is about: the key that its sentence begins with."""
         return blamed(message, {*self.values, *(axis.place[1] for axis in self.axes.values())}, self.path)
 
@@ -182,7 +182,7 @@ class Written:
         """The hardware whose profile is found and whose kind is known."""
         return list(chips(self.hardware, self.base))
 
-    def faults(self) -> Iterator[Told]:
+    def faults(self) -> Iterator[KeyFault]:
         """Yield what the rules of all components say about other sections."""
         for part in (one for name in self.parts for one in self.each(name)):
             for cls in part.classes():

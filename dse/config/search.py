@@ -11,7 +11,7 @@ from dse import registry
 from dse.config.axes import Axis, n_combinations
 from dse.config.bounds import MOST_TRIALS
 from dse.config.contracts import SamplerSettings, has_rungs
-from dse.config.parts import Part, Told, Written
+from dse.config.parts import KeyFault, Part, Written
 from dse.config.settings import KFold
 from dse.config.values import plain
 from dse.config.yaml_lines import Raw
@@ -112,7 +112,7 @@ class Search:
         return {key: value for key, value in plain(self).items() if value not in (None, ())}
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield what folds, epochs and models lack for the search."""
         if not part.good:
             return
@@ -120,7 +120,7 @@ class Search:
         for key, n in (("repeats", search.repeats), ("repeats_on_front", search.repeats_on_front)):
             if n_folds and n % n_folds and (key == "repeats" or n > search.repeats):
                 text = f"must be a multiple of split.k_fold.k = {n_folds}, one run per fold, got {n}"
-                yield part.told(key, text)
+                yield part.fault(key, text)
         if search.racing is None:
             return
         epochs = min(space.range("training", "epochs"), default=math.inf)
@@ -131,7 +131,7 @@ class Search:
         for model in space.each("model"):
             if not has_rungs(model.cls):
                 text = f"needs models whose training can pause at a rung, which {model.kind} cannot"
-                yield part.told("racing", text)
+                yield part.fault("racing", text)
 
 
 def folds(parts: Mapping[str, Part]) -> int:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from dse import registry
 from dse.config.bounds import MOST_EPOCHS, MOST_SAMPLES
 from dse.config.faults import known_names
-from dse.config.parts import Part, Told, Written, named, target_columns
+from dse.config.parts import KeyFault, Part, Written, named, target_columns
 from dse.config.values import refuse
 from dse.config.yaml_lines import Raw
 from dse.registry import param
@@ -257,7 +257,7 @@ class Evaluation:
                 raise ValueError(f"evaluation.{key} must hold each entry once, got {twice[0]!r} twice")
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield what the windows, the columns and the split lack for shifts and groups."""
         if not part.good:
             return
@@ -265,10 +265,10 @@ class Evaluation:
         if evaluation.shifts is not None:
             if None in space.range("window", "n_steps"):
                 text = "needs window.n_steps: a window of a whole recording has no room to move"
-                yield part.told("shifts", text)
+                yield part.fault("shifts", text)
             if any(space.range("preprocessing", "rate_floor_hz")):
                 text = "needs preprocessing.rate_floor_hz 0: the floor reads steps around a window"
-                yield part.told("shifts", text)
+                yield part.fault("shifts", text)
         predicted = [x for target in space.range("task", "target") for x in target_columns(target)]
         known = [name for data in space.each("data") if data.good for name in data.fixed.columns]
         if known and any(space.range("window", "cut_steps")):
@@ -276,13 +276,13 @@ class Evaluation:
         for name in (groups.column for groups in evaluation.groups):
             if known and name not in known:
                 text = f"must be among data.columns, got '{name}'; {known_names(name, known)}"
-                yield part.told("leave_out", text)
+                yield part.fault("leave_out", text)
             elif name in predicted:
-                yield part.told(
+                yield part.fault(
                     "leave_out", f"must not be the target, got '{name}', which task.target predicts"
                 )
         if evaluation.groups and any(space.range("split", "k_fold")):
-            yield part.told("leave_out", "needs a split without k_fold, whose folds the repeats are")
+            yield part.fault("leave_out", "needs a split without k_fold, whose folds the repeats are")
 
     @property
     def groups(self) -> tuple[Groups, ...]:
@@ -373,14 +373,14 @@ class Preprocessing:
             )
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield the models that cannot take every event as a spike."""
         if "encoder" in space.parts or True not in part.range("every_event"):
             return
         for model in space.each("model"):
             if not getattr(model.cls, "takes_events", False):
                 text = "without an encoder, which takes one spike per channel and bin, got true"
-                yield part.told("every_event", f"must be false for model {model.kind} {text}")
+                yield part.fault("every_event", f"must be false for model {model.kind} {text}")
 
     @property
     def step_ms(self) -> float:
@@ -546,19 +546,19 @@ class Training:
             )
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield crops without jitter, and what is wrong with teachers."""
         if max(part.range("crops"), default=1) > 1 and not max(
             space.range("window", "jitter_steps"), default=1
         ):
-            yield part.told("crops", "needs window.jitter_steps > 0, got 0")
-        told: list[Told] = []
+            yield part.fault("crops", "needs window.jitter_steps > 0, got 0")
+        of_teachers: list[KeyFault] = []
         is_axis = bool(part.axes.get("training.teacher"))
         for index, teacher in enumerate(part.range("teacher")):
             path = ("training", "teacher", *(("choice", index) if is_axis else ()))
             if teacher is not None:
-                named(path, teacher, teachers(), lambda where, text: told.append((where, text)))
-        yield from told
+                named(path, teacher, teachers(), lambda where, text: of_teachers.append((where, text)))
+        yield from of_teachers
 
     def teaching(self) -> Any:
         """Return the family that the training learns from, a `Teacher`; None: from labels alone.
@@ -630,14 +630,14 @@ class Decision:
     )
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield ranges that are no grid, and outputs beside numbers."""
         for axis in part.axes.values():
             if axis.values is None:
                 text = "is evaluated on a grid, so its range needs a step"
                 yield ("decision", axis.place[1], "range"), f"{axis.name} {text}"
             elif any(isinstance(value, Mapping) for value in axis.values):
-                yield part.told(axis.place[1], "must be integers, or up_to and step alone")
+                yield part.fault(axis.place[1], "must be integers, or up_to and step alone")
 
 
 @dataclass(frozen=True)
@@ -748,14 +748,14 @@ class ExecutionSettings:
             raise ValueError("scheduler_file must be absent where execution.address says the same")
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield devices that are not there or that no model trains on."""
         for device in part.range("device"):
             if space.is_run and (lack := missing(device)):
-                yield part.told("device", f"{device} {lack}")
+                yield part.fault("device", f"{device} {lack}")
             for model in space.each("model") if device != "cpu" else ():
                 if getattr(model.cls, "cpu_only", False):
-                    yield part.told("device", f"must be cpu for model {model.kind}, got {device}")
+                    yield part.fault("device", f"must be cpu for model {model.kind}, got {device}")
 
 
 def missing(device: str) -> str | None:

@@ -20,7 +20,7 @@ from dse import registry, seeds
 from dse.config.chips import Chip
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.locate import hardware_names, names_a_file, shipped_profiles
-from dse.config.parts import Told, Written
+from dse.config.parts import KeyFault, Written
 from dse.config.settings import Schedule
 from dse.config.space import SearchSpace
 from dse.config.values import Report, echo, read_fields, read_object
@@ -130,7 +130,7 @@ class Profile(ABC):
     delays_synapses: ClassVar[bool] = True
 
     @classmethod
-    def faults(cls, chip: Chip, space: Written) -> Iterator[Told]:
+    def faults(cls, chip: Chip, space: Written) -> Iterator[KeyFault]:
         """Yield why a chip of this kind runs no design of a search space: neurons, or delays of synapses."""
         models, known = space.each("model"), registry.known("neurons")
         if not (models and space.parts["model"].good):

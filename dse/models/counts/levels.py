@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from dse.config.parts import Part, Told, Written
+from dse.config.parts import KeyFault, Part, Written
 from dse.models.counts.rate_windows import RateClassifier, window_edges
 from dse.native.compiled import compiled
 from dse.records import Answers, Array, Dataset, Ints, Parameters
@@ -69,11 +69,11 @@ class LevelReader(RateClassifier):
             raise ValueError("model.reads levels needs model.channels each, got sum")
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield events with times of their own, which have no levels."""
         has_times = "encoder" not in space.parts and True in space.range("preprocessing", "every_event")
         if has_times and "levels" in part.range("reads"):
-            yield part.told("reads", "must be counts where preprocessing.every_event is true, got levels")
+            yield part.fault("reads", "must be counts where preprocessing.every_event is true, got levels")
 
     def wiring(self, dataset: Dataset) -> Mapping[str, Array]:
         """Return what `wiring` does, and by how many bits levels are shifted; nothing for counts.

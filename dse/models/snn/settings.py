@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dse.config.parts import Part, Told, Written
+from dse.config.parts import KeyFault, Part, Written
 from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
@@ -333,7 +333,7 @@ class Stack:
             dc_gain(self.neuron.population(one, np.random.default_rng(0)), 1)
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield delays beyond the window, what a device cannot train, and steps that neurons cannot have."""
         if not part.good:
             return
@@ -343,22 +343,22 @@ class Stack:
         of_inputs = [x for value in part.range("input_delays") for x in np.atleast_1d(value).tolist()]
         if known and len(known) == len(lengths) and max(of_inputs, default=0) >= max(known):
             text = f"must be below the steps of the window, {max(known)}: later spikes are lost"
-            yield part.told("input_delays", f"{text}, got {max(of_inputs)}")
+            yield part.fault("input_delays", f"{text}, got {max(of_inputs)}")
         steps = [n * min(part.range("steps_per_sample"), default=1) for n in known]
         for key in ("max_delay", "max_axonal_delay"):
             longest = max(part.range(key), default=0)
             if longest and steps and longest >= min(steps):
                 text = f"must be below the network steps of the window, {min(steps)}: later spikes are lost"
-                yield part.told(key, f"{text}, got {longest}")
+                yield part.fault(key, f"{text}, got {longest}")
             if longest and device != "cpu":
-                yield part.told(key, f"must be 0 on execution.device {device}, got {longest}")
+                yield part.fault(key, f"must be 0 on execution.device {device}, got {longest}")
         learnt = [x for x in part.range("learnt_decays") if x != "no"]
         if learnt and device != "cpu":
-            yield part.told("learnt_decays", f"must be no on execution.device {device}, got {learnt[0]}")
+            yield part.fault("learnt_decays", f"must be no on execution.device {device}, got {learnt[0]}")
         alone = min(space.range("training", "output_epochs"), default=0)
         if not alone and any(-1 in x[-1:] for x in part.range("threshold_exponents")):
             text = "must be 0 or more for outputs that do not learn alone first (training.output_epochs 0)"
-            yield part.told("threshold_exponents", f"{text}, got -1")
+            yield part.fault("threshold_exponents", f"{text}, got -1")
         messages: dict[str, None] = {}
         recordings = space.parts.get("preprocessing", space.parts.get("data"))
         periods = (

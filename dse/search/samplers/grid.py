@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from dse.config.contracts import SamplerSettings
-from dse.config.parts import Part, Told, Written
+from dse.config.parts import KeyFault, Part, Written
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
 from dse.registry import register
@@ -20,7 +20,7 @@ class Grid(SamplerSettings):
     """Every combination of the axes' values, in order; ranges need a step."""
 
     @classmethod
-    def faults(cls, part: Part, space: Written) -> Iterator[Told]:
+    def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
         """Yield the ranges without steps."""
         for axis in space.axes.values():
             if axis.values is None:
