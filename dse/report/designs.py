@@ -187,7 +187,8 @@ def best(rows: pandas.DataFrame) -> pandas.Series[Any] | None:
     if known.empty:
         return None
     top = known.iloc[int(known["accuracy"].to_numpy().argmax())]
-    error = np.hypot(known["accuracy_se"].astype(float).fillna(0.0), _se(top))
+    errors = known["accuracy_se"].astype(float).fillna(0.0)
+    error = np.hypot(errors, top["accuracy_se"] if np.isfinite(top["accuracy_se"]) else 0.0)
     near = known[known["accuracy"] >= top["accuracy"] - error]
     order = near.sort_values(
         ["repeats", "accuracy", "n_weights", "trial"], ascending=[False, False, True, True]
@@ -209,14 +210,9 @@ def best_of(several: Sequence[tuple[StudyTask, pandas.DataFrame]]) -> Chosen | N
     return None if row is None else (several[int(row["place"])][0], row.drop("place"))
 
 
-def _se(row: pandas.Series[Any]) -> float:
-    error = float(row["accuracy_se"])
-    return error if np.isfinite(error) else 0.0
-
-
 def described(row: pandas.Series[Any]) -> str:
     """Return a design as its axes: `receptors, hidden 80, true_rate 0.4`."""
-    axes = [name for name in map(str, row.index) if "." in name and _is_there(row[name])]
+    axes = [name for name in map(str, row.dropna().index) if "." in name]
     axes = [name for name in axes if name not in ("model.kind", "task.target")]
     short = [name.rsplit(".", 1)[-1] for name in axes]
     cells = []
@@ -224,12 +220,6 @@ def described(row: pandas.Series[Any]) -> str:
         label = name if short.count(key) > 1 else key
         cells.append(_plain(row[name]) if key == "kind" else f"{label} {_plain(row[name])}")
     return ", ".join(cells)
-
-
-def _is_there(value: Any) -> bool:
-    import pandas
-
-    return bool(pandas.notna(value))
 
 
 def _plain(value: object) -> str:

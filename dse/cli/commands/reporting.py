@@ -69,7 +69,9 @@ def report(
         raise ExpressionError(f"--out must be with {either}, got it alone")
     known = {letter: x for source in gather.published().values() for letter, x in source.systems().items()}
     letters = _systems(system, list(known))
-    chips = _chips(hardware)
+    chips = list(dict.fromkeys(hardware))
+    if len(chips) == 1:
+        raise ExpressionError(f"--hardware must name two profiles or more, got only '{chips[0]}'")
     gathered = gather.report(list(studies.values()), chips)
     rows = [row for row in gathered.rows if letters is None or row.system in letters]
     used = {row.system for row in rows}
@@ -139,20 +141,6 @@ def _systems(text: str | None, known: list[str]) -> set[str] | None:
     if unknown or not letters:
         raise ExpressionError(f"--system must be letters among {', '.join(known)}, e.g. DE, got '{text}'")
     return set(letters)
-
-
-def _chips(names: Sequence[str]) -> list[str]:
-    """Return the profiles to compare; an empty list without --hardware.
-
-    Raises:
-        ExpressionError: there is only one.
-    """
-    from dse.skyline.constraints import ExpressionError
-
-    chips = list(dict.fromkeys(names))
-    if len(chips) == 1:
-        raise ExpressionError(f"--hardware must name two profiles or more, got only '{chips[0]}'")
-    return chips
 
 
 def _studies(path: Path) -> list[Study]:
