@@ -7,9 +7,22 @@ is known of a design before it is trained.
 from __future__ import annotations
 
 import ast
+import functools
+import operator
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
 
+import numpy as np
+
+OPERATORS: Mapping[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
+    ast.LtE: ("<=", operator.le),
+    ast.GtE: (">=", operator.ge),
+    ast.Lt: ("<", operator.lt),
+    ast.Gt: (">", operator.gt),
+    ast.Eq: ("==", operator.eq),
+    ast.NotEq: ("!=", operator.ne),
+}
 _TOKEN = re.compile(r"[\w.]+|[^\w\s]+")
 
 
@@ -94,48 +107,92 @@ def constant(node: ast.expr) -> float | str | None:
     return None
 
 
-def condition_faults(
-    node: ast.expr, where: str, is_text: Mapping[str, bool], booleans: Collection[str]
-) -> list[str]:
-    """Return what keeps a tree from being a condition on some columns, a sentence each.
+class Verdict(NamedTuple):
+    """Whether a condition may be true, and whether it may be false: of one row, or (row,) of several."""
+
+    may: Any
+    may_not: Any
+
+
+def evaluate(
+    expression: str,
+    compare: Callable[[ast.expr, ast.cmpop, ast.expr], Verdict],
+    is_boolean: Callable[[str], bool],
+) -> Verdict:
+    """Return the verdict on a condition.
 
     Args:
-        node: the tree.
-        where: begins every sentence.
+        expression: the condition.
+        compare: returns the verdict on one comparison, with a key of `OPERATORS`.
+        is_boolean: returns whether a column is a condition by itself.
+
+    Raises:
+        ExpressionError: it cannot be read.
+    """
+
+    def walk(node: ast.expr) -> Verdict:
+        if isinstance(node, ast.BoolOp):
+            return (_all if isinstance(node.op, ast.And) else _any)(map(walk, node.values))
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            return Verdict(*reversed(walk(node.operand)))
+        if isinstance(node, ast.Compare):
+            operands = [node.left, *node.comparators]
+            return _all(map(tested, operands, node.ops, operands[1:]))
+        name = column_name(node)
+        if name is None or not is_boolean(name):
+            raise ExpressionError(f"condition '{expression}': '{ast.unparse(node)}' is not a comparison")
+        return compare(node, ast.Eq(), ast.Constant(True))
+
+    def tested(left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Verdict:
+        if type(sign) in OPERATORS:
+            return compare(left, sign, right)
+        if not isinstance(sign, ast.In | ast.NotIn):
+            raise ExpressionError(f"condition '{expression}' may only use ==, !=, <, <=, >, >= and in")
+        if not isinstance(right, ast.List | ast.Tuple | ast.Set):
+            text = "'in' must be followed by a list such as [1, 2]"
+            raise ExpressionError(f"condition '{expression}': {text}")
+        is_in = _any([compare(left, ast.Eq(), item) for item in right.elts])
+        if isinstance(sign, ast.In):
+            return is_in
+        is_there = compare(left, ast.Eq(), left).may  # what is missing equals nothing
+        return _all([Verdict(*reversed(is_in)), Verdict(is_there, np.logical_not(is_there))])
+
+    return walk(parse(expression))
+
+
+def _all(parts: Iterable[Verdict]) -> Verdict:
+    may, may_not = zip(*parts, strict=True)
+    return Verdict(functools.reduce(np.logical_and, may), functools.reduce(np.logical_or, may_not))
+
+
+def _any(parts: Iterable[Verdict]) -> Verdict:
+    none = Verdict(may=False, may_not=True)
+    return Verdict(*reversed(_all([Verdict(*reversed(part)) for part in (none, *parts)])))
+
+
+def condition_fault(expression: str, is_text: Mapping[str, bool], booleans: Collection[str]) -> str:
+    """Return what keeps a text from being a condition on some columns; '' if nothing does.
+
+    Args:
+        expression: the text.
         is_text: column -> whether it holds text; columns that are missing hold numbers.
         booleans: columns that are conditions by themselves.
     """
-    if isinstance(node, ast.BoolOp):
-        return [fault for part in node.values for fault in condition_faults(part, where, is_text, booleans)]
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-        return condition_faults(node.operand, where, is_text, booleans)
-    if not isinstance(node, ast.Compare):
-        is_boolean = column_name(node) in booleans
-        return [] if is_boolean else [f"{where}: '{ast.unparse(node)}' is not a comparison"]
-    faults = []
-    left = node.left
-    for sign, right in zip(node.ops, node.comparators, strict=True):
-        is_listed = isinstance(sign, ast.In | ast.NotIn)
-        if isinstance(sign, ast.Is | ast.IsNot):
-            faults.append(f"{where} may only use ==, !=, <, <=, >, >= and in")
-        elif is_listed and not isinstance(right, ast.List | ast.Tuple | ast.Set):
-            faults.append(f"{where}: 'in' must be followed by a list such as [1, 2]")
-        else:
-            others = (
-                right.elts if isinstance(right, ast.List | ast.Tuple | ast.Set) and is_listed else [right]
-            )
-            faults += _operand_faults(left, others, where, is_text)
-        left = right
-    return faults
 
-
-def _operand_faults(
-    left: ast.expr, others: Iterable[ast.expr], where: str, is_text: Mapping[str, bool]
-) -> list[str]:
-    kinds = []
-    for node in (left, *others):
+    def holds_text(node: ast.expr) -> bool:
         name, value = column_name(node), constant(node)
         if name is None and value is None:
-            return [f"{where}: '{ast.unparse(node)}' must be a column, a number, 'text', True or False"]
-        kinds.append(is_text.get(name, False) if name is not None else isinstance(value, str))
-    return [f"{where} compares text with a number"] if len(set(kinds)) > 1 else []
+            what = "must be a column, a number, 'text', True or False"
+            raise ExpressionError(f"condition '{expression}': '{ast.unparse(node)}' {what}")
+        return isinstance(value, str) if name is None else is_text.get(name, False)
+
+    def compare(left: ast.expr, _: ast.cmpop, right: ast.expr) -> Verdict:
+        if holds_text(left) != holds_text(right):
+            raise ExpressionError(f"condition '{expression}' compares text with a number")
+        return Verdict(may=True, may_not=True)
+
+    try:
+        evaluate(expression, compare, booleans.__contains__)
+    except ExpressionError as error:
+        return str(error).removeprefix(f"condition '{expression}'")
+    return ""

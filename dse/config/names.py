@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from dse import registry
 from dse.config.axes import Axis
-from dse.config.expressions import ExpressionError, column_names, condition_faults, parse
+from dse.config.expressions import ExpressionError, column_names, condition_fault, parse
 from dse.config.faults import known_names
 from dse.config.locate import hardware_names, is_hardware_file
 from dse.config.parts import Part
@@ -130,8 +130,8 @@ def _limit_faults(text: str, axes: Mapping[str, Axis], profiles: Sequence[str]) 
             yield f": column '{name}' {fault}"
     if not names:
         yield " must name a column, an axis, task, family or encoder"
-    elif good:
-        yield from (x.removeprefix("limit") for x in condition_faults(tree, "limit", is_text, {"fits"}))
+    elif good and (fault := condition_fault(text, is_text, {"fits"})):
+        yield fault
 
 
 def _texts(section: str, raw: Raw, report: Report) -> list[str]:

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import ast
 import math
-import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from dse.config.expressions import column_name, column_names, constant, parse
+from dse.config.expressions import OPERATORS, Verdict, column_name, column_names, constant, evaluate, parse
 
 Known = str | tuple[float, float]
 """A text, or the least and the largest number."""
@@ -39,14 +37,6 @@ class Exclusion:
     limits: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class _Verdict:
-    """Whether a condition may be true, and whether it may be false."""
-
-    may: bool
-    may_not: bool
-
-
 def can_meet(limit: str, row: Row) -> bool:
     """Return whether a design can meet a limit.
 
@@ -54,7 +44,11 @@ def can_meet(limit: str, row: Row) -> bool:
         limit: a condition that `dse.config.names.limits` accepts.
         row: what is known of the design.
     """
-    return _verdict(parse(limit), row).may
+
+    def compare(left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Verdict:
+        return _compared(_operand(left, row), sign, _operand(right, row))
+
+    return bool(evaluate(limit, compare, lambda _: True).may)
 
 
 def exclusion(limits: Sequence[str], rows: Mapping[str, Row]) -> Exclusion | None:
@@ -93,36 +87,6 @@ def _text(name: str, known: Known) -> str:
     return f"{name} is at most {high:.4g}" if math.isfinite(high) else ""
 
 
-def _verdict(node: ast.expr, row: Row) -> _Verdict:
-    if isinstance(node, ast.BoolOp):
-        parts = [_verdict(part, row) for part in node.values]
-        join, other = (all, any) if isinstance(node.op, ast.And) else (any, all)
-        return _Verdict(join(x.may for x in parts), other(x.may_not for x in parts))
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-        inner = _verdict(node.operand, row)
-        return _Verdict(inner.may_not, inner.may)
-    if not isinstance(node, ast.Compare):  # a column of booleans
-        return _compared(_operand(node, row), ast.Eq(), (1.0, 1.0))
-    parts = []
-    left = node.left
-    for sign, right in zip(node.ops, node.comparators, strict=True):
-        parts.append(_tested(_operand(left, row), sign, right, row))
-        left = right
-    return _Verdict(all(x.may for x in parts), any(x.may_not for x in parts))
-
-
-def _tested(left: Known, sign: ast.cmpop, right: ast.expr, row: Row) -> _Verdict:
-    if not isinstance(sign, ast.In | ast.NotIn):
-        return _compared(left, sign, _operand(right, row))
-    assert isinstance(right, ast.List | ast.Tuple | ast.Set)  # as the reader of limits has checked
-    equal = [_compared(left, ast.Eq(), _operand(item, row)) for item in right.elts]
-    is_in = _Verdict(any(x.may for x in equal), all(x.may_not for x in equal))
-    if isinstance(sign, ast.In):
-        return is_in
-    missing = not isinstance(left, str) and math.isnan(left[0])
-    return _Verdict(is_in.may_not and not missing, is_in.may or missing)
-
-
 def _operand(node: ast.expr, row: Row) -> Known:
     name = column_name(node)
     if name is not None:
@@ -132,32 +96,24 @@ def _operand(node: ast.expr, row: Row) -> Known:
     return value if isinstance(value, str) else (float(value), float(value))
 
 
-_SIGNS: Mapping[type[ast.cmpop], Callable[[Any, Any], Any]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-}
-
-
-def _compared(left: Known, sign: ast.cmpop, right: Known) -> _Verdict:
+def _compared(left: Known, sign: ast.cmpop, right: Known) -> Verdict:
     if isinstance(left, str) or isinstance(right, str):
         # A text that is missing is NaN, and no text.
-        true = isinstance(left, str) and isinstance(right, str) and bool(_SIGNS[type(sign)](left, right))
-        return _Verdict(true, not true)
+        true = (
+            isinstance(left, str) and isinstance(right, str) and bool(OPERATORS[type(sign)][1](left, right))
+        )
+        return Verdict(true, not true)
     (low, high), (other_low, other_high) = left, right
     if math.isnan(low) or math.isnan(other_low):
-        return _Verdict(may=False, may_not=True)
+        return Verdict(may=False, may_not=True)
     overlap = low <= other_high and other_low <= high
     same = low == high == other_low == other_high
     if isinstance(sign, ast.Eq):
-        return _Verdict(overlap, not same)
+        return Verdict(overlap, not same)
     if isinstance(sign, ast.NotEq):
-        return _Verdict(not same, overlap)
+        return Verdict(not same, overlap)
     if isinstance(sign, ast.Gt | ast.GtE):
         (low, high), (other_low, other_high) = right, left
     if isinstance(sign, ast.Lt | ast.Gt):
-        return _Verdict(low < other_high, high >= other_low)
-    return _Verdict(low <= other_high, high > other_low)
+        return Verdict(low < other_high, high >= other_low)
+    return Verdict(low <= other_high, high > other_low)

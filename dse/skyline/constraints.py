@@ -11,7 +11,7 @@ a missing value (NaN) is false, as in SQL.
 from __future__ import annotations
 
 import ast
-import operator
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,22 +20,22 @@ import numpy as np
 import pandas as pd
 
 from dse import registry
-from dse.config.expressions import ExpressionError, column_name, conjuncts, constant, named_columns, parse
+from dse.config.expressions import (
+    OPERATORS,
+    ExpressionError,
+    Verdict,
+    column_name,
+    conjuncts,
+    constant,
+    evaluate,
+    named_columns,
+    parse,
+)
 from dse.config.faults import did_you_mean
 from dse.records import Array, Bools, Floats
 
 __all__ = ["Budget", "ExpressionError", "column", "matches", "named_columns", "split_budgets"]
 
-_Comparison = Callable[[Array, Array | float], Bools]
-
-_OPERATORS: dict[type[ast.cmpop], tuple[str, _Comparison]] = {
-    ast.LtE: ("<=", operator.le),
-    ast.GtE: (">=", operator.ge),
-    ast.Lt: ("<", operator.lt),
-    ast.Gt: (">", operator.gt),
-    ast.Eq: ("==", operator.eq),
-    ast.NotEq: ("!=", operator.ne),
-}
 _MIRRORED = {"<=": ">=", ">=": "<=", "<": ">", ">": "<", "==": "=="}
 
 
@@ -57,7 +57,7 @@ class Budget:
 
     def met(self, values: Floats) -> Bools:
         """Return which values are within the limit."""
-        compare = next(function for sign, function in _OPERATORS.values() if sign == self.operator)
+        compare = next(function for sign, function in OPERATORS.values() if sign == self.operator)
         return np.asarray(compare(values, self.limit), dtype=bool)
 
     def excess(self, values: Floats) -> Floats:
@@ -72,7 +72,16 @@ def matches(expression: str, frame: pd.DataFrame) -> Bools:
     Raises:
         ExpressionError: the text is no condition, names no column, or compares text with numbers.
     """
-    return _rows(parse(expression), frame, expression)
+    operand = functools.cache(functools.partial(_operand, frame=frame, text=expression))
+
+    def compare(left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Verdict:
+        met = _test(OPERATORS[type(sign)][1], operand(left), operand(right), expression)
+        return Verdict(met, ~met)
+
+    def is_boolean(name: str) -> bool:
+        return name in frame.columns and pd.api.types.is_bool_dtype(frame[name].dtype)
+
+    return np.array(np.broadcast_to(evaluate(expression, compare, is_boolean).may, len(frame)))
 
 
 def split_budgets(expressions: Sequence[str]) -> tuple[list[Budget], list[str]]:
@@ -124,9 +133,9 @@ def column(frame: pd.DataFrame, name: str) -> pd.Series[Any]:
 
 
 def _budget(node: ast.expr) -> Budget | None:
-    if not isinstance(node, ast.Compare) or len(node.ops) != 1 or type(node.ops[0]) not in _OPERATORS:
+    if not isinstance(node, ast.Compare) or len(node.ops) != 1 or type(node.ops[0]) not in OPERATORS:
         return None
-    sign = _OPERATORS[type(node.ops[0])][0]
+    sign = OPERATORS[type(node.ops[0])][0]
     left, right = node.left, node.comparators[0]
     if sign not in _MIRRORED:
         return None
@@ -138,42 +147,6 @@ def _budget(node: ast.expr) -> Budget | None:
     return Budget(name, sign, float(limit))
 
 
-def _rows(node: ast.expr, frame: pd.DataFrame, text: str) -> Bools:
-    if isinstance(node, ast.BoolOp):
-        join = np.logical_and if isinstance(node.op, ast.And) else np.logical_or
-        result = _rows(node.values[0], frame, text)
-        for value in node.values[1:]:
-            result = join(result, _rows(value, frame, text))
-        return result
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-        return np.logical_not(_rows(node.operand, frame, text))
-    if isinstance(node, ast.Compare):
-        result = np.ones(len(frame), dtype=bool)
-        left = node.left
-        for sign, right in zip(node.ops, node.comparators, strict=True):
-            result = result & _compare(left, sign, right, frame, text)
-            left = right
-        return result
-    name = column_name(node)
-    if name in frame.columns and pd.api.types.is_bool_dtype(frame[name].dtype):
-        return _compare(node, ast.Eq(), ast.Constant(True), frame, text)
-    raise ExpressionError(f"condition '{text}': '{ast.unparse(node)}' is not a comparison")
-
-
-def _compare(left: ast.expr, sign: ast.cmpop, right: ast.expr, frame: pd.DataFrame, text: str) -> Bools:
-    first = _operand(left, frame, text)
-    if isinstance(sign, ast.In | ast.NotIn):
-        if not isinstance(right, ast.List | ast.Tuple | ast.Set):
-            raise ExpressionError(f"condition '{text}': 'in' must be followed by a list such as [1, 2]")
-        equal = np.zeros(len(frame), dtype=bool)
-        for item in right.elts:
-            equal |= _test(operator.eq, first, _operand(item, frame, text), text)
-        return equal if isinstance(sign, ast.In) else first.present & ~equal
-    if type(sign) not in _OPERATORS:
-        raise ExpressionError(f"condition '{text}' may only use ==, !=, <, <=, >, >= and in")
-    return _test(_OPERATORS[type(sign)][1], first, _operand(right, frame, text), text)
-
-
 @dataclass(frozen=True)
 class _Operand:
     """One side of a comparison, over all rows; `is_text` is None if no row has a value."""
@@ -183,7 +156,7 @@ class _Operand:
     is_text: bool | None
 
 
-def _test(compare: _Comparison, left: _Operand, right: _Operand, text: str) -> Bools:
+def _test(compare: Callable[[Array, Array], Bools], left: _Operand, right: _Operand, text: str) -> Bools:
     if None not in (left.is_text, right.is_text) and left.is_text != right.is_text:
         raise ExpressionError(f"condition '{text}' compares text with a number")
     result = left.present & right.present
