@@ -21,7 +21,7 @@ import zipfile
 import zlib
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -51,7 +51,6 @@ _PREFIXES: Mapping[tuple[type, str], str] = {
 RECORD = "record.json"
 """The member of a run's archive that is no array."""
 _WORK = "work/"
-_SCALARS = (bool, int, float, str)
 _DTYPES = {bool: np.bool_, int: np.int64, float: np.float64, str: np.str_}
 
 
@@ -98,26 +97,21 @@ def record_arrays(record: DataclassInstance, prefix: str = "") -> dict[str, Arra
     Raises:
         TypeError: a field is of another type.
     """
-    kind = type(record)
     arrays: dict[str, Array] = {}
-    for name, hint in _hints(kind).items():
-        value = getattr(record, name)
+    for name, field in _fields(type(record)).items():
+        value, under = getattr(record, name), prefix + field.prefix
         if value is None:
             continue
-        under = prefix + _PREFIXES.get((kind, name), f"{name}/")
-        element = _element(hint)
-        if dataclasses.is_dataclass(hint):
+        if field.kind == "record":
             arrays |= record_arrays(value, under)
-        elif dataclasses.is_dataclass(element):
+        elif field.kind == "records":
             arrays[f"{prefix}n_{name}"] = np.array(len(value))
             for k, each in enumerate(value):
                 arrays |= record_arrays(each, f"{under}{k}/")
-        elif _is_mapping(hint):
+        elif field.kind == "mapping":
             arrays |= {f"{under}{key}": np.asarray(x) for key, x in value.items()}
-        elif element is not None:
-            arrays[prefix + name] = np.array(value, _DTYPES[element])
         else:
-            arrays[prefix + name] = np.asarray(value)
+            arrays[prefix + name] = np.asarray(value, _DTYPES[field.of] if field.kind == "tuple" else None)
     return arrays
 
 
@@ -133,35 +127,28 @@ def record_of(kind: type[Record], arrays: Mapping[str, Array], prefix: str = "")
         StoreError: the array of a field without a default is missing.
         TypeError: a field of the class is of a type that cannot be stored.
     """
-    optional = _optional(kind)
+    fields = _fields(kind)
     values: dict[str, Any] = {}
-    for name, hint in _hints(kind).items():
-        under = prefix + _PREFIXES.get((kind, name), f"{name}/")
-        element = _element(hint)
-        if _is_mapping(hint):
-            others = {prefix + other for other in _hints(kind)}
-            values[name] = {
-                key.removeprefix(under): x
-                for key, x in arrays.items()
-                if key.startswith(under) and key not in others
-            }
-        elif dataclasses.is_dataclass(hint):
-            absent = name in optional and not any(key.startswith(under) for key in arrays)
-            values[name] = None if absent else record_of(typing.cast(type[Any], hint), arrays, under)
-        elif dataclasses.is_dataclass(element):
-            record = typing.cast(type[Any], element)
+    for name, field in fields.items():
+        under, own = prefix + field.prefix, prefix + name
+        if field.kind == "mapping":
+            others = {prefix + other for other in fields}
+            inside = {key: x for key, x in arrays.items() if key.startswith(under) and key not in others}
+            values[name] = {key.removeprefix(under): x for key, x in inside.items()}
+        elif field.kind == "record":
+            is_absent = field.is_optional and not any(key.startswith(under) for key in arrays)
+            values[name] = None if is_absent else record_of(field.of, arrays, under)
+        elif field.kind == "records":
             n = int(_array(kind, arrays, f"{prefix}n_{name}"))
-            values[name] = tuple(record_of(record, arrays, f"{under}{k}/") for k in range(n))
-        elif name in optional and prefix + name not in arrays:
-            values[name] = None
-        elif name in _defaults(kind) and prefix + name not in arrays:
-            values[name] = _defaults(kind)[name]
+            values[name] = tuple(record_of(field.of, arrays, f"{under}{k}/") for k in range(n))
+        elif own not in arrays and (field.is_optional or field.default is not dataclasses.MISSING):
+            values[name] = None if field.is_optional else field.default
         else:
-            array = _array(kind, arrays, prefix + name)
-            if element is not None:
+            array = _array(kind, arrays, own)
+            if field.kind == "tuple":
                 values[name] = tuple(array.tolist())
             else:
-                values[name] = array if _is_array(hint) else array.item()
+                values[name] = array if field.kind == "array" else array.item()
     return kind(**values)
 
 
@@ -221,64 +208,55 @@ def _array(kind: type, arrays: Mapping[str, Array], name: str) -> Array:
     return arrays[name]
 
 
-@functools.cache
-def _annotations(kind: type) -> dict[str, Any]:
-    """Return the annotation of each field."""
-    hints = typing.get_type_hints(kind)
-    return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
+class _Field(NamedTuple):
+    """How a field of a record is stored.
+
+    kind: array, scalar, tuple (of scalars), record, records (a tuple of them), or mapping (of arrays).
+    of: the class of a scalar, a record, or of the elements of a tuple.
+    prefix: of the names of its arrays, where it has several. is_optional: whether it may be None.
+    """
+
+    kind: str
+    of: Any
+    prefix: str
+    is_optional: bool
+    default: Any
 
 
 @functools.cache
-def _hints(kind: type) -> dict[str, Any]:
-    """Return the type of each field, without `| None`."""
-    hints = {name: _present(hint) for name, hint in _annotations(kind).items()}
-    for name, hint in hints.items():
-        literal = typing.get_origin(hint) is typing.Literal
-        if not (
-            literal
-            or hint in _SCALARS
-            or dataclasses.is_dataclass(hint)
-            or _is_array(hint)
-            or _is_mapping(hint)
-            or _element(hint) is not None
-        ):
-            raise TypeError(f"{kind.__name__}.{name}: {hint} cannot be stored as arrays")
-    return hints
+def _fields(kind: type) -> dict[str, _Field]:
+    """Return how each field is stored.
+
+    Raises:
+        TypeError: one is of a type that cannot be.
+    """
+    hints, fields = typing.get_type_hints(kind), {}
+    for field in dataclasses.fields(kind):
+        hint = hints[field.name]
+        options = [x for x in typing.get_args(hint) if x is not types.NoneType]
+        is_optional = typing.get_origin(hint) in (types.UnionType, typing.Union) and len(options) == 1
+        how, of = _stored(options[0] if is_optional else hint)
+        if not how:
+            raise TypeError(f"{kind.__name__}.{field.name}: {hint} cannot be stored as arrays")
+        prefix = _PREFIXES.get((kind, field.name), f"{field.name}/")
+        fields[field.name] = _Field(how, of, prefix, is_optional, field.default)
+    return fields
 
 
-@functools.cache
-def _optional(kind: type) -> frozenset[str]:
-    """Return the names of the fields that may be None."""
-    return frozenset(name for name, hint in _annotations(kind).items() if _present(hint) is not hint)
-
-
-@functools.cache
-def _defaults(kind: type) -> Mapping[str, Any]:
-    """Return the default of each field that has one."""
-    return {x.name: x.default for x in dataclasses.fields(kind) if x.default is not dataclasses.MISSING}
-
-
-def _present(hint: Any) -> Any:
-    """Return X of `X | None`, and any other type as it is."""
-    if typing.get_origin(hint) not in (types.UnionType, typing.Union):
-        return hint
-    options = [option for option in typing.get_args(hint) if option is not types.NoneType]
-    return options[0] if len(options) == 1 else hint
-
-
-def _element(hint: Any) -> Any:
-    """Return X of `tuple[X, ...]` where X is a scalar type or a record, else None."""
-    arguments = typing.get_args(hint)
-    if typing.get_origin(hint) is not tuple or len(arguments) != 2 or arguments[1] is not ...:
-        return None
-    return arguments[0] if arguments[0] in _SCALARS or dataclasses.is_dataclass(arguments[0]) else None
-
-
-def _is_array(hint: Any) -> bool:
+def _stored(hint: Any) -> tuple[str, Any]:
+    """Return the kind and the class of a field of a type, as `_Field` has them; '' where there is none."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if hint in _DTYPES or origin is typing.Literal:
+        return "scalar", hint
+    if dataclasses.is_dataclass(hint):
+        return "record", hint
+    if origin is Mapping:
+        return "mapping", None
     # The origin of NDArray[...] is ndarray; from NumPy 2.5 on it is the alias NDArray, of such a value.
-    alias = typing.get_origin(hint)
-    return typing.get_origin(getattr(alias, "__value__", hint)) is np.ndarray
-
-
-def _is_mapping(hint: Any) -> bool:
-    return typing.get_origin(hint) is Mapping
+    if typing.get_origin(getattr(origin, "__value__", hint)) is np.ndarray:
+        return "array", None
+    if origin is tuple and len(arguments) == 2 and arguments[1] is ...:
+        if dataclasses.is_dataclass(arguments[0]):
+            return "records", arguments[0]
+        return ("tuple", arguments[0]) if arguments[0] in _DTYPES else ("", None)
+    return "", None
