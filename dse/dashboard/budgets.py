@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse.figures.front import numbers
-from dse.records import Array
+from dse.records import Array, Ints
 from dse.skyline.admissible import honest
 from dse.skyline.constraints import ExpressionError, split_budgets
-from dse.skyline.pareto import non_dominated
+from dse.skyline.pareto import members_of, non_dominated
 from dse.skyline.pick import economy, ties
-from dse.skyline.table import groups_of
+from dse.skyline.table import group_numbers
 
 if TYPE_CHECKING:
     import pandas
@@ -94,11 +94,16 @@ def contenders(points: pandas.DataFrame, objectives: Mapping[str, str], maximise
     signed = [(-1.0 if way == "max" else 1.0) * numbers(points, name) for name, way in limited.items()]
     costs = np.column_stack([np.where(np.isfinite(values), values, np.inf) for values in signed])
     among = []
-    for group in groups_of(points, (*_FILTERS, "fits", "transductive")):
+    for group in _groups(points, (*_FILTERS, "fits", "transductive")):
         best = group[non_dominated(costs[group])]
         alike = _alike(costs[group, : len(objectives)])
         among.append(group[np.isin(alike, alike[np.searchsorted(group, best)])])
     return np.sort(np.concatenate(among))
+
+
+def _groups(points: pandas.DataFrame, columns: Sequence[str]) -> list[Ints]:
+    """Return the row numbers of each combination of values."""
+    return members_of(group_numbers(points, [name for name in columns if name in points]))
 
 
 def _can_be_named(column: str) -> bool:
@@ -122,7 +127,7 @@ def _ranges(points: pandas.DataFrame, columns: Sequence[str]) -> list[dict[str, 
     keep = honest(points)
     values = {name: numbers(points, name) for name in columns}
     ranges = []
-    for group in groups_of(points, _FILTERS) if len(points) else ():
+    for group in _groups(points, _FILTERS):
         rows = group[keep[group]]
         finite = {name: x[rows][np.isfinite(x[rows])] for name, x in values.items()}
         ranges.append(

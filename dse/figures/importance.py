@@ -21,7 +21,8 @@ from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, label, safe
 from dse.records import Array
 from dse.registry import param, register
 from dse.skyline.admissible import honest
-from dse.skyline.table import groups_of
+from dse.skyline.pareto import members_of
+from dse.skyline.table import group_numbers
 
 if TYPE_CHECKING:
     import pandas
@@ -126,7 +127,7 @@ def gather_importance(points: pandas.DataFrame, objectives: Mapping[str, str]) -
         by = ["task", *(["hardware"] if objective in on_chips else [])]
         identity = [name for name in ("trial", "task") if name in table]
         rows = table if objective in on_chips else table.drop_duplicates(identity)
-        for group in groups_of(rows, by) if len(rows) else ():
+        for group in members_of(group_numbers(rows, [name for name in by if name in rows])):
             of_group = rows.iloc[group]
             about = {name: str(of_group[name].iloc[0]) for name in by if name in of_group}
             known = of_group[np.isfinite(numbers(of_group, objective))]

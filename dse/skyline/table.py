@@ -89,16 +89,6 @@ def group_numbers(frame: pd.DataFrame, by: Sequence[str]) -> Ints:
     return np.asarray(grouped.ngroup(), np.int64)
 
 
-def groups_of(points: pd.DataFrame, columns: Sequence[str]) -> list[Ints]:
-    """Return the row numbers, ascending, of each combination of values."""
-    by = [name for name in columns if name in points.columns]
-    if not by or not len(points):
-        return [np.arange(len(points))]
-    number = np.asarray(points.groupby(by, sort=False, dropna=False).ngroup())
-    order = np.argsort(number, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
-
-
 class Goal(NamedTuple):
     """A column and its direction: 'max' or 'min'."""
 

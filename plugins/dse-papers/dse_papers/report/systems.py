@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.measure.correlation import spearman
 from dse.measure.objectives.accuracy import seeds_se
 from dse.report import Mark
 from dse.report.designs import Chosen, StudyTask, alike, best, best_of, sections_of
 from dse.report.rows import Row, measured, number
 from dse.store import StoreError
+from dse_papers.report.correlation import spearman
 from dse_papers.report.ends import front_ends
 from dse_papers.report.papers import publication, publication_of, systems
 

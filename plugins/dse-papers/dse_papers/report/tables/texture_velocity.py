@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.measure.correlation import spearman
 from dse.report.designs import StudyTask, best, sections_of
 from dse.report.rows import number
+from dse_papers.report.correlation import spearman
 from dse_papers.report.ends import front_ends
 from dse_papers.report.facts import scene_of
 from dse_papers.report.ours import (

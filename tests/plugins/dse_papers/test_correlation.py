@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from dse.measure.correlation import spearman
+from dse_papers.report.correlation import spearman
 
 
 def test_ranks_alone_count():
