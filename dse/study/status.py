@@ -20,7 +20,7 @@ from dse.config import ConfigError, load_space
 from dse.records import Floats
 from dse.skyline.admissible import COST
 from dse.store import StoreError, is_held, read_record, run_file, runs_in, verify
-from dse.study import claim
+from dse.study import claim, held
 from dse.study.ledger import Entry, read_entries
 from dse.study.precision import GROUPS, fronts
 from dse.study.progress import seconds_left
@@ -91,34 +91,6 @@ class Status:
         return sorted(trials.items(), key=lambda group: (-len(group[1]), group[1]))
 
 
-@dataclass(frozen=True)
-class _Search:
-    """The settings of the search; a study writes every default."""
-
-    n_trials: int | None
-    batch: int
-    repeats: int
-    repeats_on_front: int
-    n_workers: int
-
-
-@dataclass(frozen=True)
-class _Sessions:
-    """The sessions of a study: (session,) starts in seconds since 1970, and lengths up to the last event.
-
-    sign_s: the last start or event; None without any.
-    """
-
-    start_s: Floats
-    length_s: Floats
-    sign_s: float | None
-
-    def hours(self, at_s: Floats) -> Floats:
-        """Return the time spent until some moments, without the time between sessions; NaN for NaN."""
-        spent = np.clip(at_s[:, None] - self.start_s, 0, self.length_s).sum(axis=1) / 3600
-        return np.where(np.isfinite(at_s), spent, np.nan)
-
-
 def status(folder: Path | str) -> Status:
     """Return the status of the study in a folder.
 
@@ -132,28 +104,30 @@ def status(folder: Path | str) -> Status:
     """
     study = Study(Path(folder))
     search = _search(study)
+    repeats, n_workers = search["repeats"], (study.space.get("execution") or {}).get("jobs", 1)
     goals = study.objectives
     entries = {entry.trial: entry for entry in read_entries(study.folder) if not entry.excluded}
     written = _written(study.folder)
     outcomes = _outcomes(study.folder, written)
-    runs = _timed(written, entries, outcomes, search.repeats)
-    done = {trial for trial, ends in runs.items() if len(ends) >= search.repeats}
-    sessions = _sessions(study.folder, entries, runs)
-    points = _points(study.folder, [goal.column for goal in goals])
+    runs = _timed(written, entries, outcomes, repeats)
+    done = {trial for trial, ends in runs.items() if len(ends) >= repeats}
+    start_s, length_s, sign_s = _sessions(study.folder, entries, runs)
+    columns = dict.fromkeys([*_OF_POINTS, *(goal.column for goal in goals)])
+    points = _table(study.folder / held.POINTS, [*columns])
+    points = points if "trial" in points else points.iloc[:0]
 
     n_trials = _n_trials(study.folder, search, entries)
     n_runs_done = sum(map(len, runs.values()))
     n_missing = None
     if n_trials is not None:
-        begun = sum(min(len(ends), search.repeats) for ends in runs.values())
-        n_missing = max(0, n_trials * search.repeats - begun) + _n_repeats_missing(
-            points, goals, search, runs
-        )
+        begun = sum(min(len(ends), repeats) for ends in runs.values())
+        n_missing = max(0, n_trials * repeats - begun) + _n_repeats_missing(points, goals, search, runs)
 
     # The points of a trial that ended after the tables were written are not known yet.
-    ended = {trial: max(list(runs[trial].values())[: search.repeats]) for trial in done & outcomes.keys()}
+    ended = {trial: max(list(runs[trial].values())[:repeats]) for trial in done & outcomes.keys()}
     order = sorted(ended, key=lambda trial: (0.0 if math.isnan(ended[trial]) else ended[trial], trial))
-    hours = sessions.hours(np.array([ended[trial] for trial in order]))
+    at_s = np.array([ended[trial] for trial in order])
+    spent = np.clip(at_s[:, None] - start_s, 0, length_s).sum(axis=1) / 3600  # without what is between them
     moments = sorted(at for ends in runs.values() for at in ends.values() if math.isfinite(at))
     return Status(
         n_trials=n_trials,
@@ -164,31 +138,24 @@ def status(folder: Path | str) -> Status:
         outcomes=outcomes,
         n_runs=None if n_missing is None else n_runs_done + n_missing,
         n_runs_done=n_runs_done,
-        hours=float(sessions.length_s.sum()) / 3600,
-        time_left_s=_time_left_s(sessions, moments, n_missing, search.n_workers),
-        sign_s=sessions.sign_s,
+        hours=float(length_s.sum()) / 3600,
+        time_left_s=_time_left_s(start_s, moments, n_missing, n_workers),
+        sign_s=sign_s,
         is_running=is_held(study.folder),
         points=points,
         ended=tuple(order),
-        ended_hours=tuple(hours.tolist()),
+        ended_hours=tuple(np.where(np.isfinite(at_s), spent, np.nan).tolist()),
     )
 
 
-def _search(study: Study) -> _Search:
-    space = study.space
-    search: Mapping[str, Any] = space.get("search") or {}
+def _search(study: Study) -> Mapping[str, Any]:
+    """Return the settings of the search; a study writes every default."""
+    search: Mapping[str, Any] = study.space.get("search") or {}
     for name in ("batch", "repeats", "repeats_on_front"):
         if name not in search:
             text = f"has no search.{name}, which a study writes with every default"
             raise StoreError(f"{study.folder / 'search_space.yaml'}: {text}")
-    n_trials = search.get("n_trials")  # none is written of a grid
-    return _Search(
-        n_trials=None if n_trials is None else int(n_trials),
-        batch=int(search["batch"]),
-        repeats=int(search["repeats"]),
-        repeats_on_front=int(search["repeats_on_front"]),
-        n_workers=int((space.get("execution") or {}).get("jobs", 1)),
-    )
+    return search
 
 
 def _written(folder: Path) -> _Runs:
@@ -205,7 +172,7 @@ def _written(folder: Path) -> _Runs:
 def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
     """Return the outcomes of trials: from the table, or from the records of trials newer than the table."""
     outcomes = {}
-    table = _table(folder / "trials.parquet", ("trial", "status", "reason", "repeats"))
+    table = _table(folder / held.TRIALS, ("trial", "status", "reason", "repeats"))
     if len(table.columns) == 4:
         for trial, status, reason, n_runs in table.itertuples(index=False, name=None):
             if status == "excluded":
@@ -213,21 +180,16 @@ def _outcomes(folder: Path, written: _Runs) -> dict[int, Outcome]:
             outcomes[int(trial)] = Outcome(str(status), str(reason or ""), int(n_runs))
     for trial, runs in written.items():
         if trial not in outcomes or len(runs) > outcomes[trial].n_runs:
-            records = [_record(run_file(folder, trial, repeat)) for repeat in runs]
+            records: list[dict[str, Any]] = []
+            for repeat in runs:
+                with contextlib.suppress(StoreError):
+                    records.append(read_record(run_file(folder, trial, repeat)))
             bad = [record for record in records if record.get("status") in ENDED_EARLY]
-            decisive = bad[0] if bad else records[0]
+            decisive = [*bad, *records, {}][0]
             outcomes[trial] = Outcome(
                 str(decisive.get("status", "")), str(decisive.get("reason", "")), len(runs)
             )
     return outcomes
-
-
-def _record(folder: Path) -> dict[str, Any]:
-    """Return the record of a run without checking its files, which are many and may be large."""
-    try:
-        return read_record(folder)
-    except StoreError:
-        return {}
 
 
 def _table(path: Path, columns: Sequence[str]) -> pandas.DataFrame:
@@ -243,12 +205,6 @@ def _table(path: Path, columns: Sequence[str]) -> pandas.DataFrame:
         return pandas.read_parquet(path, columns=[n for n in columns if n in names], read_dictionary=words)
     except (StoreError, OSError, ValueError, pyarrow.ArrowException):
         return pandas.DataFrame()
-
-
-def _points(folder: Path, objectives: Sequence[str]) -> pandas.DataFrame:
-    """Return the columns of the design points that decide a front."""
-    points = _table(folder / "points.parquet", tuple(dict.fromkeys([*_OF_POINTS, *objectives])))
-    return points if "trial" in points.columns else points.iloc[:0]
 
 
 def _timed(
@@ -279,8 +235,12 @@ def _between(at: float, low: float, high: float) -> float:
     return max(low, min(at, high))
 
 
-def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessions:
-    """Return the sessions by the starts that the study records; without any, all events are one session."""
+def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> tuple[Floats, Floats, float | None]:
+    """Return when the sessions of a study began, and how long they were up to their last events, (session,).
+
+    The last is the last start or event; None without any. Where the study records no start, all events are
+    one session.
+    """
     happened = [at for ends in runs.values() for at in ends.values() if math.isfinite(at)]
     happened += [entry.proposed_s for entry in entries.values()]
     happened += [entry.reported_s for entry in entries.values() if entry.reported_s is not None]
@@ -293,12 +253,12 @@ def _sessions(folder: Path, entries: Mapping[int, Entry], runs: _Runs) -> _Sessi
     start_s = np.array(starts or events[:1].tolist())
     last = np.searchsorted(events, np.append(start_s[1:], np.inf)) - 1  # the last event of each
     length_s = np.maximum(events[last] - start_s, 0) if len(events) else np.zeros(len(start_s))
-    return _Sessions(start_s, length_s, max((*starts, *events.tolist()), default=None))
+    return start_s, length_s, max((*starts, *events.tolist()), default=None)
 
 
-def _n_trials(folder: Path, search: _Search, entries: Mapping[int, Entry]) -> int | None:
+def _n_trials(folder: Path, search: Mapping[str, Any], entries: Mapping[int, Entry]) -> int | None:
     """Return the final number of trials; a sampler without further designs ends a search early."""
-    n_trials = search.n_trials
+    n_trials: int | None = search.get("n_trials")  # none is written of a grid
     if n_trials is None:
         try:
             n_trials = load_space(folder / "search_space.yaml").n_designs
@@ -308,29 +268,31 @@ def _n_trials(folder: Path, search: _Search, entries: Mapping[int, Entry]) -> in
     last = [entry for entry in entries.values() if entry.batch == newest]
     if n_trials is not None and last and all(entry.is_reported for entry in last):
         before = len(entries) - len(last)
-        if len(last) < min(search.batch, n_trials - before):
+        if len(last) < min(search["batch"], n_trials - before):
             return len(entries)
     return n_trials
 
 
-def _n_repeats_missing(points: pandas.DataFrame, goals: Sequence[Goal], search: _Search, runs: _Runs) -> int:
+def _n_repeats_missing(
+    points: pandas.DataFrame, goals: Sequence[Goal], search: Mapping[str, Any], runs: _Runs
+) -> int:
     """Return the number of missing repeats of the designs on the fronts of the last table."""
     known = [goal for goal in goals if goal.column in points.columns]
-    if search.repeats_on_front <= search.repeats or not known or points.empty:
+    repeats, on_front = search["repeats"], search["repeats_on_front"]
+    if on_front <= repeats or not known or points.empty:
         return 0
     front = {int(trial) for _, rows in fronts(points, known) for trial in rows["trial"]}
-    made = [max(search.repeats, len(runs.get(trial, ()))) for trial in front]
-    return sum(max(0, search.repeats_on_front - n) for n in made)
+    made = [max(repeats, len(runs.get(trial, ()))) for trial in front]
+    return sum(max(0, on_front - n) for n in made)
 
 
 def _time_left_s(
-    sessions: _Sessions, moments: Sequence[float], n_missing: int | None, n_workers: int
+    start_s: Floats, moments: Sequence[float], n_missing: int | None, n_workers: int
 ) -> float | None:
     """Return the estimated time left, from the runs of the last session; all runs count as equal work."""
-    if not n_missing or not len(sessions.start_s):
+    if not n_missing or not len(start_s):
         return None
-    began_s = float(sessions.start_s[-1])
-    ended_s = [at for at in moments if at >= began_s]
+    ended_s = [at for at in moments if at >= start_s[-1]]
     if not ended_s:
         return None
     return seconds_left(ended_s, [1.0] * len(ended_s), n_missing, n_workers, ended_s[-1])
