@@ -32,7 +32,7 @@ from dse.measure.run import read_out
 from dse.records import Array, Head
 from dse.store import StoreError
 from dse.study import pricing
-from dse.study.precision import AS_TRAINED, Evaluation, common
+from dse.study.precision import AS_TRAINED, RunFile, common
 from dse.study.record import RunRecord
 from dse.study.results import Study
 
@@ -106,28 +106,27 @@ class _Source:
 class _Part(Study):
     """One task of a trial at one precision, as figures read a study.
 
-    rows: its points. trained: folder and record of each run. load: returns the arrays of a file.
-    evaluated: each run at another precision than the trained one.
+    rows: its points. answered: archive and record of each run at the precision. load: returns the arrays
+    of a file.
     """
 
     source: _Source
     task: str
     rows: pandas.DataFrame
-    trained: Sequence[tuple[Path, RunRecord]]
+    answered: Sequence[RunFile]
     load: Callable[[Path], dict[str, Array]]
-    evaluated: Sequence[Evaluation] | None = None
 
     @property
     def head(self) -> Head | None:
         """The head of the task in a joint net."""
-        heads = self.trained[0][1].heads if self.trained else ()
+        heads = self.answered[0][1].heads if self.answered else ()
         return next((head for head in heads if head.name == self.task), None)
 
     def points(self, hardware: Sequence[str] = ()) -> pandas.DataFrame:
         return self.rows
 
     def classes(self, trial: int) -> tuple[str, ...]:
-        return self.head.classes if self.head else self.trained[0][1].classes
+        return self.head.classes if self.head else self.answered[0][1].classes
 
     def chip(self, name: str) -> Profile:
         return self.source.chip(name)
@@ -139,16 +138,14 @@ class _Part(Study):
             name = f"{stem}_{self.head.name}.npz"
         if stem == "response_test":
             return []
-        if self.evaluated is not None:
-            return [dict(run.files[name]) for run in self.evaluated if name in run.files]
-        found = [self.load(folder / name) for folder, record in self.trained if name in record.files]
+        found = [self.load(folder / name) for folder, record in self.answered if name in record.files]
         return [self._of_head(arrays) for arrays in found] if stem == "response" else found
 
     def _of_head(self, arrays: dict[str, Array]) -> dict[str, Array]:
         """Return a response with the outputs and targets of the head alone."""
         if self.head is None or "output" not in arrays:
             return arrays
-        before = itertools.takewhile(lambda head: head.name != self.task, self.trained[0][1].heads)
+        before = itertools.takewhile(lambda head: head.name != self.task, self.answered[0][1].heads)
         first = sum(len(head.classes) for head in before)
         response = store.response_of(arrays)
         output = response.output[..., first : first + len(self.head.classes)]
@@ -312,10 +309,11 @@ def _of_task(part: _Part, trial: int, notes: list[str]) -> dict[str, Any]:
     surfaces = attempted("The decision surface", lambda: _surfaces(part.rows, part.source.limited)) or []
     figures, misfits = drawn(part, list(_TABS))
     precisions = []
-    if part.trained and part.source.precisions:
-        folders = [folder for folder, _ in part.trained]
-        for (bits, pruned), each in attempted("Other precisions", lambda: common(folders)) or []:
-            own = drawn(replace(part, evaluated=each), _OF_PRECISION)[0]
+    if part.answered and part.source.precisions:
+        trained = [run for run, _ in part.answered]
+        evaluated = attempted("Other precisions", lambda: common(trained)) or {}
+        for (bits, pruned), each in evaluated.items():
+            own = drawn(replace(part, answered=each), _OF_PRECISION)[0]
             precisions.append({"weight_bits": bits, "pruned_after": pruned, "figures": own})
     examples = attempted("An example", lambda: _examples(part, trial, _best(surfaces)))
     more = {"misfits": misfits, "examples": examples, "precisions": precisions}
@@ -404,7 +402,7 @@ def _is_trained(surface: Mapping[str, Any]) -> bool:
 
 def _examples(part: _Part, trial: int, setting: tuple[float, float] | None) -> list[dict[str, Any]]:
     """Return a few recordings of the first run with its answers."""
-    first = replace(part, trained=part.trained[:1])
+    first = replace(part, answered=part.answered[:1])
     runs = first.arrays(trial, "response.npz")
     if not runs or "output" not in runs[0]:
         raise NothingRecorded(f"trial {trial} has no output spikes")

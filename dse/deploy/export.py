@@ -255,17 +255,17 @@ def _accuracy(study: Study, record: RunRecord, setting: _Setting) -> float:
     if record.numbers is None:
         raise ValueError(f"{where} failed: {record.reason}")
     folder = store.run_file(study.folder, record.trial, record.repeat)
-    numbers, files = record.numbers, None
+    run = folder, record
     if setting.precision != precision.AS_TRAINED:
-        evaluated = {x.setting: x for x in precision.rows(folder)}.get(setting.precision)
-        if evaluated is None:
+        evaluated = precision.evaluations(folder)
+        if setting.precision not in evaluated:
             weight_bits, pruned = setting.precision
             raise ValueError(f"{where} was not evaluated at {weight_bits} bits with {pruned:g} pruned")
-        numbers, files = evaluated.numbers, evaluated.files
+        run = evaluated[setting.precision]
 
     def arrays(kind: str) -> Mapping[str, Array]:
         name = f"{kind}_{setting.head}.npz" if setting.head else f"{kind}.npz"
-        return store.load_arrays(folder / name) if files is None else files[name]
+        return store.load_arrays(run[0] / name)
 
     if setting.phi is not None and setting.theta is not None:
         measured = arrays("surface")
@@ -276,7 +276,7 @@ def _accuracy(study: Study, record: RunRecord, setting: _Setting) -> float:
         at = np.isclose(measured["decision_latency_ms"], setting.read_out_ms)
         missing = f"{setting.read_out_ms:g} ms"
     else:
-        return float(numbers.of_head(setting.head).columns["accuracy"])
+        return float(run[1].measured.of_head(setting.head).columns["accuracy"])
     if not at.any():
         raise ValueError(f"{where} was not evaluated at {missing}")
     return float(measured["accuracy"][at][0])

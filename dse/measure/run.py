@@ -15,18 +15,18 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from dse import registry
+from dse import registry, store
 from dse.hardware.cost import NotApplicable
 from dse.hardware.profile import Profile
 from dse.measure import decision
 from dse.measure.confusion import confusion
 from dse.measure.heads import head_answers, head_slices, joint_label
+from dse.measure.numbers import Numbers
 from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, measured
-from dse.measure.objectives.accuracy_unseen import Unseen, unseen_name
+from dse.measure.objectives.accuracy_unseen import unseen_name
 from dse.measure.on_chips import columns_on
 from dse.neurons import neuron_of
 from dse.neurons.cuba_lif import CubaLif
@@ -51,35 +51,26 @@ READ_OUTS = 20
 """Input lengths, evenly spaced, after which a spiking network is read out unless their distance is given."""
 
 Columns = dict[str, Array]
+Moved = tuple[int, Ints, Response | Answers]
+"""A shift, validation samples (n,), rising and the same at each, and the answers to their moved windows."""
 
 
 @dataclass(frozen=True)
 class Measurement:
     """What one run measured, on the validation set unless the name says test.
 
-    columns: the full read-out, column -> number.
-    points: column -> (phi, theta); empty without a decision grid.
-    read_outs: column -> (k,), after time_ms[j] of the input; empty of a joint net, whose heads have them.
-        In both, `unseen_name` names the accuracies of a fold.
-    points_load, read_outs_load: mean work of the same answers, which any hardware can be asked the cost of.
-    hardware: profile -> `columns_on` of the full read-out.
-    confusion, confusion_test: (true class, answered class) counts of the full read-out.
-    heads: of a joint target, head -> its own measurement.
-    unseen: label column -> fold of its values -> accuracy after a training without the fold.
-    shifted: (shift,) accuracy of the full read-out on moved windows; None where none were moved.
+    numbers: of the full read-out; of the whole classifier, and of each head of a joint one.
+    files: name, of a head with `_<head>` before .npz -> arrays:
+        confusion.npz   validation, test: (true class, answered class) counts of the full read-out
+        shifts.npz      shift, accuracy: (shift,) of the full read-out on moved windows
+        read_out.npz    column -> (k,), after k input lengths; not of a joint net, whose heads have them
+        surface.npz     phi, theta, column -> (phi, theta); with a decision grid
+        The last two hold the mean work of the answers too, which any hardware can be asked the cost of
+        (`store.work_of`), and `unseen_name` names the accuracies of a fold.
     """
 
-    columns: dict[str, Any]
-    points: Columns
-    read_outs: Columns
-    points_load: Workload | Operations | None
-    read_outs_load: Workload | Operations | None
-    hardware: dict[str, dict[str, Any]]
-    confusion: Ints
-    confusion_test: Ints | None
-    heads: dict[str, Measurement] = field(default_factory=dict)
-    unseen: Unseen = field(default_factory=dict)
-    shifted: Floats | None = None
+    numbers: Numbers
+    files: dict[str, Columns]
 
 
 @dataclass(frozen=True)
@@ -205,7 +196,7 @@ def measure(
     hardware: Sequence[Profile],
     weight_bits: int = 8,
     read_out_every_ms: float | None = None,
-    moved: Iterable[tuple[Ints, Response | Answers]] = (),
+    moved: Iterable[Moved] = (),
     unseen: UnseenTargets | None = None,
 ) -> Measurement:
     """Measure one run.
@@ -219,8 +210,7 @@ def measure(
         weight_bits: bits per weight of a spiking network.
         read_out_every_ms: distance of the input lengths after which a spiking network is read out; None:
             `READ_OUTS` of them, evenly spaced.
-        moved: per shift, validation samples (n,), rising and the same at each, and what the run answers to
-            their moved windows.
+        moved: of each shift.
         unseen: accuracies on groups after trainings without them; None: there were none.
 
     Raises:
@@ -228,25 +218,29 @@ def measure(
     """
     how, targets = _How(phi, theta, weight_bits, read_out_every_ms), _targets(dataset)
     shifts: dict[str, list[Accuracies]] = {name: [] for name in targets}
-    n_shifted = 0
-    for samples, answers in _and_unmoved(moved, outcome, dataset):
+    at, n_shifted = [], 0
+    for shift, samples, answers in _and_unmoved(moved, outcome, dataset):
+        at.append(shift)
         n_shifted = len(samples)
         for name, target in targets.items():
             shifts[name].append(target.accuracies(answers, samples, how))
-    heads = {}
+    files: dict[str, Columns] = {}
+    of_targets = {}
     for name, target in targets.items():
         folds = {
-            column: {fold: of_targets[name] for fold, of_targets in of_column.items()}
+            column: {fold: of_fold[name] for fold, of_fold in of_column.items()}
             for column, of_column in (unseen or {}).items()
         }
         answered = _with_shifts(_answered(outcome, target, how, folds), shifts[name], n_shifted)
-        heads[name] = _measured(answered, target, hardware, folds)
-    whole = heads.pop("")
-    if heads:
-        names = [name for name in ("accuracy", "accuracy_test") if name in whole.columns]
-        of_heads = {f"{x}_{name}": head.columns[x] for x in names for name, head in heads.items()}
-        whole = replace(whole, columns=whole.columns | of_heads, heads=heads)
-    return whole
+        of_targets[name] = _numbers(answered, hardware)
+        suffix = f"_{name}.npz" if name else ".npz"
+        files |= {f"{x}{suffix}": y for x, y in _files(answered, target, how, at[1:], folds).items()}
+    numbers = of_targets.pop("")
+    if of_targets:
+        names = [name for name in ("accuracy", "accuracy_test") if name in numbers.columns]
+        of_heads = {f"{x}_{name}": head.columns[x] for x in names for name, head in of_targets.items()}
+        numbers = replace(numbers, columns={**numbers.columns, **of_heads}, of_heads=of_targets)
+    return Measurement(numbers, files)
 
 
 def accuracies(
@@ -277,18 +271,16 @@ def _targets(dataset: Dataset) -> dict[str, _Target]:
     return {head.name: _Target(dataset, head, outputs) for head, outputs in pairs} | {"": _Target(dataset)}
 
 
-def _and_unmoved(
-    moved: Iterable[tuple[Ints, Response | Answers]], outcome: Outcome, dataset: Dataset
-) -> Iterator[tuple[Ints, Response | Answers]]:
+def _and_unmoved(moved: Iterable[Moved], outcome: Outcome, dataset: Dataset) -> Iterator[Moved]:
     """Yield what a run answers to the unmoved windows of the moved samples, then to the moved ones."""
-    for number, (samples, answers) in enumerate(moved):
+    for number, (shift, samples, answers) in enumerate(moved):
         if not number:
             among, unmoved = np.isin(dataset.validation, samples), outcome.validation
             if isinstance(unmoved, Answers):
-                yield samples, replace(unmoved, label=unmoved.label[among])
+                yield 0, samples, replace(unmoved, label=unmoved.label[among])
             else:
-                yield samples, replace(unmoved, output=unmoved.output[among])
-        yield samples, answers
+                yield 0, samples, replace(unmoved, output=unmoved.output[among])
+        yield shift, samples, answers
 
 
 def _with_shifts(answered: _Answered, shifts: Sequence[Accuracies], n: int) -> _Answered:
@@ -335,42 +327,58 @@ def read_out(output: Array) -> Ints:
     return np.asarray(output.sum(axis=1, dtype=np.int64).argmax(axis=1))
 
 
-def _measured(
-    answered: _Answered,
-    target: _Target,
-    hardware: Sequence[Profile],
-    unseen: Mapping[str, Mapping[str, Accuracies]],
-) -> Measurement:
-    """Return the measurement of one target."""
-    read_outs, grid, answer = answered.read_outs, answered.grid, answered.full
-    of_lengths, of_grid = measured("points", read_outs), {} if grid is None else measured("points", grid)
-    folds = {unseen_name(i): x for i, x in enumerate(x for of in unseen.values() for x in of.values())}
-    last = read_outs.load.mapped(lambda counts: counts[-1])
-    declared = registry.columns("points")
-    measurement = Measurement(
-        columns=_columns({name: x[-1] for name, x in of_lengths.items()}, answer),
-        points={name: x for name, x in of_grid.items() if not declared[name].of_design}
-        | {name: x.grid for name, x in folds.items() if x.grid is not None},
-        read_outs={**of_lengths, **answered.of_lengths, **{name: x.read_outs for name, x in folds.items()}},
-        points_load=None if grid is None else grid.load,
-        read_outs_load=read_outs.load,
-        hardware={chip.name: flat(columns_on(chip, last)) for chip in hardware},
-        confusion=answer.confusion[:, : target.n_classes],
-        confusion_test=None
-        if answer.confusion_test is None
-        else answer.confusion_test[:, : target.n_classes],
-        unseen=answer.unseen,
-        shifted=None if read_outs.shifted is None else read_outs.shifted[:, -1],
-    )
-    return replace(measurement, read_outs={}, read_outs_load=None) if target.is_joint else measurement
-
-
-def _columns(of_points: dict[str, Any], answer: FullReadOut) -> dict[str, Any]:
-    """Return the columns of the full read-out; health that is one number is a column as well."""
+def _numbers(answered: _Answered, hardware: Sequence[Profile]) -> Numbers:
+    """Return the numbers of the full read-out; health that is one number is a column as well."""
+    answer, of_lengths = answered.full, measured("points", answered.read_outs)
     of_answer = measured("full_read_out", answer)
     train_s = of_answer.pop("train_s")
     health = {name: x for name, x in answer.outcome.health.items() if isinstance(x, bool | int | float)}
-    return {**flat(of_points), **flat(of_answer), **health, "train_s": train_s}
+    last = answered.read_outs.load.mapped(lambda counts: counts[-1])
+    return Numbers(
+        {
+            **flat({name: x[-1] for name, x in of_lengths.items()}),
+            **flat(of_answer),
+            **health,
+            "train_s": train_s,
+        },
+        {chip.name: flat(columns_on(chip, last)) for chip in hardware},
+        unseen=answer.unseen,
+    )
+
+
+def _files(
+    answered: _Answered,
+    target: _Target,
+    how: _How,
+    shifts: Sequence[int],
+    unseen: Mapping[str, Mapping[str, Accuracies]],
+) -> dict[str, Columns]:
+    """Return the arrays of a target, as in `Measurement.files`, without head and suffix in their names."""
+    read_outs, grid, answer = answered.read_outs, answered.grid, answered.full
+    matrices = {"validation": answer.confusion, "test": answer.confusion_test}
+    files: dict[str, Columns] = {
+        "confusion": {name: x[:, : target.n_classes] for name, x in matrices.items() if x is not None}
+    }
+    if read_outs.shifted is not None:
+        files["shifts"] = {"shift": np.array(shifts), "accuracy": read_outs.shifted[:, -1]}
+    if target.is_joint:
+        return files
+    folds = {unseen_name(i): x for i, x in enumerate(x for of in unseen.values() for x in of.values())}
+    files["read_out"] = {
+        **measured("points", read_outs),
+        **answered.of_lengths,
+        **{name: x.read_outs for name, x in folds.items()},
+        **store.work_arrays(read_outs.load),
+    }
+    if grid is not None:
+        declared = registry.columns("points")
+        files["surface"] = {
+            **{"phi": np.array(how.phi), "theta": np.array(how.theta)},
+            **{name: x for name, x in measured("points", grid).items() if not declared[name].of_design},
+            **{name: x.grid for name, x in folds.items() if x.grid is not None},
+            **store.work_arrays(grid.load),
+        }
+    return files
 
 
 def _answered(

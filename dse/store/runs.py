@@ -16,9 +16,9 @@ from typing import Any
 import dse
 from dse.records import Array
 from dse.store.arrays import DAMAGED_ARCHIVE, RECORD, save_arrays
-from dse.store.book import Book, digests_of
+from dse.store.book import Book
 from dse.store.errors import StoreError, check_kind, damaged, unreadable
-from dse.store.files import checksum, published, verify
+from dse.store.files import checksum, known_as, published, verify
 from dse.store.plain import plain
 
 SCHEMA = 2
@@ -32,8 +32,8 @@ def run_file(study: Path, trial: int, repeat: int) -> Path:
 
 
 def named(path: Path) -> tuple[int, int] | None:
-    """Return trial and repeat of the archive of a run by its name; None: it is none."""
-    match = _RUN.fullmatch(path.name)
+    """Return trial and repeat of the archive of a run, or of one in its folder; None: it is none."""
+    match = _RUN.fullmatch(path.name) or _RUN.fullmatch(f"{path.parent.name}.npz")
     return None if match is None else (int(match[1]), int(match[2]))
 
 
@@ -139,7 +139,7 @@ def load_run(path: Path) -> dict[str, Any] | None:
     if not os.path.lexists(path):
         return None
     record = read_record(path)
-    if digests_of(path.parents[1], f"{RUNS}/{path.name}"):
+    if known_as(path):
         verify(path)
         return record
     try:

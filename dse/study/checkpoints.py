@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from dse import store
+from dse.measure.numbers import Numbers
 from dse.records import Array
 from dse.store import Damaged
-from dse.study.record import Numbers, RunRecord
+from dse.study.record import RunRecord
 
 _FOLDER, _STATE = "checkpoints", "state.npz"
 SCHEMA = 1

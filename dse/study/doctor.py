@@ -224,7 +224,7 @@ def _runs(study: _Study) -> Iterator[Damage]:
         elif not study.fault and not _is_of(study, found):
             yield Damage(name, "holds a run of another design or seed", "one run", again, aside)
     for path in _matches(study.folder, f"{precision.FOLDER}/*/*"):
-        if _wrong(path, store.verify) is not None or precision.is_damaged(path):
+        if precision.read(path) is None:
             remedy = f"the file is moved aside; {AGAIN} evaluates it again"
             aside = partial(_aside, study, path)
             yield Damage(study.name(path), "is damaged", "one evaluation", remedy, aside)

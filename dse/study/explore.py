@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import secrets
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,10 +15,10 @@ from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.bounds import MOST_TRIALS
 from dse.config.settings import missing
 from dse.dataset import cache
-from dse.hardware.profile import Profile, of_space
+from dse.hardware.profile import of_space
 from dse.recordings import PLACES, RecordingError
 from dse.recordings.files import locate
-from dse.study import health, points, precision, pricing
+from dse.study import health, precision, pricing
 from dse.study import tables as both
 from dse.study import trials as tables
 from dse.study.claim import Coordinator, claim, join, process_before
@@ -26,6 +26,7 @@ from dse.study.executors import loky
 from dse.study.known import KnownBefore
 from dse.study.ledger import Ledger
 from dse.study.mended import opened
+from dse.study.points import PointsTable
 from dse.study.precision import fronts
 from dse.study.progress import shown
 from dse.study.racing import Race
@@ -95,7 +96,7 @@ def run(
         ledger = Ledger(book)
         workers = at_the_end.enter_context(_workers(space, n_workers, folder, coordinator, until_s))
         runs = Runs(space, book, profiles, workers, report, coordinator)
-        results_tables = _Tables(space, folder, runs, profiles, ledger, coordinator, on_trial)
+        results_tables = _Tables(PointsTable(space, folder, profiles), runs, ledger, coordinator, on_trial)
         before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
         runs.recall(ledger.entries)
         results_tables.know_ended()
@@ -193,24 +194,17 @@ class _Tables:
 
     def __init__(
         self,
-        space: SearchSpace,
-        folder: Path,
+        points: PointsTable,
         runs: Runs,
-        profiles: Sequence[Profile],
         ledger: Ledger,
         coordinator: Coordinator,
         on_trial: Callable[[dict[str, Any]], object] | None = None,
     ) -> None:
-        self._space = space
-        self._coordinator = coordinator
-        self._ledger = ledger
-        self._folder = folder
-        self._profiles = profiles
-        self._runs = runs
+        self._points, self._space = points, points.space
+        self._runs, self._ledger, self._coordinator = runs, ledger, coordinator
         self._due = time.monotonic()
         self._on_trial = on_trial
         self._ended: set[int] = set()
-        self._made: points.Made = {}
 
     def know_ended(self) -> None:
         """Remember the trials that have ended before."""
@@ -239,7 +233,7 @@ class _Tables:
 
     def points(self) -> pandas.DataFrame:
         """Return the table of design points."""
-        return points.points_table(self._space, self._folder, self._runs.trials(), self._profiles)
+        return self._points.table(self._runs.trials())
 
     def write(self) -> None:
         """Write both tables, the hardware profiles that costs are computed from, and the copy of the book.
@@ -248,8 +242,7 @@ class _Tables:
         """
         if not self._coordinator.leads:
             return
-        runs, entries = self._runs.trials(), self._ledger.entries
-        both.write(self._space, self._folder, runs, self._profiles, entries, self._made)
+        both.write(self._points, self._runs.trials(), self._ledger.entries)
         store.back_up(self._ledger.book)
 
 

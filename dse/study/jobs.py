@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +33,8 @@ from dse.dataset.cache import mark_used, usual_root
 from dse.dataset.files import read_meta
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes, head_slices
-from dse.measure.run import Measurement, OfTargets, UnseenTargets, accuracies, measure
+from dse.measure.numbers import Numbers
+from dse.measure.run import Measurement, Moved, OfTargets, UnseenTargets, accuracies, measure
 from dse.models.snn.quantise import rounded
 from dse.neurons.fixed_point import STATE_LIMIT
 from dse.recordings import RecordingError
@@ -45,18 +45,16 @@ from dse.records import (
     Dataset,
     Ints,
     Network,
-    Operations,
     Outcome,
     Parameters,
     Response,
-    Workload,
 )
 from dse.search.cohorts import Demand
 from dse.study import checkpoints, precision
 from dse.study.checkpoints import Checkpoint
 from dse.study.executors.work import Failure
 from dse.study.precision import Setting
-from dse.study.record import Numbers, RunRecord, plain_rungs
+from dse.study.record import RunRecord, plain_rungs
 from dse.study.results import sections_found
 
 PROCESS_BYTES = 320 * 2**20
@@ -166,17 +164,15 @@ class Run:
             unseen,
         )
 
-    def _moved(
-        self, fitted: Network | Parameters, data: Dataset
-    ) -> Iterator[tuple[Ints, Response | Answers]]:
-        """Yield per shift the validation samples with room for every shift, and what the run answers."""
+    def _moved(self, fitted: Network | Parameters, data: Dataset) -> Iterator[Moved]:
+        """Yield what the run answers to moved windows of the validation samples with room for every shift."""
         evaluation = self.sections.evaluation
         if evaluation is None or evaluation.shifts is None:
             return
         fits = np.all([dataset.has_room(data, shift) for shift in evaluation.shifts], axis=0)
         samples = data.validation[fits[data.validation]]
         for shift in evaluation.shifts:
-            yield samples, self.sections.model.respond(fitted, dataset.shifted(data, shift), samples)
+            yield shift, samples, self.sections.model.respond(fitted, dataset.shifted(data, shift), samples)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -540,7 +536,7 @@ def _publish(
         repeat=job.repeat,
         design=job.design,
         seed=job.seed,
-        numbers=Numbers.of(measurement, leak),
+        numbers=measurement.numbers.with_columns(transductive=bool(leak)),
         sections=job.sections.with_fitted(loaded.fitted).to_plain(),
         classes=tuple(data.classes),
         heads=data.heads,
@@ -554,26 +550,21 @@ def _publish(
     if isinstance(ended, Rung):
         checkpoints.save(job.study, ended.epochs, _training(job, device), record.to_plain(), ended.state)
     else:
-        parts = _arrays(job, outcome, measurement, data)
+        parts = _arrays(outcome, measurement, data)
         store.save_run(job.folder, record.to_plain(), parts)
         checkpoints.remove(job.study, job.trial, job.repeat)
 
 
-def _arrays(
-    job: Run, outcome: Outcome, measurement: Measurement, data: Dataset
-) -> dict[str, dict[str, Array]]:
+def _arrays(outcome: Outcome, measurement: Measurement, data: Dataset) -> dict[str, dict[str, Array]]:
     """Return the parts of a run."""
-    files = {
+    tested = outcome.test
+    return {
         "weights.npz": store.record_arrays(outcome.network),
         "response.npz": _response_arrays(outcome.validation, data, data.validation),
         "history.npz": dict(outcome.history),
-        **arrays_of(job, measurement, ""),
+        **measurement.files,
+        **({} if tested is None else {"response_test.npz": _response_arrays(tested, data, data.test)}),
     }
-    if outcome.test is not None:
-        files["response_test.npz"] = _response_arrays(outcome.test, data, data.test)
-    for name, head in measurement.heads.items():
-        files |= arrays_of(job, head, f"_{name}")
-    return files
 
 
 def most_output_spikes(model: Family, fitted: Network | Parameters, data: Dataset) -> int:
@@ -594,32 +585,6 @@ def _response_arrays(response: Response | Answers, data: Dataset, index: Ints) -
     return {**store.response_arrays(response, index), "target": np.asarray(data.target[index])}
 
 
-def arrays_of(job: Run, measurement: Measurement, suffix: str) -> dict[str, dict[str, Array]]:
-    """Return the files of a measurement: confusion, read-outs and, with a decision grid, its surface.
-
-    Where windows were moved, another holds the accuracy at each shift.
-    """
-    matrices = {"validation": measurement.confusion}
-    if measurement.confusion_test is not None:
-        matrices["test"] = measurement.confusion_test
-    files = {f"confusion{suffix}.npz": matrices}
-    evaluation = job.sections.evaluation
-    if evaluation is not None and evaluation.shifts is not None and measurement.shifted is not None:
-        shifts: dict[str, Array] = {"shift": np.array(evaluation.shifts), "accuracy": measurement.shifted}
-        files[f"shifts{suffix}.npz"] = shifts
-    if measurement.read_outs:
-        files[f"read_out{suffix}.npz"] = measurement.read_outs | _work(measurement.read_outs_load)
-    if measurement.points:
-        grid = {"phi": np.array(job.phi), "theta": np.array(job.theta)}
-        files[f"surface{suffix}.npz"] = grid | measurement.points | _work(measurement.points_load)
-    return files
-
-
-def _work(load: Workload | Operations | None) -> dict[str, Array]:
-    assert load is not None  # every answer has a workload
-    return store.work_arrays(load)
-
-
 @dataclass(frozen=True)
 class Rounding:
     """Evaluate a trained run at some settings."""
@@ -636,11 +601,10 @@ def evaluate(job: Rounding) -> Iterator[tuple[Setting, Failure | None]]:
     """
     loaded = load(job.run)
     network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
-    record = store.read_record(job.run.folder)
-    trained = RunRecord.from_plain(record, job.run.folder).measured.columns
+    trained = RunRecord.from_plain(store.read_record(job.run.folder), job.run.folder)
     run = job.run
     if run.phi_step is not None:  # the same settings as in training
-        surface = next(x for x in record["files"] if x.startswith("surface"))
+        surface = next(x for x in trained.files if x.startswith("surface"))
         phi = store.load_arrays(run.folder / surface)["phi"]
         run = dataclasses.replace(run, phi=tuple(phi.tolist()))
     for setting in job.settings:
@@ -654,13 +618,11 @@ def evaluate(job: Rounding) -> Iterator[tuple[Setting, Failure | None]]:
         yield setting, why
 
 
-def _evaluate(
-    run: Run, setting: Setting, network: object, loaded: Loaded, trained: Mapping[str, Any]
-) -> None:
+def _evaluate(run: Run, setting: Setting, network: object, loaded: Loaded, trained: RunRecord) -> None:
     """Measure a run at a setting and publish its file."""
     if not isinstance(network, Network):
         raise TypeError(f"only a Network can be rounded, got {type(network).__name__}")
-    data = loaded.data
+    data, columns = loaded.data, trained.measured.columns
     fewer = rounded(network, *setting)
     validation = run.sections.model.respond(fewer, data, data.validation)
     test = run.sections.model.respond(fewer, data, data.test) if data.test.size else None
@@ -670,10 +632,8 @@ def _evaluate(
         "overflows_24_bit": validation.peak_state > STATE_LIMIT,
         "n_weights_dense": fewer.n_weights_dense,
     }
-    reported = {name: x for name, x in health.items() if name in trained}  # not every family reports all
-    outcome = Outcome(fewer, validation, test, {}, reported, trained.get("train_s", 0.0))
+    reported = {name: x for name, x in health.items() if name in columns}  # not every family reports all
+    outcome = Outcome(fewer, validation, test, {}, reported, columns.get("train_s", 0.0))
     measurement = run.measured(outcome, data, setting[0])
-    files = arrays_of(run, measurement, "")
-    for name, head in measurement.heads.items():
-        files |= arrays_of(run, head, f"_{name}")
-    precision.save(run.folder, setting, Numbers.of(measurement, loaded.leak), files)
+    numbers = measurement.numbers.with_columns(transductive=bool(loaded.leak))
+    precision.save(run.folder, setting, dataclasses.replace(trained, numbers=numbers), measurement.files)

@@ -23,12 +23,13 @@ import dse
 from dse import registry, store
 from dse.config import SearchSpace
 from dse.hardware.profile import Figures, Profile
+from dse.measure.numbers import Numbers
 from dse.measure.objectives.accuracy_unseen import merged, unseen_columns, unseen_name
 from dse.measure.on_chips import columns_on, drawn_on
 from dse.records import Array, Ints, Operations, Workload
 from dse.study import corrected, held, precision
 from dse.study import trials as tables
-from dse.study.record import Numbers, RunRecord
+from dse.study.record import RunRecord
 
 if TYPE_CHECKING:
     import pandas
@@ -39,13 +40,8 @@ Made = dict[int, tuple[str, list[Part]]]
 """Trial -> a digest of its runs, and the parts that follow from them."""
 
 
-def points_table(
-    space: SearchSpace,
-    folder: Path,
-    trials: Mapping[int, Sequence[RunRecord]],
-    profiles: Sequence[Profile],
-) -> pandas.DataFrame:
-    """Return one row per design point of the finished trials, on every hardware profile.
+class PointsTable:
+    """The design points of a study's finished trials, on every hardware profile.
 
     The first row of each trial and profile is the full read-out, which answers at the end of the window: its
     phi, theta and read_out_ms are NaN, and nothing is undecided. Rows with phi and theta answer when the
@@ -56,45 +52,80 @@ def points_table(
     Args:
         space: the search space of the study.
         folder: of the study.
-        trials: trial number -> records of its runs.
         profiles: hardware to price the points on; not necessarily that of the study.
     """
-    parts = _parts(space, folder, trials, profiles, dict.fromkeys(map(str, trials), ""), {})
-    return _whole(parts, space, trials)
 
+    def __init__(self, space: SearchSpace, folder: Path, profiles: Sequence[Profile]) -> None:
+        self.space, self.folder, self.profiles = space, folder, profiles
+        self._made: Made = {}  # what the last file was written of
 
-def write_points(
-    path: Path,
-    space: SearchSpace,
-    folder: Path,
-    trials: Mapping[int, Sequence[RunRecord]],
-    profiles: Sequence[Profile],
-    digests: Mapping[str, str],
-    made: Made,
-) -> None:
-    """Write the table of `points_table` as Parquet, unless the file is that table already.
+    def table(self, trials: Mapping[int, Sequence[RunRecord]]) -> pandas.DataFrame:
+        """Return one row per design point; trials: number -> records of the runs."""
+        return self._whole(self._parts(trials, dict.fromkeys(map(str, trials), ""), {}), trials)
 
-    Args:
-        path: the file.
-        space: the search space of the study.
-        folder: of the study.
-        trials: trial number -> records of its runs.
-        profiles: hardware to price the points on.
-        digests: of the trials' runs (`dse.study.held.digests`).
-        made: what was made before of the same search space and chips; parts of unchanged runs are taken from
-            it, and those of others are added.
-    """
-    made_from = {"common": _digest(space, profiles), "digests": digests}
-    before = json.loads(store.made_from(path) or "{}")
-    rows = before.pop("rows", {})
-    if before == made_from and sum(rows.values()) == held.n_rows(path):  # else it is not what was written
-        return
-    parts = _parts(space, folder, trials, profiles, digests, made)
-    rows = Counter[str]()
-    for part in parts:
-        rows[str(int(part["trial"][0]))] += len(part["trial"])
-    with store.noted(path) as temporary:
-        store.write_table(temporary, _whole(parts, space, trials), json.dumps({**made_from, "rows": rows}))
+    def write(
+        self, path: Path, trials: Mapping[int, Sequence[RunRecord]], digests: Mapping[str, str]
+    ) -> None:
+        """Write the table as Parquet, unless the file is that table already.
+
+        Args:
+            path: the file.
+            trials: trial number -> records of its runs.
+            digests: of the trials' runs (`dse.study.held.digests`).
+        """
+        made_from = {"common": _digest(self.space, self.profiles), "digests": digests}
+        before = json.loads(store.made_from(path) or "{}")
+        rows = before.pop("rows", {})
+        if before == made_from and sum(rows.values()) == held.n_rows(path):  # else it is not what was written
+            return
+        parts = self._parts(trials, digests, self._made)
+        rows = Counter[str]()
+        for part in parts:
+            rows[str(int(part["trial"][0]))] += len(part["trial"])
+        with store.noted(path) as temporary:
+            store.write_table(temporary, self._whole(parts, trials), json.dumps({**made_from, "rows": rows}))
+
+    def _whole(self, parts: Sequence[Part], trials: Mapping[int, Sequence[RunRecord]]) -> pandas.DataFrame:
+        """Return the table of parts, with the corrected accuracies that follow from all of them."""
+        names, asked = corrected.names(self.space), corrected.asked(self.space, trials)
+        counted = sum((corrected.tally(part, names, asked) for part in parts), Counter())
+        known = corrected.values(counted)
+        return _table([corrected.with_corrected(part, names, asked, known) for part in parts], self.space)
+
+    def _parts(
+        self, trials: Mapping[int, Sequence[RunRecord]], digests: Mapping[str, str], made: Made
+    ) -> list[Part]:
+        """Return the columns of all trials on every profile; of unchanged runs those in `made`."""
+        for trial, runs in sorted(trials.items()):
+            digest = digests[str(trial)]
+            if trial in made and made[trial][0] == digest:
+                continue
+            if not all(record.finished for record in runs):
+                made.pop(trial, None)
+                continue
+            try:
+                made[trial] = digest, [*self._of_trial(trial, runs)]
+            except (LookupError, ValueError, TypeError) as error:
+                place = store.run_file(self.folder, trial, runs[0].repeat)
+                text = f"its arrays cannot be evaluated ({type(error).__name__}: {error})"
+                raise store.StoreError(
+                    f"{place}: {text}; without this file, `dse run` trains it again"
+                ) from error
+        return [part for trial in sorted(trials.keys() & made.keys()) for part in made[trial][1]]
+
+    def _of_trial(self, trial: int, runs: Sequence[RunRecord]) -> Iterator[Part]:
+        answered = answers(self.folder, runs)
+        rows = columns_of(answered)
+        n = len(rows["accuracy"])
+        about = tables.named(self.space, trial, runs[0].design, len(runs))
+        design = {name: _repeated(value, n) for name, value in about.items()} | {"point": np.arange(n)}
+        chips: list[Profile | None] = [*self.profiles] or [None]
+        for chip in chips:
+            costs = {"hardware": _repeated(chip.name, n)} | priced(answered, chip) if chip else {}
+            for name, column in (rows | costs).items():
+                if column.shape != (n,) or column.dtype.kind == "c":
+                    raise ValueError(f"{name} has shape {column.shape} of {column.dtype}, not {n} rows")
+            yield design | rows | costs
 
 
 def _digest(space: SearchSpace, profiles: Sequence[Profile]) -> str:
@@ -110,60 +141,6 @@ def _code() -> bytes:
     home = Path(dse.__file__).parent
     files = sorted(home.rglob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()
-
-
-def _whole(
-    parts: Sequence[Part], space: SearchSpace, trials: Mapping[int, Sequence[RunRecord]]
-) -> pandas.DataFrame:
-    """Return the table of parts, with the corrected accuracies that follow from all of them."""
-    names, asked = corrected.names(space), corrected.asked(space, trials)
-    counted = sum((corrected.tally(part, names, asked) for part in parts), Counter())
-    known = corrected.values(counted)
-    return _table([corrected.with_corrected(part, names, asked, known) for part in parts], space)
-
-
-def _parts(
-    space: SearchSpace,
-    folder: Path,
-    trials: Mapping[int, Sequence[RunRecord]],
-    profiles: Sequence[Profile],
-    digests: Mapping[str, str],
-    made: Made,
-) -> list[Part]:
-    """Return the columns of the points of all trials on every profile; of unchanged runs those in `made`."""
-    for trial, runs in sorted(trials.items()):
-        digest = digests[str(trial)]
-        if trial in made and made[trial][0] == digest:
-            continue
-        if not all(record.finished for record in runs):
-            made.pop(trial, None)
-            continue
-        try:
-            made[trial] = digest, [*_of_trial(space, folder, trial, runs, profiles)]
-        except (LookupError, ValueError, TypeError) as error:
-            place = store.run_file(folder, trial, runs[0].repeat)
-            text = f"its arrays cannot be evaluated ({type(error).__name__}: {error})"
-            raise store.StoreError(
-                f"{place}: {text}; without this file, `dse run` trains it again"
-            ) from error
-    return [part for trial in sorted(trials.keys() & made.keys()) for part in made[trial][1]]
-
-
-def _of_trial(
-    space: SearchSpace, folder: Path, trial: int, runs: Sequence[RunRecord], profiles: Sequence[Profile]
-) -> Iterator[Part]:
-    answered = answers(folder, runs)
-    rows = columns_of(answered)
-    n = len(rows["accuracy"])
-    about = tables.named(space, trial, runs[0].design, len(runs))
-    design = {name: _repeated(value, n) for name, value in about.items()} | {"point": np.arange(n)}
-    chips: list[Profile | None] = [*profiles] or [None]
-    for chip in chips:
-        costs = {"hardware": _repeated(chip.name, n)} | priced(answered, chip) if chip else {}
-        for name, column in (rows | costs).items():
-            if column.shape != (n,) or column.dtype.kind == "c":
-                raise ValueError(f"{name} has shape {column.shape} of {column.dtype}, not {n} rows")
-        yield design | rows | costs
 
 
 def _table(parts: Sequence[Mapping[str, Array]], space: SearchSpace) -> pandas.DataFrame:
@@ -259,40 +236,35 @@ def answers(
         StoreError: an artefact is damaged, or a run was not evaluated at such a precision.
     """
     runs = [store.run_file(folder, record.trial, record.repeat) for record in records]
-    trained = [_as_trained(run, record) for run, record in zip(runs, records, strict=True)]
-    pieces = _of_runs(trained)
-    evaluated = {} if settings is not None and not settings else dict(precision.common(runs))
+    pieces = _of_runs(precision.AS_TRAINED, [*zip(runs, records, strict=True)])
+    evaluated = {} if settings is not None and not settings else precision.common(runs)
     for setting in evaluated if settings is None else settings:
         if setting not in evaluated:
             bits, pruned = setting
             lack = f"has no evaluation at {bits} bits with {pruned:g} pruned; run the study again"
             raise store.StoreError(f"{runs[0]}: {lack}")
-        pieces += _of_runs(evaluated[setting])
+        pieces += _of_runs(setting, evaluated[setting])
     return pieces
 
 
-def _as_trained(run: Path, record: RunRecord) -> precision.Evaluation:
-    """Return the measurement of a run in training as an evaluation."""
-    names = [name for name in record.files if name.startswith(("read_out", "surface"))]
-    files = {name: store.load_arrays(run / name) for name in names}
-    return precision.Evaluation(*precision.AS_TRAINED, record.measured, files)
-
-
-def _of_runs(runs: Sequence[precision.Evaluation]) -> list[Answered]:
+def _of_runs(setting: precision.Setting, runs: Sequence[precision.RunFile]) -> list[Answered]:
     """Return, head by head, the full read-out, the surface if there is one, and earlier read-outs."""
-    heads: list[str | None] = [*runs[0].numbers.of_heads] or [None]
-    return [piece for head in heads for piece in _of_head(runs, head)]
+    heads: list[str | None] = [*runs[0][1].measured.of_heads] or [None]
+    return [piece for head in heads for piece in _of_head(setting, runs, head)]
 
 
-def _of_head(runs: Sequence[precision.Evaluation], head: str | None) -> list[Answered]:
-    suffix = f"_{head}" if head else ""
-    numbers = [run.numbers.of_head(head) for run in runs]
-    read_outs = [run.files[f"read_out{suffix}.npz"] for run in runs]
-    surfaces = [run.files[name] for run in runs if (name := f"surface{suffix}.npz") in run.files]
+def _of_head(
+    setting: precision.Setting, runs: Sequence[precision.RunFile], head: str | None
+) -> list[Answered]:
+    suffix = f"_{head}.npz" if head else ".npz"
+    numbers = [record.measured.of_head(head) for _, record in runs]
+    read_outs = [store.load_arrays(run / f"read_out{suffix}") for run, _ in runs]
+    name = f"surface{suffix}"
+    surfaces = [store.load_arrays(run / name) for run, record in runs if name in record.files]
     loads = [store.work_of(arrays) for arrays in read_outs]
     about: dict[str, object] = {}
     if isinstance(loads[0], Workload):  # other classifiers have no precision
-        about = {"weight_bits": runs[0].weight_bits, "pruned_after": runs[0].pruned}
+        about = {"weight_bits": setting[0], "pruned_after": setting[1]}
     full = {**about, **({"task": head} if head else {}), **tables.summary(numbers, None)}
     end = {"phi": np.nan, "theta": np.nan, "accuracy_strict": full["accuracy"], "undecided": 0.0}
     first = full | (end if surfaces else {}) | {"read_out_ms": np.nan}

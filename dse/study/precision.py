@@ -4,18 +4,14 @@ A setting is (weight_bits, pruned): it states how the weights of a trained netwo
 (`dse.models.snn.quantise`). The results at a setting are one file of the study,
 
     precision/<trial>-<repeat>/<weight_bits>_<pruned>.npz
-        schema, trial, repeat, weight_bits, pruned
-        numbers          JSON text: the measured part of record.json
-        <file>/<name>    the arrays of <file> at this setting, such as read_out.npz
 
-which is written atomically: a setting is finished if its file exists.
+an archive like that of the run (`dse.store.runs`): the record, with `weight_bits` and `pruned`, and the
+arrays of what was measured. A setting is finished if its file exists.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,38 +20,21 @@ import numpy as np
 from dse import store
 from dse.neurons.fixed_point import BITS
 from dse.records import Array
-from dse.study.record import Numbers
+from dse.study.record import RunRecord
 
 if TYPE_CHECKING:
     import pandas
 
 Setting = tuple[int, float]
+RunFile = tuple[Path, RunRecord]
+"""The archive of a run, or of an evaluation of it, and the record in it."""
 
 FOLDER = "precision"
 """Of a study."""
 
 AS_TRAINED: Setting = (BITS, 0.0)
 
-_SCHEMA = "dse/precision/1"
-_KEYS = ("schema", "trial", "repeat", "weight_bits", "pruned", "numbers")
 _ROUNDING = 1e-9  # accuracies are ratios of counts: closer than this they are equal
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """The measurement of a run at one setting.
-
-    files: name of a file, such as read_out.npz -> its arrays.
-    """
-
-    weight_bits: int
-    pruned: float
-    numbers: Numbers
-    files: Mapping[str, Mapping[str, Array]]
-
-    @property
-    def setting(self) -> Setting:
-        return self.weight_bits, self.pruned
 
 
 def refusal(folder: Path) -> str:
@@ -67,27 +46,20 @@ def refusal(folder: Path) -> str:
     return "" if arithmetic == "integer" else f"runs in {arithmetic} arithmetic"
 
 
-def missing(folder: Path, settings: Sequence[Setting]) -> tuple[Setting, ...]:
+def missing(run: Path, settings: Sequence[Setting]) -> tuple[Setting, ...]:
     """Return the settings that a run was not evaluated at, including those with a damaged file."""
-    return tuple(setting for setting in settings if _read(file_of(folder, setting)) is None)
+    return tuple(setting for setting in settings if read(file_of(run, setting)) is None)
 
 
-def is_damaged(path: Path) -> bool:
-    """Return whether the file of an evaluation is damaged, or of another schema or run."""
-    return _read(path) is None
+def evaluations(run: Path) -> dict[Setting, RunFile]:
+    """Return what a run answers at other precisions, by bits, then pruned; damaged files are skipped."""
+    return dict(sorted(filter(None, map(read, files_of(run)))))
 
 
-def rows(folder: Path) -> list[Evaluation]:
-    """Return the evaluations of a run, by bits and then by pruned fraction; damaged files are skipped."""
-    evaluations = (_read(path) for path in files_of(folder))
-    return sorted((x for x in evaluations if x is not None), key=lambda x: x.setting)
-
-
-def common(folders: Sequence[Path]) -> list[tuple[Setting, list[Evaluation]]]:
+def common(runs: Sequence[Path]) -> dict[Setting, list[RunFile]]:
     """Return the settings at which all of some runs were evaluated, with the evaluation of each run."""
-    of_runs = [{x.setting: x for x in rows(folder)} for folder in folders]
-    shared = [setting for setting in of_runs[0] if all(setting in of_run for of_run in of_runs)]
-    return [(setting, [of_run[setting] for of_run in of_runs]) for setting in shared]
+    each = [evaluations(run) for run in runs]
+    return {setting: [of[setting] for of in each] for setting in each[0] if all(setting in of for of in each)}
 
 
 def as_trained(points: pandas.DataFrame) -> pandas.DataFrame:
@@ -135,34 +107,23 @@ def near(
     return trials
 
 
-def save(run: Path, setting: Setting, numbers: Numbers, files: Mapping[str, Mapping[str, Array]]) -> None:
+def save(run: Path, setting: Setting, record: RunRecord, parts: Mapping[str, Mapping[str, Array]]) -> None:
     """Write the results of a run at a setting.
 
     Args:
         run: its file.
         setting: at which it was measured.
-        numbers: measured there.
-        files: name of a file -> its arrays.
+        record: of the run, with the numbers that were measured there.
+        parts: name, such as read_out.npz -> its arrays.
     """
-    named = store.named(run)
-    assert named is not None  # it is the file of a run
-    arrays = {
-        "schema": np.array(_SCHEMA),
-        "trial": np.array(named[0]),
-        "repeat": np.array(named[1]),
-        "weight_bits": np.array(setting[0]),
-        "pruned": np.array(setting[1]),
-        "numbers": np.array(json.dumps(numbers.to_plain(), default=store.plain)),
-        **{f"{file}/{name}": x for file, of_file in files.items() for name, x in of_file.items()},
-    }
-    with store.published(file_of(run, setting)) as temporary:
-        store.save_arrays(temporary, arrays)
+    weight_bits, pruned = setting
+    about = {"study": run.parents[1].absolute().name, "weight_bits": weight_bits, "pruned": pruned}
+    store.save_run(file_of(run, setting), {**record.to_plain(), **about}, parts, replaces=True)
 
 
 def file_of(run: Path, setting: Setting) -> Path:
     """Return the file of the results of a run at a setting."""
-    weight_bits, pruned = setting
-    return _folder(run) / f"{weight_bits}_{float(pruned)!r}.npz"
+    return _folder(run) / _name(setting)
 
 
 def files_of(run: Path) -> list[Path]:
@@ -170,29 +131,23 @@ def files_of(run: Path) -> list[Path]:
     return sorted(_folder(run).glob("*.npz"))
 
 
+def _name(setting: Setting) -> str:
+    return f"{setting[0]}_{float(setting[1])!r}.npz"
+
+
 def _folder(run: Path) -> Path:
     return run.parents[1] / FOLDER / run.stem
 
 
-def _read(path: Path) -> Evaluation | None:
-    """Return the evaluation in a file; None if it is missing, damaged, or of another schema or run."""
+def read(path: Path) -> tuple[Setting, RunFile] | None:
+    """Return the setting of a file and what was answered there; None if it is missing or damaged."""
     try:
-        arrays = store.load_arrays(path)
-        if str(arrays["schema"]) != _SCHEMA:
+        plain = store.load_run(path)
+        if plain is None or path.name != _name(setting := (plain["weight_bits"], plain["pruned"])):
             return None
-        numbers = Numbers.from_plain(json.loads(str(arrays["numbers"])))
-        setting = int(arrays["weight_bits"]), float(arrays["pruned"])
-        run = store.run_file(path.parents[2], int(arrays["trial"]), int(arrays["repeat"]))
-        if path != file_of(run, setting):
-            return None
-    except (store.Damaged, KeyError, ValueError, TypeError, AttributeError):
+        return setting, (path, RunRecord.from_plain(plain, path))
+    except (store.StoreError, LookupError, ValueError, TypeError):
         return None
-    files: dict[str, dict[str, Array]] = {}
-    for key, array in arrays.items():
-        if key not in _KEYS:
-            file, name = key.split("/", 1)
-            files.setdefault(file, {})[name] = array
-    return Evaluation(*setting, numbers, files)
 
 
 GROUPS = ("task", "family", "hardware")

@@ -27,6 +27,7 @@ from dse.study import held
 from dse.study import points as _points
 from dse.study.held import plain_space
 from dse.study.precision import AS_TRAINED, Setting
+from dse.study.question import DRAWS
 from dse.study.record import RunRecord, load_records
 
 if TYPE_CHECKING:
@@ -34,9 +35,6 @@ if TYPE_CHECKING:
 
 _FOLDER = "hardware"
 _ENDS: tuple[End, ...] = get_args(End)
-
-DRAWS = 200
-"""Default number of samples of a chip's uncertain numbers."""
 
 
 def check(profiles: Sequence[Profile], folder: Path) -> list[str]:

@@ -19,7 +19,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,16 +27,14 @@ from dse import store
 from dse.config import SearchSpace
 from dse.config.search import Racing
 from dse.hardware.profile import Profile
+from dse.measure.numbers import Numbers
 from dse.records import Floats
 from dse.search.racing import best
 from dse.study import trials as tables
 from dse.study.ledger import Entry
-from dse.study.record import Numbers, RunRecord
+from dse.study.record import RunRecord
 from dse.study.runs import Runs
 from dse.study.searches import Asked, Search
-
-if TYPE_CHECKING:
-    pass
 
 SAVED = "racing/saved"
 

@@ -2,75 +2,20 @@
 
 from __future__ import annotations
 
-import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dse import store
+from dse.measure.numbers import Numbers, check_kinds
 from dse.records import Head
 from dse.store import StoreError
-
-if TYPE_CHECKING:
-    from dse.measure.objectives.accuracy_unseen import Unseen
-    from dse.measure.run import Measurement
 
 STOPPED = "stopped"
 """The status of a run that racing stopped before its end."""
 
 
-@dataclass(frozen=True)
-class Numbers:
-    """The measured numbers of a run: columns of the record, of each hardware profile, and of each head.
-
-    unseen: label column -> fold of its values -> accuracy after a training without the fold.
-    """
-
-    columns: Mapping[str, Any]
-    hardware: Mapping[str, Mapping[str, Any]]
-    of_heads: Mapping[str, Numbers] = field(default_factory=dict)
-    unseen: Unseen = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, measurement: Measurement, leak: str) -> Numbers:
-        """Return the numbers of a measurement.
-
-        Args:
-            measurement: of a run.
-            leak: why evaluations on the data know the labels; '' if they do not.
-        """
-        heads = {name: cls.of(head, leak) for name, head in measurement.heads.items()}
-        columns = {**measurement.columns, "transductive": bool(leak)}
-        return cls(columns, measurement.hardware, heads, measurement.unseen)
-
-    @classmethod
-    def from_plain(cls, plain: Mapping[str, Any]) -> Numbers:
-        """Return the numbers in plain data; `to_plain` is the way back."""
-        heads = {name: cls.from_plain(head) for name, head in plain.get("of_heads", {}).items()}
-        numbers = cls(plain["columns"], plain["hardware"], heads, plain.get("unseen", {}))
-        _check(numbers, _KINDS_OF_NUMBERS)
-        for columns in (numbers.columns, *numbers.hardware.values()):
-            for name, value in columns.items():
-                if not isinstance(value, _SCALARS):
-                    raise TypeError(f"'{name}'")
-        return numbers
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return the numbers as plain data."""
-        unseen = {"unseen": self.unseen} if self.unseen else {}
-        heads = {name: head.to_plain() for name, head in self.of_heads.items()}
-        for head in heads.values():
-            del head["of_heads"]  # a head has none
-        return {"columns": self.columns, "hardware": self.hardware, "of_heads": heads, **unseen}
-
-    def of_head(self, head: str | None) -> Numbers:
-        """Return the numbers of a head; None or '': of the whole classifier."""
-        return self.of_heads[head] if head else self
-
-
-_SCALARS = (bool, int, float, str, types.NoneType)
-_KINDS_OF_NUMBERS = {"columns": Mapping, "hardware": Mapping, "unseen": Mapping}
 _KINDS = {
     **dict.fromkeys(("design", "sections", "samples"), Mapping),
     **dict.fromkeys(("reason", "details", "data", "leak"), str),
@@ -78,6 +23,13 @@ _KINDS = {
     "seed": int,
 }
 """Types of fields as JSON holds them."""
+_AS_WRITTEN = ("seed", "details", "needs_bytes", "stopped_at_epoch", "sections", "data", "samples")
+_PARTS = {
+    "failed": ("details",),
+    STOPPED: ("stopped_at_epoch", "data", "samples"),
+    "finished": ("sections", "data", "samples"),
+}
+"""Status of a run -> fields that its record holds beside those that every one has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,33 +100,18 @@ class RunRecord:
 
     def to_plain(self) -> dict[str, Any]:
         """Return the content of record.json without the schema and the checksums of files."""
-        about = {"trial": self.trial, "repeat": self.repeat, "design": dict(self.design), "seed": self.seed}
-        if self.stopped_at_epoch is not None:
-            return {
-                **about,
-                "status": STOPPED,
-                "reason": self.reason,
-                "stopped_at_epoch": self.stopped_at_epoch,
-                "data": self.data,
-                "samples": dict(self.samples),
-                "rungs": plain_rungs(self.rungs),
-            }
-        if self.numbers is None:
-            needs = {} if self.needs_bytes is None else {"needs_bytes": self.needs_bytes}
-            return {**about, "status": "failed", "reason": self.reason, "details": self.details, **needs}
-        return {
-            **about,
-            "sections": self.sections,
-            "classes": list(self.classes),
-            "heads": {head.pop("name"): head for head in store.heads_document(self.heads)},
-            "data": self.data,
-            "samples": dict(self.samples),
-            "transductive": self.leak,
-            "status": "finished",
-            "reason": "",
-            **self.numbers.to_plain(),
-            **({"rungs": plain_rungs(self.rungs)} if self.rungs else {}),
-        }
+        status = "failed" if self.failed else "finished" if self.finished else STOPPED
+        names = ("trial", "repeat", "seed", "reason", *_PARTS[status])
+        plain = {"design": dict(self.design), "status": status, **{x: getattr(self, x) for x in names}}
+        if self.needs_bytes is not None:
+            plain["needs_bytes"] = self.needs_bytes
+        if self.rungs:
+            plain["rungs"] = plain_rungs(self.rungs)
+        if self.numbers is not None:
+            heads = {head.pop("name"): head for head in store.heads_document(self.heads)}
+            plain |= {"classes": list(self.classes), "heads": heads, "transductive": self.leak}
+            plain |= self.numbers.to_plain()
+        return plain
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any], where: Path) -> RunRecord:
@@ -190,34 +127,21 @@ class RunRecord:
                 trial=int(plain["trial"]),
                 repeat=int(plain["repeat"]),
                 design=plain["design"],
-                seed=plain.get("seed", 0),
                 reason=plain["reason"],
-                details=plain.get("details", ""),
-                needs_bytes=plain.get("needs_bytes"),
                 numbers=None if plain["status"] in ("failed", STOPPED) else Numbers.from_plain(plain),
-                stopped_at_epoch=plain.get("stopped_at_epoch"),
-                sections=plain.get("sections", {}),
                 classes=tuple(plain.get("classes", ())),
                 heads=store.heads_of({"name": name, **x} for name, x in plain.get("heads", {}).items()),
-                data=plain.get("data", ""),
-                samples=plain.get("samples", {}),
                 leak=plain.get("transductive", ""),
                 rungs={int(n): Numbers.from_plain(x) for n, x in plain.get("rungs", {}).items()},
                 files=tuple(plain.get("files", ())),
+                **{"seed": 0, **{name: plain[name] for name in _AS_WRITTEN if name in plain}},
             )
-            _check(record, _KINDS)
+            check_kinds(record, _KINDS)
             if not all(isinstance(name, str) for name in record.classes):
                 raise TypeError("'classes'")
         except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
             raise store.damaged(where, f"key {error} is missing or invalid") from error
         return record
-
-
-def _check(record: object, kinds: Mapping[str, Any]) -> None:
-    """Check the types of fields that were read."""
-    for name, kind in kinds.items():
-        if not isinstance(getattr(record, name), kind):
-            raise TypeError(f"'{name}'")
 
 
 def plain_rungs(rungs: Mapping[int, Numbers]) -> dict[str, Any]:

@@ -5,49 +5,36 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from dse import store
 from dse.config import SearchSpace, load_space
-from dse.hardware.profile import Profile, of_space
+from dse.hardware.profile import of_space
 from dse.seeds import design_key
-from dse.study import held, points, pricing
+from dse.study import held, pricing
 from dse.study import trials as of_trials
 from dse.study.held import plain_space
 from dse.study.ledger import Entry, read_entries
+from dse.study.points import PointsTable
 from dse.study.record import RunRecord, load_record
 
-if TYPE_CHECKING:
-    import pandas
 
-
-def write(
-    space: SearchSpace,
-    folder: Path,
-    runs: Mapping[int, Sequence[RunRecord]],
-    profiles: Sequence[Profile],
-    entries: Sequence[Entry],
-    made: points.Made,
-) -> pandas.DataFrame:
-    """Write the tables of a study, and the profiles that price them; return that of the trials.
+def write(of_points: PointsTable, runs: Mapping[int, Sequence[RunRecord]], entries: Sequence[Entry]) -> None:
+    """Write the tables of a study, and the profiles that price them.
 
     Args:
-        space: its search space.
-        folder: of the study, which the caller has locked.
+        of_points: its design points; the caller has locked its folder.
         runs: trial -> records of its runs, repeat 0 first.
-        profiles: of its hardware.
         entries: of its book; excluded designs have a row too, unless they have been trained since.
-        made: of earlier calls, as of `points.write_points`.
     """
-    pricing.keep(profiles, folder)
+    folder = of_points.folder
+    pricing.keep(of_points.profiles, folder)
     trained = {design_key(entry.design) for entry in entries if not entry.excluded}
     excluded = [x for x in entries if x.excluded and design_key(x.design) not in trained]
-    table = of_trials.trials_table(space, runs, excluded)
+    table = of_trials.trials_table(of_points.space, runs, excluded)
     digests = held.digests(folder, {trial: [one.repeat for one in of] for trial, of in runs.items()})
     with store.noted(folder / held.TRIALS) as path:
         store.write_table(path, table, json.dumps({"digests": digests}))
-    points.write_points(folder / held.POINTS, space, folder, runs, profiles, digests, made)
-    return table
+    of_points.write(folder / held.POINTS, runs, digests)
 
 
 def n_held(space: SearchSpace, folder: Path) -> str:
@@ -78,4 +65,4 @@ def write_again(folder: Path) -> None:
         for trial, repeats in store.runs_in(folder).items()
         if trial < len(entries)
     }
-    write(space, folder, runs, of_space(space), entries, {})
+    write(PointsTable(space, folder, of_space(space)), runs, entries)

@@ -15,11 +15,12 @@ import numpy as np
 
 from dse import registry
 from dse.config import Axis, SearchSpace
+from dse.measure.numbers import Numbers
 from dse.measure.objectives import flat
 from dse.measure.objectives.accuracy import seeds_se
 from dse.measure.objectives.accuracy_unseen import as_arrays, merged, unseen_columns
 from dse.study.ledger import Entry
-from dse.study.record import STOPPED, Numbers, RunRecord
+from dse.study.record import STOPPED, RunRecord
 
 if TYPE_CHECKING:
     import pandas

@@ -74,7 +74,7 @@ def test_it_does_not_fit_a_chip_of_24_bits_but_one_whose_program_holds_its_state
 
 
 def test_of_several_runs_the_one_that_overflows_counts():
-    from dse.study.record import Numbers
+    from dse.measure.numbers import Numbers
     from dse.study.trials import summary
 
     peaks = (1000, STATE_LIMIT + 1, 2000)

@@ -13,8 +13,8 @@ from dse import store
 from dse.dashboard.details import MOST_EXAMPLES, gather_details, packed_details, shown_first
 from dse.measure.objectives.first_spike import first_spike_ms
 from dse.store import StoreError
-from dse.study import explore, results
-from dse.study.precision import Evaluation
+from dse.study import explore, precision, results
+from dse.study.record import load_record
 from tests import tiny_study
 from tests.rewriting import damage_part, rewrite
 
@@ -112,21 +112,15 @@ def test_other_precisions_have_surfaces_and_a_figure(found):
     assert numbers(line["y"]).tolist() == [full / 2, full]
 
 
-def test_other_precisions_have_their_own_confusion_and_energy(found, monkeypatch):
+def test_other_precisions_have_their_own_confusion_and_energy(found):
     points, trial = found.points(), trial_of(found, "fake")
 
-    def evaluated(folders):
-        """Return an evaluation of each run in which half of the spikes of its layers are gone."""
-        files = [
-            {name: dict(store.load_arrays(folder / name)) for name in ("confusion.npz", "read_out.npz")}
-            for folder in folders
-        ]
-        for of_run in files:
-            of_run["confusion.npz"]["validation"] = 2 * of_run["confusion.npz"]["validation"]
-            of_run["read_out.npz"]["work/spikes"] = of_run["read_out.npz"]["work/spikes"] / 2
-        return [((4, 0.5), [Evaluation(4, 0.5, None, of_run) for of_run in files])]
-
-    monkeypatch.setattr("dse.dashboard.details.common", evaluated)
+    for run in store.runs_of(found.folder, trial):
+        # An evaluation in which half of the spikes of the layers are gone.
+        parts = {name: store.load_arrays(run / name) for name in ("confusion.npz", "read_out.npz")}
+        parts["confusion.npz"]["validation"] *= 2
+        parts["read_out.npz"]["work/spikes"] = parts["read_out.npz"]["work/spikes"] / 2
+        precision.save(run, (4, 0.5), load_record(run), parts)
     [task] = gather_details(found, points, trial)["tasks"].values()
     [fewer] = task["precisions"]
     assert (fewer["weight_bits"], fewer["pruned_after"]) == (4, 0.5)
@@ -137,6 +131,7 @@ def test_other_precisions_have_their_own_confusion_and_energy(found, monkeypatch
         for one in (fewer, task)
     ]
     assert spent[0] < spent[1]
+    store.remove(found.folder / precision.FOLDER)
 
 
 def test_a_table_that_lacks_points_or_is_of_an_earlier_version_has_no_surface(found):

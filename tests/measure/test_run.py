@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse import store
 from dse.hardware.profile import load
 from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.objectives.recognition import itr_bits
@@ -60,7 +61,7 @@ def outcome():
 
 def test_the_full_read_out(outcome, dataset):
     found = measure(outcome, dataset, np.array([]), np.array([]), [])
-    assert found.columns == {
+    assert found.numbers.columns == {
         "accuracy": pytest.approx(2 / 3),  # 0 right (tie), 1 right, silent sample answers 0 and is 1
         "accuracy_se": pytest.approx(float(wilson_se(2, 3))),
         "accuracy_test": 1.0,
@@ -99,9 +100,9 @@ def test_the_full_read_out(outcome, dataset):
         "overflows_24_bit": False,
         "train_s": 1.5,
     }
-    assert found.confusion.tolist() == [[1, 0], [1, 1]]
-    assert found.confusion_test.tolist() == [[1, 0], [0, 0]]
-    assert found.points == {} and found.hardware == {}
+    assert found.files["confusion.npz"]["validation"].tolist() == [[1, 0], [1, 1]]
+    assert found.files["confusion.npz"]["test"].tolist() == [[1, 0], [0, 0]]
+    assert "surface.npz" not in found.files and found.numbers.hardware == {}
 
 
 def test_neurons_that_no_chip_holds_are_priced_as_operations(outcome, dataset):
@@ -110,20 +111,23 @@ def test_neurons_that_no_chip_holds_are_priced_as_operations(outcome, dataset):
     other = replace(outcome, network=replace(network, layers=layers))
     m4 = load("mcu_m4")
     found = measure(other, dataset, np.array([]), np.array([]), [LOIHI, OPERATIONS, m4])
-    assert found.hardware["loihi1_silicon"] == {}
-    assert found.columns["n_weights"] == 25
+    assert found.numbers.hardware["loihi1_silicon"] == {}
+    assert found.numbers.columns["n_weights"] == 25
     as_cuba = measure(outcome, dataset, np.array([]), np.array([]), [OPERATIONS])
     # The same additions; what updates cost is no part of that convention.
-    assert found.hardware["op_4.6_0.9"]["energy_uj"] == as_cuba.hardware["op_4.6_0.9"]["energy_uj"]
-    assert found.read_outs_load.additions[-1] == 8 * 5 + 4 * 2
+    assert (
+        found.numbers.hardware["op_4.6_0.9"]["energy_uj"]
+        == as_cuba.numbers.hardware["op_4.6_0.9"]["energy_uj"]
+    )
+    assert store.work_of(found.files["read_out.npz"]).additions[-1] == 8 * 5 + 4 * 2
     # A neuron with one state is updated at half the cost of one with two: 8 updates count as 4.
-    assert found.read_outs_load.updates[-1] == 4
-    assert found.hardware["mcu_m4"]["energy_uj"] > 0
+    assert store.work_of(found.files["read_out.npz"]).updates[-1] == 4
+    assert found.numbers.hardware["mcu_m4"]["energy_uj"] > 0
 
 
 def test_points_count_the_work_up_to_the_decision(outcome, dataset):
     found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [LOIHI])
-    points = {name: x.item() for name, x in found.points.items()}
+    points = {name: x.item() for name, x in found.files["surface.npz"].items() if "/" not in name}
     # Decided after 1, 2 and (never, so at the end) 4 steps.
     assert points["decision_latency_ms"] == pytest.approx(2.0 * (1 + 2 + 4) / 3)
     assert points["accuracy"] == pytest.approx(1 / 3)
@@ -136,14 +140,16 @@ def test_points_count_the_work_up_to_the_decision(outcome, dataset):
     assert points["spikes_total_no_input"] == 2  # the test sample decides after a step
     assert points["spike_rate_hz"] == pytest.approx((7 + 2) / 3 / 7 / (14e-3 / 3))
     assert points["synaptic_operations"] == pytest.approx((7 * 2 * 5 + 7 * 2) / 3)
-    assert found.columns["t_p_ms"] == pytest.approx(points["decision_latency_ms"])
-    assert found.columns["t_h_ms"] is None
-    assert (found.columns["t_p_test_ms"], found.columns["accuracy_at_t_p_test"]) == (2.0, 1.0)
-    assert found.columns["t_h_test_ms"] is found.columns["accuracy_at_t_h_test"] is None
-    assert found.columns["t_p_on_border"] == 0.0  # a grid of one setting has no ends
-    assert found.columns["output_spikes_most"] == 3
-    assert found.points_load is not None
-    on_chip, full = columns_on(LOIHI, found.points_load), found.hardware["loihi1_silicon"]
+    assert found.numbers.columns["t_p_ms"] == pytest.approx(points["decision_latency_ms"])
+    assert found.numbers.columns["t_h_ms"] is None
+    assert (found.numbers.columns["t_p_test_ms"], found.numbers.columns["accuracy_at_t_p_test"]) == (2.0, 1.0)
+    assert found.numbers.columns["t_h_test_ms"] is found.numbers.columns["accuracy_at_t_h_test"] is None
+    assert found.numbers.columns["t_p_on_border"] == 0.0  # a grid of one setting has no ends
+    assert found.numbers.columns["output_spikes_most"] == 3
+    on_chip, full = (
+        columns_on(LOIHI, store.work_of(found.files["surface.npz"])),
+        found.numbers.hardware["loihi1_silicon"],
+    )
     assert on_chip["energy_uj"].shape == (1, 1)
     assert on_chip["energy_uj"].item() < full["energy_uj"]
     assert full["energy_uj"] == pytest.approx(full["energy_dynamic_uj"] + full["energy_static_uj"])
@@ -153,7 +159,7 @@ def test_points_count_the_work_up_to_the_decision(outcome, dataset):
 
 
 def test_every_read_out_counts_its_own_work(outcome, dataset):
-    found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [LOIHI]).read_outs
+    found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [LOIHI]).files["read_out.npz"]
     assert found["decision_latency_ms"].tolist() == [2.0, 4.0, 6.0, 8.0]
     assert found["spikes_per_inference"][0] == pytest.approx((3 * 3 + 1) / 3)
     assert found["spikes_per_inference"][-1] == pytest.approx((3 * 12 + 5) / 3)
@@ -164,7 +170,8 @@ def test_every_read_out_counts_its_own_work(outcome, dataset):
     assert np.array_equal(~np.isnan(found["t_h_test_ms"]), human)
     assert (np.diff(found["synaptic_operations"]) > 0).all()
     assert (
-        found["t_p_ms"][-1] == measure(outcome, dataset, np.array([0]), np.array([0.6]), []).columns["t_p_ms"]
+        found["t_p_ms"][-1]
+        == measure(outcome, dataset, np.array([0]), np.array([0.6]), []).numbers.columns["t_p_ms"]
     )
 
 
@@ -174,13 +181,13 @@ def test_every_read_out_counts_its_own_work(outcome, dataset):
 )
 def test_read_outs_are_as_far_apart_as_requested(outcome, dataset, every_ms, times):
     found = measure(outcome, dataset, np.array([]), np.array([]), [], read_out_every_ms=every_ms)
-    assert found.read_outs["decision_latency_ms"].tolist() == times
-    assert found.columns["accuracy"] == pytest.approx(2 / 3)
+    assert found.files["read_out.npz"]["decision_latency_ms"].tolist() == times
+    assert found.numbers.columns["accuracy"] == pytest.approx(2 / 3)
 
 
 def test_without_a_test_set_nothing_is_summed_over_it(outcome, dataset):
     alone = replace(outcome, test=None)
-    columns = measure(alone, dataset, np.array([0]), np.array([0.6]), []).columns
+    columns = measure(alone, dataset, np.array([0]), np.array([0.6]), []).numbers.columns
     assert not [name for name in columns if "_test" in name or name == "spikes_total_no_input"]
 
 
@@ -202,29 +209,27 @@ def answered(dataset):
 def test_a_classifier_without_spikes_has_the_same_columns(answered, dataset):
     chips = [LOIHI, OPERATIONS]
     found = measure(answered, dataset, np.array([0]), np.array([0.5]), chips)
-    columns = found.columns
+    columns = found.numbers.columns
     assert columns["accuracy"] == pytest.approx(2 / 3)
     assert (columns["n_weights"], columns["macs"], columns["synaptic_operations"]) == (20, 200.0, 6.0)
     assert columns["spikes_per_inference"] == 3.0 and columns["spikes_per_inference_no_input"] == 0.0
     assert columns["spikes_total_no_input"] == 0 and "spike_rate_hz" not in columns  # it has no neurons
     assert columns["input_spike_rate_hz"] == pytest.approx(3 / 3 / 8e-3)
     assert (columns["decision_latency_ms"], columns["t_c_ms"], columns["ridge"]) == (8.0, 4.0, 0.5)
-    assert columns["accuracy_test"] == 1.0 and found.points == {}
-    assert found.read_outs["n_weights"].tolist() == [10, 20]
-    assert found.read_outs["accuracy"].tolist() == pytest.approx([2 / 3, 2 / 3])
-    assert found.hardware["loihi1_silicon"] == {}  # no chip for spikes runs it
-    assert found.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx((200 * 4.6 + 6 * 0.9) * 1e-6)
-    assert found.read_outs_load is not None
-    assert columns_on(OPERATIONS, found.read_outs_load)["energy_uj"].tolist() == pytest.approx(
-        [(100 * 4.6 + 3 * 0.9) * 1e-6, (200 * 4.6 + 6 * 0.9) * 1e-6]
-    )
+    assert columns["accuracy_test"] == 1.0 and "surface.npz" not in found.files
+    assert found.files["read_out.npz"]["n_weights"].tolist() == [10, 20]
+    assert found.files["read_out.npz"]["accuracy"].tolist() == pytest.approx([2 / 3, 2 / 3])
+    assert found.numbers.hardware["loihi1_silicon"] == {}  # no chip for spikes runs it
+    assert found.numbers.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx((200 * 4.6 + 6 * 0.9) * 1e-6)
+    assert columns_on(OPERATIONS, store.work_of(found.files["read_out.npz"]))[
+        "energy_uj"
+    ].tolist() == pytest.approx([(100 * 4.6 + 3 * 0.9) * 1e-6, (200 * 4.6 + 6 * 0.9) * 1e-6])
 
 
 def test_a_network_is_priced_by_its_additions_too(outcome, dataset):
     found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [OPERATIONS])
-    assert found.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx(48 * 0.9e-6)
-    assert found.points_load is not None
-    on_it = columns_on(OPERATIONS, found.points_load)
+    assert found.numbers.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx(48 * 0.9e-6)
+    on_it = columns_on(OPERATIONS, store.work_of(found.files["surface.npz"]))
     assert set(on_it) == {"energy_uj", "energy_uj_low", "energy_uj_high"}
     assert on_it["energy_uj"].shape == (1, 1)
 
@@ -251,17 +256,17 @@ def test_a_joint_net_is_measured_head_by_head(outcome, dataset):
     network = Network((_layer(5, 3), _layer(4, 5)), 3, (0,), 1, "integer")
     made = replace(outcome, network=network, validation=replace(said, output=output), test=None)
     found = measure(made, joint, np.array([0]), np.array([0.5]), [])
-    assert found.columns["accuracy"] == pytest.approx(2 / 3)
-    assert found.columns["accuracy_texture"] == pytest.approx(2 / 3)
-    assert found.columns["accuracy_speed"] == pytest.approx(2 / 3)
-    assert found.heads["texture"].confusion.tolist() == [[1, 0], [1, 1]]
-    assert found.heads["speed"].points["accuracy"].item() == pytest.approx(2 / 3)
-    assert found.confusion.tolist() == [[1, 0, 0], [0, 0, 0], [0, 0, 1]]
-    assert found.points == {} and "t_p_ms" not in found.columns
-    assert found.columns["itr_bits"] == pytest.approx(np.log2(3))  # no two of them are answered alike
-    assert found.columns["recall_macro"] == pytest.approx((1 + 0 + 1) / 3)  # felt, fast is no class
-    assert found.columns["precision_macro"] == pytest.approx((1 + 0 + 1) / 3)
-    assert found.heads["speed"].columns["n_weights"] == found.columns["n_weights"] == 35
+    assert found.numbers.columns["accuracy"] == pytest.approx(2 / 3)
+    assert found.numbers.columns["accuracy_texture"] == pytest.approx(2 / 3)
+    assert found.numbers.columns["accuracy_speed"] == pytest.approx(2 / 3)
+    assert found.files["confusion_texture.npz"]["validation"].tolist() == [[1, 0], [1, 1]]
+    assert found.files["surface_speed.npz"]["accuracy"].item() == pytest.approx(2 / 3)
+    assert found.files["confusion.npz"]["validation"].tolist() == [[1, 0, 0], [0, 0, 0], [0, 0, 1]]
+    assert "surface.npz" not in found.files and "t_p_ms" not in found.numbers.columns
+    assert found.numbers.columns["itr_bits"] == pytest.approx(np.log2(3))  # no two of them are answered alike
+    assert found.numbers.columns["recall_macro"] == pytest.approx((1 + 0 + 1) / 3)  # felt, fast is no class
+    assert found.numbers.columns["precision_macro"] == pytest.approx((1 + 0 + 1) / 3)
+    assert found.numbers.of_heads["speed"].columns["n_weights"] == found.numbers.columns["n_weights"] == 35
 
 
 def test_answers_to_joint_classes_are_answers_of_heads(answered, dataset):
@@ -272,9 +277,9 @@ def test_answers_to_joint_classes_are_answers_of_heads(answered, dataset):
         heads=_HEADS,
     )
     found = measure(answered, joint, np.array([]), np.array([]), [])
-    assert found.columns["accuracy"] == pytest.approx(1 / 3)
-    assert found.heads["texture"].columns["accuracy"] == pytest.approx(2 / 3)
-    assert found.heads["speed"].columns["accuracy"] == pytest.approx(2 / 3)
+    assert found.numbers.columns["accuracy"] == pytest.approx(1 / 3)
+    assert found.numbers.of_heads["texture"].columns["accuracy"] == pytest.approx(2 / 3)
+    assert found.numbers.of_heads["speed"].columns["accuracy"] == pytest.approx(2 / 3)
 
 
 def test_ties_go_to_the_lowest_class_and_counts_do_not_overflow():
@@ -295,11 +300,13 @@ def test_what_pruning_removed_costs_nothing(outcome, dataset):
     said = replace(outcome.validation, synapses=(2.0, 2.0, 0.0))
     made = replace(outcome, network=network, validation=said)
     found = measure(made, dataset, np.array([]), np.array([]), [LOIHI])
-    assert found.columns["n_weights"] == 2 * 3 + 5 * 2
-    assert found.columns["synaptic_operations"] == 8 * 2 + 4 * 2
-    assert found.columns["spikes_total"] == whole.columns["spikes_total"]
+    assert found.numbers.columns["n_weights"] == 2 * 3 + 5 * 2
+    assert found.numbers.columns["synaptic_operations"] == 8 * 2 + 4 * 2
+    assert found.numbers.columns["spikes_total"] == whole.numbers.columns["spikes_total"]
     chip = "loihi1_silicon"
-    assert found.hardware[chip]["energy_dynamic_uj"] < whole.hardware[chip]["energy_dynamic_uj"]
+    assert (
+        found.numbers.hardware[chip]["energy_dynamic_uj"] < whole.numbers.hardware[chip]["energy_dynamic_uj"]
+    )
 
 
 def test_several_networks_in_one_are_measured_but_on_no_chip(outcome, dataset):
@@ -311,12 +318,15 @@ def test_several_networks_in_one_are_measured_but_on_no_chip(outcome, dataset):
     found = measure(made, dataset, np.array([0]), np.array([0.6]), chips)
     whole = measure(outcome, dataset, np.array([0]), np.array([0.6]), chips)
     rates = {"input_spike_rate_hz", "spike_rate_hz"}  # how many neurons there are it does not say
-    assert found.columns == {name: x for name, x in whole.columns.items() if name not in rates}
-    assert rates.isdisjoint(found.points)
-    same = (name for name in whole.points if name not in rates)
-    assert all(np.array_equal(found.points[name], whole.points[name]) for name in same)
-    assert found.hardware["op_4.6_0.9"] == pytest.approx(whole.hardware["op_4.6_0.9"])
-    assert found.hardware["loihi1_silicon"] == {}
+    assert found.numbers.columns == {
+        name: x for name, x in whole.numbers.columns.items() if name not in rates
+    }
+    own, others = (x.files["surface.npz"] for x in (found, whole))
+    assert rates.isdisjoint(own)
+    same = (name for name in others if name not in rates and "/" not in name)
+    assert all(np.array_equal(own[name], others[name]) for name in same)
+    assert found.numbers.hardware["op_4.6_0.9"] == pytest.approx(whole.numbers.hardware["op_4.6_0.9"])
+    assert found.numbers.hardware["loihi1_silicon"] == {}
 
 
 def test_a_response_without_steps_is_refused(outcome, dataset):

@@ -3,8 +3,9 @@
 import numpy as np
 
 from dse.config.space import DecisionGrid
+from dse.measure.numbers import Numbers
 from dse.study.health import remarks
-from dse.study.record import Numbers, RunRecord
+from dse.study.record import RunRecord
 
 
 def record(trial, columns, **heads):

@@ -10,12 +10,13 @@ from dse.config import load_space
 from dse.dataset import assemble, cache, dataset_key
 from dse.dataset.shape import Shape, announced
 from dse.hardware.profile import load_all
+from dse.measure.numbers import Numbers
 from dse.search.space import design_at
 from dse.study import explore
 from dse.study.known import KnownBefore
 from dse.study.ledger import read_entries
 from dse.study.preview import preview
-from dse.study.record import Numbers, RunRecord
+from dse.study.record import RunRecord
 from tests.tiny_study import REAL, write_recordings
 
 FIXED = ["loihi1_silicon", "truenorth"]

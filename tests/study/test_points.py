@@ -10,9 +10,10 @@ import pytest
 from dse import store
 from dse.config import ConfigError
 from dse.hardware.profile import load
+from dse.measure.numbers import Numbers
 from dse.records import Operations, Workload
 from dse.study import held, points, precision, pricing
-from dse.study.record import Numbers, RunRecord, load_record, load_records
+from dse.study.record import RunRecord, load_record, load_records
 from tests import tiny_study
 
 LOIHI, OPERATIONS = load("loihi1_silicon"), load("op_4.6_0.9")
@@ -64,7 +65,7 @@ def evaluated(run):
 
 def test_full_read_outs_on_every_chip(space, tmp_path):
     runs = [published(tmp_path, 0, r, 0.5 + 0.2 * r, counted(100.0 + 100 * r)) for r in (0, 1)]
-    frame = points.points_table(space, tmp_path, {0: runs}, [OPERATIONS, LOIHI])
+    frame = points.PointsTable(space, tmp_path, [OPERATIONS, LOIHI]).table({0: runs})
     assert list(frame["hardware"]) == ["op_4.6_0.9", "loihi1_silicon"]
     assert frame["accuracy"].tolist() == [pytest.approx(0.6)] * 2
     assert frame["energy_uj"].iloc[0] == pytest.approx(150 * PER_ADDITION_UJ)
@@ -75,22 +76,22 @@ def test_full_read_outs_on_every_chip(space, tmp_path):
 
 def test_without_hardware_points_have_no_costs(space, tmp_path):
     accurate = dataclasses.replace(space, objectives=(("accuracy", "max"),))
-    frame = points.points_table(accurate, tmp_path, {0: [published(tmp_path)]}, [])
+    frame = points.PointsTable(accurate, tmp_path, []).table({0: [published(tmp_path)]})
     assert len(frame) == 1 and not {"hardware", "energy_uj"} & set(frame)
 
 
 def test_objectives_that_no_run_measures_are_columns(space, tmp_path):
     searched = dataclasses.replace(space, objectives=(("accuracy", "max"), ("energy_uj", "min")))
-    table = points.points_table(searched, tmp_path, {0: [published(tmp_path)]}, [LOIHI])
+    table = points.PointsTable(searched, tmp_path, [LOIHI]).table({0: [published(tmp_path)]})
     assert table["energy_uj"].isna().all() and list(table["hardware"]) == ["loihi1_silicon"]
-    assert points.points_table(searched, tmp_path, {}, [LOIHI]).empty
+    assert points.PointsTable(searched, tmp_path, [LOIHI]).table({}).empty
 
 
 def test_failed_trials_have_no_points(space, tmp_path):
     good = published(tmp_path, 1)
     failed = RunRecord(trial=0, repeat=0, design=good.design, seed=0, reason="NaN loss")
     runs = {0: [failed], 1: [good, failed], 2: [good]}
-    assert list(points.points_table(space, tmp_path, runs, [])["trial"]) == [2]
+    assert list(points.PointsTable(space, tmp_path, []).table(runs)["trial"]) == [2]
 
 
 def test_a_grid_is_averaged_point_by_point(space, tmp_path):
@@ -114,7 +115,7 @@ def test_a_grid_is_averaged_point_by_point(space, tmp_path):
         run = published(tmp_path, 0, repeat, surface=surface, read_out=read_out)
         numbers = Numbers({**run.measured.columns, "spikes_total": 9}, {})
         runs.append(dataclasses.replace(run, numbers=numbers))
-    frame = points.points_table(space, tmp_path, {0: runs}, [OPERATIONS])
+    frame = points.PointsTable(space, tmp_path, [OPERATIONS]).table({0: runs})
     assert frame["point"].tolist() == list(range(7))
     end, rows = frame.iloc[0], frame.iloc[1:]
     assert np.isnan(end["phi"]) and np.isnan(end["theta"])
@@ -140,7 +141,7 @@ def test_runs_share_the_settings_that_all_of_them_have(space, tmp_path):
 
     runs = [published(tmp_path, 0, r, surface=surface(*phi)) for r, phi in enumerate([(0, 25, 50), (0, 25)])]
     for order in (runs, runs[::-1]):
-        rows = points.points_table(space, tmp_path, {0: order}, [OPERATIONS]).iloc[1:]
+        rows = points.PointsTable(space, tmp_path, [OPERATIONS]).table({0: order}).iloc[1:]
         assert rows["phi"].tolist() == [0, 0, 25, 25]
         assert rows["accuracy"].tolist() == [0.0, 2.5, 5.0, 7.5]
         expected = [x * PER_ADDITION_UJ for x in (0.0, 2.5, 5.0, 7.5)]
@@ -155,7 +156,7 @@ def test_read_outs_before_the_end_are_points(space, tmp_path):
         **store.work_arrays(counted(30.0, 100.0)),
     }
     runs = {0: [published(tmp_path, 0, read_out=read_out)], 1: [published(tmp_path, 1)]}
-    frame = points.points_table(space, tmp_path, runs, [OPERATIONS])
+    frame = points.PointsTable(space, tmp_path, [OPERATIONS]).table(runs)
     first = frame[frame["trial"] == 0]
     assert first["read_out_ms"].isna().tolist() == [True, False]
     assert first["read_out_ms"].iloc[1] == first["decision_latency_ms"].iloc[1] == 2.0
@@ -177,7 +178,7 @@ def test_earlier_read_outs_have_ranges_of_their_own(space, tmp_path):
         }
 
     runs = [published(tmp_path, 0, r, read_out=read_out(1.0 + 2 * r, 9.0)) for r in (0, 1)]
-    frame = points.points_table(space, tmp_path, {0: runs}, [OPERATIONS])
+    frame = points.PointsTable(space, tmp_path, [OPERATIONS]).table({0: runs})
     assert frame.loc[1, ["t_p_test_ms", "t_p_test_ms_min", "t_p_test_ms_max"]].tolist() == [2.0, 1.0, 3.0]
 
 
@@ -187,7 +188,7 @@ def test_a_joint_net_has_points_of_each_head(space, tmp_path):
         **store.work_arrays(counted(60.0).mapped(lambda x: x.reshape(1, 1))),
     }
     run = published(tmp_path, heads=("texture", "profile"), surface_texture=surface)
-    frame = points.points_table(space, tmp_path, {0: [run]}, [OPERATIONS])
+    frame = points.PointsTable(space, tmp_path, [OPERATIONS]).table({0: [run]})
     assert frame["task"].tolist() == ["texture", "texture", "profile"]
     assert frame["point"].tolist() == [0, 1, 2]
     assert frame["accuracy"].tolist() == [0.5, 0.7, 0.5]
@@ -209,7 +210,7 @@ def study(space, tmp_path):
         0: [published(folder, 0, r, work=spiking(10.0 + r)) for r in (0, 1)],
         1: [published(folder, 1, work=spiking(40.0))],
     }
-    points.points_table(space, folder, trials, [LOIHI]).to_parquet(folder / "points.parquet")
+    points.PointsTable(space, folder, [LOIHI]).table(trials).to_parquet(folder / "points.parquet")
     return folder
 
 
@@ -220,7 +221,7 @@ def test_arrays_that_disagree_are_named_with_their_trial(space, tmp_path):
     torn = arrays | {"work/awake": np.zeros((0, 3))}
     store.save_run(run, record, {"read_out.npz": torn}, replaces=True)
     with pytest.raises(store.StoreError, match=r"runs/00000-0.npz: its arrays cannot be evaluated \("):
-        points.points_table(space, tmp_path, {0: runs}, [LOIHI])
+        points.PointsTable(space, tmp_path, [LOIHI]).table({0: runs})
 
 
 def test_points_are_priced_on_other_hardware_without_training(study):
@@ -261,38 +262,30 @@ def test_draws_are_the_same_for_every_design_and_every_call(study):
     assert abs(np.mean(static < 104.0) - 0.5) < 0.03, "the value is the median"
 
 
-def test_a_table_is_priced_as_it_was_written(space, study, monkeypatch):
-    def evaluated(*settings):
+def test_a_table_is_priced_as_it_was_written(space, study):
+    def evaluated(bits):
         for repeat in (0, 1):
-            files = {"read_out.npz": {"decision_latency_ms": np.array([4.0]), "accuracy": np.array([0.4])}}
-            for bits, pruned in settings:
-                load = dataclasses.replace(spiking(10.0 * bits), weight_bits=bits)
-                held = {"read_out.npz": files["read_out.npz"] | store.work_arrays(load)}
-                numbers = Numbers({"accuracy": 0.4}, {})
-                found[repeat, bits] = precision.Evaluation(bits, pruned, numbers, held)
+            run = store.run_file(study, 0, repeat)
+            numbers = Numbers({"accuracy": 0.4}, {})
+            record = dataclasses.replace(load_record(run), numbers=numbers)
+            read_out = {"decision_latency_ms": np.array([4.0]), "accuracy": np.array([0.4])}
+            load = dataclasses.replace(spiking(10.0 * bits), weight_bits=bits)
+            parts = {"read_out.npz": read_out | store.work_arrays(load)}
+            precision.save(run, (bits, 0.0), record, parts)
 
-    found = {}
-
-    def rows(folder):
-        trial, repeat = store.named(folder) or (1, 0)
-        if trial:
-            return []
-        return [one for (r, _), one in sorted(found.items(), key=lambda item: item[0]) if r == repeat]
-
-    monkeypatch.setattr(precision, "rows", rows)
-    evaluated((4, 0.0))
+    evaluated(4)
     records = {trial: load_records(study, trial) for trial in (0, 1)}
-    table = points.points_table(space, study, records, [LOIHI])
+    table = points.PointsTable(space, study, [LOIHI]).table(records)
     assert table["weight_bits"].tolist() == [8, 4, 8]
     table.to_parquet(study / "points.parquet")
     drawn = pricing.drawn(study, table, ["energy_uj"], 8)["energy_uj"]
     # Another precision and another run since then: what the rows are does not change.
-    evaluated((2, 0.0))
+    evaluated(2)
     published(study, 0, 2, work=spiking(90.0))
     assert np.array_equal(pricing.drawn(study, table, ["energy_uj"], 8)["energy_uj"], drawn)
     again = pricing.points(study, ["loihi1_silicon"])
     assert again["energy_uj"].tolist() == table["energy_uj"].tolist()
-    found.pop((1, 4))
+    precision.file_of(store.run_file(study, 0, 1), (4, 0.0)).unlink()
     with pytest.raises(store.StoreError, match="no evaluation at 4 bits with 0 pruned"):
         pricing.points(study, ["loihi1_silicon"])
 
@@ -378,9 +371,9 @@ def test_a_written_table_holds_the_same_points(space, tmp_path):
         **store.work_arrays(Operations(zeros, np.arange(6.0).reshape(2, 3), zeros, zeros, zeros)),
     }
     trials = {2: [published(tmp_path, trial=2, surface=surface)], 5: [published(tmp_path, trial=5)]}
-    whole = points.points_table(space, tmp_path, trials, [OPERATIONS, LOIHI])
+    whole = points.PointsTable(space, tmp_path, [OPERATIONS, LOIHI]).table(trials)
     now = digests(tmp_path, trials)
-    points.write_points(tmp_path / "points.parquet", space, tmp_path, trials, [OPERATIONS, LOIHI], now, {})
+    points.PointsTable(space, tmp_path, [OPERATIONS, LOIHI]).write(tmp_path / "points.parquet", trials, now)
     written = pd.read_parquet(tmp_path / "points.parquet")
     assert len(written) == 16
     pd.testing.assert_frame_equal(written, whole)
@@ -393,7 +386,7 @@ def test_a_table_is_written_again_only_where_it_would_differ(space, tmp_path, mo
 
     def is_written():
         before = path.stat().st_ino if path.exists() else None
-        points.write_points(path, space, tmp_path, trials, chips, digests(tmp_path, trials), {})
+        points.PointsTable(space, tmp_path, chips).write(path, trials, digests(tmp_path, trials))
         return path.stat().st_ino != before
 
     assert is_written() and not is_written()
@@ -431,21 +424,21 @@ def test_rows_of_unchanged_trials_are_taken_over(space, tmp_path, monkeypatch):
         3: [published(tmp_path, 3, work=spiking(4.0))],
         5: [published(tmp_path, 5)],
     }
-    read, made = [], {}
-    of_trial = points._of_trial
+    going, read = points.PointsTable(space, tmp_path, chips), []
+    of_trial = points.PointsTable._of_trial
 
-    def counted_trial(space, folder, trial, *rest):
+    def counted_trial(self, trial, runs):
         read.append(trial)
-        yield from of_trial(space, folder, trial, *rest)
+        yield from of_trial(self, trial, runs)
 
-    monkeypatch.setattr(points, "_of_trial", counted_trial)
+    monkeypatch.setattr(points.PointsTable, "_of_trial", counted_trial)
 
     def read_again():
         read.clear()
         now = digests(tmp_path, trials)
-        points.write_points(path, space, tmp_path, trials, chips, now, made)
+        going.write(path, trials, now)
         trials_read = list(read)
-        points.write_points(tmp_path / "anew.parquet", space, tmp_path, trials, chips, now, {})
+        points.PointsTable(space, tmp_path, chips).write(tmp_path / "anew.parquet", trials, now)
         assert path.read_bytes() == (tmp_path / "anew.parquet").read_bytes()
         (tmp_path / "anew.parquet").unlink()
         return trials_read

@@ -20,7 +20,7 @@ from dse.models.training import Training
 from dse.records import Outcome
 from dse.study import explore, jobs, precision
 from dse.study.jobs import Rounding, evaluate
-from dse.study.precision import AS_TRAINED, common, fronts, missing, near, refusal, rows
+from dse.study.precision import AS_TRAINED, common, evaluations, fronts, missing, near, refusal
 from dse.study.workers import Workers
 from tests.joint_data import joint
 from tests.models.snn.toy import toy
@@ -74,33 +74,34 @@ def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run):
     done(run, *SETTINGS)
     data = toy()
     network = store.fitted_of(store.load_arrays(run.folder / "weights.npz"))
-    assert [x.setting for x in rows(run.folder)] == sorted(SETTINGS)
-    for found in rows(run.folder):
-        fewer = rounded(network, *found.setting)
+    assert [*evaluations(run.folder)] == sorted(SETTINGS)
+    for setting, (path, record) in evaluations(run.folder).items():
+        fewer = rounded(network, *setting)
         said = run.sections.model.respond(fewer, data, data.validation)
         outcome = Outcome(fewer, said, None, {})
-        alone = measure(outcome, data, np.array(run.phi), np.array(run.theta), (), found.weight_bits)
-        columns = found.numbers.columns
+        alone = measure(outcome, data, np.array(run.phi), np.array(run.theta), (), setting[0])
+        columns = record.measured.columns
         for name in ("accuracy", "n_weights", "synaptic_operations", "itr_bits"):
-            assert columns[name] == alone.columns[name], name
+            assert columns[name] == alone.numbers.columns[name], name
         assert columns["n_weights"] == fewer.n_weights
         assert columns["n_weights_dense"] == network.n_weights_dense
-        np.testing.assert_array_equal(found.files["confusion.npz"]["validation"], alone.confusion)
-        np.testing.assert_array_equal(found.files["surface.npz"]["accuracy"], alone.points["accuracy"])
-        np.testing.assert_array_equal(found.files["read_out.npz"]["accuracy"], alone.read_outs["accuracy"])
-        for load in (store.work_of(found.files[f"{name}.npz"]) for name in ("surface", "read_out")):
-            assert load.weight_bits == found.weight_bits
+        for name, arrays in alone.files.items():
+            for key, array in store.load_arrays(path / name).items():
+                np.testing.assert_array_equal(array, arrays[key], err_msg=f"{name} {key}")
+        for name in ("surface.npz", "read_out.npz"):
+            assert store.work_of(store.load_arrays(path / name)).weight_bits == setting[0]
 
 
 def test_as_trained_it_is_the_run_itself(run):
     done(run, AS_TRAINED)
-    [found] = rows(run.folder)
+    [(path, found)] = evaluations(run.folder).values()
     record = store.read_record(run.folder)
-    assert {"accuracy", "peak_state", "train_s", "transductive"} <= set(found.numbers.columns)
-    assert {name: record["columns"][name] for name in found.numbers.columns} == found.numbers.columns
-    assert found.files.keys() == {"confusion.npz", "read_out.npz", "surface.npz"}
-    for name, arrays in found.files.items():
-        own = store.load_arrays(run.folder / name)
+    columns = found.measured.columns
+    assert {"accuracy", "peak_state", "train_s", "transductive"} <= set(columns)
+    assert {name: record["columns"][name] for name in columns} == columns
+    assert found.files == ("confusion.npz", "read_out.npz", "surface.npz")
+    for name in found.files:
+        arrays, own = (store.load_arrays(each / name) for each in (path, run.folder))
         assert arrays.keys() == own.keys()
         for key, array in arrays.items():
             np.testing.assert_array_equal(array, own[key], err_msg=f"{name} {key}")
@@ -111,38 +112,37 @@ def test_a_joint_network_and_its_test_set(tmp_path):
     data = dataclasses.replace(data, test=data.validation[:3])
     one = trained(tmp_path, data, SNN(hidden=(6,), true_rate=0.5))
     done(one, AS_TRAINED, (3, 0.25))
-    fewer, same = rows(one.folder)
+    fewer, same = (record for _, record in evaluations(one.folder).values())
     record = store.read_record(one.folder)
-    assert same.numbers.of_heads.keys() == record["of_heads"].keys() and len(record["of_heads"]) > 1
+    assert same.measured.of_heads.keys() == record["of_heads"].keys() and len(record["of_heads"]) > 1
     for name, head in record["of_heads"].items():
-        assert same.numbers.of_heads[name].columns["accuracy"] == head["columns"]["accuracy"]
+        assert same.measured.of_heads[name].columns["accuracy"] == head["columns"]["accuracy"]
         assert f"surface_{name}.npz" in fewer.files
-    assert same.numbers.columns["accuracy_test"] == record["columns"]["accuracy_test"]
-    assert fewer.files.keys() == same.files.keys()
+    assert same.measured.columns["accuracy_test"] == record["columns"]["accuracy_test"]
+    assert fewer.files == same.files
 
 
-@pytest.mark.parametrize("damage", ["truncated", "empty", "flipped", "missing", "older"])
+@pytest.mark.parametrize("damage", ["truncated", "empty", "flipped", "missing", "other"])
 def test_what_is_damaged_is_no_row_and_is_made_again(run, damage):
     done(run, *SETTINGS)
-    before = {x.setting: x for x in rows(run.folder)}
+    before = evaluations(run.folder)
     path = precision.file_of(run.folder, (4, 0.5))
     content = path.read_bytes()
     if damage == "missing":
         path.unlink()
-    elif damage == "older":
-        store.save_arrays(path, store.load_arrays(path) | {"schema": np.array("dse/precision/0")})
+    elif damage == "other":
+        shutil.copy(precision.file_of(run.folder, (4, 0.0)), path)
     else:
         middle = len(content) // 2
         flipped = (
             content[:middle] + bytes(255 - x for x in content[middle : middle + 64]) + content[middle + 64 :]
         )
         path.write_bytes({"truncated": content[:middle], "empty": b"", "flipped": flipped}[damage])
-    assert [x.setting for x in rows(run.folder)] == [(2, 0.0), (4, 0.0)]
+    assert [*evaluations(run.folder)] == [(2, 0.0), (4, 0.0)]
     assert missing(run.folder, SETTINGS) == ((4, 0.5),)
     done(run, *missing(run.folder, SETTINGS))
     assert missing(run.folder, SETTINGS) == ()
-    again = {x.setting: x for x in rows(run.folder)}[4, 0.5]
-    assert again.numbers == before[4, 0.5].numbers
+    assert evaluations(run.folder)[4, 0.5][1].measured == before[4, 0.5][1].measured
 
 
 def test_what_was_measured_before_a_stop_stays(run):
@@ -153,12 +153,12 @@ def test_what_was_measured_before_a_stop_stays(run):
 
 
 def test_a_file_is_there_whole_or_not_at_all(run, monkeypatch):
-    def torn(path, arrays):
+    def torn(path, arrays, **how):
         path.write_bytes(b"PK")
         raise OSError(28, "no space")
 
     with monkeypatch.context() as patch:
-        patch.setattr(precision.store, "save_arrays", torn)
+        patch.setattr("dse.store.runs.save_arrays", torn)
         with pytest.raises(
             store.StoreError, match=r"precision/00000-0/4_0\.0\.npz: cannot be written: No space left"
         ):
@@ -196,9 +196,8 @@ def test_repeats_have_the_settings_that_each_of_them_has(run, tmp_path):
     done(run, *SETTINGS)
     done(other, (2, 0.0), (4, 0.5))
     found = common([run.folder, other.folder])
-    assert [setting for setting, _ in found] == [(2, 0.0), (4, 0.5)]
-    assert all(len(each) == 2 and {x.setting for x in each} == {setting} for setting, each in found)
-    assert common([run.folder, store.run_file(tmp_path, 7, 0)]) == []
+    assert [*found] == [(2, 0.0), (4, 0.5)] and all(len(each) == 2 for each in found.values())
+    assert common([run.folder, store.run_file(tmp_path, 7, 0)]) == {}
 
 
 def test_designs_on_the_front_and_near_it():
@@ -242,7 +241,7 @@ def settings_of(found):
     """Return the settings that every trial's first run was evaluated at."""
     numbers = found.trials["trial"].tolist()
     folders = {number: store.run_file(found.folder, number, 0) for number in numbers}
-    return {number: {x.setting for x in rows(folder)} for number, folder in folders.items()}
+    return {number: {*evaluations(folder)} for number, folder in folders.items()}
 
 
 def test_a_study_evaluates_its_front_and_goes_on_where_it_was_stopped(tmp_path, monkeypatch):

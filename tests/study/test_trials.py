@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 
 from dse.config import Axis
+from dse.measure.numbers import Numbers
 from dse.study import trials
-from dse.study.record import Numbers, RunRecord
+from dse.study.record import RunRecord
 from tests import tiny_study
 
 

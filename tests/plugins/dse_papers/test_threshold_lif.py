@@ -171,7 +171,7 @@ def test_a_joint_target_has_an_output_per_class_of_each_head():
     outcome = fit(ThresholdLIF(weights="learnt", threshold=2.0), data)
     found = measure(outcome, data, np.zeros(0), np.zeros(0), ())
     assert outcome.network.sizes == (12, 5)
-    assert found.columns["accuracy_texture"] > 0.9 and found.columns["accuracy_profile"] > 0.9
+    assert found.numbers.columns["accuracy_texture"] > 0.9 and found.numbers.columns["accuracy_profile"] > 0.9
     assert outcome.history["accuracy_train"][0] > 0.9
     with pytest.raises(ValueError, match="must be learnt for a joint target"):
         fit(ThresholdLIF(), data)
