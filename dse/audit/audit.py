@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dse.audit import groups, position, rest, totals, twins
+import numpy as np
+
+from dse.audit import conditions, numbers, position
 from dse.audit.gather import designs, material, values_of, without_labels
 from dse.audit.material import Material
 from dse.audit.rows import AuditRow
@@ -69,7 +71,7 @@ def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: 
         if read.reads_labels and (honest := without_labels(space, design)) is not None:
             leaky, design = read, honest
             read = material(space, design, root, shifts, progress)
-            rows.append(twins.of_encoder(leaky, read))
+            rows.append(conditions.of_encoder(leaky, read))
         if shifts and not position.has_room_for(read, shifts).any():
             steps = ", ".join(map(str, shifts))
             text = f"no validation window of {read.task} can be moved by {steps} steps in its recording"
@@ -84,15 +86,14 @@ def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: 
 
 def probe(read: Material, shifts: Sequence[int] = ()) -> tuple[list[AuditRow], list[str]]:
     """Return the rows of one task, and sentences about what could not be probed."""
-    if totals.only_class(read):
+    if len(np.unique(read.codes)) < 2:
         return [], [f"{read.task}: training has one class, so that there is nothing to tell apart"]
     moved = position.rows(read, shifts)
     verdict = "the better of these is what shortcuts are compared with"
     rows = [
         read.row(KNOWN, score, verdict, test=read.on_test(score.reader)) for score in read.scores.values()
     ]
-    rows += [*totals.rows(read), *rest.rows(read), *totals.ends(read)]
-    rows += [*moved, *twins.rows(read), *twins.leaks(read), *groups.rows(read)]
+    rows += [*numbers.rows(read), *moved, *conditions.rows(read)]
     n_spikes = read.counts(read.validation, 1).sum(axis=1)
     notes = [f"{read.task}: {text}" for text in silent_windows(n_spikes)]
     for part, drawn, every in (

@@ -8,11 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from dse.audit.readers import COUNT_READERS, NEAREST, NEIGHBOURS, TREES, distances, regions
+from dse.audit.readers import COUNT_READERS, NEAREST, TREES, distances, regions
 from dse.audit.rows import AuditRow, Score, largest_class
 from dse.dataset.shifts import shifted
 from dse.models.counts.rate_windows import as_features, window_counts
-from dse.recordings.doubts import nearest_neighbours
 from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
 
 SEEN: Mapping[str, tuple[tuple[int, int], ...]] = {
@@ -148,11 +147,6 @@ class Material:
         """Return the score of predictions for the validation samples."""
         return Score(reader, predicted == self.truth, largest_class(self.truth))
 
-    def read_alone(self, features: Floats) -> Score:
-        """Return what the reader of `doubts.shortcuts` reaches on (n, feature) of the recordings."""
-        guess = nearest_neighbours(features[self.train], self.codes, features[self.validation])
-        return self.score(NEIGHBOURS, guess)
-
     def row(
         self,
         probe: str,
@@ -165,23 +159,14 @@ class Material:
         test: Score | None = None,
     ) -> AuditRow:
         """Return a row of the audit; the remedy is stated for a shortcut alone."""
-        return AuditRow(
-            task=self.task,
-            probe=probe,
-            reader=score.reader,
-            accuracy=score.accuracy,
-            se=score.se,
-            chance=score.chance,
-            without=None if without is None else without.accuracy,
-            without_se=None if without is None else without.se,
-            samples=score.n,
-            shortcut=shortcut,
-            verdict=verdict,
-            remedy=remedy if shortcut else "",
-            test=None if test is None else test.accuracy,
-            test_se=None if test is None else test.se,
-            data=self.data,
+        (without_accuracy, without_se), (test_accuracy, test_se) = (
+            (None, None) if other is None else (other.accuracy, other.se) for other in (without, test)
         )
+        return AuditRow(
+            self.task, probe, score.reader, score.accuracy, score.se, score.chance,
+            without_accuracy, without_se, score.n, shortcut, verdict, remedy if shortcut else "",
+            test_accuracy, test_se, self.data,
+        )  # fmt: skip
 
 
 def counts(spikes: Spikes, samples: Ints, start: Ints, n_steps: int, bins: int, group: Ints) -> Floats:
@@ -206,11 +191,6 @@ def spikes_per_step(spikes: Spikes, samples: Ints, start: Ints, n_steps: int) ->
     """Return how many spikes each step of each window has, (samples, n_steps) int64."""
     rows = (samples * spikes.n_steps + start)[:, None] + np.arange(n_steps + 1)
     return np.asarray(np.diff(spikes.row_offsets[rows], axis=1))
-
-
-def percent(share: float) -> str:
-    """Return a share in words: '77 %'."""
-    return f"{100 * share:.0f} %"
 
 
 def in_both(values: Array, train: Ints, validation: Ints) -> Bools:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dse.audit.material import Material, percent
+from dse.audit.material import Material
 from dse.audit.readers import COUNT_READERS, NEAREST, distances, nearest
-from dse.audit.rows import HALF, AuditRow, Score, is_above, is_lower, share_lost
+from dse.audit.rows import HALF, AuditRow, Score, is_lower, loss
 from dse.dataset.shifts import has_room
 from dse.records import Bools
 
@@ -71,16 +71,10 @@ def _row(material: Material, room: Bools, before: Score, after: Mapping[int, Sco
     moved = [score.of(room, material.truth) for score in after.values()]
     every = np.concatenate([score.correct for score in moved])
     mean = Score(before.reader, every, before.chance, repeats=len(moved))
-    lost = share_lost(before, mean)
-    shortcut = is_above(before) and lost >= HALF and all(is_lower(before.correct, x.correct) for x in moved)
-    if shortcut:
-        verdict = f"{percent(lost)} of the accuracy above chance is where in the recording the window lies"
-    elif not is_above(before):
-        verdict = "this reader is at chance, wherever the window lies"
-    elif all(is_lower(before.correct, x.correct) for x in moved):
-        verdict = f"{percent(lost)} of the accuracy above chance is lost"
-    else:
-        verdict = "it holds"
+    shortcut, verdict = loss(
+        before, mean, all(is_lower(before.correct, score.correct) for score in moved),
+        "where in the recording the window lies", ", wherever the window lies",
+    )  # fmt: skip
     by = " or ".join(f"{s:+d}" for s in after)
     time_ms = max(map(abs, after)) * material.dataset.spikes.step_ms
     verdict += f" (windows moved by {by} steps, {time_ms:.4g} ms)"

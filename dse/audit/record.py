@@ -69,7 +69,9 @@ def of_plain(document: Mapping[str, Any]) -> Audit:
     Raises:
         KeyError, TypeError: it is none.
     """
-    return Audit(tuple(map(_row, document["rows"])), tuple(document["notes"]))
+    known = {field.name for field in dataclasses.fields(AuditRow)}
+    rows = [{name: row[name] for name in row if name in known} for row in document["rows"]]
+    return Audit(tuple(AuditRow(**row) for row in rows), tuple(document["notes"]))
 
 
 def read(path: Path) -> Audit | None:
@@ -84,9 +86,3 @@ def read(path: Path) -> Audit | None:
         return of_plain(read_json(path))
     except (KeyError, TypeError) as error:
         raise damaged(path, f"is no audit: {error}") from error
-
-
-def _row(columns: Mapping[str, Any]) -> AuditRow:
-    fields = dataclasses.fields(AuditRow)
-    needed = [x.name for x in fields if x.name in columns or x.default is dataclasses.MISSING]
-    return AuditRow(**{name: columns[name] for name in needed})

@@ -127,6 +127,31 @@ def share_lost(before: Score, after: Score) -> float:
     return float(np.clip((before.accuracy - after.accuracy) / gain, 0, 1)) if gain > 0 else 0.0
 
 
+def loss(before: Score, after: Score, worse: bool, cause: str, known: str, met: str = "") -> tuple[bool, str]:
+    """Return whether a reader owes half of its accuracy above chance to a shortcut, and a verdict.
+
+    Args:
+        before: its score.
+        after: its score on samples where the shortcut does not help.
+        worse: whether these answers are worse by more than accident.
+        cause: what the accuracy that it loses is.
+        known: where a reader at chance is at chance.
+        met: where it loses or holds.
+    """
+    if not is_above(before):
+        return False, f"this reader is at chance{known}"
+    if not worse:
+        return False, f"it holds{met}"
+    lost = share_lost(before, after)
+    what = cause if lost >= HALF else f"lost{met}"
+    return lost >= HALF, f"{percent(lost)} of the accuracy above chance is {what}"
+
+
+def percent(share: float) -> str:
+    """Return a share in words: '77 %'."""
+    return f"{100 * share:.0f} %"
+
+
 def _tail(successes: int, n: int, probability: float) -> float:
     """Return the probability of so many successes or more in n independent trials."""
     from scipy.stats import binom

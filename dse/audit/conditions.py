@@ -1,4 +1,4 @@
-"""Sessions, recordings and conditions: what readers lose where training has not met a sample's group.
+"""How a sample was recorded: twins and groups that training has met, and answers that it has seen.
 
 A column whose every value has one class (a session that recorded one fabric) may stand for the class; a
 column that crosses the classes (force) is a condition that a classifier should generalise over.
@@ -6,16 +6,17 @@ column that crosses the classes (force) is a condition that a classifier should 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from dse.audit.material import Material, in_both, percent
+from dse.audit.material import Material, in_both
+from dse.audit.numbers import best_of_readers
 from dse.audit.readers import NEAREST, TREES, classes_of, nearest, trees
-from dse.audit.rows import HALF, AuditRow, is_above, is_above_rate, is_lower, share_lost
-from dse.audit.totals import best_of_readers
-from dse.audit.twins import FEW
+from dse.audit.rows import HALF, AuditRow, is_above, is_above_rate, is_lower, loss, percent
 from dse.config.resolved import LeftOut
 from dse.config.settings import Groups
-from dse.recordings.splits import NUMBER, folds, without
+from dse.recordings.splits import NUMBER, ORIGINAL, folds, without
 from dse.records import Array, Bools, Ints
 
 MOST_FOLDS = 8
@@ -24,6 +25,11 @@ FOLDS = 5
 
 
 def rows(material: Material) -> list[AuditRow]:
+    """Return the rows of twins, of a leak, and of the label columns."""
+    return [*_twins(material), *_leaks(material), *_groups(material)]
+
+
+def _groups(material: Material) -> list[AuditRow]:
     """Return a row per label column that neither the target nor the split reads."""
     audit = []
     for name, values in material.columns.items():
@@ -54,16 +60,10 @@ def _group(material: Material, name: str, values: Array) -> AuditRow:
     before = material.best.of(chosen, material.truth)
     answers = _unseen(material, name)
     after = material.score(before.reader, answers).of(chosen, material.truth)
-    lost = share_lost(before, after)
-    shortcut = is_above(before) and lost >= HALF and is_lower(before.correct, after.correct)
-    if shortcut:
-        verdict = f"{percent(lost)} of the accuracy above chance is recognition of known {name}"
-    elif not is_above(before):
-        verdict = f"this reader is at chance on known {name} too"
-    elif is_lower(before.correct, after.correct):
-        verdict = f"{percent(lost)} of the accuracy above chance is lost on {name} that training has not met"
-    else:
-        verdict = f"it holds on {name} that training has not met"
+    shortcut, verdict = loss(
+        before, after, is_lower(before.correct, after.correct),
+        f"recognition of known {name}", f" on known {name} too", f" on {name} that training has not met",
+    )  # fmt: skip
     remedy = f"evaluation: {{leave_out: {name}}}"
     return material.row(probe, before, verdict, shortcut=shortcut, remedy=remedy, without=after)
 
@@ -147,3 +147,100 @@ def _order(material: Material, name: str, values: Array) -> AuditRow:
     verdict += ", and spikes of near numbers are alike" if shows else ", and spikes do not show it"
     remedy = f"a split by blocks of {name}"
     return material.row(f"identity: {name}", score, verdict, shortcut=tells and shows, remedy=remedy)
+
+
+FEW = 4
+"""A column describes conditions where each value has this many samples or more, on average."""
+
+
+def _conditions(material: Material) -> list[str]:
+    """Return the label columns that describe how a sample was recorded, those of the target included.
+
+    Columns that the split reads differ between training and validation by design, and so do numbers of
+    recordings.
+    """
+    return [
+        name
+        for name, values in material.columns.items()
+        if name not in (*material.split_columns, ORIGINAL, NUMBER)
+        and len(np.unique(values)) * FEW <= len(values)
+    ]
+
+
+def _twins(material: Material) -> list[AuditRow]:
+    """Return the row of twins; none without a label column besides the target."""
+    names = _conditions(material)
+    others = [name for name in names if name not in material.target_columns]
+    if not others or not _is_repeated(material, others):
+        return []
+    twin = _agree(material, names)
+    place = nearest(material.distances)
+    is_twin = twin[np.arange(len(place)), place]
+    share = float(is_twin.mean())
+    same_class = material.truth[:, None] == material.codes
+    expected = float(((twin & same_class).sum(axis=1) / np.maximum(same_class.sum(axis=1), 1)).mean())
+    before = material.scores[NEAREST]
+    without = material.score(NEAREST, classes_of(material.codes, nearest(material.distances, ~twin)))
+    shortcut = (
+        share >= HALF and is_above_rate(is_twin, expected) and is_lower(before.correct, without.correct)
+    )
+    labels = ", ".join(names)
+    verdict = (
+        f"{percent(share)} of the nearest training samples are twins, alike in {labels} ({percent(expected)} "
+        "of their class are)"
+    )
+    remedy = f"evaluation: {{leave_out: {_most_telling(material, others, place)}}}"
+    return [material.row("twins", before, verdict, shortcut=shortcut, remedy=remedy, without=without)]
+
+
+def _is_repeated(material: Material, names: Sequence[str]) -> bool:
+    """Return whether any of some columns has several values."""
+    return any(len(np.unique(material.columns[name][material.train])) > 1 for name in names)
+
+
+def _agree(material: Material, names: Sequence[str]) -> Bools:
+    """Return (validation, train) bool: which samples have the same values of some columns."""
+    agree = np.ones((len(material.validation), len(material.train)), bool)
+    for name in names:
+        values = material.columns[name]
+        agree &= values[material.validation][:, None] == values[material.train]
+    return agree
+
+
+def _most_telling(material: Material, names: Sequence[str], place: np.ndarray) -> str:
+    """Return the column in which nearest samples agree most, against samples drawn at random."""
+
+    def lift(name: str) -> float:
+        agree = _agree(material, [name])
+        return float(agree[np.arange(len(place)), place].mean() - agree.mean())
+
+    return max(names, key=lift)
+
+
+PROBE = "label leak"
+
+
+def _leaks(material: Material) -> list[AuditRow]:
+    """Return the row of a leak, if there is one.
+
+    Where windows have common steps, `without` is the accuracy of nearest neighbours that share none.
+    """
+    if not material.leak:
+        return []
+    original, number = material.columns.get(ORIGINAL), material.columns.get(NUMBER)
+    if original is None or number is None or not material.reach:
+        return [of_encoder(material)]
+    same = original[material.validation][:, None] == original[material.train]
+    near = np.abs(number[material.validation][:, None] - number[material.train]) <= material.reach
+    place = nearest(material.distances, ~(same & near))
+    without = material.score(NEAREST, classes_of(material.codes, place))
+    remedy = f"split by column '{ORIGINAL}', e.g. split.stratified.group: {ORIGINAL}"
+    before = material.scores[NEAREST]
+    return [material.row(PROBE, before, material.leak, shortcut=True, remedy=remedy, without=without)]
+
+
+def of_encoder(leaky: Material, honest: Material | None = None) -> AuditRow:
+    """Return the row of an encoder that reads labels, beside the best reader of one that does not."""
+    without = None if honest is None else honest.best
+    remedy = "an encoder that reads no labels"
+    return leaky.row(PROBE, leaky.best, leaky.leak, shortcut=True, remedy=remedy, without=without)
