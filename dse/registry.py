@@ -177,6 +177,13 @@ def param(default: Any = dataclasses.MISSING, **rule: Any) -> Any:
     return dataclasses.field(default=default, metadata={"rule": Rule(**rule)})
 
 
+def fixed(default: Any = dataclasses.MISSING, *, factory: Any = dataclasses.MISSING, **rule: Any) -> Any:
+    """Declare a dataclass field as `param` does, which no search varies; `factory` makes its default."""
+    if factory is dataclasses.MISSING:
+        return param(default, axis=False, **rule)
+    return dataclasses.field(default_factory=factory, metadata={"rule": Rule(axis=False, **rule)})
+
+
 def _default_component(section: str, name: str) -> object:
     return known(section)[name]()
 

@@ -178,7 +178,7 @@ class Encoder(Protocol):
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:
-        """Return the encoder with what it learns, in fields of its own, `param(axis=False)`.
+        """Return the encoder with what it learns, in fields of its own, `registry.fixed`.
 
         An encoder learns numbers, texts or nested tuples of them: they are recorded with the design, and new
         recordings are encoded with them.

@@ -19,7 +19,7 @@ import numpy as np
 
 from dse.encoders.send_on_delta import STARTS, Deltas
 from dse.records import Ints
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 
 @register("encoders", "quantised")
@@ -45,7 +45,7 @@ class Quantised(Deltas):
         doc="level that a recording begins at, as of encoder send_on_delta: its first sample, or the mean of "
         "the training recordings, so that the level it rests at is sent too",
     )
-    means: tuple[float, ...] = param((), axis=False, doc="fitted: of each channel, for start mean")
+    means: tuple[float, ...] = fixed((), doc="fitted: of each channel, for start mean")
 
     @property
     def thresholds(self) -> tuple[float, ...]:  # type: ignore[override]

@@ -35,7 +35,7 @@ from dse.encoders.sampled import OneByOne, RunningAverage, smoothed
 from dse.native.compiled import compiled
 from dse.neurons.izhikevich import FA, FLOOR_MV, METHODS, PEAK_MV, SA, A, B, C, D, Method
 from dse.records import Floats, Ints, Signals
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 FA_RISING, FA_FALLING = "FA rising", "FA falling"
 KINDS = ("SA", FA_RISING, FA_FALLING)
@@ -86,12 +86,8 @@ class Receptors(OneByOne):
         doc="approximate longest integration step; the published 1 ms loses a third of the spikes at 136 "
         "spikes/s",
     )
-    low: tuple[float, ...] = param(
-        (), axis=False, doc="fitted: the value of each channel that is normalised to 0"
-    )
-    high: tuple[float, ...] = param(
-        (), axis=False, doc="fitted: the value of each channel that is normalised to 1"
-    )
+    low: tuple[float, ...] = fixed((), doc="fitted: the value of each channel that is normalised to 0")
+    high: tuple[float, ...] = fixed((), doc="fitted: the value of each channel that is normalised to 1")
 
     def _copies(self) -> int:
         return (3 if self.sa else 2) * self.spikes_per_step

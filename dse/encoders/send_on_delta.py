@@ -26,7 +26,7 @@ from dse.config.contracts import RunningEncoder
 from dse.encoders.sampled import OneByOne
 from dse.native.compiled import compiled
 from dse.records import Floats, Ints, Signals
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 REFERENCES = ("step", "value", "level")
 POLARITIES = ("separate", "merged")
@@ -124,7 +124,7 @@ class SendOnDelta(Deltas):
         doc="level that a recording begins at: its first sample, or the mean of the training recordings, so "
         "that the level it rests at is sent too (a shortcut where sessions or placement set that level)",
     )
-    means: tuple[float, ...] = param((), axis=False, doc="fitted: of each channel, for start mean")
+    means: tuple[float, ...] = fixed((), doc="fitted: of each channel, for start mean")
 
 
 class _Running:

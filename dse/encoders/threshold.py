@@ -30,7 +30,7 @@ import numpy as np
 
 from dse.encoders.sampled import OneByOne, smoothed
 from dse.records import Bools, Floats, Ints, Signals, Spikes
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 # A mean this small beside the standard deviation is the rounding of one that was removed.
 _NO_MEAN = 1e-4
@@ -63,14 +63,14 @@ class Threshold(OneByOne):
     smoothing_ms: float = param(
         0.0, low=0, unit="ms", doc="length of a causal moving average of the signal before encoding; 0: none"
     )
-    n_classes: int = param(0, low=0, axis=False, doc="fitted: number of classes")
-    classes: tuple[int, ...] = param((), axis=False, doc="fitted: classes in the training recordings")
-    means: tuple[float, ...] = param((), axis=False, doc="fitted: mean statistic of each class and channel")
-    deviations: tuple[float, ...] = param(
-        (), axis=False, doc="fitted: standard deviation of the statistic of each class and channel"
+    n_classes: int = fixed(0, low=0, doc="fitted: number of classes")
+    classes: tuple[int, ...] = fixed((), doc="fitted: classes in the training recordings")
+    means: tuple[float, ...] = fixed((), doc="fitted: mean statistic of each class and channel")
+    deviations: tuple[float, ...] = fixed(
+        (), doc="fitted: standard deviation of the statistic of each class and channel"
     )
-    labels: tuple[int, ...] = param((), axis=False, doc="fitted by own_label: class of each recording")
-    recordings: str = param("", axis=False, doc="fitted by own_label: hash of those recordings")
+    labels: tuple[int, ...] = fixed((), doc="fitted by own_label: class of each recording")
+    recordings: str = fixed("", doc="fitted by own_label: hash of those recordings")
 
     @property
     def transductive(self) -> bool:

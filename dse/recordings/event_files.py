@@ -27,7 +27,7 @@ from dse.recordings.formats import Format, Repairs, checked, detect, named
 from dse.recordings.formats.arrays import UNITS_US, USUAL
 from dse.recordings.source import columns_key, label_columns
 from dse.records import Array, Block, FrontEnd
-from dse.registry import Rule, param, register
+from dse.registry import fixed, register
 
 AUTO = "auto"
 
@@ -40,13 +40,6 @@ _MOST_NAMED = 5
 _MOST_NOTES = 50
 
 
-def _arrays_key() -> Any:
-    rule = Rule(
-        "names of the arrays t, x, y and p in .npz, .h5 and .csv files (default: the usual names)", axis=False
-    )
-    return dataclasses.field(default_factory=dict, metadata={"rule": rule})
-
-
 @register("recordings", "event_files")
 @dataclasses.dataclass(frozen=True)
 class EventFiles:
@@ -56,54 +49,40 @@ class EventFiles:
     with a dot is no recording, nor is the label table.
     """
 
-    folder: str = param(
-        doc="folder of the recordings: an absolute path, or relative to the YAML file or to $DSE_DATA",
-        axis=False,
+    folder: str = fixed(
+        doc="folder of the recordings: an absolute path, or relative to the YAML file or to $DSE_DATA"
     )
-    pattern: str = param(
-        "**/*",
-        doc="glob pattern of the files, relative to the folder, in quotes; ** matches any folders",
-        axis=False,
+    pattern: str = fixed(
+        "**/*", doc="glob pattern of the files, relative to the folder, in quotes; ** matches any folders"
     )
-    labels: str | None = param(
-        None,
-        doc="label table (.csv or .parquet) whose column `file` holds the path of every file",
-        axis=False,
+    labels: str | None = fixed(
+        None, doc="label table (.csv or .parquet) whose column `file` holds the path of every file"
     )
-    label_from: str | None = param(
+    label_from: str | None = fixed(
         None,
         doc="labels are folder names: `folder` is the folder of the file, `folder2` the one above, ...",
         choices=(FOLDER,),
-        axis=False,
     )
-    format: str = param(
-        AUTO,
-        doc="format of the files, e.g. aedat4; auto: recognised from the first bytes and the name",
-        axis=False,
+    format: str = fixed(
+        AUTO, doc="format of the files, e.g. aedat4; auto: recognised from the first bytes and the name"
     )
-    width: int | None = param(
-        None,
-        doc="number of columns, addresses 0 to width - 1 (default: as stated in the files)",
-        low=1,
-        axis=False,
+    width: int | None = fixed(
+        None, doc="number of columns, addresses 0 to width - 1 (default: as stated in the files)", low=1
     )
-    height: int | None = param(
-        None,
-        doc="number of rows, addresses 0 to height - 1 (default: as stated in the files)",
-        low=1,
-        axis=False,
+    height: int | None = fixed(
+        None, doc="number of rows, addresses 0 to height - 1 (default: as stated in the files)", low=1
     )
-    arrays: Mapping[str, str] = _arrays_key()
-    time_unit: str | None = param(
+    arrays: Mapping[str, str] = fixed(
+        factory=dict,
+        doc="names of the arrays t, x, y and p in .npz, .h5 and .csv files (default: the usual names)",
+    )
+    time_unit: str | None = fixed(
         None,
         doc="unit of the times in .npz, .h5 and .csv files (default: integers are us)",
         choices=tuple(UNITS_US),
-        axis=False,
     )
-    repair: bool = param(
-        False,
-        doc="repair damaged files or leave them out, with a warning for each, instead of stopping",
-        axis=False,
+    repair: bool = fixed(
+        False, doc="repair damaged files or leave them out, with a warning for each, instead of stopping"
     )
     columns: Mapping[str, str] = columns_key()
 

@@ -14,7 +14,7 @@ import numpy as np
 from dse.recordings import RecordingError, arrays
 from dse.recordings.source import FileSource, checked_offsets, class_names_key
 from dse.records import Array, Block, Events, Ints
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse.store import atomic
 
 
@@ -26,18 +26,16 @@ class EventFile(FileSource):
     An address is a pixel (`x`, `y`) or a `taxel`; polarity is 1 for ON and 0 for OFF.
     """
 
-    width: int = param(doc="number of columns (or of taxels), addresses 0 to width - 1", low=1, axis=False)
-    height: int = param(1, doc="number of rows, addresses 0 to height - 1", low=1, axis=False)
-    t_us: str = param("t_us", doc="name of the array of time stamps, integers in microseconds", axis=False)
-    x: str | None = param(None, doc="name of the array of pixel columns", axis=False)
-    y: str | None = param(None, doc="name of the array of pixel rows", axis=False)
-    taxel: str | None = param(None, doc="name of the array of taxel numbers, instead of x and y", axis=False)
-    polarity: str | None = param(
-        None, doc="name of the array of polarities, 1 for ON and 0 for OFF (default: all ON)", axis=False
+    width: int = fixed(doc="number of columns (or of taxels), addresses 0 to width - 1", low=1)
+    height: int = fixed(1, doc="number of rows, addresses 0 to height - 1", low=1)
+    t_us: str = fixed("t_us", doc="name of the array of time stamps, integers in microseconds")
+    x: str | None = fixed(None, doc="name of the array of pixel columns")
+    y: str | None = fixed(None, doc="name of the array of pixel rows")
+    taxel: str | None = fixed(None, doc="name of the array of taxel numbers, instead of x and y")
+    polarity: str | None = fixed(
+        None, doc="name of the array of polarities, 1 for ON and 0 for OFF (default: all ON)"
     )
-    offsets: str = param(
-        "offsets", doc="name of the array of the n + 1 borders between recordings", axis=False
-    )
+    offsets: str = fixed("offsets", doc="name of the array of the n + 1 borders between recordings")
     class_names: Mapping[str, str] = class_names_key()
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from dse.recordings import RecordingError, arrays
 from dse.recordings.source import Sampled, class_names_key
 from dse.records import Array, Ints, Rasters, Spikes
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 
 @register("recordings", "raster")
@@ -24,19 +24,13 @@ class RasterFile(Sampled):
     `polarity` counts planes; the others, flattened, count taxels.
     """
 
-    array: str = param("spikes", doc="name of the array of spikes", axis=False)
-    axes: str = param(
-        "sample step channel", doc="names of the axes; `sample` and `step` are required", axis=False
+    array: str = fixed("spikes", doc="name of the array of spikes")
+    axes: str = fixed("sample step channel", doc="names of the axes; `sample` and `step` are required")
+    packed: bool = fixed(False, doc="whether the bits are packed along the step axis (numpy.packbits)")
+    n_steps: int | None = fixed(
+        None, doc="steps per recording (default: all in the array)", unit="steps", low=1
     )
-    packed: bool = param(
-        False, doc="whether the bits are packed along the step axis (numpy.packbits)", axis=False
-    )
-    n_steps: int | None = param(
-        None, doc="steps per recording (default: all in the array)", unit="steps", low=1, axis=False
-    )
-    shape: str | None = param(
-        None, doc="name of the array of the unpacked shape, instead of n_steps", axis=False
-    )
+    shape: str | None = fixed(None, doc="name of the array of the unpacked shape, instead of n_steps")
     class_names: Mapping[str, str] = class_names_key()
 
     def __post_init__(self) -> None:

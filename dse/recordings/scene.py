@@ -17,7 +17,7 @@ import numpy as np
 from dse.config.faults import ConfigError, known_names
 from dse.recordings import RecordingError
 from dse.records import Array, Block, FrontEnd, Ints
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse.scene.checks import half_width_px
 from dse.scene.load import find_scene, load_scene
 from dse.scene.scene import Scene
@@ -113,25 +113,17 @@ class SceneTrials:
     Label columns: texture, profile, speed_mm_s, force_n, randomised_force, repetition.
     """
 
-    scene: str = param(
-        doc="a scene file (an absolute path, or relative to the YAML file), or the name of a shipped scene",
-        axis=False,
+    scene: str = fixed(
+        doc="a scene file (an absolute path, or relative to the YAML file), or the name of a shipped scene"
     )
-    textures: tuple[str, ...] | None = param(
-        None, doc="textures of the scene to use (default: all)", axis=False
+    textures: tuple[str, ...] | None = fixed(None, doc="textures of the scene to use (default: all)")
+    trials: int | None = fixed(
+        None, doc="trials of each texture, motion and force (default: as in the scene)", low=1
     )
-    trials: int | None = param(
-        None, doc="trials of each texture, motion and force (default: as in the scene)", low=1, axis=False
+    duration_ms: float | None = fixed(
+        None, doc="duration of a trial (default: as in the scene)", unit="ms", low=0, low_open=True
     )
-    duration_ms: float | None = param(
-        None,
-        doc="duration of a trial (default: as in the scene)",
-        unit="ms",
-        low=0,
-        low_open=True,
-        axis=False,
-    )
-    seed: int | None = param(None, doc="seed of the scene (default: as in the scene file)", low=0, axis=False)
+    seed: int | None = fixed(None, doc="seed of the scene (default: as in the scene file)", low=0)
 
     @property
     def columns(self) -> Mapping[str, str]:

@@ -13,7 +13,7 @@ import numpy as np
 from dse.recordings import RecordingError, arrays
 from dse.recordings.files import content, locate
 from dse.records import Array, Ints
-from dse.registry import Rule, param
+from dse.registry import fixed
 
 
 def end_to_end(values: Array, offsets: Array | None, where: str) -> tuple[Array, Ints]:
@@ -172,16 +172,14 @@ def _named(codes: Ints, names: Array, where: str) -> Array:
 
 def columns_key() -> Any:
     """Declare the key `columns` of a component."""
-    rule = Rule(
-        "mapping from label column to its name in the file, which holds one value per recording", axis=False
-    )
-    return dataclasses.field(default_factory=dict, metadata={"rule": rule})
+    doc = "mapping from label column to its name in the file, which holds one value per recording"
+    return fixed(factory=dict, doc=doc)
 
 
 def class_names_key() -> Any:
     """Declare the key `class_names` of a component."""
-    rule = Rule("mapping from a label column of integer codes to the array of their names", axis=False)
-    return dataclasses.field(default_factory=dict, metadata={"rule": rule})
+    doc = "mapping from a label column of integer codes to the array of their names"
+    return fixed(factory=dict, doc=doc)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -192,19 +190,17 @@ class FileSource(ABC):
     with codes as labels has the key `class_names`.
     """
 
-    file: str = param(
+    file: str = fixed(
         doc="the .npz, .npy, .mat, .h5, .csv or .parquet file: an absolute path, or relative to the YAML "
-        "file or to $DSE_DATA",
-        axis=False,
+        "file or to $DSE_DATA"
     )
     _: dataclasses.KW_ONLY
     columns: Mapping[str, str] = columns_key()
-    labels: str | None = param(
+    labels: str | None = fixed(
         None,
         doc="file of the label columns, .csv, .parquet, .npz, .npy, .mat or .h5: one row or element per "
         "recording, in their order, or by the column data.recording of a table (default: the columns are in "
         "the file of the recordings)",
-        axis=False,
     )
 
     @abstractmethod
@@ -303,14 +299,13 @@ class FileSource(ABC):
 class Sampled(FileSource):
     """Recordings with a number for every step and channel."""
 
-    step_ms: float = param(doc="duration of a step", unit="ms", low=0, low_open=True, axis=False)
+    step_ms: float = fixed(doc="duration of a step", unit="ms", low=0, low_open=True)
     _: dataclasses.KW_ONLY
-    positions: tuple[tuple[int, int], ...] | None = param(
+    positions: tuple[tuple[int, int], ...] | None = fixed(
         None,
         doc="[x, y] of every taxel, integers (default: x is the number of the taxel, y is 0)",
         low=0,
         high=_HIGHEST,
-        axis=False,
     )
 
     def __post_init__(self) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from dse.records import Array, Bools, Ints
 
 ORIGINAL, NUMBER = CUT_COLUMNS
 """Columns of windows that were cut: the number of the recording that each is from, and its own within it."""
+
+
+_NAMES = ("train", "validation", "test")
 
 
 def split(
@@ -34,162 +38,148 @@ def split(
         RecordingError: unknown column or value, parts that overlap or are empty, a class that is too
             small to divide or is missing from train, a group in two parts.
     """
-    masks = dict(zip(("train", "validation", "test"), _masks(columns, codes, classes, settings), strict=True))
-    several = sum(mask.astype(int) for mask in masks.values()) > 1
-    if np.any(several):
-        both = [name for name, mask in masks.items() if mask[np.argmax(several)]]
-        raise RecordingError(f"split: recording {np.argmax(several)} is in {' and in '.join(both)}")
-    for name in ("train", "validation"):
-        if not masks[name].any():
-            raise RecordingError(f"split.{name} selects no recording")
-    for name in ("validation", "test"):
-        for code in np.setdiff1d(codes[masks[name]], codes[masks["train"]]):
-            raise RecordingError(f"split: class '{classes[code]}' is in {name} but missing from train")
-    train, validation, test = (np.flatnonzero(mask).astype(np.int64) for mask in masks.values())
-    return train, validation, test
-
-
-def _masks(
-    columns: Mapping[str, Array], codes: Ints, classes: tuple[str, ...], settings: Split
-) -> Iterator[Bools]:
+    of = _Labelled(columns, codes, classes)
     if settings.stratified is not None:
-        part = _drawn(columns, codes, classes, settings.stratified)
-        yield from (part == 0, part == 1, part == 2)
+        part = of.drawn(settings.stratified)
     elif settings.k_fold is not None:
-        yield from _folded(columns, codes, classes, settings.k_fold)
+        part = of.folded(settings.k_fold)
     elif settings.leave_out is not None:
         out = settings.leave_out
-        left_out = _chosen(columns, {out.column: out.value}, "leave_out")
-        yield from (~left_out, left_out, np.zeros_like(left_out))
+        part = of.chosen({out.column: out.value}, "leave_out").astype(np.int64)
     else:
-        for name in ("train", "validation", "test"):
-            yield _chosen(columns, getattr(settings, name), name)
-
-
-def _chosen(columns: Mapping[str, Array], conditions: Mapping[str, Raw] | None, name: str) -> Bools:
-    n = len(next(iter(columns.values()), ()))
-    mask = np.full(n, bool(conditions))
-    for column, values in (conditions or {}).items():
-        if column not in columns:
-            raise RecordingError(
-                f"split.{name}: no column '{column}' among data.columns; {known_names(column, columns)}"
-            )
-        labels = columns[column]
-        known = np.unique(labels).tolist()
-        matches = np.zeros(n, dtype=bool)
-        for value in values if isinstance(values, list | tuple) else (values,):
-            value = str(value) if labels.dtype.kind == "U" else value
-            if value not in known:
-                raise RecordingError(
-                    f"split.{name}: column '{column}' has no value {value!r}; its values are {_some(known)}"
-                )
-            matches |= labels == value
-        mask &= matches
-    return mask
-
-
-def _some(values: list[object]) -> str:
-    return ", ".join(map(str, values[:10])) + (", ..." if len(values) > 10 else "")
-
-
-def _drawn(columns: Mapping[str, Array], codes: Ints, classes: tuple[str, ...], settings: Stratified) -> Ints:
-    """Return 0 (train), 1 (validation) or 2 (test) for every recording."""
-    where = "split.stratified"
-    given, groups = _given_test(columns, len(codes), settings, where)
-    test = 0.0 if isinstance(settings.test, Mapping) else settings.test
-    shares = [1 - settings.validation - test, settings.validation, test]
-    sizes = f"validation {settings.validation:g} and test {test:g}"
-    part = np.where(given, 2, 0)
-    if settings.group is not None:
-        if shares[0] <= 0:
-            raise RecordingError(f"{where} must leave recordings for training, got {sizes}")
-        shares = [share for share in shares if share > 0]
-        rest = np.flatnonzero(~given)
-        _check_enough(codes[rest], groups[rest], classes, len(shares), where, settings.group, sizes)
-        rng = seeds.generator(settings.seed, {}, "split")
-        part[rest] = dealt(codes[rest], groups[rest], shares, rng)
-        return part
-    for code in np.unique(codes[~given]):
-        # A generator per class: adding recordings of one class leaves the draw of the others as it was.
-        members = seeds.generator(settings.seed, {}, "split", int(code)).permutation(
-            np.flatnonzero((codes == code) & ~given)
-        )
-        n_validation, n_test = round(settings.validation * len(members)), round(test * len(members))
-        if not n_validation or (test and not n_test) or n_validation + n_test >= len(members):
-            raise RecordingError(
-                f"{where}: class '{classes[code]}' has {len(members)} recordings, too few for {sizes}"
-            )
-        part[members[:n_validation]] = 1
-        part[members[n_validation : n_validation + n_test]] = 2
-    return part
-
-
-def _given_test(
-    columns: Mapping[str, Array], n: int, settings: Stratified | KFold, where: str
-) -> tuple[Bools, Ints]:
-    """Return the recordings that label values put into the test set, (n,) bool, and the group of each."""
-    groups = np.arange(n) if settings.group is None else _groups(columns, settings.group, where)
-    given = np.zeros(n, dtype=bool)
-    if isinstance(settings.test, Mapping):
-        given = _chosen(columns, settings.test, f"{where.removeprefix('split.')}.test")
-        torn = np.intersect1d(groups[given], groups[~given])
-        if len(torn):
-            value = columns[str(settings.group)][groups == torn[0]][0]
-            raise RecordingError(f"{where}: group '{value}' is both in the test set and outside of it")
-    return given, groups
-
-
-def _folded(
-    columns: Mapping[str, Array], codes: Ints, classes: tuple[str, ...], settings: KFold
-) -> tuple[Bools, Bools, Bools]:
-    """Return the masks of train, validation and test of one fold."""
-    where, k = "split.k_fold", settings.k
-    test, groups = _given_test(columns, len(codes), settings, where)
-    if settings.test is not None and not isinstance(settings.test, Mapping):
-        sizes = f"test {settings.test:g}"
-        _check_enough(codes, groups, classes, 2, where, settings.group, sizes)
-        shares = [1 - settings.test, settings.test]
-        test = dealt(codes, groups, shares, seeds.generator(settings.seed, {}, "test")) == 1
-        for code in np.setdiff1d(codes, codes[test]):
-            raise RecordingError(f"{where}: class '{classes[code]}' has too few recordings for {sizes}")
-    rest = np.flatnonzero(~test)
-    _check_enough(codes[rest], groups[rest], classes, k, where, settings.group, f"k = {k}")
-    part = np.full(len(codes), -1, dtype=np.int64)
-    part[rest] = dealt(codes[rest], groups[rest], [1 / k] * k, seeds.generator(settings.seed, {}, "folds"))
-    validation = part == settings.fold
-    train = ~test & ~validation
-    for code in np.setdiff1d(codes[rest], codes[train]):
-        raise RecordingError(
-            f"{where}: class '{classes[code]}' is missing from train in fold {settings.fold} of {k}: "
-            f"all its recordings validate there"
-        )
+        masks = np.array([of.chosen(getattr(settings, name), name) for name in _NAMES])
+        several = masks.sum(axis=0) > 1
+        if np.any(several):
+            both = [name for name, mask in zip(_NAMES, masks, strict=True) if mask[np.argmax(several)]]
+            raise RecordingError(f"split: recording {np.argmax(several)} is in {' and in '.join(both)}")
+        part = np.where(masks.any(axis=0), masks.argmax(axis=0), -1)
+    train, validation, test = (np.flatnonzero(part == k).astype(np.int64) for k in range(len(_NAMES)))
+    for name, members in (("train", train), ("validation", validation)):
+        if not len(members):
+            raise RecordingError(f"split.{name} selects no recording")
+    for name, members in (("validation", validation), ("test", test)):
+        for code in np.setdiff1d(codes[members], codes[train]):
+            raise RecordingError(f"split: class '{classes[code]}' is in {name} but missing from train")
     return train, validation, test
 
 
-def _groups(columns: Mapping[str, Array], column: str, where: str) -> Ints:
-    """Return the number of every recording's group."""
-    if column not in columns:
-        raise RecordingError(
-            f"{where}.group: no column '{column}' among data.columns; {known_names(column, columns)}"
-        )
-    return np.unique(columns[column], return_inverse=True)[1]
+@dataclass(frozen=True)
+class _Labelled:
+    """Recordings to split: label columns, each (n,), codes (n,) of the target and the names of its classes.
 
+    A part is 0 (train), 1 (validation) or 2 (test).
+    """
 
-def _check_enough(
-    codes: Ints,
-    groups: Ints,
-    classes: tuple[str, ...],
-    n_parts: int,
-    where: str,
-    column: str | None,
-    sizes: str,
-) -> None:
-    """Raise where a class has fewer groups (or recordings) than there are parts."""
-    what = "recordings" if column is None else f"groups of column '{column}'"
-    for code in np.unique(codes):
-        n = len(np.unique(groups[codes == code]))
-        if n < n_parts:
-            raise RecordingError(f"{where}: class '{classes[code]}' has {n} {what}, too few for {sizes}")
+    columns: Mapping[str, Array]
+    codes: Ints
+    classes: tuple[str, ...]
+
+    def chosen(self, conditions: Mapping[str, Raw] | None, name: str) -> Bools:
+        """Return the recordings, (n,) bool, with the label values that a part or key of the split names."""
+        mask = np.full(len(self.codes), bool(conditions))
+        for column, values in (conditions or {}).items():
+            labels = self._column(column, name)
+            known = np.unique(labels).tolist()
+            matches = np.zeros(len(labels), dtype=bool)
+            for value in values if isinstance(values, list | tuple) else (values,):
+                value = str(value) if labels.dtype.kind == "U" else value
+                if value not in known:
+                    some = ", ".join(map(str, known[:10])) + ", ..." * (len(known) > 10)
+                    raise RecordingError(
+                        f"split.{name}: column '{column}' has no value {value!r}; its values are {some}"
+                    )
+                matches |= labels == value
+            mask &= matches
+        return mask
+
+    def _column(self, column: str, name: str) -> Array:
+        if column not in self.columns:
+            known = known_names(column, self.columns)
+            raise RecordingError(f"split.{name}: no column '{column}' among data.columns; {known}")
+        return self.columns[column]
+
+    def drawn(self, settings: Stratified) -> Ints:
+        """Return the part of every recording, (n,)."""
+        where = "stratified"
+        given, groups = self._given_test(settings, where)
+        test = 0.0 if isinstance(settings.test, Mapping) else settings.test
+        sizes = f"validation {settings.validation:g} and test {test:g}"
+        part = np.where(given, 2, 0)
+        if settings.group is not None:
+            shares = [1 - settings.validation - test, settings.validation, test]
+            if shares[0] <= 0:
+                raise RecordingError(f"split.{where} must leave recordings for training, got {sizes}")
+            shares = [share for share in shares if share > 0]
+            rest = np.flatnonzero(~given)
+            self._check_enough(rest, groups, len(shares), where, settings.group, sizes)
+            rng = seeds.generator(settings.seed, {}, "split")
+            part[rest] = dealt(self.codes[rest], groups[rest], shares, rng)
+            return part
+        for code in np.unique(self.codes[~given]):
+            # A generator per class: adding recordings of one class leaves the draw of the others as it was.
+            members = seeds.generator(settings.seed, {}, "split", int(code)).permutation(
+                np.flatnonzero((self.codes == code) & ~given)
+            )
+            n_validation, n_test = round(settings.validation * len(members)), round(test * len(members))
+            if not n_validation or (test and not n_test) or n_validation + n_test >= len(members):
+                raise self._too_few(where, code, f"{len(members)} recordings", sizes)
+            part[members[:n_validation]] = 1
+            part[members[n_validation : n_validation + n_test]] = 2
+        return part
+
+    def folded(self, settings: KFold) -> Ints:
+        """Return the part of every recording, (n,), in one fold."""
+        where, k, codes = "k_fold", settings.k, self.codes
+        test, groups = self._given_test(settings, where)
+        if settings.test is not None and not isinstance(settings.test, Mapping):
+            sizes = f"test {settings.test:g}"
+            self._check_enough(np.arange(len(codes)), groups, 2, where, settings.group, sizes)
+            shares = [1 - settings.test, settings.test]
+            test = dealt(codes, groups, shares, seeds.generator(settings.seed, {}, "test")) == 1
+            for code in np.setdiff1d(codes, codes[test]):
+                raise RecordingError(
+                    f"split.{where}: class '{self.classes[code]}' has too few recordings for {sizes}"
+                )
+        rest = np.flatnonzero(~test)
+        self._check_enough(rest, groups, k, where, settings.group, f"k = {k}")
+        part = np.where(test, 2, 0)
+        rng = seeds.generator(settings.seed, {}, "folds")
+        part[rest] = dealt(codes[rest], groups[rest], [1 / k] * k, rng) == settings.fold
+        for code in np.setdiff1d(codes[rest], codes[part == 0]):
+            raise RecordingError(
+                f"split.{where}: class '{self.classes[code]}' is missing from train in fold {settings.fold} "
+                f"of {k}: all its recordings validate there"
+            )
+        return part
+
+    def _given_test(self, settings: Stratified | KFold, where: str) -> tuple[Bools, Ints]:
+        """Return the recordings that label values put into the test set, (n,) bool, and each one's group."""
+        groups, given = np.arange(len(self.codes)), np.zeros(len(self.codes), dtype=bool)
+        if settings.group is not None:
+            column = self._column(settings.group, f"{where}.group")
+            groups = np.unique(column, return_inverse=True)[1]
+        if isinstance(settings.test, Mapping):
+            given = self.chosen(settings.test, f"{where}.test")
+            torn = np.intersect1d(groups[given], groups[~given])
+            if len(torn):
+                value = self.columns[str(settings.group)][groups == torn[0]][0]
+                raise RecordingError(
+                    f"split.{where}: group '{value}' is both in the test set and outside of it"
+                )
+        return given, groups
+
+    def _check_enough(
+        self, rest: Ints, groups: Ints, n_parts: int, where: str, column: str | None, sizes: str
+    ) -> None:
+        """Raise where a class has fewer groups (or recordings) than there are parts."""
+        what = "recordings" if column is None else f"groups of column '{column}'"
+        for code in np.unique(self.codes[rest]):
+            n = len(np.unique(groups[rest][self.codes[rest] == code]))
+            if n < n_parts:
+                raise self._too_few(where, code, f"{n} {what}", sizes)
+
+    def _too_few(self, where: str, code: int, has: str, sizes: str) -> RecordingError:
+        return RecordingError(f"split.{where}: class '{self.classes[code]}' has {has}, too few for {sizes}")
 
 
 def dealt(codes: Ints, groups: Ints, shares: Sequence[float], rng: np.random.Generator) -> Ints:

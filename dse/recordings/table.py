@@ -15,7 +15,7 @@ from dse.recordings.arrays import complete, numbers
 from dse.recordings.files import locate
 from dse.recordings.source import Sampled, end_to_end, in_a_row, label_columns
 from dse.records import Array, Floats, Ints, Signals
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 UNITS_MS = {"s": 1000.0, "ms": 1.0, "us": 1e-3}
 _RECORDING = (
@@ -36,22 +36,18 @@ Series = tuple[Floats, Floats]
 class _Samples(Sampled):
     """Recordings whose samples are rows of a table; they come in the order of the label table, if any."""
 
-    channels: tuple[str, ...] = param(
+    channels: tuple[str, ...] = fixed(
         doc="names of the channels, in the order of the input: columns of the table, or values of its column "
-        "of channels",
-        axis=False,
+        "of channels"
     )
     _: dataclasses.KW_ONLY
-    recording: str | None = param(None, doc=_RECORDING, axis=False)
-    time_unit: str | None = param(
-        None, doc="unit of the times (default: ms)", choices=tuple(UNITS_MS), axis=False
-    )
-    resample: str | None = param(
+    recording: str | None = fixed(None, doc=_RECORDING)
+    time_unit: str | None = fixed(None, doc="unit of the times (default: ms)", choices=tuple(UNITS_MS))
+    resample: str | None = fixed(
         None,
         doc="linear: samples at uneven times are interpolated every step_ms, and a note says how many "
         "recordings (default: uneven times are a fault)",
         choices=("linear",),
-        axis=False,
     )
 
     def __post_init__(self) -> None:
@@ -172,16 +168,11 @@ class Table(_Samples):
     Recordings come in the order of the label table, without one in the order of their first rows.
     """
 
-    recording: str | None = param("recording", doc=_RECORDING, axis=False)
-    time_ms: str | None = param(
-        None,
-        doc="name of the column of sample times, which are checked against step_ms",
-        unit="ms",
-        axis=False,
+    recording: str | None = fixed("recording", doc=_RECORDING)
+    time_ms: str | None = fixed(
+        None, doc="name of the column of sample times, which are checked against step_ms", unit="ms"
     )
-    time: str | None = param(
-        None, doc="name of the column of sample times, in time_unit; instead of time_ms", axis=False
-    )
+    time: str | None = fixed(None, doc="name of the column of sample times, in time_unit; instead of time_ms")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -217,9 +208,9 @@ class LongTable(_Samples):
     Recordings come in the order of the label table, without one in the order of their first rows.
     """
 
-    time: str = param("time", doc="name of the column of times", axis=False)
-    channel: str = param("channel", doc="name of the column of channels", axis=False)
-    value: str = param("value", doc="name of the column of values", axis=False)
+    time: str = fixed("time", doc="name of the column of times")
+    channel: str = fixed("channel", doc="name of the column of channels")
+    value: str = fixed("value", doc="name of the column of values")
 
     def _names(self) -> list[str]:
         return [name for name in (self.recording, self.time, self.channel, self.value) if name is not None]

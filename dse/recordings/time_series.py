@@ -12,7 +12,7 @@ import numpy as np
 from dse.recordings import RecordingError, arrays
 from dse.recordings.source import Sampled, class_names_key, end_to_end, in_a_row, unpadded
 from dse.records import Array, Ints, Signals
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 USUAL_AXES = ("recording", "step", "channel")
 
@@ -27,19 +27,17 @@ class TimeSeries(Sampled):
     an .mat file holds recordings of different lengths.
     """
 
-    signal: str = param("signal", doc="name of the array of samples", axis=False)
-    offsets: str | None = param(
+    signal: str = fixed("signal", doc="name of the array of samples")
+    offsets: str | None = fixed(
         None,
         doc="name of the array of the n + 1 borders between recordings (default: a cube, recordings of one "
         "length)",
-        axis=False,
     )
     class_names: Mapping[str, str] = class_names_key()
-    axes: str | None = param(
+    axes: str | None = fixed(
         None,
         doc="order of the axes of a cube, e.g. 'step channel recording'; 'recording step': one channel "
         "(default: recording step channel)",
-        axis=False,
     )
 
     def __post_init__(self) -> None:
@@ -137,10 +135,9 @@ class WideTable(Sampled):
     `left_0`, `left_1`, ... Cells that are empty at the end make a recording shorter.
     """
 
-    samples: tuple[str, ...] = param(
+    samples: tuple[str, ...] = fixed(
         doc="beginning of the names of the sample columns, one per channel: `left_` stands for left_0, "
-        "left_1, ...; an empty text for columns that are named by numbers alone",
-        axis=False,
+        "left_1, ...; an empty text for columns that are named by numbers alone"
     )
 
     def __post_init__(self) -> None:
