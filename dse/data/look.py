@@ -6,7 +6,7 @@ A guess is made from names, types and shapes; each one is stated, so that it can
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,15 +83,18 @@ class Look:
     data: section `data`, with every column that may be a label.
     n_values: such a column -> the number of its values.
     assumed: what was guessed, one sentence each.
-    lacks_step: whether the sampling period is in none of the file's names and numbers.
     refused: a column that is no label -> why.
     """
 
     data: dict[str, Any]
     n_values: Mapping[str, int]
     assumed: tuple[str, ...] = ()
-    lacks_step: bool = False
     refused: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def lacks_step(self) -> bool:
+        """Whether the sampling period is in none of the file's names and numbers."""
+        return "step_ms" in self.data and self.data["step_ms"] is None
 
 
 def look(path: Path, options: Options) -> Look:
@@ -122,7 +125,7 @@ def look(path: Path, options: Options) -> Look:
     if options.step_ms is not None and "step_ms" not in guess.data:
         raise RecordingError(f"{path.name}: --step-ms is for sampled signals and spikes, not for events")
     if options.step_ms is not None:
-        guess = replace(guess, data=guess.data | {"step_ms": options.step_ms}, lacks_step=False)
+        guess.data["step_ms"] = options.step_ms
     return replace(guess, assumed=tuple(of.assumed), refused=of.refused)
 
 
@@ -155,6 +158,8 @@ class _Looking:
 
     def of_table(self) -> Look:
         """Return a look at a table: a row per recording, per value, or per sample."""
+        import pandas
+
         table = read_table(self.path, None)
         table.columns = table.columns.map(str)
         if table.empty:
@@ -170,7 +175,7 @@ class _Looking:
         recording = self.options.recording or usual
         if recording is not None and recording not in names:
             raise self._refuse(f"no column '{recording}'; there are {', '.join(names)}")
-        number = None if recording is None else _codes(table[recording])
+        number: Array | None = None if recording is None else pandas.factorize(table[recording])[0]
         self._check_cells(table, recording, number)
         numeric = [name for name in names if _is_numeric(table[name])]
         time = next((name for name in numeric if _time_unit(name) is not None), None)
@@ -185,9 +190,8 @@ class _Looking:
         value = next((name for name in numeric if _VALUES.match(name)), None)
         data: dict[str, Any] = {"kind": "table", "file": self.options.place(self.path), "step_ms": None}
         if channel is not None and value is not None and time is not None:
-            known = _sorted(table[channel].unique())
-            channels = [str(x) for x in _sorted(table[channel].dropna().unique())]
-            code = np.searchsorted(known, table[channel].to_numpy())
+            code, known = pandas.factorize(table[channel], sort=True)
+            channels = [str(x) for x in known]
             number = numbered(t_ms, code) if number is None else number
             self.assumed.append(
                 f"a row is a value of '{channel}' ({len(channels)} channels: {_some(channels)}) at '{time}' "
@@ -227,8 +231,7 @@ class _Looking:
         data |= {"channels": channels, "recording": recording}
         data |= {} if time is None else self._step(t_ms, number) | {"time": time, "time_unit": unit}
         fixed = [name for name in rest if name not in channels]
-        guess = self._labelled(data, table, fixed, number, recording)
-        return replace(guess, lacks_step=time is None)
+        return self._labelled(data, table, fixed, number, recording)
 
     def _runs(self, table: pd.DataFrame, t_ms: Floats) -> Array:
         """Return the number of the recording of each row of a log, where one begins when a label changes."""
@@ -251,17 +254,16 @@ class _Looking:
         place = self.options.place(self.path)
         data = {"kind": "wide_table", "file": place, "step_ms": None, "samples": starts}
         columns, n_values = self._candidates({name: table[name] for name in rest}, len(table), self.path)
-        if (file := self.options.labels or (None if columns else self._labels_beside())) is not None:
-            beside = _labels_in(Path(file))
+        if (file := self._labels_file(bool(columns))) is not None:
+            beside = _labels_in(file)
             for name in set(rest) & set(beside):
                 if not np.array_equal(table[name].astype(str), beside[name].astype(str)):
                     raise RecordingError(
                         f"{file}: '{name}' must be as in {self.path.name}, in the same order"
                     )
             columns, n_values = self._candidates(beside, len(table))
-            data["labels"] = self.options.place(Path(file))
-            self.assumed.append(f"labels are in {file}, in the order of the recordings")
-        return Look(data | {"columns": columns}, n_values, lacks_step=True)
+            data["labels"] = self._labels_at(file, "in the order of the recordings")
+        return Look(data | {"columns": columns}, n_values)
 
     def _labelled(
         self,
@@ -280,27 +282,33 @@ class _Looking:
             self.refused[name] = f"{what} in {place(self.path, row)}"
         fixed = {name: table[name].iloc[first] for name in names if name not in self.refused}
         columns, n_values = self._candidates(fixed, len(first), self.path)
-        file = self.options.labels or (None if columns or recording is None else self._labels_beside())
-        if file is not None:
+        if (file := self._labels_file(bool(columns) or recording is None)) is not None:
             if recording is None:
                 raise self._refuse(f"labels in {file} need a column that tells recordings apart")
-            labels = read_table(Path(file), None)
+            labels = read_table(file, None)
             labels.columns = labels.columns.map(str)
             if recording not in labels:
                 raise RecordingError(
                     f"{file}: no column '{recording}', which names the recordings of {self.path.name}"
                 )
-            self.assumed.append(f"labels are in {file}, one row per '{recording}'")
-            data = data | {"labels": self.options.place(Path(file))}
+            data = data | {"labels": self._labels_at(file, f"one row per '{recording}'")}
             rest = {name: labels[name] for name in labels.columns if name != recording}
-            columns, n_values = self._candidates(rest, len(labels), Path(file))
+            columns, n_values = self._candidates(rest, len(labels), file)
         return Look(data | {"columns": columns}, n_values)
 
-    def _labels_beside(self) -> str | None:
+    def _labels_file(self, has_labels: bool) -> Path | None:
+        """Return the file of labels that is stated, or that lies beside recordings without labels."""
+        if self.options.labels is not None or has_labels:
+            return None if self.options.labels is None else Path(self.options.labels)
         stem = self.path.stem
         names = [f"{stem}_labels", f"labels_{stem}", "labels", "metadata", "meta"]
         files = (self.path.with_name(f"{name}{suffix}") for name in names for suffix in TABLES)
-        return next((str(file) for file in files if file.is_file() and file != self.path), None)
+        return next((file for file in files if file.is_file() and file != self.path), None)
+
+    def _labels_at(self, file: Path, how: str) -> str:
+        """Return the key `labels` for a file, and note how its rows are those of the recordings."""
+        self.assumed.append(f"labels are in {file}, {how}")
+        return self.options.place(file)
 
     def _unit_of(self, times: pd.Series[Any]) -> str:
         """Return the unit in which the smallest steps are those of a sensor, some 0.5 to 500 ms."""
@@ -406,12 +414,11 @@ class _Looking:
         shape, vectors = shapes[signal], {name: n for name, n in vectors.items() if name != signal}
         data: dict[str, Any] = {"file": self.options.place(path), "step_ms": None}
         series = {"kind": "time_series", **data, "signal": signal}
-        label_file = self.options.labels or (None if vectors else self._labels_beside())
-        names, beside = vectors, {}
-        if label_file is not None:
-            beside = {"labels": self.options.place(Path(label_file))}
-            names = {name: len(x) for name, x in _labels_in(Path(label_file)).items()}
-            self.assumed.append(f"labels are in {label_file}, in the order of the recordings")
+        names, beside, labels = vectors, {}, {}
+        if (label_file := self._labels_file(bool(vectors))) is not None:
+            labels = _labels_in(label_file)
+            beside = {"labels": self._labels_at(label_file, "in the order of the recordings")}
+            names = {name: len(x) for name, x in labels.items()}
         ends = (name for name in vectors if len(shape) == 2 and _are_borders(path, name, shape[0]))
         if (offsets := next(ends, None)) is not None:
             n = vectors[offsets] - 1
@@ -443,14 +450,13 @@ class _Looking:
         else:
             raise self._refuse(f"'{signal}' must have 2 or 3 axes, got shape {shape}; --signal NAME")
         candidates = [name for name, length in names.items() if length == n]
-        values = _labels_in(Path(label_file)) if label_file else arrays.load(path, candidates)
-        values = {name: values[name] for name in candidates}
+        values = {name: labels[name] for name in candidates} if labels else arrays.load(path, candidates)
         guess = self._with_labels(data | beside, values, n, {} if label_file else vectors)
         step_ms = _stated_step(path, shapes)
         if step_ms is not None:
             guess.data["step_ms"] = step_ms
             self.assumed.append(f"a step is {step_ms:g} ms, as the file states")
-        return replace(guess, lacks_step=step_ms is None)
+        return guess
 
     def _with_labels(
         self, data: dict[str, Any], values: Mapping[str, Array], n: int, vectors: Mapping[str, int]
@@ -591,12 +597,6 @@ def _is_numeric(column: pd.Series[Any]) -> bool:
     return column.dtype.kind in "biuf"
 
 
-def _codes(column: pd.Series[Any]) -> Array:
-    import pandas
-
-    return np.asarray(pandas.factorize(column)[0])
-
-
 def _changes(column: pd.Series[Any], number: Array) -> bool:
     """Return whether a column has several values within a recording."""
     return bool(column.groupby(number).nunique(dropna=False).max() > 1)
@@ -609,13 +609,6 @@ def _separation(recording: str | None, number: Array) -> str:
         else f"'{recording}' tells recordings apart"
     )
     return f"{how}: {int(number.max()) + 1} recordings"
-
-
-def _sorted(values: Iterable[Any]) -> list[Any]:
-    try:
-        return sorted(values)
-    except TypeError:
-        return sorted(values, key=str)
 
 
 def _some(names: Sequence[str]) -> str:

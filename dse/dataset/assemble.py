@@ -175,15 +175,11 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
         traps += shifts_described(
             stored.start, (stored.low, stored.high), codes, classes, validation, shifts, jitter
         )
+    left_out_in_turn = [{"column": x.column, "values": list(x.values)} for x in out]
     meta = Meta(
-        spikes=name, classes=list(classes), fitted=fitted.fitted_since(design),
-        warnings=[*stored.notes, *traps], heads=heads_document(joint),
-        transductive="; ".join(filter(None, reasons)),
+        name, list(classes), fitted.fitted_since(design), [*stored.notes, *traps], heads_document(joint),
+        "; ".join(filter(None, reasons)), jitter_steps, left_out_in_turn or None,
     )  # fmt: skip
-    if jitter_steps is not None:
-        meta["jitter_steps"] = jitter_steps
-    if out:
-        meta["left_out"] = [{"column": x.column, "values": list(x.values)} for x in out]
     write_dataset(folder, np.concatenate(targets), (train, validation, test), meta)
 
 
@@ -296,7 +292,7 @@ def find(root: Path, key: str) -> Dataset | None:
         return None
     spikes = None
     try:
-        spikes = read_meta(folder)["spikes"]
+        spikes = read_meta(folder).spikes
         if cache.find(root, spikes) is not None:
             return load(folder)
     except RecordingError:
@@ -330,17 +326,17 @@ def load_or_prepare(design: Sections, base: Path, folder: Path, threads: int = 1
 
 def warnings(folder: Path) -> list[str]:
     """Return the warnings about the recordings of a prepared data set."""
-    return list(read_meta(folder)["warnings"])
+    return read_meta(folder).warnings
 
 
 def transductive(folder: Path) -> str:
     """Return why an evaluation on a prepared data set has seen its own answers; '' if it has not."""
-    return str(read_meta(folder)["transductive"])
+    return read_meta(folder).transductive
 
 
 def lengths(folder: Path) -> Ints:
     """Return (n,) steps of the recordings of a prepared data set, without those of a test file."""
-    return np.asarray(read_spikes(folder.parent / read_meta(folder)["spikes"]).lengths)
+    return np.asarray(read_spikes(folder.parent / read_meta(folder).spikes).lengths)
 
 
 def recordings(design: Sections, base: Path) -> Recordings:
@@ -354,12 +350,12 @@ def recordings(design: Sections, base: Path) -> Recordings:
 
 def left_out(folder: Path) -> list[LeftOut]:
     """Return the groups that the evaluation of a prepared data set leaves out of training in turn."""
-    return [LeftOut(x["column"], tuple(x["values"])) for x in read_meta(folder).get("left_out", [])]
+    return [LeftOut(x["column"], tuple(x["values"])) for x in read_meta(folder).left_out or ()]
 
 
 def as_prepared(design: Sections, folder: Path) -> Sections:
     """Return a design with the values that its prepared data set has fitted to the recordings."""
-    return design.with_fitted(read_meta(folder)["fitted"])
+    return design.with_fitted(read_meta(folder).fitted)
 
 
 def build(

@@ -14,7 +14,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict, cast
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy
@@ -33,16 +33,8 @@ _OF_WINDOWS = ("start", "low", "high")
 _OF_DATASET = ("target", "train", "validation", "test")
 
 
-class _Required(TypedDict):
-    spikes: str
-    classes: list[str]
-    fitted: dict[str, dict[str, Raw]]
-    warnings: list[str]
-    heads: list[dict[str, object]]
-    transductive: str
-
-
-class Meta(_Required, total=False):
+@dataclass(frozen=True)
+class Meta:
     """What `meta.json` of a data set holds.
 
     spikes: name of the folder of its spikes. classes: names of the codes.
@@ -54,8 +46,14 @@ class Meta(_Required, total=False):
     left_out: groups that are to be left out of training in turn: `column` and `values`.
     """
 
-    jitter_steps: int
-    left_out: list[dict[str, Any]]
+    spikes: str
+    classes: list[str]
+    fitted: dict[str, dict[str, Raw]]
+    warnings: list[str]
+    heads: list[dict[str, object]]
+    transductive: str
+    jitter_steps: int | None = None
+    left_out: list[dict[str, Any]] | None = None
 
 
 def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1, progress: Progress = silent) -> None:
@@ -157,7 +155,8 @@ def write_dataset(folder: Path, target: Array, split: tuple[Array, Array, Array]
     """
     for name, array in zip(_OF_DATASET, (target, *split), strict=True):
         np.save(folder / f"{name}.npy", array.astype(np.int64))
-    _write_meta(folder, {"schema": "dse/dataset/3", **meta})
+    stated = {name: value for name, value in vars(meta).items() if value is not None}
+    _write_meta(folder, {"schema": "dse/dataset/3"} | stated)
 
 
 def read_meta(folder: Path) -> Meta:
@@ -168,8 +167,7 @@ def read_meta(folder: Path) -> Meta:
     """
     with _readable(folder, "data set"):
         meta = json.loads((folder / _META).read_text(encoding="utf-8"))
-        optional = {name: meta[name] for name in Meta.__optional_keys__ if name in meta}
-        return cast(Meta, {name: meta[name] for name in Meta.__required_keys__} | optional)
+        return Meta(**{name: meta[name] for name in meta if name != "schema"})
 
 
 def load(folder: Path) -> Dataset:
@@ -182,10 +180,9 @@ def load(folder: Path) -> Dataset:
     meta = read_meta(folder)
     with _readable(folder, "data set"):
         arrays = {name: np.load(folder / f"{name}.npy") for name in _OF_DATASET}
-        heads = heads_of(meta["heads"])
-    spikes = read_spikes(folder.parent / meta["spikes"])
-    classes = tuple(meta["classes"])
-    return joined(spikes, classes, **arrays, heads=heads, jitter_steps=meta.get("jitter_steps"))
+        heads = heads_of(meta.heads)
+    spikes = read_spikes(folder.parent / meta.spikes)
+    return joined(spikes, tuple(meta.classes), **arrays, heads=heads, jitter_steps=meta.jitter_steps)
 
 
 def joined(

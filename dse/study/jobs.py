@@ -276,7 +276,7 @@ def load(run: Run, threads: int = 1) -> Loaded:
         with store.explained(run.data.parent):
             data = dataset.load_or_prepare(run.sections, run.base, run.data, threads)
         meta = read_meta(run.data)
-        _last[run.data] = Loaded(data, str(meta["transductive"]), meta["fitted"])
+        _last[run.data] = Loaded(data, meta.transductive, meta.fitted)
     mark_used(run.data)
     return _last[run.data]
 

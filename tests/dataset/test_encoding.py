@@ -175,7 +175,7 @@ def test_what_was_learnt_is_in_the_spikes_the_design_and_new_recordings(folder, 
     data, used, meta = made(design, folder)
     bare, _ = build(KINDS[kind] | {"encoder": {"kind": "counting"}}, folder)
     learned = np.array(used.encoder.levels)
-    assert learned.shape == (3, 4) and json.dumps(meta["fitted"]) and not meta["transductive"]
+    assert learned.shape == (3, 4) and json.dumps(meta.fitted) and not meta.transductive
     windows = SIGNAL if kind == "signal" else RASTER
     if kind != "events":  # whose middle is that of each recording's own length
         for c, name in enumerate("abc"):

@@ -358,7 +358,7 @@ def test_what_is_not_there_or_cannot_be_read_is_made_again(tmp_path, which, dama
     after = load_or_prepare(DESIGN, Path(), folder)
     assert np.array_equal(after.spikes.channel, before)
     assert {name: len(keys) for name, keys in entries(tmp_path).items()} == {"spikes": 1, "dataset": 1}
-    for name in (folder.name, read_meta(folder)["spikes"]):
+    for name in (folder.name, read_meta(folder).spikes):
         os.utime(tmp_path / name / "entry.json", (0, 0))
         load_or_prepare(DESIGN, Path(), folder)
         assert (tmp_path / name / "entry.json").stat().st_mtime > 0, "a load is a use"

@@ -55,7 +55,7 @@ def test_folds_share_their_spikes_and_designs_their_folds(folded):
     _, found = folded
     keys = [[record["data"] for record in found.runs(trial)] for trial in (0, 1)]
     assert keys[0] == keys[1] and len(set(keys[0])) == K
-    assert len({read_meta(usual_root() / key)["spikes"] for key in keys[0]}) == 1
+    assert len({read_meta(usual_root() / key).spikes for key in keys[0]}) == 1
 
 
 def test_folds_are_known_again(folded):
