@@ -34,7 +34,7 @@ import dse.config
 import dse.records
 from dse import dataset, store
 from dse.engine.events import dense, gather
-from dse.recordings.cutting import cut
+from dse.recordings.windows import cut
 
 CHIP = "mcu_m4"
 """A chip that runs every design below."""

@@ -23,7 +23,7 @@ from dse.hardware.cost import cost
 from dse.hardware.profile import load
 from dse.models.counts import kernels, linear, mlp
 from dse.models.counts.readouts import forward
-from dse.recordings.crops import with_crops
+from dse.recordings.windows import with_crops
 from dse.records import Array, Dataset, Operations
 
 SETS = {"headline_braille_small": 1, "headline_fabrics_small": 9}

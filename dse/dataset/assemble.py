@@ -30,11 +30,10 @@ from dse.dataset.parts import (
 )
 from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, Source
-from dse.recordings.cutting import cut
 from dse.recordings.doubts import Used, doubts, drawn, guard, shortcuts, silent_windows
 from dse.recordings.splits import folds, leak, split, untrained, without
 from dse.recordings.targets import heads, in_use, target, target_columns
-from dse.recordings.windows import chosen
+from dse.recordings.windows import chosen, cut
 from dse.records import Array, Bools, Dataset, Ints, Signals, Spikes
 from dse.store import heads_document
 

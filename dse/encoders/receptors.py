@@ -97,14 +97,6 @@ class Receptors(OneByOne):
     ) -> Self:
         """Return the encoder with the range of every channel: `full_scale`, or that of training recordings.
 
-        Args:
-            signals: the recordings, as they will be encoded.
-            first: (n,) first step of the evaluated windows.
-            n_steps: length of the windows.
-            target: not read.
-            n_classes: not read.
-            train: indices of the training recordings, at least one.
-
         Raises:
             ValueError: a sample is no finite number.
         """
@@ -161,12 +153,7 @@ class Receptors(OneByOne):
         return step, channel
 
     def running(self, n_in: int, step_ms: float) -> RunningEncoder:
-        """Return the encoder at the start of a recording.
-
-        Args:
-            n_in: sampled channels.
-            step_ms: sampling period.
-        """
+        """Return the encoder at the start of a recording."""
         self.currents(np.zeros((1, n_in)), step_ms)
         return _Running(self, n_in, step_ms)
 

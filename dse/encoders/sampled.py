@@ -27,29 +27,14 @@ class OneByOne(Encoder):
         return self._copies() * n_in
 
     def positions(self, inputs: Ints) -> Ints:
-        """Return x, y and plane of the spike channels, (n_channels, 3) int32, copy by copy.
-
-        Copy k of plane q is plane q n_copies + k.
-
-        Args:
-            inputs: (n_in, 3) int32 x, y and plane of the sampled channels.
-        """
+        """Return x, y and plane of the spike channels, copy by copy; copy k of q is plane q n_copies + k."""
         copies = self._copies()
         positions = np.tile(np.asarray(inputs, dtype=np.int32), (copies, 1))
         positions[:, 2] = positions[:, 2] * copies + np.repeat(np.arange(copies, dtype=np.int32), len(inputs))
         return positions
 
     def encode_all(self, signals: Signals, first: Ints, length: Ints) -> Spikes:
-        """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording.
-
-        Args:
-            signals: the recordings.
-            first: (n,) first step to keep.
-            length: (n,) steps to keep; shorter ones end in empty rows.
-
-        Raises:
-            ValueError: the encoder has not been fitted, or refuses the recordings.
-        """
+        """Return spikes of the steps first[i] .. first[i] + length[i] - 1 of every recording."""
         n_channels, n_steps = self.n_channels(signals.n_channels), int(np.max(length))
         counts = np.zeros((signals.n_recordings, n_steps), dtype=np.int64)
         pieces = [np.zeros(0, np.int32)]

@@ -88,12 +88,7 @@ class Deltas(OneByOne):
         return counts, _encode(values, level, thresholds, rule, merged, first, first + length, counts)
 
     def running(self, n_in: int, step_ms: float) -> RunningEncoder:
-        """Return the encoder at the start of a recording.
-
-        Args:
-            n_in: sampled channels.
-            step_ms: not read.
-        """
+        """Return the encoder at the start of a recording."""
         return _Running(self, n_in)
 
 

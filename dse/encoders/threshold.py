@@ -82,14 +82,6 @@ class Threshold(OneByOne):
     ) -> Self:
         """Return the encoder with what matching needs: classes' statistics, or (own_label) the labels.
 
-        Args:
-            signals: the recordings, as they will be encoded.
-            first: (n,) first step of the evaluated windows.
-            n_steps: length of the windows.
-            target: (n,) classes; -1 where a recording is in no part of the split.
-            n_classes: number of classes.
-            train: indices of the training recordings; own_label alone reads others.
-
         Raises:
             ValueError: means are compared, but all of them have been removed.
         """

@@ -22,7 +22,7 @@ from dse.config.contracts import FitRequest, Teacher, trains_in_cohorts
 from dse.engine.goal import is_label
 from dse.measure.heads import head_sizes, head_slices, output_labels, softmax
 from dse.models.training import Generators, Training
-from dse.recordings.crops import with_crops
+from dse.recordings.windows import with_crops
 from dse.records import Dataset, Floats
 
 

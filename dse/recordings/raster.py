@@ -50,7 +50,7 @@ class RasterFile(Sampled):
         names, shape = self.axes.split(), shapes.get(self.array, ())
         return shape[names.index("sample")] if len(shape) == len(names) else None
 
-    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
+    def _taxels(self, shapes: arrays.Shapes) -> Ints | None:
         names, shape = self.axes.split(), shapes.get(self.array, ())
         if len(shape) != len(names):
             return None
@@ -62,17 +62,13 @@ class RasterFile(Sampled):
                 plane = number
             else:
                 taxel = taxel * sizes[name] + number
-        return taxel.ravel(), plane.ravel()
+        return np.stack([taxel.ravel(), plane.ravel()], axis=1)
 
     def _no_channel(self) -> str:
         return f"'{self.array}' must have the axes '{self.axes}', none of length 0"
 
     def read(self, base: Path) -> Rasters:
-        """Return the spikes.
-
-        Raises:
-            RecordingError: anything wrong with the file.
-        """
+        """Return the spikes."""
         path, values = self._loaded(base)
         where, raster = f"{path.name}: '{self.array}'", values[self.array]
         names = self.axes.split()

@@ -12,7 +12,7 @@ import numpy as np
 
 from dse.recordings import RecordingError, arrays
 from dse.recordings.files import content, locate
-from dse.records import Array, Ints
+from dse.records import Array, Ints, Rasters, Signals
 from dse.registry import fixed
 
 
@@ -86,8 +86,9 @@ def checked_offsets(offsets: Array, n_rows: int, where: str, *, may_be_empty: bo
 _HIGHEST = 65535
 
 
-def position_faults(positions: Sequence[Sequence[int]] | None, n_taxels: int | None) -> list[str]:
-    """Return what is wrong with [x, y] of every taxel; None: the number of taxels is not known."""
+def position_faults(positions: Sequence[Sequence[int]] | None, channels: Ints | None) -> list[str]:
+    """Return what is wrong with [x, y] of every taxel; channels: (channel, 2), None where not known."""
+    n_taxels = None if channels is None or not len(channels) else int(channels[:, 0].max()) + 1
     places = [list(place) for place in positions or ()]
     faults = [
         f"data.positions must be distinct, got {place} for taxels {places.index(place)} and {i}"
@@ -309,15 +310,24 @@ class Sampled(FileSource):
     )
 
     def __post_init__(self) -> None:
-        for fault in position_faults(self.positions, _count_of(self._taxels({}))):
+        for fault in position_faults(self.positions, self._taxels({})):
             raise RecordingError(fault)
 
     @abstractmethod
-    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
-        """Return the number of the taxel and the plane of every channel; None where shapes do not tell."""
+    def _taxels(self, shapes: arrays.Shapes) -> Ints | None:
+        """Return the taxel and the plane of every channel, (channel, 2); None where shapes do not tell."""
+
+    @abstractmethod
+    def read(self, base: Path) -> Signals | Rasters:
+        """Return the recordings.
+
+        Raises:
+            RecordingError: anything wrong with the file, naming array, recording and sample, or line and
+                column.
+        """
 
     def _more_faults(self, path: Path, shapes: arrays.Shapes) -> list[str]:
-        return position_faults(self.positions, _count_of(self._taxels(shapes)))
+        return position_faults(self.positions, self._taxels(shapes))
 
     def channel_positions(self, base: Path) -> Ints:
         """Return x, y and plane of every channel.
@@ -329,22 +339,18 @@ class Sampled(FileSource):
         if found is None:
             path = locate(self.file, base)
             found = self._taxels(arrays.headers(path))
-            if found is None or not found[0].size:
+            if found is None or not len(found):
                 raise RecordingError(f"{path.name}: {self._no_channel()}")
-        taxel, plane = found
-        for fault in position_faults(self.positions, _count_of(found)):
+        for fault in position_faults(self.positions, found):
             raise RecordingError(fault)
+        taxel, plane = found.T
         places = np.array(self.positions or [(k, 0) for k in range(taxel.max() + 1)], np.int32)
         return np.column_stack([places[taxel], plane]).astype(np.int32)
 
     def _no_channel(self) -> str:
-        return "the file has no channel"
+        return f"'{self._names()[0]}' has no channel"
 
 
-def _count_of(channels: tuple[Ints, Ints] | None) -> int | None:
-    return None if channels is None or not channels[0].size else int(channels[0].max()) + 1
-
-
-def in_a_row(n: int | None) -> tuple[Ints, Ints] | None:
-    """Return the taxel and the plane of n channels that are a taxel each."""
-    return None if n is None else (np.arange(n), np.zeros(n, np.int64))
+def in_a_row(n: int | None) -> Ints | None:
+    """Return the taxel and the plane, (n, 2), of channels that are a taxel each."""
+    return None if n is None else np.stack([np.arange(n), np.zeros(n, np.int64)], axis=1)

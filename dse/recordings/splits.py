@@ -231,7 +231,7 @@ def leak(
     separate samples.
 
     Args:
-        columns: label columns; `recording` and `window` say what a window was cut from (`cutting.cut`).
+        columns: label columns; `recording` and `window` say what a window was cut from (`windows.cut`).
         settings: how it was split.
         train: indices of one part.
         validation: indices of another.

@@ -60,7 +60,7 @@ class _Samples(Sampled):
     def _label_names(self) -> list[str]:
         return [*([] if self.recording is None else [self.recording]), *self.columns.values()]
 
-    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
+    def _taxels(self, shapes: arrays.Shapes) -> Ints | None:
         return in_a_row(len(self.channels))
 
     def _times_ms(self, values: Array, name: str, path: Path) -> Floats:

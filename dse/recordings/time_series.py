@@ -67,18 +67,11 @@ class TimeSeries(Sampled):
     def _count(self, shapes: arrays.Shapes) -> int | None:
         return self._sizes(shapes).get("recording")
 
-    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
+    def _taxels(self, shapes: arrays.Shapes) -> Ints | None:
         return in_a_row(self._sizes(shapes).get("channel"))
 
-    def _no_channel(self) -> str:
-        return f"'{self.signal}' has no channel"
-
     def read(self, base: Path) -> Signals:
-        """Return the recordings.
-
-        Raises:
-            RecordingError: anything wrong with the file, naming array, recording and sample.
-        """
+        """Return the recordings."""
         path, values = self._loaded(base)
         where, signal = f"{path.name}: '{self.signal}'", values[self.signal]
         if self.offsets is None:
@@ -148,7 +141,7 @@ class WideTable(Sampled):
     def _names(self) -> list[str]:
         return []
 
-    def _taxels(self, shapes: arrays.Shapes) -> tuple[Ints, Ints] | None:
+    def _taxels(self, shapes: arrays.Shapes) -> Ints | None:
         return in_a_row(len(self.samples))
 
     def _more_faults(self, path: Path, shapes: arrays.Shapes) -> list[str]:
@@ -166,11 +159,7 @@ class WideTable(Sampled):
         return faults
 
     def read(self, base: Path) -> Signals:
-        """Return the recordings.
-
-        Raises:
-            RecordingError: anything wrong with the table, naming line and column.
-        """
+        """Return the recordings."""
         for fault in self.check(base):
             raise RecordingError(fault)
         path, values = self._loaded(base)

@@ -38,7 +38,7 @@ from dse.measure.run import Measurement, Moved, OfTargets, UnseenTargets, accura
 from dse.models.snn.quantise import rounded
 from dse.neurons.fixed_point import STATE_LIMIT
 from dse.recordings import RecordingError
-from dse.recordings.crops import with_crops
+from dse.recordings.windows import with_crops
 from dse.records import (
     Answers,
     Array,

@@ -24,11 +24,10 @@ from dse.dataset import cache
 from dse.dataset.shape import Shape, announced
 from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, doubts, splits
-from dse.recordings.cutting import cut
 from dse.recordings.files import locate
 from dse.recordings.splits import split
 from dse.recordings.targets import heads, in_use, target, target_columns
-from dse.recordings.windows import chosen, place, signal_onset
+from dse.recordings.windows import chosen, cut, place, signal_onset
 from dse.records import Array, Events, Ints, Rasters, Signals
 from dse.registry import Plugin
 from dse.search.space import corners, design_at, n_designs_of_each

@@ -7,7 +7,7 @@ import pytest
 import dse
 from dse.config.settings import Window
 from dse.recordings import RecordingError
-from dse.recordings.cutting import cut
+from dse.recordings.windows import cut
 from dse.records import Rasters, Signals, Spikes
 
 LENGTHS = [60 + 7 * (k % 4) for k in range(24)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dse.models.counts.rate_windows import event_counts, event_edges_us, window_counts
-from dse.recordings.crops import crop_starts, with_crops
+from dse.recordings.windows import crop_starts, with_crops
 from dse.records import Spikes
 from dse.testing import small
 

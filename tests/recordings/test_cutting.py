@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.config.settings import Window
-from dse.recordings.cutting import cut
+from dse.recordings.windows import cut
 from dse.records import Rasters, Signals, Spikes
 
 

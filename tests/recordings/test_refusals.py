@@ -5,11 +5,10 @@ import pytest
 
 from dse.config.settings import Column, KFold, LeaveOut, Preprocessing, Split, Stratified, Window
 from dse.recordings import RecordingError, doubts
-from dse.recordings.cutting import cut
 from dse.recordings.pooling import pooling
 from dse.recordings.splits import split
 from dse.recordings.targets import heads, target
-from dse.recordings.windows import place
+from dse.recordings.windows import cut, place
 from dse.records import Events, Rasters, Signals, Spikes
 
 COLUMNS = {
