@@ -16,7 +16,7 @@ from dse.audit.readers import NEAREST, TREES, classes_of, nearest, trees
 from dse.audit.rows import HALF, AuditRow, is_above, is_above_rate, is_lower, loss, percent
 from dse.config.resolved import LeftOut
 from dse.config.settings import Groups
-from dse.recordings.splits import NUMBER, ORIGINAL, folds, without
+from dse.recordings.splits import NUMBER, ORIGINAL, folds, shared_reach, without
 from dse.records import Array, Bools, Ints
 
 MOST_FOLDS = 8
@@ -228,10 +228,11 @@ def _leaks(material: Material) -> list[AuditRow]:
     if not material.leak:
         return []
     original, number = material.columns.get(ORIGINAL), material.columns.get(NUMBER)
-    if original is None or number is None or not material.reach:
+    reach = shared_reach(material.window)
+    if original is None or number is None or not reach:
         return [of_encoder(material)]
     same = original[material.validation][:, None] == original[material.train]
-    near = np.abs(number[material.validation][:, None] - number[material.train]) <= material.reach
+    near = np.abs(number[material.validation][:, None] - number[material.train]) <= reach
     place = nearest(material.distances, ~(same & near))
     without = material.score(NEAREST, classes_of(material.codes, place))
     remedy = f"split by column '{ORIGINAL}', e.g. split.stratified.group: {ORIGINAL}"

@@ -92,8 +92,6 @@ def material(
     folder = dataset.prepare(roomy, base, root, space.execution.threads, progress, only)
     data = dataset.load(folder)
     test = test if simulated else drawn(data.test)
-    window = sections.window
-    every = window.every_steps or window.cut_steps or 1
     levels = None
     if isinstance(recordings, Signals):
         prepared = dataset.as_prepared(sections, folder)
@@ -113,11 +111,8 @@ def material(
         lengths=dataset.lengths(folder),
         target_columns=target_columns(sections.task.target),
         split_columns=sections.split.columns(),
-        contact_events=window.onset_threshold,
-        at_contact=window.at == "contact_onset",
-        jitter_steps=window.jitter_steps,
+        window=sections.window,
         levels=levels,
-        reach=0 if window.cut_steps is None else (window.cut_steps - 1) // every,
         leak=dataset.transductive(folder),
         reads_labels=bool(sections.reads_labels),
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from dse.audit.readers import COUNT_READERS, NEAREST, TREES, distances, regions
 from dse.audit.rows import AuditRow, Score, largest_class
+from dse.config.settings import Window
 from dse.dataset.shifts import shifted
 from dse.models.counts.rate_windows import as_features, window_counts
 from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
@@ -47,11 +48,8 @@ class Material:
     columns: label columns, each (n,).
     lengths: (n,) steps of the recordings.
     target_columns, split_columns: the label columns that the target and the split read.
-    contact_events: events of a bin with which contact begins.
-    at_contact: whether windows begin at contact.
-    jitter_steps: by which training windows are moved.
+    window: how recordings were cut, and where windows lie.
     levels: of sampled signals; None of other recordings.
-    reach: windows that were cut from one recording share steps where their numbers differ by at most this.
     leak: why the evaluation has seen its answers; '' where it has not.
     reads_labels: whether the encoder reads the labels of what it encodes.
     data: key of the data set on which designs train.
@@ -66,11 +64,8 @@ class Material:
     lengths: Ints
     target_columns: tuple[str, ...]
     split_columns: tuple[str, ...]
-    contact_events: float = 3.0
-    at_contact: bool = False
-    jitter_steps: int = 0
+    window: Window = field(default_factory=Window)
     levels: Levels | None = None
-    reach: int = 0
     leak: str = ""
     reads_labels: bool = False
     drawn_from: tuple[int, int] = (0, 0)

@@ -55,7 +55,7 @@ def rows(material: Material) -> list[AuditRow]:
     else:
         contact = each(lambda samples: _contact(material, samples))
         step, before, after = contact[0].T
-        if not material.at_contact and before.sum() <= QUIET * after.sum() and np.ptp(step):
+        if material.window.at != "contact_onset" and before.sum() <= QUIET * after.sum() and np.ptp(step):
             says = "the step of contact, and the spikes before, explain {}"
             numbers = contact[0][:, :2], contact[1][:, :2]
             audit.append(row("before contact", numbers, says, "window.at: contact_onset"))
@@ -150,11 +150,11 @@ def _without(material: Material, levels: Levels, removed: tuple[Floats, Floats])
 def _contact(material: Material, samples: Ints) -> Floats:
     """Return the step of contact, and the spikes per step before it and from it on, (samples, 3).
 
-    Contact is the first step with `contact_events` spikes; the end of the window where there is none.
+    Contact is the first step with `window.onset_threshold` spikes; the end of the window where there is none.
     """
     data = material.dataset
     spikes = spikes_per_step(data.spikes, samples, data.start[samples], data.n_steps)
-    touched = spikes >= material.contact_events
+    touched = spikes >= material.window.onset_threshold
     step = np.where(touched.any(axis=1), touched.argmax(axis=1), data.n_steps)
     before = (spikes * (np.arange(data.n_steps) < step[:, None])).sum(axis=1)
     after = spikes.sum(axis=1) - before

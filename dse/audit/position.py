@@ -45,8 +45,8 @@ def rows(material: Material, shifts: Sequence[int] = ()) -> list[AuditRow]:
         after = _moved(material, reader, steps)
         for group in [(s,) for s in steps] if shifts else [steps]:
             audit.append(_row(material, room, material.scores[reader], {s: after[s] for s in group}))
-    if material.jitter_steps:
-        beyond = tuple(shifts) or (furthest(material.jitter_steps, material.dataset.n_steps),)
+    if material.window.jitter_steps:
+        beyond = tuple(shifts) or (furthest(material.window.jitter_steps, material.dataset.n_steps),)
         room = has_room_for(material, beyond)
         if room.any():
             before, after = _of_crops(material, beyond)
@@ -98,7 +98,8 @@ def _moved(material: Material, reader: str, steps: Sequence[int]) -> dict[int, S
 
 def _of_crops(material: Material, steps: Sequence[int]) -> tuple[Score, dict[int, Score]]:
     """Return what nearest neighbours among crops of training answer to unmoved windows, and by shift."""
-    crops = np.unique(np.linspace(-material.jitter_steps, material.jitter_steps, CROPS).round().astype(int))
+    most = material.window.jitter_steps
+    crops = np.unique(np.linspace(-most, most, CROPS).round().astype(int))
     queries = {s: material.seen(NEAREST, material.validation, s) for s in (0, *steps)}
     least = {s: np.full(len(query), np.inf) for s, query in queries.items()}
     answers = {s: np.full(len(query), -1) for s, query in queries.items()}

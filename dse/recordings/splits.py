@@ -217,6 +217,11 @@ def dealt(codes: Ints, groups: Ints, shares: Sequence[float], rng: np.random.Gen
     return part[group]
 
 
+def shared_reach(window: Window) -> int:
+    """Return how far the numbers of windows of one recording may differ that have steps in common."""
+    return ((window.cut_steps or 1) - 1) // (window.every_steps or window.cut_steps or 1)
+
+
 def leak(
     columns: Mapping[str, Array],
     settings: Split,
@@ -240,7 +245,7 @@ def leak(
     """
     if window.cut_steps is None:
         return ""
-    reach = (window.cut_steps - 1) // (window.every_steps or window.cut_steps)
+    reach = shared_reach(window)
     # One number per window, so that windows share steps where numbers are at most `reach` apart.
     number = columns[ORIGINAL] * (columns[NUMBER].max(initial=0) + reach + 1) + columns[NUMBER]
     parts = {"train": train, "validation": validation, "test": test}

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from dse.audit import Levels, probe, readers, rows
+from dse.config.settings import Window
 from tests.audit import planted
 
 
@@ -94,7 +95,7 @@ def test_position_is_found_by_its_loss():
 
 
 def test_crops_hide_the_position_within_their_range_only():
-    material = dataclasses.replace(planted.by_position(0), jitter_steps=2)
+    material = dataclasses.replace(planted.by_position(0), window=Window(8, jitter_steps=2))
     probed, _ = probe(material, shifts=[2, 8])
     within, beyond = (row for row in probed if row.reader == "nearest, crops")
     assert not within.shortcut and within.without > 0.8
@@ -132,7 +133,9 @@ def test_windows_with_common_steps():
     number = np.arange(len(material.columns["label"]))
     shared = {"recording": number // 2, "window": number % 2}
     material = dataclasses.replace(
-        planted.with_columns(material, shared), reach=1, leak="windows with common steps of one recording"
+        planted.with_columns(material, shared),
+        window=Window(cut_steps=4, every_steps=2),
+        leak="windows with common steps of one recording",
     )
     row = audited(material)["label leak"]
     assert row.shortcut and row.verdict == material.leak and "group: recording" in row.remedy
