@@ -63,7 +63,7 @@ def write(
     else:
         name, look = path.name, looking.look(path, replace(Options(**options), base=place.parent))
     if look.lacks_step and (step_ms := ask_step_ms()):
-        look = replace(look, data=look.data | {"step_ms": step_ms}, lacks_step=False)
+        look = replace(look, data=look.data | {"step_ms": step_ms})
     if look.lacks_step:
         raise RecordingError(f"{name}: the sampling period is not in the file; state it with --step-ms N")
     recordings = starter.read(look, place.parent)
