@@ -9,14 +9,6 @@ from dse.config.settings import Window
 from tests.audit import planted
 
 
-@pytest.fixture(autouse=True, scope="module")
-def fewer_trees():
-    """A fifth of the time; what is planted is as clear."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(readers, "N_TREES", 50)
-        yield
-
-
 def audited(material):
     """Return the rows by name, of two readers the one that has found more."""
     probed, _ = probe(material)
