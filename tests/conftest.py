@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import signal
@@ -13,6 +14,7 @@ import pytest
 from hypothesis import settings
 
 from dse import registry, trust
+from dse.store import book
 from dse.study import workers as study_workers
 from dse.study.executors.loky import Loky
 from tests.in_process import Forked, InProcess
@@ -50,6 +52,12 @@ def pytest_collection_modifyitems(items):
     place = {name: number for number, name in enumerate(SLOW_FIRST)}
     last = len(place)
     items.sort(key=lambda item: min(place.get(x, last) for x in (item.path.name, item.path.parent.name)))
+
+
+def pytest_collection_finish():
+    """Leave the thousands of tests, which live as long as the process, out of every collection of garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)
@@ -105,8 +113,16 @@ def registered():
 @pytest.fixture(autouse=True, scope="session")
 def without_sync():
     """Leave files to the system's memory: no test cuts the power."""
+    connected = book._connected
+
+    def in_memory(path, mode):
+        database = connected(path, mode)
+        database.execute("PRAGMA synchronous=OFF")
+        return database
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda _: None)
+        patch.setattr(book, "_connected", in_memory)
         yield
 
 

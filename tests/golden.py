@@ -1,5 +1,6 @@
 """The golden vectors of the CUBA network, read from the shared reference folder."""
 
+import functools
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ FILE = Path(__file__).resolve().parents[1] / ".." / "shared" / "reference" / "cu
 __all__ = ["FILE", "Case", "cases"]
 
 
+@functools.cache
 def cases():
     """Return one pytest parameter per case and mode, or one that skips with its reason."""
     if not FILE.exists():
