@@ -28,7 +28,7 @@ from dse import store
 from dse.config import ConfigError, Fault, SearchSpace, load_space
 from dse.recordings import PLACES
 from dse.store import Book, InUse
-from dse.study.held import plain_space
+from dse.study.held import LOADER, plain_space
 
 _HINT = "change it back, or use another study name or --results folder"
 # Recordings are compared by their contents, run by run (dse.study.runs), not by their paths.
@@ -41,7 +41,7 @@ def join(space: SearchSpace, folder: Path) -> None:
     Raises:
         ConfigError: it does not, or designs race.
     """
-    now = yaml.safe_load(space.to_yaml())
+    now = yaml.load(space.to_yaml(), LOADER)
     texts = [
         f"{key} is {new!r}, but {old!r} in the study that runs in {folder}"
         for key, old, new in changes(_started_with(folder / store.SPACE, now), now)
@@ -68,7 +68,7 @@ def _started_with(path: Path, now: dict[str, Any]) -> dict[str, Any]:
     with contextlib.suppress(ConfigError):  # of an earlier version, or of plugins that are files
         if before != now:
             return {
-                **yaml.safe_load(load_space(before | chips).to_yaml()),
+                **yaml.load(load_space(before | chips).to_yaml(), LOADER),
                 "hardware": before.get("hardware"),
             }
     return before
@@ -89,7 +89,7 @@ def claim(space: SearchSpace, book: store.Book) -> list[str]:
     """
     folder, notes = book.folder, []
     path = folder / store.SPACE
-    now = yaml.safe_load(space.to_yaml())
+    now = yaml.load(space.to_yaml(), LOADER)
     files = [Path(plugin.source) for plugin in space.plugins if plugin.source.endswith(".py")]
     copies = {file: folder / "plugins" / f"{number}_{file.name}" for number, file in enumerate(files)}
     if not store.runs_in(folder) and not any(row["enqueued"] for row in book.rows("trial")):

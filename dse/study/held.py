@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas
 
 TRIALS, POINTS = "trials.parquet", "points.parquet"
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C, where PyYAML has it: ten times as fast
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C, where PyYAML has it: ten times as fast
 _NAMED = 3
 
 
@@ -170,7 +170,7 @@ def plain_space(path: Path) -> dict[str, Any]:
         StoreError: it is missing or damaged.
     """
     try:
-        space = yaml.load(store.read_text(path), _LOADER)
+        space = yaml.load(store.read_text(path), LOADER)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise store.damaged(path, f"cannot be read: {' '.join(str(error).split())}") from error
     if not isinstance(space, dict) or not space:
