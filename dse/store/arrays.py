@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import io
 import json
 import lzma
+import math
 import tokenize
 import types
 import typing
@@ -75,16 +77,41 @@ def load_arrays(path: Path, names: Collection[str] | None = None) -> dict[str, A
     file, prefix = (path.parent, f"{path.stem}/") if is_part else (path, "")
     try:
         check_kind(file)
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            found = {x.removeprefix(prefix): x for x in archive.files if x.startswith(prefix) and x != RECORD}
-            is_absent = is_part and not found  # or has no arrays
-            if is_absent and path.name not in json.loads(archive.zip.read(RECORD))["files"]:
+        with file.open("rb") as stream, zipfile.ZipFile(stream) as archive:
+            members = [x for x in archive.namelist() if x.startswith(prefix) and x != RECORD]
+            is_absent = is_part and not members  # or has no arrays
+            if is_absent and path.name not in json.loads(archive.read(RECORD))["files"]:
                 raise damaged(path, "is missing")
-            return {name: archive[x] for name, x in found.items() if names is None or name in names}
+            found = {x.removeprefix(prefix).removesuffix(".npy"): x for x in members}
+            return {name: _read(archive, x) for name, x in found.items() if names is None or name in names}
     except OSError as error:
         raise unreadable(path, error) from None
     except (*DAMAGED_ARCHIVE, TypeError, AttributeError) as error:
         raise damaged(path, f"cannot be read: {error}") from error
+
+
+def _read(archive: zipfile.ZipFile, name: str) -> Array:
+    """Return an array of an archive, in half the time of `np.load`, which parses every header anew."""
+    with archive.open(name) as member:
+        head = member.read(128)
+        n = 10 + int.from_bytes(head[8:10], "little")
+        if head.startswith(b"\x93NUMPY\x01\x00") and n <= len(head):
+            shape, is_fortran, dtype = _layout(head[:n])
+            n_bytes = math.prod(shape) * dtype.itemsize
+            content = (head[n:] + member.read(max(0, n_bytes + n - len(head))))[:n_bytes]
+            if not dtype.hasobject and len(content) == n_bytes:
+                member.read(1)  # at its end, whose checksum is looked at
+                return np.ndarray(shape, dtype, content, order="F" if is_fortran else "C").copy("K")
+    with archive.open(name) as member:  # as rare as what is wrong with it, which numpy says
+        return np.asarray(np.lib.format.read_array(member, allow_pickle=False))
+
+
+@functools.lru_cache(4096)
+def _layout(header: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return what the header of an array says: shape, whether columns come first, type."""
+    stream = io.BytesIO(header)
+    np.lib.format.read_magic(stream)
+    return np.lib.format.read_array_header_1_0(stream)
 
 
 def record_arrays(record: DataclassInstance, prefix: str = "") -> dict[str, Array]:

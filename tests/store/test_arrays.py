@@ -49,6 +49,27 @@ def test_a_header_that_is_no_text_of_python_is_damage(tmp_path):
         store.load_arrays(tmp_path / "x.npz")
 
 
+@pytest.mark.parametrize("compressed", [True, False])
+def test_arrays_of_every_kind_are_those_that_numpy_reads(tmp_path, compressed):
+    arrays = {
+        "columns first": np.asfortranarray(np.arange(12.0).reshape(3, 4)),
+        "none": np.zeros((0, 3)),
+        "one": np.array(3, ">i4"),
+        "names": np.array(["felt", "silk"]),
+        "no letters": np.array("", "<U1"),
+        "a long header": np.zeros(2, [(f"column {k}", "<f8", (2,)) for k in range(30)]),
+    }
+    store.save_arrays(tmp_path / "x.npz", arrays, compressed=compressed)
+    found, by_numpy = store.load_arrays(tmp_path / "x.npz"), np.load(tmp_path / "x.npz")
+    assert list(found) == list(arrays)
+    for name, x in found.items():
+        np.testing.assert_array_equal(x, by_numpy[name], strict=True)
+        assert x.flags.writeable and x.flags.f_contiguous == by_numpy[name].flags.f_contiguous
+    np.savez(tmp_path / "x.npz", x=np.array([print]))
+    with pytest.raises(store.Damaged, match="allow_pickle"):
+        store.load_arrays(tmp_path / "x.npz")
+
+
 def test_a_network_survives_the_disk(tmp_path):
     rng = np.random.default_rng(0)
     layers = tuple(
