@@ -15,6 +15,7 @@ from hypothesis import settings
 
 from dse import registry, trust
 from dse.store import book
+from dse.study import explore
 from dse.study import workers as study_workers
 from dse.study.executors.loky import Loky
 from tests.in_process import Forked, InProcess
@@ -132,6 +133,20 @@ def without_workers(request):
     with pytest.MonkeyPatch.context() as patch:
         if not getattr(request.module, "WORKERS", False):
             patch.setattr(study_workers, "Loky", InProcess)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def tables_once():
+    """A study of a moment writes its tables at its end alone, not with its first trial too."""
+    begin = explore._Tables.__init__
+
+    def later(tables, *of):
+        begin(tables, *of)
+        tables._due += explore._REFRESH_S
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(explore._Tables, "__init__", later)
         yield
 
 
