@@ -114,7 +114,7 @@ def differing(made: Bundle, spikes: list[Array], n_windows: int = 20) -> tuple[i
         n_steps=N_STEPS, train=_NONE, validation=_NONE, test=np.arange(n_windows),
         positions=np.zeros((made.fitted.n_channels, 3), np.int32),
     )  # fmt: skip
-    from dse.deploy.decide import decided
+    from dse.deploy.reference import decided
 
     assert isinstance(made.fitted, Network)
     label, time_ms, sure = decided(made, data, respond(made.fitted, data, data.test))

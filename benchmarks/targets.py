@@ -28,9 +28,8 @@ from rich.table import Table
 from benchmarks.instructions import work_of
 from dse.deploy import bundle
 from dse.deploy.bundle import Bundle
-from dse.deploy.decide import decided
 from dse.deploy.measure import measure
-from dse.deploy.reference import Reference, answered, of_recordings
+from dse.deploy.reference import Reference, answered, decided, of_recordings
 from dse.deploy.verdict import Verdict
 from dse.hardware.profile import load
 from dse.records import Network

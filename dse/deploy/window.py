@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dse.deploy.classifier import BundleError, Classifier, Input
-from dse.deploy.decide import decided
 from dse.deploy.form import rule_of
+from dse.deploy.reference import decided
 from dse.engine.stepping import RunningStack
 from dse.measure.heads import head_slices
 from dse.models.snn.respond import layers_of

@@ -1,4 +1,4 @@
-"""Mean power and battery life of a device that answers on a schedule."""
+"""Time until an answer, and mean power and battery life of a device that answers on a schedule."""
 
 from __future__ import annotations
 
@@ -95,3 +95,19 @@ def battery_h(battery_mwh: ArrayLike, power_mw: ArrayLike) -> Floats:
     lasts = np.full(power.shape, np.inf)
     np.divide(battery, power, out=lasts, where=power != 0)
     return lasts
+
+
+def latency_ms(decision_ms: ArrayLike, step_ms: float, step_time_us: ArrayLike) -> Floats:
+    """Time from the first touch until the hardware has computed the decision.
+
+    The hardware starts a step when its input is complete and the step before is done. With n steps
+    of period p that each take c to compute, the last one is done at p + (n - 1) max(p, c) + c.
+
+    Args:
+        decision_ms: decision time on the sensor's clock, n p, any shape.
+        step_ms: period p of a step.
+        step_time_us: computing time c of a step, broadcast against decision_ms.
+    """
+    compute_ms = np.asarray(step_time_us, dtype=np.float64) / 1e3
+    steps_before = np.asarray(decision_ms, dtype=np.float64) / step_ms - 1
+    return np.asarray(step_ms + steps_before * np.maximum(step_ms, compute_ms) + compute_ms)

@@ -20,10 +20,9 @@ import numpy as np
 
 from dse.config.settings import Schedule
 from dse.hardware.cost import Cost, drawn
-from dse.hardware.duty import battery_h, mean_power_mw
+from dse.hardware.duty import battery_h, latency_ms, mean_power_mw
 from dse.hardware.inference import Inference
 from dse.hardware.interval import Interval
-from dse.hardware.latency import latency_ms
 from dse.hardware.plan import Misfit, NotApplicable, Plan
 from dse.hardware.profile import Evidence, Profile
 from dse.records import Floats, sum_of_products

@@ -14,7 +14,7 @@
 or `layers` as one mapping per layer: {neurons, spikes | mean_rate, updates, recurrent, cores, stored,
 resonators}. A classifier that is no stack of spiking layers has macs, additions, updates, n_weights,
 number_bits and duration_ms instead. A mean stands for the same count in every step. Updates that are not
-given are those that the mean rates let expect (`dse.hardware.activity`).
+given are those that the mean rates let expect (`dse.hardware.inference`).
 """
 
 from __future__ import annotations

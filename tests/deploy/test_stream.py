@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from dse.deploy.bundle import Bundle, BundleError, Input
-from dse.deploy.decide import decided
-from dse.deploy.reference import answered, prepared
+from dse.deploy.reference import answered, decided, prepared
 from dse.deploy.stream import Passed, Spiking, Stream, Windows
 from dse.deploy.window import Decision
 from dse.models.counts.knn import KNN

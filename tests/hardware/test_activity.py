@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dse.hardware.activity import expected_updates
+from dse.hardware.inference import expected_updates
 
 
 def test_a_chain_of_single_neurons():

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dse.hardware.activity import expected_updates
 from dse.hardware.cost import NotApplicable, cost, cost_of_steps
+from dse.hardware.inference import expected_updates
 from dse.hardware.profile import load
 from dse.records import Operations
 from tests.hardware.figures_of import figures_of

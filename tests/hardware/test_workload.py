@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dse.config.faults import ConfigError
-from dse.hardware.activity import expected_updates
 from dse.hardware.cost import cost_of_steps
+from dse.hardware.inference import expected_updates
 from dse.hardware.profile import load
 from dse.hardware.workload import load_inference, read_inference
 from dse.records import Workload

@@ -8,9 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from dse.hardware.duty import on_schedule
+from dse.hardware.duty import latency_ms, on_schedule
 from dse.hardware.interval import column_names
-from dse.hardware.latency import latency_ms
 from dse.measure.objectives import Number, Priced
 from dse.records import Array, Floats, Operations, Workload
 from dse.registry import Column, register

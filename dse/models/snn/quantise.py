@@ -9,7 +9,7 @@ layer has one exponent e, that of its recurrent weights too, as chips share one 
 is an 8-bit weight as well: the same engine runs it with the same integer states, bit for bit.
 
 Rounding alone removes no weight: a full matrix keeps a place for each, those that round to 0 included. A
-matrix that was pruned is a list of weights, and what rounds to 0 leaves it (as in `dse.models.snn.prune`).
+matrix that was pruned is a list of weights, and what rounds to 0 leaves it (`remaining`).
 
 Source: Davies et al. 2018, weights with a shared exponent; Han et al. 2015, pruning (REFERENCES.md).
 """
@@ -23,12 +23,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dse.models.snn.prune import largest
+from dse.engine.member import Masters
 from dse.models.snn.whiten import inverse
 from dse.native.compiled import compiled
 from dse.neurons import Population
-from dse.neurons.fixed_point import BITS, HIGHEST_WEIGHT, WEIGHT_SCALE
-from dse.records import Array, Floats, Ints, Layer, Network
+from dse.neurons.fixed_point import BITS, HIGHEST_WEIGHT, WEIGHT_SCALE, quantise
+from dse.records import Arithmetic, Array, Floats, Ints, Layer, Network
 
 FINEST = 8
 """Largest exponent of a layer's thresholds and weights."""
@@ -210,3 +210,30 @@ def _whole(steps: Array, weight_bits: int, shared: int) -> Array:
     """Return the whole numbers q of some weights: half to even, clipped to so many bits."""
     end = 2 ** (weight_bits - 1)
     return np.asarray(np.clip(np.rint(steps / 2.0**shared), -end, end - 1))
+
+
+def largest(weights: Array, pruned: float) -> Array:
+    """Return the weights that stay, as booleans, where a share of a matrix is removed, smallest first.
+
+    Of equal magnitudes the first in the matrix goes first; the number removed is rounded down.
+    """
+    removed = int(pruned * weights.size)
+    kept = np.ones(weights.size, bool)
+    kept[np.argsort(np.abs(weights), axis=None, kind="stable")[:removed]] = False
+    return kept.reshape(weights.shape)
+
+
+def masks(masters: Masters, pruned: float) -> Masters:
+    """Return `largest` of every matrix, as booleans in place of its weights."""
+    return Masters(
+        tuple(largest(w, pruned) for w in masters.feed_forward),
+        tuple(None if r is None else largest(r, pruned) for r in masters.recurrent),
+    )
+
+
+def remaining(weights: Array, kept: Array, arithmetic: Arithmetic) -> Array:
+    """Return weights as they are stored after pruning: 0 where removed, or where 8 bits round them to 0."""
+    stored = np.where(kept, weights, np.float32(0))
+    if arithmetic == "integer":
+        stored[quantise(stored) == 0] = 0
+    return stored

@@ -22,10 +22,10 @@ from dse.engine.layers import weights as layer_weights
 from dse.engine.member import Masters, as_part, of_part
 from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
-from dse.models.snn import contrasts, prune, whiten
+from dse.models.snn import contrasts, whiten
 from dse.models.snn.augment import Augmentation
 from dse.models.snn.outputs import train_outputs
-from dse.models.snn.quantise import FINEST, dithered, finer, finest
+from dse.models.snn.quantise import FINEST, dithered, finer, finest, masks, remaining
 from dse.models.snn.respond import batches_of, counts_of_layers, layers_of, respond_and_count, validated
 from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import SATURATED, Trainee
@@ -197,7 +197,7 @@ def train(
             return
         for trainee in live:
             if trainee.model.pruned and epoch == trainee.pruned_at:
-                trainee.kept = prune.masks(engine.masters(trainee.number), trainee.model.pruned)
+                trainee.kept = masks(engine.masters(trainee.number), trainee.model.pruned)
                 engine.prune(trainee.number, trainee.kept)
         order = batches.permutation(dataset.train)
         starts = crops.integers(dataset.start_low[order], dataset.start_high[order], endpoint=True)
@@ -261,7 +261,7 @@ def _trained(trainee: Trainee, masters: Masters) -> list[Array | None]:
         return weights
     kept = [*trainee.kept.feed_forward, *trainee.kept.recurrent]
     return [
-        None if w is None or k is None else prune.remaining(w, k, trainee.model.arithmetic)
+        None if w is None or k is None else remaining(w, k, trainee.model.arithmetic)
         for w, k in zip(weights, kept, strict=True)
     ]
 

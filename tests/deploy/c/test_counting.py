@@ -10,8 +10,7 @@ from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c import code_size
 from dse.deploy.c.counting import counting_plan_of
-from dse.deploy.decide import decided
-from dse.deploy.reference import Reference, answered, spikes_of_windows
+from dse.deploy.reference import Reference, answered, decided, spikes_of_windows
 from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.verify import target_named

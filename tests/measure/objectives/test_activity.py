@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dse.hardware.latency import latency_ms
+from dse.hardware.duty import latency_ms
 from dse.measure.objectives import Points
 from dse.measure.objectives.work import Work, memory_bytes
 from dse.records import Layer, Network, Workload

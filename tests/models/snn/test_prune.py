@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dse.models.snn.family import SNN
-from dse.models.snn.prune import largest, remaining
+from dse.models.snn.quantise import largest, remaining
 from dse.models.snn.respond import fan_outs, respond_and_count
 from dse.models.training import Training
 from dse.neurons import fixed_point
