@@ -48,11 +48,11 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from dse.models.counts.rate_windows import input_lengths, tallied, window_counts
+from dse.models.counts.rate_windows import input_lengths, single_threaded, tallied, window_counts
 from dse.models.training import Generators, Training
 from dse.records import Answers, Array, Dataset, Outcome, Parameters
 from dse.registry import param, register
@@ -393,10 +393,3 @@ def ridge_solutions(triangle: Array, n_hidden: int, ridges: Sequence[float]) -> 
     gain = relative / (relative**2 + np.array(ridges, values.dtype)[:, None]) / (values[0] if rank else 1)
     projected = u[:, :rank].T @ s
     return np.asarray(v[:rank].T @ (gain[:, :, None] * projected)), values
-
-
-def single_threaded() -> Any:
-    """Return a context in which sums of matrix products do not depend on how many threads share them."""
-    from threadpoolctl import threadpool_limits
-
-    return threadpool_limits(1)

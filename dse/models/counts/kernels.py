@@ -26,11 +26,9 @@ from itertools import combinations
 
 import numpy as np
 
-from dse.models.counts.integers import rounded
 from dse.models.counts.levels import is_wired, wiring
-from dse.models.counts.linear import logistic
+from dse.models.counts.linear import Regressed
 from dse.models.counts.rate_windows import Learnt, window_edges
-from dse.models.counts.readouts import Readouts
 from dse.models.training import Generators
 from dse.records import Array, Dataset, Ints, Parameters
 from dse.registry import param, register
@@ -44,7 +42,7 @@ _BATCH = 256
 
 @register("models", "kernels")
 @dataclass(frozen=True)
-class Kernels(Readouts):
+class Kernels(Regressed):
     """Random dilated kernels over levels of spikes, and a linear readout, in integers.
 
     Cost: W_t = weights of the readout and a threshold per kernel; which places and taps a kernel sums is not
@@ -84,12 +82,7 @@ class Kernels(Readouts):
     def learn(self, counts: Array, target: Array, lengths: Array, most: int, rngs: Generators) -> Learnt:
         """Draw kernels, set their thresholds, train and round a readout per input length."""
         arrays = self._drawn(counts, rngs("kernels")) | {"classes": np.unique(target)}
-        converged = True
-        for j, x in enumerate(self._inputs(arrays, counts, lengths)):
-            weight, bias, ended = logistic(x, target, self.alpha, self.epochs)
-            converged &= ended
-            arrays |= rounded([(weight, bias)], x, counts.shape[1]).stored(j)
-        return Learnt(arrays, {}, {"converged": converged})
+        return self.regressed(arrays, counts, target, lengths, counts.shape[1])
 
     def _drawn(self, counts: Array, rng: np.random.Generator) -> dict[str, Array]:
         """Return the kernels: what each group sums, dilations, taps and thresholds."""

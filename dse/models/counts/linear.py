@@ -16,9 +16,27 @@ from dse.records import Array, Floats
 from dse.registry import param, register
 
 
+class Regressed(Readouts):
+    """A classifier whose readouts are logistic regressions, rounded to integers."""
+
+    alpha: float
+    epochs: int
+
+    def regressed(
+        self, arrays: dict[str, Array], counts: Array, target: Array, lengths: Array, most: int
+    ) -> Learnt:
+        """Train and round a readout per input length; arguments as of `learn`, arrays as of `inputs`."""
+        converged = True
+        for j, x in enumerate(self._inputs(arrays, counts, lengths)):
+            weight, bias, ended = logistic(x, target, self.alpha, self.epochs)
+            converged &= ended
+            arrays |= rounded([(weight, bias)], x, most).stored(j)
+        return Learnt(arrays, {}, {"converged": converged})
+
+
 @register("models", "linear")
 @dataclass(frozen=True)
-class Linear(LevelReader, Readouts):
+class Linear(LevelReader, Regressed):
     """Linear classifier of spike counts, or of levels, in integers: a weight of 8 bits per number and class.
 
     Multinomial logistic regression of counts that are scaled to mean 0 and variance 1 in training, in double;
@@ -42,12 +60,7 @@ class Linear(LevelReader, Readouts):
 
     def learn(self, counts: Array, target: Array, lengths: Array, most: int, rngs: Generators) -> Learnt:
         """Train and round a readout per input length; nothing is random."""
-        arrays, converged = {"classes": np.unique(target)}, True
-        for j, x in enumerate(self._inputs(arrays, counts, lengths)):
-            weight, bias, ended = logistic(x, target, self.alpha, self.epochs)
-            converged &= ended
-            arrays |= rounded([(weight, bias)], x, most).stored(j)
-        return Learnt(arrays, {}, {"converged": converged})
+        return self.regressed({"classes": np.unique(target)}, counts, target, lengths, most)
 
 
 def logistic(x: Array, target: Array, alpha: float, epochs: int) -> tuple[Floats, Floats, bool]:
@@ -61,11 +74,10 @@ def logistic(x: Array, target: Array, alpha: float, epochs: int) -> tuple[Floats
     """
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import LogisticRegression
-    from threadpoolctl import threadpool_limits
 
     mean, scale = scaling(x)
     model = LogisticRegression(C=1 / (alpha * len(x)), max_iter=epochs)
-    with threadpool_limits(1), warnings.catch_warnings():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model.fit((x - mean) / scale, target)
     ((weight, bias),) = unscaled([(model.coef_.T, model.intercept_)], mean, scale)

@@ -54,8 +54,6 @@ class MLP(LevelReader, Readouts):
         Raises:
             TrainingDiverged: weights became infinite or NaN.
         """
-        from threadpoolctl import threadpool_limits
-
         classes = np.unique(target)
         features = as_features(counts)
         mean, scale = scaling(features)
@@ -66,18 +64,17 @@ class MLP(LevelReader, Readouts):
             return Learnt(arrays, {}, {"converged": True, "epochs_trained": 0})
         x = _scaled(features, of_scale)
         converged = True
-        with threadpool_limits(1):  # sums do not depend on how many threads share them
-            for j, length in enumerate(lengths):
-                seed, n = int(rngs("mlp", int(length)).integers(2**31)), length * counts.shape[2]
-                net = self._trained(x[:, :n], target, seed)
-                converged &= net.n_iter_ < self.epochs
-                layers = list(zip(net.coefs_, net.intercepts_, strict=True))
-                if self.precision == "int8":
-                    exact = unscaled(layers, *(values[:n].astype(np.float64) for values in of_scale.values()))
-                    arrays |= rounded(exact, features[:, :n], most).stored(j)
-                    continue
-                for k, (weight, bias) in enumerate(layers):
-                    arrays |= {f"{j}/{k}/weight": weight, f"{j}/{k}/bias": bias}
+        for j, length in enumerate(lengths):
+            seed, n = int(rngs("mlp", int(length)).integers(2**31)), length * counts.shape[2]
+            net = self._trained(x[:, :n], target, seed)
+            converged &= net.n_iter_ < self.epochs
+            layers = list(zip(net.coefs_, net.intercepts_, strict=True))
+            if self.precision == "int8":
+                exact = unscaled(layers, *(values[:n].astype(np.float64) for values in of_scale.values()))
+                arrays |= rounded(exact, features[:, :n], most).stored(j)
+                continue
+            for k, (weight, bias) in enumerate(layers):
+                arrays |= {f"{j}/{k}/weight": weight, f"{j}/{k}/bias": bias}
         health = {"converged": bool(converged), "epochs_trained": int(net.n_iter_)}
         return Learnt(arrays, {"loss": np.array(net.loss_curve_, np.float64)}, health)
 

@@ -166,6 +166,13 @@ def tallied(dataset: Dataset, samples: Array, steps: Array, n_features: Array) -
     }
 
 
+def single_threaded() -> Any:
+    """Return a context in which sums of matrix products do not depend on how many threads share them."""
+    from threadpoolctl import threadpool_limits
+
+    return threadpool_limits(1)
+
+
 @dataclass(frozen=True)
 class Learnt:
     """What training left: arrays for inference, epoch curves, health."""
@@ -257,7 +264,8 @@ class Windowed(ABC):
         counts = self.counts(dataset, dataset.train, wiring)
         lengths = input_lengths(counts.shape[1], self.read_outs)
         most = self.most(dataset) if dataset.spikes.t_us is None else int(counts.max(initial=0))
-        learnt = self.learn(counts, dataset.target[dataset.train], lengths, most, rngs)
+        with single_threaded():
+            learnt = self.learn(counts, dataset.target[dataset.train], lengths, most, rngs)
         train_s = time.perf_counter() - begin_s
         fitted = Parameters({**learnt.arrays, **wiring, "lengths": lengths}, dataset.spikes.n_channels)
         return Outcome(
@@ -289,12 +297,15 @@ class Windowed(ABC):
         n_features = lengths * counts.shape[2]
         macs, more = self.operations(fitted.arrays, n_features)
         program: dict[str, Array] = {}
-        if dataset.spikes.t_us is None and (answering := self.program(fitted.arrays, counts, lengths)):
+        with single_threaded():
+            label = self.label(fitted.arrays, counts, lengths)
+            answering = self.program(fitted.arrays, counts, lengths) if dataset.spikes.t_us is None else {}
+        if answering:
             edges = window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)
             program = tallied(dataset, samples, edges[lengths], n_features)
             program |= {kind: np.asarray(times, np.float64) for kind, times in answering.items()}
         return Answers(
-            label=self.label(fitted.arrays, counts, lengths),
+            label=label,
             time_ms=ends_ms[lengths - 1],
             n_weights=self.n_weights(fitted.arrays, n_features),
             macs=macs,

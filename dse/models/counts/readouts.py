@@ -13,7 +13,7 @@ import numpy as np
 
 from dse.measure.heads import head_scores
 from dse.models.counts.integers import IntegerLayers
-from dse.models.counts.rate_windows import Windowed, as_features
+from dse.models.counts.rate_windows import Windowed, as_features, single_threaded
 from dse.records import Array, Dataset, Floats, Network, Parameters
 
 
@@ -28,12 +28,9 @@ class Readouts(Windowed):
 
     def label(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Array:
         """Return the class of the largest output, (n, k) int64; the lowest on ties."""
-        from threadpoolctl import threadpool_limits
-
         label = np.full((len(counts), len(lengths)), arrays["classes"][0], np.int64)
-        with threadpool_limits(1):
-            for j, x in enumerate(self._inputs(arrays, counts, lengths)):
-                label[:, j] = arrays["classes"][_of_classes(outputs(x, arrays, j)).argmax(axis=1)]
+        for j, x in enumerate(self._inputs(arrays, counts, lengths)):
+            label[:, j] = arrays["classes"][_of_classes(outputs(x, arrays, j)).argmax(axis=1)]
         return label
 
     def scores(
@@ -47,14 +44,12 @@ class Readouts(Windowed):
             samples: which of its samples.
             read_out: number of the input length that they answer after; -1: the whole window.
         """
-        from threadpoolctl import threadpool_limits
-
         assert isinstance(fitted, Parameters)
         arrays = fitted.arrays
         scores = np.full((len(samples), len(dataset.classes)), -np.inf)
         scores[:, arrays["classes"]] = 0
         counts, j = self.counts(dataset, samples, arrays), read_out % len(arrays["lengths"])
-        with threadpool_limits(1):
+        with single_threaded():
             for x in self._inputs(arrays, counts, arrays["lengths"][j : j + 1]):
                 found = _of_classes(outputs(x, arrays, j))
                 scores[:, arrays["classes"]] = found / arrays.get(f"{j}/scale", 1)
@@ -70,15 +65,12 @@ class Readouts(Windowed):
         self, arrays: Mapping[str, Array], counts: Array, lengths: Array
     ) -> Mapping[str, Array | list[float]]:
         """Return the inputs, those of units that are not 0, their weights, and the units."""
-        from threadpoolctl import threadpool_limits
-
         work, kinds = np.zeros((4, len(lengths))), ("scale", "single_row", "single", "single_unit")
-        with threadpool_limits(1):
-            for j, x in enumerate(self._inputs(arrays, counts, lengths)):
-                work[0, j] = x.shape[1]
-                for given, (_, bias) in zip(passed(x, arrays, j), layers_of(arrays, j), strict=False):
-                    inputs = np.count_nonzero(given) / max(1, len(given))
-                    work[1:, j] += inputs, inputs * len(bias), len(bias)
+        for j, x in enumerate(self._inputs(arrays, counts, lengths)):
+            work[0, j] = x.shape[1]
+            for given, (_, bias) in zip(passed(x, arrays, j), layers_of(arrays, j), strict=False):
+                inputs = np.count_nonzero(given) / max(1, len(given))
+                work[1:, j] += inputs, inputs * len(bias), len(bias)
         if "0/scale" in arrays:
             kinds = ("integer_input", "integer_row", "integer", "integer_unit")
             return dict(zip(kinds, work, strict=True)) | {"tally_count": np.zeros(len(lengths))}
