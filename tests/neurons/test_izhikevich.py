@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.definitions import reference, simulate
 from dse.neurons.izhikevich import (
     FA,
     FLOOR_MV,
@@ -12,8 +13,6 @@ from dse.neurons.izhikevich import (
     Params,
     State,
     initial_state,
-    reference,
-    simulate,
     step,
 )
 
