@@ -183,102 +183,76 @@ class Stack:
 
     def __post_init__(self) -> None:
         """Check what one key alone cannot say."""
-        least, most = self.hidden_layers
-        if not least <= len(self.hidden) <= most:
-            raise ValueError(f"hidden must have {least} to {most} layers, got {len(self.hidden)}")
-        if self.arithmetic not in self.neuron.arithmetics:
-            raise ValueError(
-                f"arithmetic must be {' or '.join(self.neuron.arithmetics)} for neuron "
-                f"{name_of('neurons', self.neuron)}, got {self.arithmetic}"
-            )
-        if not self.input_delays or len(set(self.input_delays)) != len(self.input_delays):
-            raise ValueError(
-                f"input_delays must hold at least one delay and none twice, got {list(self.input_delays)}"
-            )
-        if self.max_delay and self.max_axonal_delay:
-            raise ValueError(
-                f"max_axonal_delay must be 0 where synapses have delays of their own (max_delay), got "
-                f"{self.max_axonal_delay}"
-            )
-        if self.max_delay and self.input_delays != (0,):
-            raise ValueError(
-                "input_delays must be [0] where synapses have delays of their own (max_delay), got "
-                f"{list(self.input_delays)}"
-            )
-        for key in ("max_delay", "max_axonal_delay"):
-            if (longest := getattr(self, key)) and not self.has_kernel:
-                raise ValueError(
-                    f"{key} must be 0 for neuron {name_of('neurons', self.neuron)}, which has no kernel, "
-                    f"got {longest}"
-                )
-        if self.max_axonal_delay and self.recurrent:
-            raise ValueError(
-                f"max_axonal_delay must be 0 where hidden layers are recurrent, got {self.max_axonal_delay}"
-            )
-        if self.learnt_decays != "no" and self.neuron.Populations is not cuba_lif.Population:
-            raise ValueError(
-                f"learnt_decays must be no for neuron {name_of('neurons', self.neuron)}, which is no "
-                f"cuba_lif, got {self.learnt_decays}"
-            )
-        if self.max_delay and self.recurrent and self.delayed_layers == "all":
-            raise ValueError("delayed_layers must be first where hidden layers are recurrent, got all")
-        if self.regions % RINGS:
-            raise ValueError(f"regions must be a multiple of {RINGS} rings, got {self.regions}")
-        if self.regions and self.max_delay:
-            raise ValueError(
-                f"max_delay must be 0 where channels share weights (regions), got {self.max_delay}"
-            )
-        if self.weight_norm and self.regions:
-            raise ValueError("weight_norm must be false where channels share weights (regions), got true")
-        if self.start == "fan_in" and self.regions:
-            raise ValueError(
-                "start must be uniform or contrasts where channels share weights (regions), got fan_in"
-            )
-        if self.rounding == "dithered" and not (self.regions and self.arithmetic == "integer"):
-            raise ValueError(
-                "rounding must be nearest without regions or integer arithmetic, got dithered with "
-                f"{self.regions} regions in {self.arithmetic} arithmetic"
-            )
-        self._check_exponents()
-        if self.whitened != "none" and self.pruned:
-            raise ValueError(
-                f"pruned must be 0 where weights are learnt in a whitened basis, got {self.pruned:g}"
-            )
-        if self.false_rate >= self.true_rate:
-            raise ValueError(f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}")
+        for broken, text in self._rules():
+            if broken:
+                raise ValueError(text)
 
-    def _check_exponents(self) -> None:
-        """Raise ValueError where thresholds have no integer mantissa or leave the states' 24 bits."""
+    def _rules(self) -> Iterator[tuple[object, str]]:
+        """Yield what may not be, and how the sentence says so."""
+        least, most = self.hidden_layers
+        n, delays, neuron = len(self.hidden), self.input_delays, name_of("neurons", self.neuron)
+        yield not least <= n <= most, f"hidden must have {least} to {most} layers, got {n}"
+        arithmetics = self.neuron.arithmetics
+        text = f"arithmetic must be {' or '.join(arithmetics)} for neuron {neuron}"
+        yield self.arithmetic not in arithmetics, f"{text}, got {self.arithmetic}"
+        text = "input_delays must hold at least one delay and none twice"
+        yield not delays or len(set(delays)) != len(delays), f"{text}, got {list(delays)}"
+        own = "where synapses have delays of their own (max_delay)"
+        text = f"max_axonal_delay must be 0 {own}, got {self.max_axonal_delay}"
+        yield self.max_delay and self.max_axonal_delay, text
+        yield self.max_delay and delays != (0,), f"input_delays must be [0] {own}, got {list(delays)}"
+        for key in ("max_delay", "max_axonal_delay"):
+            longest = getattr(self, key)
+            text = f"{key} must be 0 for neuron {neuron}, which has no kernel, got {longest}"
+            yield longest and not self.has_kernel, text
+        text = f"max_axonal_delay must be 0 where hidden layers are recurrent, got {self.max_axonal_delay}"
+        yield self.max_axonal_delay and self.recurrent, text
+        is_cuba = self.neuron.Populations is cuba_lif.Population
+        text = f"learnt_decays must be no for neuron {neuron}, which is no cuba_lif, got {self.learnt_decays}"
+        yield self.learnt_decays != "no" and not is_cuba, text
+        text = "delayed_layers must be first where hidden layers are recurrent, got all"
+        yield self.max_delay and self.recurrent and self.delayed_layers == "all", text
+        yield self.regions % RINGS, f"regions must be a multiple of {RINGS} rings, got {self.regions}"
+        shared = "where channels share weights (regions)"
+        yield self.regions and self.max_delay, f"max_delay must be 0 {shared}, got {self.max_delay}"
+        yield self.weight_norm and self.regions, f"weight_norm must be false {shared}, got true"
+        text = f"start must be uniform or contrasts {shared}, got fan_in"
+        yield self.start == "fan_in" and self.regions, text
+        text = "rounding must be nearest without regions or integer arithmetic"
+        can_dither = self.regions and self.arithmetic == "integer"
+        got = f"got dithered with {self.regions} regions in {self.arithmetic} arithmetic"
+        yield self.rounding == "dithered" and not can_dither, f"{text}, {got}"
+        if self.threshold_exponents or self.rounding != "nearest":
+            yield from self._rules_of_exponents(neuron)
+        text = f"pruned must be 0 where weights are learnt in a whitened basis, got {self.pruned:g}"
+        yield self.whitened != "none" and self.pruned, text
+        text = f"false_rate must be below true_rate ({self.true_rate}), got {self.false_rate}"
+        yield self.false_rate >= self.true_rate, text
+
+    def _rules_of_exponents(self, neuron: str) -> Iterator[tuple[object, str]]:
+        """Yield where thresholds have no integer mantissa or leave the states' 24 bits, as `_rules`."""
         n_layers, exponents = len(self.hidden) + 1, self.threshold_exponents
-        if not exponents and self.rounding == "nearest":
-            return
-        if not self.has_kernel:
-            raise ValueError(
-                "threshold_exponents and rounding need neurons with a kernel, got "
-                f"{name_of('neurons', self.neuron)}"
-            )
-        if exponents and len(exponents) != n_layers:
-            raise ValueError(
-                f"threshold_exponents must have one exponent for each of the {n_layers} layers, got "
-                f"{list(exponents)}"
-            )
-        if -1 in exponents[self.rounding == "dithered" : -1]:
-            raise ValueError(
-                "threshold_exponents must be 0 or more for layers that are neither dithered (the first one, "
-                f"with rounding dithered) nor outputs, got {list(exponents)}"
-            )
-        if self.recurrent and self.is_free(0):
-            raise ValueError(
-                "threshold_exponents must be 0 or more where a recurrent layer is dithered, whose recurrent "
-                f"weights are rounded as they are learnt, got {list(exponents)}"
-            )
+        text = f"threshold_exponents and rounding need neurons with a kernel, got {neuron}"
+        yield not self.has_kernel, text
+        text = f"threshold_exponents must have one exponent for each of the {n_layers} layers"
+        yield exponents and len(exponents) != n_layers, f"{text}, got {list(exponents)}"
+        text = (
+            "threshold_exponents must be 0 or more for layers that are neither dithered (the first one, with "
+            f"rounding dithered) nor outputs, got {list(exponents)}"
+        )
+        yield -1 in exponents[self.rounding == "dithered" : -1], text
+        text = (
+            "threshold_exponents must be 0 or more where a recurrent layer is dithered, whose recurrent "
+            f"weights are rounded as they are learnt, got {list(exponents)}"
+        )
+        yield self.recurrent and self.is_free(0), text
         threshold: float = getattr(self.neuron, "threshold", math.inf)
-        most = int(math.log2(STATE_LIMIT / STATE_SCALE / threshold))
-        if max(exponents, default=0) > most:
-            raise ValueError(
-                f"threshold_exponents must be at most {most}, beyond which the threshold leaves the 24 bits "
-                f"of a state, got {max(exponents)}"
-            )
+        highest, most = max(exponents, default=0), int(math.log2(STATE_LIMIT / STATE_SCALE / threshold))
+        text = (
+            f"threshold_exponents must be at most {most}, beyond which the threshold leaves the 24 bits of a "
+            f"state, got {highest}"
+        )
+        yield highest > most, text
 
     def exponent(self, depth: int) -> int:
         """Return the power of two by which a layer's thresholds and weights are scaled as it trains."""
