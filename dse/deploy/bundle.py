@@ -19,25 +19,27 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import numpy as np
 
 from dse import registry, store
 from dse.config import ConfigError, Sections
+from dse.config.values import read_object, refuse
 from dse.deploy import checks
 from dse.deploy.card import card
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
 from dse.deploy.prefix import DEFAULT, checked
 from dse.deploy.statement import statement
 from dse.deploy.stream import Item, Stream, Windows
-from dse.deploy.verdict import Share, Verdict
+from dse.deploy.verdict import Verdict
 from dse.deploy.window import Decision
 from dse.engine.checks import check_network
 from dse.native.extras import require_torch
 from dse.neurons import neuron_of
 from dse.neurons.fixed_point import quantise
-from dse.records import Array, Head, Network, Parameters
+from dse.records import Array, Network, Parameters
+from dse.registry import param
 from dse.store import StoreError
 
 if TYPE_CHECKING:
@@ -65,6 +67,8 @@ _WEIGHTS = "weights.npz"
 _PLUGINS = "plugins"
 _README = "README.md"
 _STATEMENT = "statement.json"
+_SHARED, _PLAIN = ("classes", "prefix", "input"), ("record", "evidence")
+"""Keys of bundle.json that are fields of a bundle, and those whose values are as JSON holds them."""
 
 
 @dataclass(frozen=True)
@@ -164,10 +168,11 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
             decision=_Decision(
                 phi=bundle.phi, theta=bundle.theta, read_out_ms=bundle.read_out_ms, head=bundle.head
             ),
+            heads=tuple(_Head(**head) for head in store.heads_document(bundle.heads)),
             plugins=plugins,
             targets=verdicts,
             files={name: store.checksum(temporary / name) for name in files},
-            **{name: getattr(bundle, name) for name in _SHARED},
+            **{name: getattr(bundle, name) for name in (*_SHARED, *_PLAIN)},
         )
         content = json.dumps(sealed(dataclasses.asdict(document)), indent=1, default=store.plain) + "\n"
         (temporary / _DOCUMENT).write_text(content, encoding="utf-8")
@@ -179,11 +184,20 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
 class _Decision:
     """The decision rule, as bundle.json holds it."""
 
-    phi: Annotated[float, 0] | None
-    theta: Share | None
+    phi: float | None = param(low=0)
+    theta: float | None = param(low=0, high=1)
     undecided: str = "argmax at the end, lowest class on ties"
-    read_out_ms: Annotated[float, 0] | None
+    read_out_ms: float | None = param(low=0)
     head: str
+
+
+@dataclass(frozen=True)
+class _Head:
+    """A part of a joint target (`dse.records.Head`)."""
+
+    name: str
+    classes: tuple[str, ...]
+    of_class: tuple[int, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +208,7 @@ class _Document:
     sections: Mapping[str, Any]
     classes: tuple[str, ...]
     decision: _Decision
-    heads: tuple[Head, ...]
+    heads: tuple[_Head, ...]
     prefix: str = DEFAULT
     input: Input | None
     record: Mapping[str, Any]
@@ -202,10 +216,6 @@ class _Document:
     plugins: tuple[str, ...]
     targets: Mapping[str, Verdict]
     files: Mapping[str, Any]
-
-
-_SHARED = ("classes", "heads", "prefix", "input", "record", "evidence")
-"""Keys of bundle.json that are fields of a bundle."""
 
 
 def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -301,7 +311,10 @@ def _document(folder: Path) -> _Document:
         raise BundleError(f"{path}: schema is {schema}, but this version of dse reads {SCHEMA}: {other}")
     if content.get("checksum") != sealed(content)["checksum"]:
         raise ValueError("is damaged (its checksum differs)")
-    document: _Document = checks.typed(content, _Document)
+    document = read_object(_Document, content, (), refuse, also=("checksum",))
+    assert document is not None  # a mistake raises
+    if names := [name for name in document.targets if not name.isidentifier()]:
+        raise ValueError(f"target '{names[0]}' must be a word")
     return document
 
 
@@ -340,7 +353,8 @@ def _bundle(document: _Document, arrays: Mapping[str, Array], where: str, plugin
         raise ValueError("key 'classes' must name at least one class")
     if (decision.phi is None) != (decision.theta is None):
         raise ValueError("keys 'decision.phi' and 'decision.theta' must both be numbers or null")
-    checks.check_heads(document.heads, len(classes), decision.head)
+    heads = store.heads_of(map(vars, document.heads))
+    checks.check_heads(heads, len(classes), decision.head)
     checked(document.prefix)
     return Bundle(
         fitted=store.fitted_of({k: x for k, x in arrays.items() if not k.endswith(_8_BIT)}),
@@ -348,10 +362,12 @@ def _bundle(document: _Document, arrays: Mapping[str, Array], where: str, plugin
         phi=decision.phi,
         theta=decision.theta,
         read_out_ms=decision.read_out_ms,
+        heads=heads,
         head=decision.head,
         plugins=plugins,
         targets=document.targets,
         **{name: getattr(document, name) for name in _SHARED},
+        **{name: store.plain(getattr(document, name)) for name in _PLAIN},
     )
 
 

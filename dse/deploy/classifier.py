@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from dse.config.contracts import Encoder
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.verdict import Verdict
 from dse.records import Array, Head, Ints, Network, Parameters
+from dse.registry import param
 
 
 class BundleError(ValueError):
@@ -21,6 +22,7 @@ class BundleError(ValueError):
 
 InputKind = Literal["samples", "spikes", "events"]
 _LARGEST = float(np.finfo(np.float32).max)
+_MOST = 2**31
 
 
 @dataclass(frozen=True)
@@ -35,11 +37,11 @@ class Input:
     """
 
     kind: InputKind
-    n_channels: int
-    width: int
-    height: int
-    n_steps: int
-    step_ms: Annotated[float, 0]
+    n_channels: int = param(low=0, high=_MOST)
+    width: int = param(low=0, high=_MOST)
+    height: int = param(low=0, high=_MOST)
+    n_steps: int = param(low=0, high=_MOST)
+    step_ms: float = param(low=0)
 
     @classmethod
     def of_channels(cls, encoder: Encoder | None, n_channels: int, n_steps: int, step_ms: float) -> Self:

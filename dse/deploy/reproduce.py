@@ -11,20 +11,21 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from dse import store
 from dse.config import Sections
 from dse.config.contracts import PLACES
-from dse.deploy import checks
+from dse.config.values import read_object, refuse
 from dse.deploy.bundle import Bundle, BundleError, read, weights
 from dse.deploy.export import bundle_of
 from dse.deploy.statement import digest
 from dse.models.snn.quantise import rounded
 from dse.recordings import RecordingError
 from dse.records import Array, Network
+from dse.registry import param
 from dse.study.claim import describe
 from dse.study.jobs import trained_alone
 from dse.study.results import open as open_study
@@ -36,18 +37,18 @@ TOLERANCE = 1e-6
 @dataclass(frozen=True, kw_only=True)
 class _Precision:
     weight_bits: int
-    pruned: Annotated[float, 0, 1]
+    pruned: float = param(low=0, high=1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Evidence:
     """What of a bundle's evidence the training follows from."""
 
-    seed: Any
+    seed: int = param(low=0)
     design: Mapping[str, Any]
-    repeat: int
+    repeat: int = param(low=0)
     recordings: str
-    refit: tuple[str, ...] = ()
+    refit: tuple[Literal["train", "validation", "test"], ...] = ()
     precision: _Precision | None = None
 
 
@@ -93,11 +94,8 @@ def reproduce(
     stated = bundle if isinstance(bundle, Bundle) else _stated(Path(bundle), trial)
     where = f"{bundle}: " if isinstance(bundle, str | Path) else ""
     try:
-        evidence: _Evidence = checks.typed(store.plain(dict(stated.evidence)), _Evidence)
-        if type(evidence.seed) is not int or evidence.seed < 0:
-            raise ValueError("key 'seed' must be an integer >= 0")
-        if unknown := set(evidence.refit) - {"train", "validation", "test"}:
-            raise ValueError(f"key 'refit' must name parts of the split, got {', '.join(sorted(unknown))}")
+        evidence = read_object(_Evidence, store.plain(stated.evidence), (), refuse, also=stated.evidence)
+        assert evidence is not None  # a mistake raises
     except ValueError as error:
         again = "an earlier version of dse wrote it, or did not find its recordings; export the design again"
         raise BundleError(f"{where}what it follows from is not stated: {error} ({again})") from None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, get_args
+from typing import Literal, get_args
+
+from dse.registry import param
 
 Kind = Literal["faithful", "equivalent", "approximate", "unsupported", "not verified"]
 """faithful: all decisions and spikes are equal on all recordings; equivalent: all decisions are, some spikes
 are not; approximate: some decisions differ; unsupported: the target cannot hold the classifier; not verified:
 nothing was run. From the best to the worst, but for the last."""
-Share = Annotated[float, 0, 1]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
@@ -33,14 +34,14 @@ class Verdict:
 
     kind: Kind
     reason: str = ""
-    n_recordings: int = 0
-    decisions_differ: Share = 0.0
-    spikes_differ: Share = 0.0
-    largest_difference: int = 0
+    n_recordings: int = param(0, low=0)
+    decisions_differ: float = param(0.0, low=0, high=1)
+    spikes_differ: float = param(0.0, low=0, high=1)
+    largest_difference: int = param(0, low=0)
     figures: Mapping[str, float] = field(default_factory=dict)
     recordings: str = ""
     compiler: str = ""
-    output_f1: Share | None = None
+    output_f1: float | None = param(None, low=0, high=1)
     run_by: tuple[str, ...] = ()
 
     def is_worse_than(self, other: Verdict) -> bool:
