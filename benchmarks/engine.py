@@ -28,7 +28,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.definitions import quantise_passes
 from benchmarks.recorded_touch import CASES, SETS
 from dse import dataset, seeds
 from dse.engine.events import gather
@@ -36,6 +35,7 @@ from dse.engine.network import gradients
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import deployed, initialise, populations_of
 from dse.models.training import Training
+from dse.neurons import fixed_point
 from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.surrogate import exponential
 from dse.records import Dataset, Spikes
@@ -123,7 +123,9 @@ def first_gradient(data: Dataset, model: SNN, training: Training) -> np.ndarray:
         arithmetic=model.arithmetic,
         gains=[None] * len(populations),
     )
-    passes = [quantise_passes(w) if model.arithmetic == "integer" else 1 for w in start.feed_forward]
+    passes = [
+        fixed_point.quantise_passes(w) if model.arithmetic == "integer" else 1 for w in start.feed_forward
+    ]
     return np.concatenate([(g * p).ravel() for g, p in zip(found.feed_forward, passes, strict=True)]).astype(
         float
     )

@@ -25,7 +25,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.definitions import backward, quantise_passes, rounded, run_cuba, shift
 from benchmarks.ours import rows_of
 from dse.engine.events import delayed, dense
 from dse.engine.goal import SPIKE_RATE, Goal
@@ -69,7 +68,7 @@ class Case:
     @property
     def population(self) -> cuba_lif.Population:
         given = self.settings["params"]
-        return rounded(given["current_decay"], given["voltage_decay"], given["threshold"])
+        return cuba_lif.rounded(given["current_decay"], given["voltage_decay"], given["threshold"])
 
     @property
     def surrogate(self) -> Exponential:
@@ -88,7 +87,7 @@ class Case:
 
     def passes(self, layer: int) -> np.ndarray | float:
         """Return where the gradient of a layer's weights survives their rounding."""
-        return quantise_passes(self.given(f"w{layer}")) if self.mode == "quant" else 1.0
+        return fixed_point.quantise_passes(self.given(f"w{layer}")) if self.mode == "quant" else 1.0
 
     def expected(self, key: str) -> np.ndarray:
         """Return a result of the mode; states and spikes with time before neurons."""
@@ -139,11 +138,13 @@ def by_definition(case: Case) -> Found:
     states, inputs, fired = {}, [case.given("x").astype(np.float64)], []
     used = [case.running(k).astype(np.float64) for k in range(1, case.n_layers + 1)]
     for k, weight in enumerate(used, 1):
-        states[f"cur{k}"], states[f"vol{k}"], spikes = run_cuba(inputs[-1] @ weight.T, population, arithmetic)
+        states[f"cur{k}"], states[f"vol{k}"], spikes = cuba_lif.run(
+            inputs[-1] @ weight.T, population, arithmetic
+        )
         if case.mode == "quant":
             states[f"w{k}"] = weight
         fired.append(spikes)
-        inputs.append((shift(spikes) if shifts else spikes).astype(np.float64))
+        inputs.append((cuba_lif.shift(spikes) if shifts else spikes).astype(np.float64))
     output, n_steps = inputs.pop(), inputs[0].shape[1]
     goal = Goal(SPIKE_RATE, case.settings["true_rate"], case.settings["false_rate"])
     outputs = goal.outputs(case.given("labels"), n_steps, output.shape[2])
@@ -153,7 +154,9 @@ def by_definition(case: Case) -> Found:
     for k in range(case.n_layers, 0, -1):
         if shifts:
             grad = np.concatenate([grad[:, 1:], np.zeros_like(grad[:, :1])], axis=1)
-        grad = backward(grad, case.surrogate(states[f"vol{k}"] - population.to_threshold), population)
+        grad = cuba_lif.backward(
+            grad, case.surrogate(states[f"vol{k}"] - population.to_threshold), population
+        )
         by_weight.append(np.einsum("nto,ntc->oc", grad, inputs[k - 1], optimize=True) * case.passes(k))
         grad = grad @ used[k - 1]
     return Found(states, fired, output, float(loss), by_weight[::-1])

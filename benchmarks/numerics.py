@@ -52,7 +52,6 @@ from rich.table import Table
 
 import dse
 from benchmarks import hots
-from benchmarks.definitions import reference, simulate
 from dse import dataset, seeds
 from dse.config.settings import Preprocessing
 from dse.encoders.receptors import Receptors, parameters
@@ -191,7 +190,7 @@ def izhikevich_rows(
         by_kind = np.split(currents, len(kinds), axis=1)
         start = time.process_time()
         expected = [
-            reference(current, kind, signals.step_ms)
+            izhikevich.reference(current, kind, signals.step_ms)
             for kind, block in zip(kinds, by_kind, strict=True)
             for current in block.T
         ]
@@ -202,7 +201,7 @@ def izhikevich_rows(
         for method, step_ms in product(izhikevich.METHODS, steps_ms):
             per_step = round(signals.step_ms / step_ms)
             rasters = [
-                simulate(np.repeat(block, per_step, axis=0), kind, step_ms, method)
+                izhikevich.simulate(np.repeat(block, per_step, axis=0), kind, step_ms, method)
                 for kind, block in zip(kinds, by_kind, strict=True)
             ]
             found = [(np.flatnonzero(s) + 0.5) * step_ms for raster in rasters for s in raster.T]

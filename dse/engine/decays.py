@@ -1,6 +1,6 @@
 """Decays that are learnt: their gradients, and the whole numbers that they run as.
 
-With dL/dz = lu and lv of benchmarks.definitions.backward, which ignores the reset, and decays in 1:
+With dL/dz = lu and lv of dse.neurons.cuba_lif.backward, which ignores the reset, and decays in 1:
 
     dL/dd_u = - sum over t of lu[t] u[t-1]
     dL/dd_v = - sum over t of lv[t] v_r[t-1],    lv[t] = lu[t] - (1 - d_u) lu[t+1]

@@ -275,7 +275,7 @@ def learn(
 ) -> Pass:
     """Add the gradients of a batch's loss by every weight, before the gains' common factors.
 
-    The reset is ignored, rounding and truncation are straight-through (benchmarks.definitions.backward).
+    The reset is ignored, rounding and truncation are straight-through (dse.neurons.cuba_lif.backward).
 
     Args:
         layers: input side first, with surrogates.

@@ -11,7 +11,7 @@ With trunc = toward zero, decays d in 1/4096 and weights on a grid of 1/64, at s
 sign(x) * ((|x| * (4096 - d)) >> 12); this is what the chip does. Real arithmetic leaks by
 leak(x, d) = x * (4096 - d) / 4096. A layer hands its spikes on one step later.
 
-Backward in time the reset is ignored and truncation passes straight through, as in SLAYER.
+Backward in time the reset is ignored and truncation passes straight through, as in SLAYER (`backward`).
 
 Source: lava-dl SLAYER CUBA neuron and dense block; Davies et al. 2018 (REFERENCES.md).
 """
@@ -25,9 +25,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from dse.neurons import LayerSpec, Neuron, Step
-from dse.neurons.calculus import Calculus
+from dse.neurons.calculus import Calculus, NumpyCalculus
 from dse.neurons.fixed_point import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
-from dse.records import Array, Floats, Ints
+from dse.records import Arithmetic, Array, Bools, Floats, Ints
 from dse.registry import param, register
 
 
@@ -154,6 +154,18 @@ def _decays(bounds: tuple[float, ...], layer: LayerSpec, rng: np.random.Generato
     return round_decay(1 - spread ** (1 / layer.steps_per_sample))
 
 
+def rounded(current_decay: float, voltage_decay: float, threshold: float) -> Population:
+    """Return neurons with real parameters rounded to the grid: decays half to even, threshold down.
+
+    Raises:
+        ValueError: a decay lies outside [0, 1], or the threshold rounds to less than 1/64.
+    """
+    for name, decay in (("current_decay", current_decay), ("voltage_decay", voltage_decay)):
+        if not 0 <= decay <= 1:
+            raise ValueError(f"{name} must be within [0, 1], got {decay}")
+    return Population(round_decay(current_decay), round_decay(voltage_decay), round_threshold(threshold))
+
+
 def round_decay(decay: Array | float) -> Ints:
     """Return the 12-bit integer decay, rounded half to even in float32 as SLAYER does."""
     return np.clip(np.round(np.float32(DECAY_SCALE) * np.asarray(decay, np.float32)), 0, DECAY_SCALE).astype(
@@ -171,3 +183,51 @@ def round_threshold(threshold: float) -> int:
     if mantissa < 1:
         raise ValueError(f"threshold must be at least 1/64, got {threshold}")
     return mantissa
+
+
+def run(z: Floats, population: Population, arithmetic: Arithmetic) -> tuple[Floats, Floats, Bools]:
+    """Run a population over time from rest.
+
+    Args:
+        z: weighted input, (sample, step, neuron), weight units.
+        population: decays and threshold.
+        arithmetic: of the states.
+
+    Returns:
+        Current, membrane potential before reset (both float64 in weight units) and spikes,
+        each (sample, step, neuron).
+    """
+    calculus = NumpyCalculus(arithmetic)
+    state = population.initial_state((z.shape[0], z.shape[2]), calculus)
+    scale = STATE_SCALE if arithmetic == "integer" else 1
+    current, voltage = np.zeros(z.shape), np.zeros(z.shape)
+    spikes = np.zeros(z.shape, bool)
+    for t in range(z.shape[1]):
+        state, voltage[:, t], spikes[:, t] = population.step(state, z[:, t], calculus)
+        current[:, t] = state.u / scale
+    return current, voltage, spikes
+
+
+def shift(spikes: Array) -> Array:
+    """Delay spikes (sample, step, neuron) by one step; the last step's spikes are lost."""
+    out = np.zeros_like(spikes)
+    out[:, 1:] = spikes[:, :-1]
+    return out
+
+
+def backward(grad_spikes: Floats, surrogate_gradient: Floats, population: Population) -> Floats:
+    """Return dL/dz of a population: leaky integration backward in time, the reset ignored.
+
+        lv[t] = (1 - d_v) lv[t+1] + dL/ds[t] * ds/dv[t];   lu[t] = (1 - d_u) lu[t+1] + lv[t] = dL/dz[t]
+
+    Truncation and rounding are straight-through. Arrays are (sample, step, neuron).
+    """
+    keep_u, keep_v = population.keep
+    lv = np.zeros(grad_spikes.shape[::2])
+    lu = np.zeros_like(lv)
+    out = np.zeros(grad_spikes.shape)
+    for t in range(grad_spikes.shape[1] - 1, -1, -1):
+        lv = keep_v * lv + grad_spikes[:, t] * surrogate_gradient[:, t]
+        lu = keep_u * lu + lv
+        out[:, t] = lu
+    return out

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.records import Array, Floats
+from dse.records import Array, Bools, Floats
 
 STATE_SCALE = 4096
 """Units of an integer state per weight unit."""
@@ -27,6 +27,13 @@ def quantise(weight: Array) -> Floats:
     grid = np.float32(2 / WEIGHT_SCALE)
     rounded = np.round(np.asarray(weight, np.float32) / grid) * grid
     return np.clip(rounded, LOWEST_WEIGHT, HIGHEST_WEIGHT).astype(np.float32)
+
+
+def quantise_passes(weight: Array) -> Bools:
+    """Return where the straight-through gradient of `quantise` survives: inside the clip, ends included."""
+    grid = np.float32(2 / WEIGHT_SCALE)
+    rounded = np.round(np.asarray(weight, np.float32) / grid) * grid
+    return np.asarray((rounded >= LOWEST_WEIGHT) & (rounded <= HIGHEST_WEIGHT))
 
 
 def within_range(weight: Array) -> Floats:

@@ -15,7 +15,7 @@ One step of length h, of either method; hold(x) = min(max(x, FLOOR_MV), PEAK_MV)
 It saturates at one spike per step, whatever the current: v enters a square only between FLOOR_MV and
 PEAK_MV, so nothing overflows, and an infinite current is a large one. Below FLOOR_MV the slope of v' is
 steeper than -2 / ms, where Euler steps of 1 ms swing ever wider about the resting point and end in spikes
-that no current asked for. v is held there; it comes back as u decays.
+that no current asked for. v is held there; it comes back as u decays. `reference` knows no floor.
 
 It makes the spikes of simulated receptors (dse.encoders.receptors). No network is trained of it: the slope of
 v' grows without bound towards the peak, and with it every gradient through an Euler step.
@@ -127,3 +127,68 @@ def step(
 
 def _held(v: Array) -> Array:
     return np.asarray(np.minimum(np.maximum(v, FLOOR_MV), PEAK_MV))
+
+
+def simulate(current: Array, params: Params, step_ms: float = 1.0, method: Method = "euler") -> Array:
+    """Return the spikes of neurons from `initial_state` on, (step, neuron) bool.
+
+    Args:
+        current: (step, neuron), one row per step of `step_ms`.
+        params: of the population.
+        step_ms: length of a step.
+        method: 'euler' or 'half_steps'.
+
+    Raises:
+        ValueError: as for `step`.
+    """
+    state = initial_state(np.shape(current)[1:], params)
+    spikes = np.zeros(np.shape(current), dtype=bool)
+    for t, now in enumerate(current):
+        state, spikes[t] = step(state, now, params, step_ms, method)
+    return spikes
+
+
+def reference(current: Array, params: Params, step_ms: float = 1.0, tolerance: float = 1e-9) -> Array:
+    """Return the spike times of one neuron by an adaptive Runge-Kutta method of order 8, (spike,) ms.
+
+    Each spike ends an integration exactly at 30 mV and begins the next from the reset state, so that the work
+    grows with the spikes; nothing saturates and v has no floor.
+
+    Args:
+        current: (step,) finite, constant over each step.
+        params: numbers.
+        step_ms: length of a step of the current.
+        tolerance: relative error of the integration; the absolute one is the same in mV.
+
+    Raises:
+        ValueError: a current is not finite.
+        ArithmeticError: the integration failed.
+    """
+    from scipy.integrate import solve_ivp
+
+    if not np.isfinite(current).all():
+        raise ValueError(f"current must be finite, got {int((~np.isfinite(current)).sum())} other values")
+
+    def derivative(_t: float, x: Array, now: float) -> Array:
+        return np.array([slope(x[0], x[1], now), adaptation_slope(x[0], x[1], params)])
+
+    def peak(_t: float, x: Array, _now: float) -> float:
+        return float(x[0] - PEAK_MV)
+
+    peak.terminal, peak.direction = True, 1.0  # type: ignore[attr-defined]
+    start = initial_state((), params)
+    x, times = np.array([start.v, start.u]), []
+    for k, now in enumerate(current):
+        t, end = k * step_ms, (k + 1) * step_ms
+        while t < end:
+            solution = solve_ivp(
+                derivative, (t, end), x, "DOP853", args=(float(now),), events=peak,
+                rtol=tolerance, atol=tolerance,
+            )  # fmt: skip
+            if solution.status < 0:
+                raise ArithmeticError(f"no solution after {t:g} ms: {solution.message}")
+            t, x = float(solution.t[-1]), solution.y[:, -1]
+            if solution.status == 1:
+                times.append(t)
+                x = np.array([params.c, x[1] + params.d])
+    return np.array(times)

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dse.neurons import LayerSpec, Neuron, Step
-from dse.neurons.calculus import Calculus
-from dse.records import Array
+from dse.neurons.calculus import Calculus, NumpyCalculus
+from dse.records import Array, Bools, Floats
 from dse.registry import param, register
 
 LIMIT = 1e300
@@ -110,3 +110,30 @@ def leak(step_ms: float, tau_m_ms: float) -> float:
     if not (step_ms > 0 and tau_m_ms > 0):
         raise ValueError(f"step_ms and tau_m_ms must be > 0, got {step_ms} and {tau_m_ms}")
     return -math.expm1(-step_ms / tau_m_ms)
+
+
+def run(current: Floats, neuron: Lif, step_ms: float) -> tuple[Floats, Bools]:
+    """Run neurons over time from rest.
+
+    Args:
+        current: (sample, step, neuron).
+        neuron: its parameters.
+        step_ms: length of a step.
+
+    Returns:
+        Membrane potential before reset (float64) and spikes (bool), each (sample, step, neuron).
+
+    Raises:
+        ValueError: a current is not finite.
+    """
+    if not np.isfinite(current).all():
+        raise ValueError(f"current must be finite, got {current[~np.isfinite(current)][0]}")
+    calculus, population = NumpyCalculus("ideal"), neuron.at(step_ms)
+    state = population.initial_state((current.shape[0], current.shape[2]), calculus)
+    potential, spikes = np.zeros(current.shape), np.zeros(current.shape, bool)
+    for t in range(current.shape[1]):
+        with np.errstate(over="ignore"):  # saturates, as the docstring says
+            state, potential[:, t], spikes[:, t] = population.step(
+                state, np.asarray(current[:, t], np.float64), calculus
+            )
+    return potential, spikes

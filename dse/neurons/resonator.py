@@ -22,7 +22,7 @@ where CUBA-LIF has two. Real arithmetic does not truncate. A layer hands its spi
 The first neurons of a hidden layer resonate, as many as `share` says. The others, and the outputs, are
 CUBA-LIF (dse.neurons.cuba_lif), with u and v in the places of x and y.
 
-Backward in time the reset is ignored and truncation passes straight through.
+Backward in time the reset is ignored and truncation passes straight through (`backward`).
 
 Source: Izhikevich 2001; Orchard et al. 2021, resonators on Loihi 2 (REFERENCES.md).
 """
@@ -258,3 +258,28 @@ def factors(period: Floats | float, quality: Floats | float) -> tuple[Ints, Ints
     r, w = np.exp(-1 / tau), 2 * np.pi / np.asarray(period, np.float64)
     c, s = (np.rint(DECAY_SCALE * r * part).astype(np.int32) for part in (np.cos(w), np.sin(w)))
     return c, np.maximum(s, 1)
+
+
+def backward(grad_spikes: Floats, surrogate_gradient: Floats, population: Population) -> Floats:
+    """Return dL/dz of a population: the transposed steps backward in time, the reset ignored.
+
+        X[t] = c X[t+1] + s Y[t+1] = dL/dz[t];   Y[t] = -s X[t+1] + c Y[t+1] + dL/ds[t] * ds/dy[t]
+
+    of a resonator; of the others as in dse.neurons.cuba_lif. Truncation and rounding are straight-through.
+    Arrays are (sample, step, neuron).
+    """
+    out = np.array(
+        cuba_lif.backward(
+            grad_spikes,
+            surrogate_gradient,
+            cuba_lif.Population(population.decay_current, population.decay_voltage, population.threshold),
+        )
+    )
+    is_resonator = population.resonates
+    c, s = (np.asarray(f, np.float64) / DECAY_SCALE for f in (population.cosine, population.sine))
+    x = np.zeros(grad_spikes.shape[::2])
+    y = np.zeros_like(x)
+    for t in range(grad_spikes.shape[1] - 1, -1, -1):
+        x, y = c * x + s * y, -s * x + c * y + grad_spikes[:, t] * surrogate_gradient[:, t]
+        out[:, t, is_resonator] = x[:, is_resonator]
+    return out

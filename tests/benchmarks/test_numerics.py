@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from benchmarks import hots, numerics
-from benchmarks.definitions import run_lif
 from benchmarks.numerics import Match, match
 from dse.engine.layers import prepare, weights
 from dse.neurons import cuba_lif, lif
@@ -50,7 +49,7 @@ def test_exact_decays_are_those_of_lif_neurons():
     )
     found = prepare(layer, "ideal").forward(rows, keep_voltage=True)
     population = lif.Lif(tau_m_ms=-1 / np.log1p(-decay), r_m=1 / decay, threshold=80 / 64)
-    potential, spikes = run_lif(numerics.dense(rows) @ weight.astype(np.float64), population, 1.0)
+    potential, spikes = lif.run(numerics.dense(rows) @ weight.astype(np.float64), population, 1.0)
     assert spikes.any()
     np.testing.assert_allclose(found.voltage, potential, atol=1e-9)
     np.testing.assert_array_equal(numerics.dense(found.fired), spikes)

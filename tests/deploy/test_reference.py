@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.definitions import run_cuba, shift
 from dse.config import load_space
 from dse.deploy import bundle
 from dse.deploy.evaluate import evaluate
@@ -59,15 +58,15 @@ def test_spikes_follow_from_the_definition_of_the_neurons(of_signals):
         assert isinstance(population, cuba_lif.Population)
         fired = _fired(arriving @ quantise(layer.weight).T, layer.recurrent, population)
         assert np.array_equal(np.argwhere(fired), listed) and len(listed)
-        arriving = shift(fired)
+        arriving = cuba_lif.shift(fired)
 
 
 def _fired(z, recurrent, population):
     """Return the spikes of a layer, (sample, step, neuron), found one step after the other."""
     if recurrent is not None:
         for t in range(1, z.shape[1]):
-            z[:, t] += run_cuba(z[:, :t], population, "integer")[2][:, -1] @ quantise(recurrent).T
-    return run_cuba(z, population, "integer")[2]
+            z[:, t] += cuba_lif.run(z[:, :t], population, "integer")[2][:, -1] @ quantise(recurrent).T
+    return cuba_lif.run(z, population, "integer")[2]
 
 
 def test_the_last_layer_is_what_the_decision_reads(of_signals):

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import simulate
 from dse.encoders.receptors import Receptors, parameters
+from dse.neurons import izhikevich
 from dse.neurons.izhikevich import FA, METHODS, SA, Params
 from dse.records import Signals
 from tests.encoders import plain
@@ -57,7 +57,7 @@ def test_the_fast_path_is_the_definition(method, sa, seed, step_ms, copies, gain
     current = encoder.currents(values.astype(np.float64), step_ms)
     params = Params(*np.repeat(parameters(sa), 2, axis=0).T)
     n = encoder.solver_steps(step_ms)  # steps of the neurons, within which the current is constant
-    fired = simulate(np.repeat(current, n, axis=0), params, step_ms / n, method)
+    fired = izhikevich.simulate(np.repeat(current, n, axis=0), params, step_ms / n, method)
     fired = fired.reshape(len(current), n, -1).sum(axis=1)
     expected = np.concatenate([fired > j for j in range(copies)], axis=1)
     assert np.array_equal(encoded(encoder, values, step_ms), expected)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.definitions import backward, run_cuba, shift
 from benchmarks.ours import rows_of
 from dse.engine import cpu
 from dse.engine.events import dense
@@ -71,9 +70,9 @@ def test_spikes_and_gradients_are_those_of_trains_that_are_moved():
     outputs = weights(last, None, population(N_OUT), np.broadcast_to(delay[:, None], last.shape))
     outputs = type(outputs)(outputs.feed_forward, outputs.recurrent, outputs.population, outputs.delay, True)
     fired = layer_spikes(rows_of(x), [prepare(w, "integer") for w in (hidden, outputs)])
-    arriving = moved(shift(dense(fired[0])), delay)
+    arriving = moved(cuba_lif.shift(dense(fired[0])), delay)
     z = arriving.astype(np.float64) @ last
-    _, voltage, spikes = run_cuba(z, outputs.population, "integer")
+    _, voltage, spikes = cuba_lif.run(z, outputs.population, "integer")
     np.testing.assert_array_equal(dense(fired[1]), spikes)
 
     labels = np.array([0, 3, 1, 1, 2])
@@ -86,11 +85,11 @@ def test_spikes_and_gradients_are_those_of_trains_that_are_moved():
         false_rate=0.05,
         gains=[None] * 2,
     )
-    rate = shift(spikes).sum(axis=1) / 90
+    rate = cuba_lif.shift(spikes).sum(axis=1) / 90
     target = np.where(np.eye(N_OUT)[labels] > 0, 0.6, 0.05)
     by_spikes = np.broadcast_to(2 / 90 * (rate - target)[:, None], spikes.shape).copy()
     by_spikes[:, -1] = 0  # the last step's spikes are lost
-    by_z = backward(by_spikes, SURROGATE(voltage - 80 / 64), outputs.population)
+    by_z = cuba_lif.backward(by_spikes, SURROGATE(voltage - 80 / 64), outputs.population)
     expected = slayer_gradient(arriving.astype(np.float64), by_z @ last.T)
     np.testing.assert_allclose(found.delay[1].sum(axis=1), expected, atol=1e-5 * np.abs(expected).max())
     by_weight = np.einsum("nti,ntj->ij", arriving.astype(np.float64), by_z)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.definitions import quantise_passes
 from benchmarks.ours import rows_of
 from dse.engine import cpu
 from dse.engine.adam import adam
@@ -90,7 +89,7 @@ def test_steps_are_gradients_then_adam(arithmetic):
         assert (report.loss, report.correct, report.fired) == (found.loss, found.correct, found.fired)
         norm = 0.0
         for k, layer in enumerate(one.layers):
-            passes = quantise_passes(masters[k]) if arithmetic == "integer" else 1
+            passes = fixed_point.quantise_passes(masters[k]) if arithmetic == "integer" else 1
             g = found.feed_forward[k] * passes
             norm += float((g.astype(np.float64) ** 2).sum())
             masters[k], *moments[k] = adam(masters[k], g, *moments[k], step, 0.01 * layer.unit)

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import run_cuba
 from benchmarks.ours import rows_of
 from dse.engine.events import dense
 from dse.engine.layers import prepare, weights
@@ -19,7 +18,7 @@ LOWEST, HIGHEST = np.float32(-4), np.float32(254 / 64)
 def assert_defined(x, layer, arithmetic):
     """Check potentials and spikes against dse.neurons; return the potentials in weight units."""
     z = x.astype(np.float64) @ layer.feed_forward.astype(np.float64)
-    _, voltage, spikes = run_cuba(z, layer.population, arithmetic)
+    _, voltage, spikes = cuba_lif.run(z, layer.population, arithmetic)
     found = prepare(layer, arithmetic).forward(rows_of(x), keep_voltage=True)
     np.testing.assert_array_equal(dense(found.fired), spikes)
     np.testing.assert_array_equal(found.voltage, voltage.astype(found.voltage.dtype))

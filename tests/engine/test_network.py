@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.definitions import quantise_passes, rounded
 from benchmarks.ours import rows_of
 from dse.engine.events import delayed, dense
 from dse.engine.layers import prepare, weights
@@ -21,7 +20,7 @@ from tests.golden import cases
 @pytest.mark.parametrize("case", cases())
 def test_the_engine_is_golden(case):
     given = case.settings["params"]
-    population = rounded(given["current_decay"], given["voltage_decay"], given["threshold"])
+    population = cuba_lif.rounded(given["current_decay"], given["voltage_decay"], given["threshold"])
     raw = [case.given(f"w{k}") for k in range(1, case.n_layers + 1)]
     used = [fixed_point.quantise(w) if case.mode == "quant" else w for w in raw]
     layers = [weights(w.T, None, population) for w in used]
@@ -49,7 +48,7 @@ def test_the_engine_is_golden(case):
     )
     assert found.loss == pytest.approx(float(case.expected("loss")), rel=1e-6, abs=1e-12)
     for depth, by_weight in enumerate(found.feed_forward, 1):
-        passes = quantise_passes(raw[depth - 1]) if case.mode == "quant" else 1
+        passes = fixed_point.quantise_passes(raw[depth - 1]) if case.mode == "quant" else 1
         golden = case.expected(f"grad_w{depth}")
         bound = 1e-5 * max(np.abs(golden).max(), 1e-30)
         np.testing.assert_allclose(by_weight.T * passes, golden, rtol=0, atol=bound)

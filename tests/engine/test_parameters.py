@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.definitions import quantise_passes
 from benchmarks.ours import rows_of
 from dse.engine import cpu
 from dse.engine.adam import adam
@@ -177,7 +176,7 @@ def test_steps_are_gradients_by_parameters_then_adam_then_the_matrix(form, arith
         )
         report = engine.step(rows, labels, {0: turn(rng)})[0]
         assert (report.loss, report.correct, report.fired) == (found.loss, found.correct, found.fired)
-        passes = [quantise_passes(m) if arithmetic == "integer" else 1.0 for m in masters]
+        passes = [fixed_point.quantise_passes(m) if arithmetic == "integer" else 1.0 for m in masters]
         total = sum(
             (matrix * torch.tensor(g * p)).sum()
             for matrix, g, p in zip(matrices, found.feed_forward, passes, strict=True)

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import backward, quantise_passes, rounded, run_cuba, shift
 from dse.neurons import cuba_lif, fixed_point
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
@@ -15,7 +14,7 @@ from tests.golden import cases
 @pytest.mark.parametrize("case", cases())
 def test_states_spikes_and_gradients_are_golden(case):
     given_params = case.settings["params"]
-    population = rounded(
+    population = cuba_lif.rounded(
         given_params["current_decay"], given_params["voltage_decay"], given_params["threshold"]
     )
     surrogate = exponential(population.to_threshold, given_params["tau_grad"], given_params["scale_grad"])
@@ -27,7 +26,7 @@ def test_states_spikes_and_gradients_are_golden(case):
         weight = (fixed_point.quantise(weight) if case.mode == "quant" else weight).astype(np.float64)
         if case.mode == "quant":
             np.testing.assert_array_equal(64 * weight, case.expected(f"w{layer}_int"))
-        current, voltage, fired = run_cuba(
+        current, voltage, fired = cuba_lif.run(
             spikes @ weight.T, population, "integer" if case.integer else "ideal"
         )
         np.testing.assert_array_equal(current, case.state("cur", layer))
@@ -36,7 +35,7 @@ def test_states_spikes_and_gradients_are_golden(case):
         inputs.append(spikes)
         used.append(weight)
         voltages.append(voltage)
-        spikes = (shift(fired) if shifts else fired).astype(np.float64)
+        spikes = (cuba_lif.shift(fired) if shifts else fired).astype(np.float64)
     np.testing.assert_array_equal(spikes, case.expected("out"))
 
     labels, n_steps = case.given("labels"), spikes.shape[1]
@@ -48,18 +47,18 @@ def test_states_spikes_and_gradients_are_golden(case):
     for layer in range(case.n_layers, 0, -1):
         if shifts:
             grad = np.concatenate([grad[:, 1:], np.zeros_like(grad[:, :1])], axis=1)
-        grad = backward(grad, surrogate(voltages[layer - 1] - population.to_threshold), population)
+        grad = cuba_lif.backward(grad, surrogate(voltages[layer - 1] - population.to_threshold), population)
         by_weight = np.einsum("nto,ntc->oc", grad, inputs[layer - 1])
         if case.mode == "quant":
-            by_weight = by_weight * quantise_passes(case.given(f"w{layer}"))
+            by_weight = by_weight * fixed_point.quantise_passes(case.given(f"w{layer}"))
         golden = case.expected(f"grad_w{layer}")
         np.testing.assert_allclose(by_weight, golden, rtol=0, atol=1e-5 * max(np.abs(golden).max(), 1e-30))
         grad = grad @ used[layer - 1]
 
 
 def test_equality_with_the_threshold_does_not_fire():
-    population = rounded(0.0, 1.0, 1.25)
-    _, voltage, fired = run_cuba(np.array([[[1.25, 1.25 + 1 / 4096]]]), population, "integer")
+    population = cuba_lif.rounded(0.0, 1.0, 1.25)
+    _, voltage, fired = cuba_lif.run(np.array([[[1.25, 1.25 + 1 / 4096]]]), population, "integer")
     np.testing.assert_array_equal(voltage[0, 0], [1.25, 1.25 + 1 / 4096])
     np.testing.assert_array_equal(fired[0, 0], [False, True])
 
@@ -71,8 +70,8 @@ def test_integer_leak_truncates_towards_zero_on_both_sides():
 
 
 def test_a_spike_resets_the_potential_and_not_the_current():
-    population = rounded(0.5, 0.0, 1.0)
-    current, voltage, fired = run_cuba(np.array([[[2.0], [0.0], [0.0]]]), population, "ideal")
+    population = cuba_lif.rounded(0.5, 0.0, 1.0)
+    current, voltage, fired = cuba_lif.run(np.array([[[2.0], [0.0], [0.0]]]), population, "ideal")
     np.testing.assert_array_equal(current[0, :, 0], [2.0, 1.0, 0.5])
     np.testing.assert_array_equal(voltage[0, :, 0], [2.0, 1.0, 1.5])
     np.testing.assert_array_equal(fired[0, :, 0], [True, False, True])
@@ -81,7 +80,7 @@ def test_a_spike_resets_the_potential_and_not_the_current():
 @pytest.mark.parametrize("bad", [(-0.1, 0.0, 1.0), (0.0, 1.1, 1.0), (0.0, 0.0, 0.001)])
 def test_parameters_out_of_range_are_refused(bad):
     with pytest.raises(ValueError, match=r"must be"):
-        rounded(*bad)
+        cuba_lif.rounded(*bad)
 
 
 @given(st.lists(st.floats(-6, 6, width=32), min_size=1, max_size=20))

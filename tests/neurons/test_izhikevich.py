@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import reference, simulate
 from dse.neurons.izhikevich import (
     FA,
     FLOOR_MV,
@@ -13,6 +12,8 @@ from dse.neurons.izhikevich import (
     Params,
     State,
     initial_state,
+    reference,
+    simulate,
     step,
 )
 

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import resonators_backward, run_cuba
 from dse.neurons import LayerSpec, cuba_lif, resonator
 from dse.neurons.calculus import NumpyCalculus
-from dse.neurons.resonator import Population, Resonator, State, factors
+from dse.neurons.resonator import Population, Resonator, State, backward, factors
 
 GOLDEN = json.loads((Path(__file__).parent.parent / "golden" / "resonator.json").read_text())
 CASES = GOLDEN["cases"]
@@ -49,7 +48,7 @@ def test_the_golden_vectors():
         np.testing.assert_array_equal(y.T * 4096, [case["y"] for case in expected])
         np.testing.assert_array_equal(spikes.T, [case["spikes"] for case in expected])
     g = np.array([case["g"] for case in CASES], np.float64).T[None]
-    by_z = resonators_backward(g, np.ones_like(g), population(c, s))
+    by_z = backward(g, np.ones_like(g), population(c, s))
     np.testing.assert_allclose(by_z[0].T, [case["by_z"] for case in CASES], rtol=1e-9, atol=1e-9)
 
 
@@ -114,7 +113,7 @@ def test_neurons_that_do_not_resonate_are_cuba_lif():
     z = rng.integers(-64, 96, (1, 50, 8)) / 32
     for arithmetic in ("integer", "ideal"):
         _, y, spikes = run(z[0], mixed, arithmetic)
-        _, v, fired = run_cuba(z[..., 4:], lif, arithmetic)
+        _, v, fired = cuba_lif.run(z[..., 4:], lif, arithmetic)
         np.testing.assert_array_equal(y[:, 4:], v[0])
         np.testing.assert_array_equal(spikes[:, 4:], fired[0])
         assert 0 < spikes[:, :4].sum() != spikes[:, 4:].sum() > 0

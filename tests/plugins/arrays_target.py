@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from benchmarks.definitions import run_cuba, shift
 from dse import store
 from dse.deploy.bundle import Bundle, BundleError
-from dse.deploy.reference import Reference, decided
+from dse.deploy.reference import decided
+from dse.deploy.reference import Reference
 from dse.deploy.targets import Run, TargetError, Verdict, compare
-from dse.neurons import population_of
+from dse.neurons import cuba_lif, population_of
 from dse.neurons.fixed_point import quantise
 from dse.records import Network, Response
 
@@ -37,7 +37,7 @@ class Arrays:
         arrays = store.load_arrays(folder / "network.npz")
         network = store.record_of(Network, arrays)
         fired = _fired(network, reference)
-        output = shift(fired[-1]).astype(np.uint8)
+        output = cuba_lif.shift(fired[-1]).astype(np.uint8)
         none = np.zeros((*output.shape[:2], 0), np.int32)
         rule = dataclasses.replace(bundle, fitted=network)
         answers = decided(rule, reference.dataset, Response(output, none, none, reference.step_ms, 0))
@@ -92,8 +92,8 @@ def _fired(network, reference):
         z = arriving @ quantise(layer.weight).T
         if layer.recurrent is not None:
             for t in range(1, steps):
-                before = run_cuba(z[:, :t], population, "integer")[2][:, -1]
+                before = cuba_lif.run(z[:, :t], population, "integer")[2][:, -1]
                 z[:, t] += before @ quantise(layer.recurrent).T
-        layers.append(run_cuba(z, population, "integer")[2])
-        arriving = shift(layers[-1])
+        layers.append(cuba_lif.run(z, population, "integer")[2])
+        arriving = cuba_lif.shift(layers[-1])
     return layers

@@ -5,18 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import rounded
 from benchmarks.ours import rows_of
 from dse.engine.events import pooled
 from dse.engine.forward import prepare
 from dse.engine.layers import weights
 from dse.models.snn import contrasts
 from dse.models.snn.family import SNN
+from dse.neurons import cuba_lif
 from dse.neurons.cuba_lif import CubaLif
 from dse.neurons.response import dc_gain, response_norm
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
-NEURONS = rounded(0.25, 0.03, 1.25)
+NEURONS = cuba_lif.rounded(0.25, 0.03, 1.25)
 
 
 def drives(rows, most_below=np.inf):
@@ -81,7 +81,7 @@ def test_an_input_alone_is_compared_with_nothing():
 def test_neurons_whose_potential_has_no_limit_have_no_contrasts():
     rows = pooled(rows_of(np.ones((1, 20, 3), np.uint8)), np.arange(3))
     with pytest.raises(ValueError, match="start must be uniform for neurons whose potential has no limit"):
-        contrasts.Drives(rows, rounded(0.25, 0.0, 1.25), 3, np.inf)
+        contrasts.Drives(rows, cuba_lif.rounded(0.25, 0.0, 1.25), 3, np.inf)
 
 
 @given(seed=st.integers(0, 2**30), n_inputs=st.integers(1, 6), n=st.integers(1, 60))

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import rounded
 from benchmarks.ours import rows_of
 from dse.engine.events import pooled
 from dse.engine.forward import prepare
@@ -16,6 +15,7 @@ from dse.engine.network import gradients
 from dse.engine.stepping import RunningStack
 from dse.models.snn.family import SNN
 from dse.models.snn.regions import regions_of
+from dse.neurons import cuba_lif
 from dse.neurons.lif import Lif
 from dse.neurons.resonator import Resonator
 from dse.neurons.surrogate import exponential
@@ -81,7 +81,7 @@ def test_counts_give_the_bits_of_the_full_matrix_in_integers(sizes, hidden, seed
     rng = np.random.default_rng(seed)
     of_regions = rng.integers(-40, 41, (n_pools, hidden)) / 32
     output = rng.integers(-128, 128, (hidden, 3)) / 32
-    neurons = rounded(0.25, 0.03, 1.25)
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
     labels, surrogate = rng.integers(0, 3, n), exponential(1.25, 0.03, 3.0)
     found, expected = (
         gradients(
@@ -108,7 +108,7 @@ def test_inputs_of_equal_weights_are_counted_when_a_network_answers(arithmetic):
     rows, pool = batch(3, 50, 60, 5, 7)
     rng = np.random.default_rng(1)
     of_pools = (rng.integers(-20, 40, (5, 20)) / 32).astype(np.float32)
-    neurons = rounded(0.25, 0.03, 1.25)
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
     layer = prepare(weights(of_pools[pool], None, neurons), arithmetic)
     assert isinstance(layer, CompiledLayer) and layer.pool is not None
     fired = layer.forward(rows).fired

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import rounded
 from benchmarks.ours import rows_of
 from dse.engine.forward import prepare
 from dse.engine.layers import weights
@@ -73,7 +72,7 @@ def test_thresholds_and_weights_of_a_finer_grid_are_the_same_network(kind, expon
     rng = np.random.default_rng(seed)
     rows = rows_of((rng.random((3, 60, 20)) < 0.2).astype(np.uint8))
     matrix = rng.normal(0, 0.3, (20, 9)).astype(np.float32)
-    neurons = rounded(0.25, 0.03, 1.25)
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
     if kind == "resonator":
         from dse.neurons import LayerSpec
 

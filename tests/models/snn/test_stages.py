@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import rounded
 from benchmarks.ours import rows_of
 from dse.cli import main
 from dse.engine.events import delayed, gather
@@ -26,7 +25,7 @@ from dse.models.snn.quantise import closest, compensated
 from dse.models.snn.respond import batches_of, layers_of
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Span, Training
-from dse.neurons import parameters_of
+from dse.neurons import cuba_lif, parameters_of
 from dse.neurons.response import constant_response
 from dse.neurons.xylo_lif import XyloLif
 from dse.records import Layer, Outcome
@@ -353,7 +352,7 @@ def test_outputs_are_lifted_where_their_leak_hides_what_they_compare():
     label = np.arange(60) % 2
     rates = np.where(np.stack([label == 0, label == 1], axis=1), 0.12, 0.1)
     rows = rows_of((rng.random((60, 1000, 2)) < rates[:, None]).astype(np.uint8))
-    neurons = rounded(0.25, 0.03, 1.25)
+    neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
     even = outputs.even_drive(neurons, 2, rows)
     drive = outputs.short_counts(neurons, 2, rows) @ even
     threshold = neurons.to_threshold / constant_response(neurons, 2, 1000)

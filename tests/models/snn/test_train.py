@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from benchmarks.definitions import quantise_passes
 from dse import seeds
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.models.snn.augment import Augmentation
@@ -159,7 +158,7 @@ def test_integer_weights_stay_within_their_bits(recurrent):
     layers = settled(alone(toy(), design, 0)).network.layers
     for weight in (w for x in layers for w in (x.weight, x.recurrent) if w is not None):
         assert (weight >= -4).all() and (weight <= 254 / 64).all()
-        assert quantise_passes(weight).all()
+        assert fixed_point.quantise_passes(weight).all()
 
 
 def test_designs_are_yielded_as_they_finish():

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.definitions import run_lif
 from dse.deploy import bundle
 from dse.encoders.threshold import Threshold
 from dse.measure.objectives.first_spike import first_spike_ms
@@ -69,7 +68,7 @@ def test_the_network_is_the_lif_equation(weights, tau_m_ms):
     population = lif.Lif(own_tau, 1 / lif.leak(10.0, own_tau), 0.0, layer.parameters["threshold"] / 64 + 1e-9)
     samples = np.arange(30)
     current = raster.astype(np.float64) @ layer.weight.astype(np.float64).T
-    _, spikes = run_lif(current, population, 10.0)
+    _, spikes = lif.run(current, population, 10.0)
     found = respond(network, data, samples).output
     assert np.array_equal(found[:, 1:], spikes[:, :-1]), "a layer hands its spikes on one step later"
     assert not found[:, 0].any() and found.any()
