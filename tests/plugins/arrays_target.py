@@ -11,8 +11,7 @@ import numpy as np
 
 from dse import store
 from dse.deploy.bundle import Bundle, BundleError
-from dse.deploy.reference import decided
-from dse.deploy.reference import Reference
+from dse.deploy.reference import Reference, decided
 from dse.deploy.targets import Run, TargetError, Verdict, compare
 from dse.neurons import cuba_lif, population_of
 from dse.neurons.fixed_point import quantise
