@@ -168,5 +168,6 @@ def plain_records(folder: Path, trial: int) -> list[dict[str, Any]]:
     """Return the content of record.json of each run of a trial, repeat 0 first."""
     records = [record for run in store.runs_of(folder, trial) if (record := store.load_run(run)) is not None]
     if not records:
-        raise StoreError(f"{folder}: there is no trial {trial}")
+        only = "" if (folder / store.RUNS).is_dir() else ": the folder holds tables alone, not the runs"
+        raise StoreError(f"{folder}: there is no trial {trial}{only}")
     return records

@@ -1,5 +1,6 @@
 """A bundle trained once more from what it states."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from dse.deploy.export import bundle_of, export
 from dse.deploy.reproduce import reproduce
 from dse.deploy.statement import digest
 from dse.recordings import RecordingError
+from dse.store import StoreError
 from tests import tiny_study
 from tests.deploy.bundles import FAMILIES, explored
 
@@ -91,6 +93,9 @@ def test_what_cannot_be_reproduced_is_said_in_a_line(studies, tmp_path, capsys):
             reproduce(replace(made, evidence={**made.evidence, key: value}), base_of(study))
     with pytest.raises(BundleError, match="recordings is required"):
         reproduce(replace(made, evidence={x: made.evidence[x] for x in ("seed", "design", "repeat")}))
+    tables = shutil.copytree(studies[0].folder, tmp_path / "tables", ignore=shutil.ignore_patterns("runs"))
+    with pytest.raises(StoreError, match="trial 0: the folder holds tables alone, not the runs"):
+        reproduce(tables, trial=0)
     with pytest.raises(BundleError, match="has no trial 9"):
         reproduce(study.folder, trial=9)
     assert main(["reproduce", str(tmp_path / "bundle"), "--trial", "0"]) == 2
