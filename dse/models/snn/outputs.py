@@ -20,7 +20,7 @@ import numpy as np
 
 from dse.engine import engines
 from dse.engine.adam import adam
-from dse.engine.events import Rows, delayed, gather
+from dse.engine.events import Rows, delayed, gather, without
 from dse.engine.forward import prepare
 from dse.engine.goal import is_label
 from dse.engine.network import layer_spikes
@@ -289,8 +289,12 @@ def train_outputs(
         for batch in range(n_batches):
             part = samples[batch * training.batch_size : (batch + 1) * training.batch_size]
             turn = trainee.turn(epoch + batch / n_batches, dataset.train[part])
-            turn = replace(turn, gains=turn.gains[-1:], delay_learning_rate=0.0, decay_learning_rate=0.0)
-            report = engine.step(next(_batches(hidden, part)), labels[part], {0: turn})[0]
+            rows, gains = next(_batches(hidden, part)), turn.gains[-1]
+            if gains is not None:  # of the first layer that learns: its rows lack what drops out
+                rows = without(rows, gains == 0)
+                gains = np.full((part.size, 1), 1 / (1 - training.dropout), np.float32)
+            turn = replace(turn, gains=(gains,), delay_learning_rate=0.0, decay_learning_rate=0.0)
+            report = engine.step(rows, labels[part], {0: turn})[0]
             trainee.absorb(replace(report, fired=(*resting, *report.fired)), part.size, epoch)
             if trainee.diverged:
                 return

@@ -26,6 +26,8 @@ from dse.models.snn.respond import batches_of, layers_of
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Span, Training
 from dse.neurons import cuba_lif, parameters_of
+from dse.neurons.cuba_lif import CubaLif
+from dse.neurons.lif import Lif
 from dse.neurons.response import constant_response
 from dse.neurons.xylo_lif import XyloLif
 from dse.records import Layer, Outcome
@@ -143,6 +145,34 @@ def test_outputs_that_learn_alone_take_the_steps_of_a_network_whose_hidden_layer
     expected = delayed(layer_spikes(rows, layers[:-1])[-1])
     np.testing.assert_array_equal(seen.index, expected.index)
     np.testing.assert_array_equal(seen.offsets, expected.offsets)
+
+
+@pytest.mark.parametrize(
+    "neuron", [CubaLif(), Lif()], ids=["cuba_lif", "lif"]
+)  # with a kernel, and by its definition in torch
+def test_hidden_neurons_drop_out_of_outputs_that_learn_alone(neuron, monkeypatch):
+    steps, start = [], outputs.engines.start
+
+    def watched(*arguments):
+        engine = start(*arguments)
+        step = engine.step
+
+        def kept(rows, labels, turns):
+            steps.append((rows.per_input() > 0, turns[0].gains))
+            return step(rows, labels, turns)
+
+        engine.step = kept
+        return engine
+
+    if isinstance(neuron, Lif):
+        pytest.importorskip("torch", reason="torch is not installed")
+    monkeypatch.setattr(outputs.engines, "start", watched)
+    model = SNN(hidden=(20,), neuron=neuron, arithmetic="float32", loss=LOSS)
+    outcome = fit(toy(), model, base(epochs=1, output_epochs=1, dropout=0.5), rngs())
+    spiking = np.concatenate([fires for fires, _ in steps])
+    assert isinstance(outcome, Outcome) and 0 < spiking.mean() < 0.6
+    assert all(gain.shape == (len(fires), 1) and (gain == 2).all() for fires, (gain,) in steps)
+    assert not spiking.all(axis=0).any() and not spiking.all(axis=1).any()
 
 
 def test_a_price_of_hidden_spikes_leaves_fewer():
