@@ -20,8 +20,8 @@ from dse.api.first import init
 from dse.api.study import run
 from dse.config import ConfigError, load_space
 from dse.data.given import from_arrays
-from dse.deploy.evaluate import predicted
 from dse.deploy.export import written
+from dse.deploy.predict import predicted
 from dse.recordings import RecordingError
 from dse.store import StoreError
 
@@ -144,7 +144,7 @@ class Classifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc] # scikit
         return np.asarray(self.classes_[self._places()[label]])
 
     def predict_proba(self, X: Any) -> Floats:
-        """Return what speaks for each class, (recording, class), as of `dse.deploy.evaluate.shares`.
+        """Return what speaks for each class, (recording, class), as of `dse.deploy.predict.shares`.
 
         Raises:
             ValueError: as of `predict`.

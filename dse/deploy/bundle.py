@@ -106,7 +106,7 @@ class Bundle(Classifier):
             BundleError: arrays for a classifier of events, or the classifier refuses the recordings.
             RecordingError: the recordings do not fit.
         """
-        from dse.deploy.evaluate import predicted
+        from dse.deploy.predict import predicted
 
         return np.array([self.named(label) for label in predicted(self, data, axes)[0].tolist()])
 

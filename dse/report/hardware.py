@@ -20,6 +20,7 @@ from dse.records import Bools, Floats
 from dse.report.designs import StudyTask, best, full_read_outs
 from dse.report.rows import HARDWARE, Row, measured, number
 from dse.study import pricing
+from dse.study.question import DRAWS
 
 if TYPE_CHECKING:
     import pandas
@@ -172,7 +173,7 @@ def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = (
     of_chips = []
     for name, rows_there in rows.groupby("hardware", sort=False):
         designs = rows_there.sort_values("trial").reset_index(drop=True)
-        energies = pricing.drawn(part.study.folder, designs, (FLAT_OUT, AT_PERIOD), hardware=hardware)
+        energies = pricing.drawn(part.study.folder, designs, tuple(_MODES), DRAWS, hardware)
         # Profiles that only count operations have no limits.
         is_held = designs["fits"].astype("boolean").fillna(True).to_numpy(bool) if "fits" in designs else True
         runs = np.isfinite(energies[FLAT_OUT]).all(axis=0)

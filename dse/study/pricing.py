@@ -27,7 +27,6 @@ from dse.study import held
 from dse.study import points as _points
 from dse.study.held import plain_space
 from dse.study.precision import AS_TRAINED, Setting
-from dse.study.question import DRAWS
 from dse.study.record import RunRecord, load_records
 
 if TYPE_CHECKING:
@@ -218,7 +217,7 @@ def drawn(
     folder: str | Path,
     rows: pandas.DataFrame,
     columns: Sequence[str],
-    n_draws: int = DRAWS,
+    n_draws: int,
     hardware: Sequence[str] = (),
 ) -> dict[str, Floats]:
     """Return hardware columns of design points under samples of their chips' numbers, (n_draws, row) each.
