@@ -27,7 +27,7 @@ def priced(monkeypatch):
     """Draws of the energies of every trial in turn, by chip; a pair is flat out and at the period."""
     draws = {}
 
-    def drawn(folder, rows, columns, *, hardware):
+    def drawn(folder, rows, columns, n_draws, hardware):
         [hardware] = set(rows["hardware"])
         assert set(rows["point"]) == {0}
         both = [_both(draws[hardware][trial]) for trial in rows["trial"]]
