@@ -153,7 +153,7 @@ def test_chips_are_set_against_each_other(tmp_path, capsys, monkeypatch):
     on = {"one": columns, "two": columns}
     folder = write(tmp_path / "nets", [{"accuracy": 0.9, "on": on}]).folder
 
-    def drawn(folder, rows, columns, *, hardware):
+    def drawn(folder, rows, columns, n_draws, hardware):
         return {name: np.full((4, len(rows)), 5.0) for name in columns}
 
     monkeypatch.setattr(pricing, "drawn", drawn)
