@@ -107,7 +107,7 @@ def constant(node: ast.expr) -> float | str | None:
     return None
 
 
-class Verdict(NamedTuple):
+class Truth(NamedTuple):
     """Whether a condition may be true, and whether it may be false: of one row, or (row,) of several."""
 
     may: Any
@@ -116,25 +116,25 @@ class Verdict(NamedTuple):
 
 def evaluate(
     expression: str,
-    compare: Callable[[ast.expr, ast.cmpop, ast.expr], Verdict],
+    compare: Callable[[ast.expr, ast.cmpop, ast.expr], Truth],
     is_boolean: Callable[[str], bool],
-) -> Verdict:
-    """Return the verdict on a condition.
+) -> Truth:
+    """Return whether a condition may be true, and whether it may be false.
 
     Args:
         expression: the condition.
-        compare: returns the verdict on one comparison, with a key of `OPERATORS`.
+        compare: returns that of one comparison, with a key of `OPERATORS`.
         is_boolean: returns whether a column is a condition by itself.
 
     Raises:
         ExpressionError: it cannot be read.
     """
 
-    def walk(node: ast.expr) -> Verdict:
+    def walk(node: ast.expr) -> Truth:
         if isinstance(node, ast.BoolOp):
             return (_all if isinstance(node.op, ast.And) else _any)(map(walk, node.values))
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-            return Verdict(*reversed(walk(node.operand)))
+            return Truth(*reversed(walk(node.operand)))
         if isinstance(node, ast.Compare):
             operands = [node.left, *node.comparators]
             return _all(map(tested, operands, node.ops, operands[1:]))
@@ -143,7 +143,7 @@ def evaluate(
             raise ExpressionError(f"condition '{expression}': '{ast.unparse(node)}' is not a comparison")
         return compare(node, ast.Eq(), ast.Constant(True))
 
-    def tested(left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Verdict:
+    def tested(left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Truth:
         if type(sign) in OPERATORS:
             return compare(left, sign, right)
         if not isinstance(sign, ast.In | ast.NotIn):
@@ -155,19 +155,19 @@ def evaluate(
         if isinstance(sign, ast.In):
             return is_in
         is_there = compare(left, ast.Eq(), left).may  # what is missing equals nothing
-        return _all([Verdict(*reversed(is_in)), Verdict(is_there, np.logical_not(is_there))])
+        return _all([Truth(*reversed(is_in)), Truth(is_there, np.logical_not(is_there))])
 
     return walk(parse(expression))
 
 
-def _all(parts: Iterable[Verdict]) -> Verdict:
+def _all(parts: Iterable[Truth]) -> Truth:
     may, may_not = zip(*parts, strict=True)
-    return Verdict(functools.reduce(np.logical_and, may), functools.reduce(np.logical_or, may_not))
+    return Truth(functools.reduce(np.logical_and, may), functools.reduce(np.logical_or, may_not))
 
 
-def _any(parts: Iterable[Verdict]) -> Verdict:
-    none = Verdict(may=False, may_not=True)
-    return Verdict(*reversed(_all([Verdict(*reversed(part)) for part in (none, *parts)])))
+def _any(parts: Iterable[Truth]) -> Truth:
+    none = Truth(may=False, may_not=True)
+    return Truth(*reversed(_all([Truth(*reversed(part)) for part in (none, *parts)])))
 
 
 def condition_fault(expression: str, is_text: Mapping[str, bool], booleans: Collection[str]) -> str:
@@ -186,10 +186,10 @@ def condition_fault(expression: str, is_text: Mapping[str, bool], booleans: Coll
             raise ExpressionError(f"condition '{expression}': '{ast.unparse(node)}' {what}")
         return isinstance(value, str) if name is None else is_text.get(name, False)
 
-    def compare(left: ast.expr, _: ast.cmpop, right: ast.expr) -> Verdict:
+    def compare(left: ast.expr, _: ast.cmpop, right: ast.expr) -> Truth:
         if holds_text(left) != holds_text(right):
             raise ExpressionError(f"condition '{expression}' compares text with a number")
-        return Verdict(may=True, may_not=True)
+        return Truth(may=True, may_not=True)
 
     try:
         evaluate(expression, compare, booleans.__contains__)

@@ -17,7 +17,7 @@ from dse.config.faults import known_names
 from dse.config.parts import KeyFault, Part, Written, named, target_columns
 from dse.config.values import refuse
 from dse.config.yaml_lines import Raw
-from dse.registry import param
+from dse.registry import fixed, param
 
 DEVICES = ("cpu", "cuda")
 POLARITIES = ("split", "merge", "ignore_off", "ignore_on")
@@ -46,12 +46,11 @@ class Task:
         doc="label column to predict, `{column: NAME, abs: true}` for its absolute value, or a list of "
         "these, whose combination is predicted"
     )
-    joint: bool = param(
+    joint: bool = fixed(
         False,
         doc="if target is a list: also report each of its columns; networks get one output group per column",
-        axis=False,
     )
-    name: str = param("", doc="name of the task in tables (default: the columns of the target)", axis=False)
+    name: str = fixed("", doc="name of the task in tables (default: the columns of the target)")
 
 
 @dataclass(frozen=True)
@@ -478,8 +477,8 @@ class Training:
         doc="least and largest factor by which the time of a training window is stretched about its middle, "
         "drawn in every epoch; needs dilation_keeps_label (spiking networks)",
     )
-    dilation_keeps_label: bool = param(
-        False, doc="true: you state that the label depends neither on speed nor on duration", axis=False
+    dilation_keeps_label: bool = fixed(
+        False, doc="true: you state that the label depends neither on speed nor on duration"
     )
     channel_shift: int = param(
         0,
@@ -619,14 +618,13 @@ class Decision:
         low=0,
         high=1,
     )
-    read_out_every_ms: float | None = param(
+    read_out_every_ms: float | None = fixed(
         None,
         doc="spiking networks are also read out after every so much of the input (default: 20 times, evenly "
         "spaced)",
         unit="ms",
         low=0,
         low_open=True,
-        axis=False,
     )
 
     @classmethod

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import typing
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,7 +17,7 @@ from dse.config.yaml_lines import Document, read_document
 from dse.config.yaml_lines import Path as Keys
 from dse.dashboard.sources import sources
 from dse.dashboard.views import view_names
-from dse.registry import PluginError, Rule, load_plugin, param
+from dse.registry import PluginError, fixed, load_plugin
 
 Tab = Literal[
     "confusion",
@@ -40,12 +40,10 @@ _AXES = ("x", "y")
 class FrontView:
     """The figure of the front. The page chooses whatever is None from the objectives."""
 
-    x: str | None = param(None, doc="column of the horizontal axis", axis=False)
-    y: str | None = param(None, doc="column of the vertical axis", axis=False)
-    log: tuple[str, ...] = param(
-        (),
-        doc="columns with a logarithmic axis, in addition to those that span more than two decades",
-        axis=False,
+    x: str | None = fixed(None, doc="column of the horizontal axis")
+    y: str | None = fixed(None, doc="column of the vertical axis")
+    log: tuple[str, ...] = fixed(
+        (), doc="columns with a logarithmic axis, in addition to those that span more than two decades"
     )
 
 
@@ -53,40 +51,27 @@ class FrontView:
 class Definition:
     """The keys of a page definition. The page chooses whatever is None."""
 
-    title: str = param("", doc="title, shown beside the name of the study", axis=False)
-    plugins: tuple[str, ...] = param(
-        (), doc="plugins with additional views: modules, or .py files relative to this file", axis=False
+    title: str = fixed("", doc="title, shown beside the name of the study")
+    plugins: tuple[str, ...] = fixed(
+        (), doc="plugins with additional views: modules, or .py files relative to this file"
     )
-    views: tuple[str, ...] | None = param(
-        None, doc="parts of the page, in order (default: those of the page 'study')", axis=False
+    views: tuple[str, ...] | None = fixed(
+        None, doc="parts of the page, in order (default: those of the page 'study')"
     )
-    front: FrontView = field(
-        default_factory=FrontView,
-        metadata={
-            "rule": Rule("settings of the figure of the front (`dse describe page.front`)", axis=False)
-        },
+    front: FrontView = fixed(
+        factory=FrontView, doc="settings of the figure of the front (`dse describe page.front`)"
     )
-    parallel: tuple[str, ...] | None = param(
+    parallel: tuple[str, ...] | None = fixed(
         None,
         doc="columns of the parallel coordinates, in order (default: objectives, budgets and the axes that "
         "vary)",
-        axis=False,
     )
-    table: tuple[str, ...] | None = param(
-        None,
-        doc="columns of the table after trial and task (default: objectives and the axes that vary)",
-        axis=False,
+    table: tuple[str, ...] | None = fixed(
+        None, doc="columns of the table after trial and task (default: objectives and the axes that vary)"
     )
-    design: tuple[Tab, ...] = param(
-        typing.get_args(Tab), doc="tabs of the panel of a design, in order", axis=False
-    )
-    budgets: Mapping[str, float] = field(
-        default_factory=dict,
-        metadata={"rule": Rule("initial budgets: mapping from column to limit", axis=False)},
-    )
-    sort: str | None = param(
-        None, doc="column by which the table is sorted (default: the first objective)", axis=False
-    )
+    design: tuple[Tab, ...] = fixed(typing.get_args(Tab), doc="tabs of the panel of a design, in order")
+    budgets: Mapping[str, float] = fixed(factory=dict, doc="initial budgets: mapping from column to limit")
+    sort: str | None = fixed(None, doc="column by which the table is sorted (default: the first objective)")
 
 
 def shipped_definitions() -> dict[str, Path]:

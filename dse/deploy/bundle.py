@@ -27,7 +27,7 @@ from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.config.values import read_object, refuse
 from dse.deploy import checks
-from dse.deploy.card import card
+from dse.deploy.card import card, stated
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
 from dse.deploy.prefix import DEFAULT, checked
 from dse.deploy.statement import statement
@@ -356,7 +356,7 @@ def _bundle(document: _Document, arrays: Mapping[str, Array], where: str, plugin
     heads = store.heads_of(map(vars, document.heads))
     checks.check_heads(heads, len(classes), decision.head)
     checked(document.prefix)
-    return Bundle(
+    bundle = Bundle(
         fitted=store.fitted_of({k: x for k, x in arrays.items() if not k.endswith(_8_BIT)}),
         sections=Sections.from_plain(document.sections, where),
         phi=decision.phi,
@@ -369,6 +369,8 @@ def _bundle(document: _Document, arrays: Mapping[str, Array], where: str, plugin
         **{name: getattr(document, name) for name in _SHARED},
         **{name: store.plain(getattr(document, name)) for name in _PLAIN},
     )
+    stated(bundle.evidence, len(bundle.answers))  # a mistake raises
+    return bundle
 
 
 def _check_classifier(bundle: Bundle, arrays: Mapping[str, Array]) -> None:

@@ -6,13 +6,15 @@ Source: Mitchell et al., Model Cards for Model Reporting (REFERENCES.md).
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from dse import registry
+from dse import registry, store
+from dse.config.values import read_object, refuse
 from dse.deploy.c.text import filled
 from dse.deploy.classifier import Classifier
 from dse.deploy.prefix import prefixed
@@ -40,6 +42,49 @@ _MEASURED = {
 _MOST_FAILURES = 5
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Confusion:
+    """Which class was taken for which.
+
+    of: the samples. counts: (true class, answer) numbers of them; a last column counts what is no known pair.
+    """
+
+    of: Literal["test", "validation"]
+    counts: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """What of a bundle's evidence its card says; absent in bundles of earlier versions."""
+
+    study: str = "dse"
+    recordings: str | None = None
+    licence: str | None = None
+    refit: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    confusion: _Confusion | None = None
+
+
+def stated(evidence: Mapping[str, Any], n_answers: int) -> Stated:
+    """Return what a card says of a bundle's evidence.
+
+    Args:
+        evidence: of the bundle.
+        n_answers: classes that it answers.
+
+    Raises:
+        ValueError: it is none, or of other classes.
+    """
+    found = read_object(Stated, store.plain(dict(evidence)), (), refuse, also=evidence)
+    assert found is not None  # a mistake raises
+    rows = () if found.confusion is None else found.confusion.counts
+    if rows and (len(rows) != n_answers or {len(row) for row in rows} - {n_answers, n_answers + 1}):
+        raise ValueError(f"confusion.counts must have {n_answers} rows of {n_answers} or one more")
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError("confusion.counts must have rows of one length")
+    return found
+
+
 def card(bundle: Classifier, targets: Mapping[str, Verdict]) -> str:
     """Return the model card of a bundle, Markdown.
 
@@ -47,7 +92,8 @@ def card(bundle: Classifier, targets: Mapping[str, Verdict]) -> str:
         bundle: what it holds.
         targets: the verdicts of the targets in it.
     """
-    title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(bundle.answers)}"
+    known_of = stated(bundle.evidence, len(bundle.answers))
+    title = f"{known_of.study}: a classifier of {', '.join(bundle.answers)}"
     known: dict[str, Any] = registry.known("targets") if targets else {}
     rows = []
     for name, verdict in targets.items():
@@ -55,7 +101,7 @@ def card(bundle: Classifier, targets: Mapping[str, Verdict]) -> str:
         use = "" if verdict.kind == "unsupported" else prefixed(getattr(target, "use", ""), bundle.prefix)
         row = {"name": markdown(name), "label": getattr(target, "label", ""), "use": use}
         rows.append({**row, "verdict": _in_words(verdict)})
-    fitted, at, evidence = bundle.fitted, bundle.read_out_ms, bundle.evidence
+    fitted, at = bundle.fitted, bundle.read_out_ms
     sections = bundle.sections.to_plain()
     return filled(
         Path(__file__).parent / "templates" / "README.md",
@@ -67,14 +113,14 @@ def card(bundle: Classifier, targets: Mapping[str, Verdict]) -> str:
         early=bundle.phi is not None,
         spikes=f"{bundle.phi or 0:g}",
         fraction=f"{bundle.theta or 0:g}",
-        recordings=_stated(sections["data"]),
-        split=_stated(sections["split"]),
-        digest=evidence.get("recordings") or "not known",
-        licence=markdown(str(evidence.get("licence") or "not stated; ask those who recorded them")),
-        refit=" and ".join(evidence.get("refit", [])),
+        recordings=_as_json(sections["data"]),
+        split=_as_json(sections["split"]),
+        digest=markdown(known_of.recordings or "not known"),
+        licence=markdown(known_of.licence or "not stated; ask those who recorded them"),
+        refit=markdown(" and ".join(known_of.refit)),
         **(_of_network(fitted) if isinstance(fitted, Network) else _of_family(bundle, fitted)),
         rows=[{"name": name, "value": markdown(value)} for name, value in _measured(bundle.record)],
-        failures=[{"text": markdown(text)} for text in _failures(bundle)],
+        failures=[{"text": markdown(text)} for text in _failures(known_of, bundle.answers)],
         verdicts=rows,
     )
 
@@ -84,15 +130,14 @@ def _takes(bundle: Classifier) -> str:
     takes = bundle.input
     if takes is None:
         return "recordings as those that it was trained on"
-    of = (
-        f"{takes.width} x {takes.height} pixels" if takes.kind == "events" else f"{takes.n_channels} channels"
-    )
+    frame = f"{takes.width} x {takes.height} pixels"
+    of = frame if takes.kind == "events" else f"{takes.n_channels} channels"
     return f"{takes.kind} of {of}, {takes.n_steps} steps of {takes.step_ms:g} ms"
 
 
-def _stated(section: Mapping[str, Any]) -> str:
-    """Return what a section of the search space states, as JSON."""
-    return json.dumps({key: value for key, value in section.items() if value not in (None, "")})
+def _as_json(section: Mapping[str, Any]) -> str:
+    """Return what a section of the search space states, as JSON in a line of Markdown."""
+    return markdown(json.dumps({key: value for key, value in section.items() if value not in (None, "")}))
 
 
 def _measured(record: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
@@ -111,18 +156,18 @@ def _in_digits(value: Any) -> str:
     return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
-def _failures(bundle: Classifier) -> Iterable[str]:
+def _failures(known: Stated, answers: Sequence[str]) -> Iterable[str]:
     """Yield what the classifier mistakes most, and what the study warned of."""
-    if confusion := bundle.evidence.get("confusion"):
-        counts, names = np.array(confusion["counts"]), [*bundle.answers, "no known pair"]
+    if known.confusion is not None and known.confusion.counts:
+        counts, names = np.array(known.confusion.counts), [*answers, "no known pair"]
         wrong = counts / np.maximum(1, counts.sum(axis=1, keepdims=True))
         np.fill_diagonal(wrong, 0)
         for at in np.argsort(-wrong, axis=None, kind="stable")[:_MOST_FAILURES]:
             true, answer = np.unravel_index(at, wrong.shape)
             if wrong[true, answer] > 0:
-                of = f"{counts[true, answer]} of {counts[true].sum()} {confusion['of']} samples"
+                of = f"{counts[true, answer]} of {counts[true].sum()} {known.confusion.of} samples"
                 yield f"{names[true]} is taken for {names[answer]}: {of}"
-    yield from (f"the study warned: {warning}" for warning in bundle.evidence.get("warnings", ()))
+    yield from (f"the study warned: {warning}" for warning in known.warnings)
 
 
 def _in_words(verdict: Verdict) -> str:

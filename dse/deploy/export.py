@@ -167,13 +167,14 @@ def _recordings(study: Study, record: RunRecord) -> str | None:
 
 
 def _licence(study: Study, record: RunRecord) -> str | None:
-    """Return the licence that the data card beside the recordings states; None where there is none."""
+    """Return the licence that the data card beside the recordings states; None where none is known."""
     if record.sections["data"]["kind"] == "scene":
         return "none: they are simulated"
     for sections, base, _ in sections_found(study.folder, record):
         if isinstance(file := getattr(sections.data, "file", None), str):
             with contextlib.suppress(RecordingError, StoreError, AttributeError):
-                return str(store.read_json(locate(f"{file}{CARD}", base)).get("license"))
+                if licence := store.read_json(locate(f"{file}{CARD}", base)).get("license"):
+                    return str(licence)
     return None
 
 
@@ -255,17 +256,17 @@ def _accuracy(study: Study, record: RunRecord, setting: _Setting) -> float:
     if record.numbers is None:
         raise ValueError(f"{where} failed: {record.reason}")
     folder = store.run_file(study.folder, record.trial, record.repeat)
-    run = folder, record
+    archive, own = folder, record
     if setting.precision != precision.AS_TRAINED:
         evaluated = precision.evaluations(folder)
         if setting.precision not in evaluated:
             weight_bits, pruned = setting.precision
             raise ValueError(f"{where} was not evaluated at {weight_bits} bits with {pruned:g} pruned")
-        run = evaluated[setting.precision]
+        archive, own = evaluated[setting.precision]
 
     def arrays(kind: str) -> Mapping[str, Array]:
         name = f"{kind}_{setting.head}.npz" if setting.head else f"{kind}.npz"
-        return store.load_arrays(run[0] / name)
+        return store.load_arrays(archive / name)
 
     if setting.phi is not None and setting.theta is not None:
         measured = arrays("surface")
@@ -276,7 +277,7 @@ def _accuracy(study: Study, record: RunRecord, setting: _Setting) -> float:
         at = np.isclose(measured["decision_latency_ms"], setting.read_out_ms)
         missing = f"{setting.read_out_ms:g} ms"
     else:
-        return float(run[1].measured.of_head(setting.head).columns["accuracy"])
+        return float(own.measured.of_head(setting.head).columns["accuracy"])
     if not at.any():
         raise ValueError(f"{where} was not evaluated at {missing}")
     return float(measured["accuracy"][at][0])

@@ -24,7 +24,7 @@ from dse.config.values import Report, read_object, refuse
 from dse.hardware.profile import Profile
 from dse.preprocessing.stages import Stages
 from dse.records import Array, Dataset
-from dse.registry import param
+from dse.registry import fixed
 from dse.skyline.table import Goal
 
 if TYPE_CHECKING:
@@ -89,19 +89,17 @@ class Figure(Protocol[R]):
 
 def trial_key() -> Any:
     """Declare the key `trial` of a figure (`trial_of`)."""
-    return param(
-        None, doc="number of the trial (default: the most accurate one that has what is drawn)", axis=False
-    )
+    return fixed(None, doc="number of the trial (default: the most accurate one that has what is drawn)")
 
 
 def task_key() -> Any:
     """Declare the key `task` of a figure (`of_task`)."""
-    return param("", doc="what is predicted (default: the first task)", axis=False)
+    return fixed("", doc="what is predicted (default: the first task)")
 
 
 def hardware_key() -> Any:
     """Declare the key `hardware` of a figure (`on_one_chip`)."""
-    return param("", doc="hardware profile of the costs (default: the first of the study)", axis=False)
+    return fixed("", doc="hardware profile of the costs (default: the first of the study)")
 
 
 def named(name: str, keys: Mapping[str, Any], report: Report = refuse) -> Figure[Any] | None:

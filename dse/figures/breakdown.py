@@ -13,7 +13,7 @@ from dse.figures import NothingRecorded, Results, chip_of, hardware_key, recorde
 from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, rows_layout, safe, short
 from dse.hardware.cost import cost
 from dse.records import Floats
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -52,11 +52,10 @@ class EnergyFigure:
 
     hardware: str = hardware_key()
     trial: int | None = trial_key()
-    pace: str = param(
+    pace: str = fixed(
         "flat",
         doc="static energy of computing flat out, or of the sensor's step period",
         choices=("flat", "period"),
-        axis=False,
     )
 
     def gather(self, results: Results) -> Breakdown:

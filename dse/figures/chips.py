@@ -11,7 +11,7 @@ from dse.figures import Results, gain_of, of_task, task_key
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, label, rows_layout, safe
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse.skyline.admissible import fitting, honest
 from dse.skyline.pick import pick
 
@@ -48,9 +48,7 @@ class Chips:
 class ChipsFigure:
     """What the pick costs on each chip, and what the cheapest design does at the accuracy that all reach."""
 
-    cost: str = param(
-        "", doc="column of a cost (default: energy, else the first that is minimised)", axis=False
-    )
+    cost: str = fixed("", doc="column of a cost (default: energy, else the first that is minimised)")
     task: str = task_key()
 
     def gather(self, results: Results) -> Chips:

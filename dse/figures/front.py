@@ -12,7 +12,7 @@ from dse import registry
 from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
 from dse.figures.labels import axis_title, colour_of, interval_bars, safe, short, shortened
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse.skyline.admissible import admissible
 from dse.skyline.front import front_mask
 
@@ -95,15 +95,14 @@ def design_columns(frame: pandas.DataFrame) -> list[str]:
 class FrontFigure:
     """Design points over two or three columns, with the front of each task."""
 
-    columns: tuple[str, ...] = param(
+    columns: tuple[str, ...] = fixed(
         (),
         doc="two or three columns, x first (default: energy, else the second objective, and the first one)",
-        axis=False,
     )
     hardware: str = hardware_key()
-    task: str = param("", doc="what is predicted (default: every task, each with its own front)", axis=False)
-    full: bool = param(False, doc="one point per design: its answer at the end of the window", axis=False)
-    labels: str = param("", doc="column written beside the front, such as encoder.gain", axis=False)
+    task: str = fixed("", doc="what is predicted (default: every task, each with its own front)")
+    full: bool = fixed(False, doc="one point per design: its answer at the end of the window")
+    labels: str = fixed("", doc="column written beside the front, such as encoder.gain")
 
     def gather(self, results: Results) -> Front:
         ways: Mapping[str, str] = {

@@ -19,7 +19,7 @@ from dse.figures import Results, full_read_outs, hardware_key, of_task, on_one_c
 from dse.figures.front import numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, label, safe
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse.skyline.admissible import honest
 from dse.skyline.pareto import members_of
 from dse.skyline.table import group_numbers
@@ -62,7 +62,7 @@ class Importance:
 class ImportanceFigure:
     """Which parameters matter for an objective: permutation importance of a random forest."""
 
-    objective: str = param("", doc="column of an objective (default: the first one)", axis=False)
+    objective: str = fixed("", doc="column of an objective (default: the first one)")
     hardware: str = hardware_key()
     task: str = task_key()
 

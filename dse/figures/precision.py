@@ -20,7 +20,7 @@ from dse.figures import (
 from dse.figures.front import interval, numbers
 from dse.figures.labels import axis_title, colour_of
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -51,9 +51,9 @@ class PrecisionFigure:
     """Accuracy and cost of a trial with fewer bits per weight and pruned weights."""
 
     trial: int | None = trial_key()
-    task: str = param("", doc="head of a joint network (default: the first)", axis=False)
+    task: str = fixed("", doc="head of a joint network (default: the first)")
     hardware: str = hardware_key()
-    costs: tuple[str, ...] = param(COSTS, doc="columns with a panel each", axis=False)
+    costs: tuple[str, ...] = fixed(COSTS, doc="columns with a panel each")
 
     def gather(self, results: Results) -> Precision:
         points = results.points()

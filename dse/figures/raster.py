@@ -13,7 +13,7 @@ from dse.figures import Results, recorded, trial_key
 from dse.figures.labels import LEGEND, OKABE_ITO_LIGHT, safe, shortened
 from dse.measure.decision import decide
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -62,11 +62,9 @@ class RecordingFigure:
     """Activity of a network on one recording: output spikes, confidence, spikes of each layer."""
 
     trial: int | None = trial_key()
-    sample: int = param(0, doc="place among the validation recordings", low=0, axis=False)
-    phi: float | None = param(
-        None, doc="output spikes before a decision (default: decide at the end)", low=0, axis=False
-    )
-    theta: float = param(0.5, doc="confidence to reach, where phi is given", low=0, high=1, axis=False)
+    sample: int = fixed(0, doc="place among the validation recordings", low=0)
+    phi: float | None = fixed(None, doc="output spikes before a decision (default: decide at the end)", low=0)
+    theta: float = fixed(0.5, doc="confidence to reach, where phi is given", low=0, high=1)
 
     def gather(self, results: Results) -> Recording:
         trial, runs = recorded(results, self.trial, "response.npz", "output")

@@ -12,7 +12,7 @@ from dse.figures import NothingRecorded, Results, mean_of
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, colour_of, safe, short
 from dse.measure import decision
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -41,7 +41,7 @@ class Recognition:
 class RecognitionFigure:
     """Accuracy over input length, one curve for the most accurate trial of each family and task."""
 
-    trial: int | None = param(None, doc="number of a trial: its curve alone", low=0, axis=False)
+    trial: int | None = fixed(None, doc="number of a trial: its curve alone", low=0)
 
     def gather(self, results: Results) -> tuple[Recognition, ...]:
         curves = tuple(self._curves(results))

@@ -193,7 +193,7 @@ def data_card(
                         "@type": "cr:Field",
                         "@id": f"arrays/{key}",
                         "name": key,
-                        "dataType": _TYPES[array.dtype.kind],
+                        "dataType": _TYPES.get(array.dtype.kind, "sc:Text"),
                         "isArray": True,
                         "arrayShape": ",".join(map(str, array.shape)),
                         "source": {"fileObject": {"@id": target.name}},

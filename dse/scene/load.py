@@ -22,7 +22,7 @@ from dse.config.parts import read_fixed, read_or_axis
 from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_object
 from dse.config.yaml_lines import Document, read_document
 from dse.config.yaml_lines import Path as Keys
-from dse.registry import param
+from dse.registry import fixed, param
 from dse.scene import checks, presets
 from dse.scene.scene import Camera, Method, Motion, Scene, Sensor, Texture, Variation
 
@@ -31,44 +31,38 @@ from dse.scene.scene import Camera, Method, Motion, Scene, Sensor, Texture, Vari
 class SceneFile:
     """The keys of a scene file."""
 
-    scene: str = param(doc="name of the scene", axis=False)
-    sensor: str | Mapping[str, Any] = param(
+    scene: str = fixed(doc="name of the scene")
+    sensor: str | Mapping[str, Any] = fixed(
         doc="name of a shipped sensor, `{preset: NAME, ...}` to change some of its numbers, or all numbers "
-        "of your own",
-        axis=False,
+        "of your own"
     )
-    textures: tuple[str | Mapping[str, Any], ...] = param(
+    textures: tuple[str | Mapping[str, Any], ...] = fixed(
         doc="names of shipped textures or of sets of them, `{preset: NAME, ...}` to change some numbers, or "
-        "all numbers of your own; an axis (choice or range) stands for one texture per value",
-        axis=False,
+        "all numbers of your own; an axis (choice or range) stands for one texture per value"
     )
-    motions: tuple[Mapping[str, Any], ...] = param(
+    motions: tuple[Mapping[str, Any], ...] = fixed(
         doc="velocity profiles; `kind` names a component; an axis (choice or range) stands for one motion "
-        "per value",
-        axis=False,
+        "per value"
     )
     forces_n: tuple[float, ...] = param((1.51,), doc="mean normal forces of the touches", unit="N", low=0)
-    randomised_force_n: tuple[float, float] | None = param(
+    randomised_force_n: tuple[float, float] | None = fixed(
         None,
         doc="one more force, drawn anew in every trial, evenly between these two; column randomised_force "
         "is 1 in its trials",
         unit="N",
         low=0,
-        axis=False,
     )
-    trials: int = param(1, doc="trials of each texture, motion and force", low=1, axis=False)
-    duration_ms: float = param(1000.0, doc="duration of a trial", unit="ms", low=0, low_open=True, axis=False)
-    seed: int = param(0, doc="seed of all random numbers of the scene", low=0, axis=False)
-    camera: Mapping[str, Any] | None = param(
-        None, doc="changed numbers of the camera (`dse describe scene.camera`)", axis=False
+    trials: int = fixed(1, doc="trials of each texture, motion and force", low=1)
+    duration_ms: float = fixed(1000.0, doc="duration of a trial", unit="ms", low=0, low_open=True)
+    seed: int = fixed(0, doc="seed of all random numbers of the scene", low=0)
+    camera: Mapping[str, Any] | None = fixed(
+        None, doc="changed numbers of the camera (`dse describe scene.camera`)"
     )
-    variation: Mapping[str, Any] | None = param(
-        None,
-        doc="changed numbers of the variation between trials (`dse describe scene.variation`)",
-        axis=False,
+    variation: Mapping[str, Any] | None = fixed(
+        None, doc="changed numbers of the variation between trials (`dse describe scene.variation`)"
     )
-    method: Mapping[str, Any] | None = param(
-        None, doc="changed steps of the simulation (`dse describe scene.method`)", axis=False
+    method: Mapping[str, Any] | None = fixed(
+        None, doc="changed steps of the simulation (`dse describe scene.method`)"
     )
 
 

@@ -11,18 +11,17 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from dse.records import Floats
-from dse.registry import param
+from dse.registry import fixed, param
 
 
 @dataclass(frozen=True)
 class Sensor:
     """A soft tip with pins on the inside of its skin, and the part of the image that its camera reads out."""
 
-    layout: str = param(doc="arrangement of the pins at rest", choices=("rings", "grid"), axis=False)
-    n_across: int = param(
+    layout: str = fixed(doc="arrangement of the pins at rest", choices=("rings", "grid"))
+    n_across: int = fixed(
         doc="rings: number of rings around the central pin (ring k holds 6 k pins); grid: pins per side",
         low=0,
-        axis=False,
     )
     pin_pitch_mm: float = param(
         doc="distance between rings, or between neighbouring pins", unit="mm", low=0, low_open=True
@@ -76,7 +75,7 @@ class Camera:
 class Texture:
     """A surface: heights, softness and friction against the tip. All numbers of the shipped ones are [A]."""
 
-    name: str = param(doc="class name", axis=False)
+    name: str = fixed(doc="class name")
     rms_um: float = param(doc="rms height", unit="um", low=0)
     wavelength_mm: float = param(doc="wavelength lambda0 of the random part", unit="mm", low=0, low_open=True)
     bandwidth_oct: float = param(doc="width B of its spectrum", unit="octaves", low=0, low_open=True)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from dse.config.expressions import OPERATORS, Verdict, column_name, column_names, constant, evaluate, parse
+from dse.config.expressions import OPERATORS, Truth, column_name, column_names, constant, evaluate, parse
 
 Known = str | tuple[float, float]
 """A text, or the least and the largest number."""
@@ -45,7 +45,7 @@ def can_meet(limit: str, row: Row) -> bool:
         row: what is known of the design.
     """
 
-    def compare(left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Verdict:
+    def compare(left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Truth:
         return _compared(_operand(left, row), sign, _operand(right, row))
 
     return bool(evaluate(limit, compare, lambda _: True).may)
@@ -96,24 +96,24 @@ def _operand(node: ast.expr, row: Row) -> Known:
     return value if isinstance(value, str) else (float(value), float(value))
 
 
-def _compared(left: Known, sign: ast.cmpop, right: Known) -> Verdict:
+def _compared(left: Known, sign: ast.cmpop, right: Known) -> Truth:
     if isinstance(left, str) or isinstance(right, str):
         # A text that is missing is NaN, and no text.
         true = (
             isinstance(left, str) and isinstance(right, str) and bool(OPERATORS[type(sign)][1](left, right))
         )
-        return Verdict(true, not true)
+        return Truth(true, not true)
     (low, high), (other_low, other_high) = left, right
     if math.isnan(low) or math.isnan(other_low):
-        return Verdict(may=False, may_not=True)
+        return Truth(may=False, may_not=True)
     overlap = low <= other_high and other_low <= high
     same = low == high == other_low == other_high
     if isinstance(sign, ast.Eq):
-        return Verdict(overlap, not same)
+        return Truth(overlap, not same)
     if isinstance(sign, ast.NotEq):
-        return Verdict(not same, overlap)
+        return Truth(not same, overlap)
     if isinstance(sign, ast.Gt | ast.GtE):
         (low, high), (other_low, other_high) = right, left
     if isinstance(sign, ast.Lt | ast.Gt):
-        return Verdict(low < other_high, high >= other_low)
-    return Verdict(low <= other_high, high > other_low)
+        return Truth(low < other_high, high >= other_low)
+    return Truth(low <= other_high, high > other_low)

@@ -23,7 +23,7 @@ from dse import registry
 from dse.config.expressions import (
     OPERATORS,
     ExpressionError,
-    Verdict,
+    Truth,
     column_name,
     conjuncts,
     constant,
@@ -74,9 +74,9 @@ def matches(expression: str, frame: pd.DataFrame) -> Bools:
     """
     operand = functools.cache(functools.partial(_operand, frame=frame, text=expression))
 
-    def compare(left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Verdict:
+    def compare(left: ast.expr, sign: ast.cmpop, right: ast.expr) -> Truth:
         met = _test(OPERATORS[type(sign)][1], operand(left), operand(right), expression)
-        return Verdict(met, ~met)
+        return Truth(met, ~met)
 
     def is_boolean(name: str) -> bool:
         return name in frame.columns and pd.api.types.is_bool_dtype(frame[name].dtype)

@@ -1,12 +1,13 @@
 """The bundle's folder: what is in it, and what is refused."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dse import registry
-from dse.deploy.bundle import Bundle, BundleError, read, weights, write
+from dse.deploy.bundle import Bundle, BundleError, read, sealed, weights, write
 from dse.neurons.fixed_point import quantise
 from dse.records import Head, Layer, Network, Parameters
 from tests.layers import cuba_parameters
@@ -60,6 +61,31 @@ def test_the_card_names_the_commonest_mistakes_first_and_the_licence(made, tmp_p
         "- wool is taken for felt: 1 of 5 test samples",
     ]
     assert "Licence of the recordings: CC-BY-4.0." in text and "| 12346 (7.25 to 20000) |" in text
+
+
+@pytest.mark.parametrize(
+    ("confusion", "message"),
+    [
+        ({"of": "test", "counts": [[1, 2], [3, 4]]}, "confusion.counts must have 3 rows"),
+        ({"of": "test", "counts": [[1, 2, 3], [4, 5, 6, 7], [8, 9, 0]]}, "rows of one length"),
+        ({"of": "all", "counts": []}, "unknown confusion.of 'all'"),
+        ([1], "confusion must be a mapping"),
+    ],
+)
+def test_evidence_that_no_card_can_state_is_refused(made, tmp_path, confusion, message):
+    write(made, tmp_path / "b")
+    document = json.loads((tmp_path / "b" / "bundle.json").read_text())
+    document["evidence"]["confusion"] = confusion
+    (tmp_path / "b" / "bundle.json").write_text(json.dumps(sealed(document)))
+    with pytest.raises(BundleError, match=message):
+        read(tmp_path / "b")
+
+
+def test_names_in_a_card_are_no_links(made, tmp_path):
+    evidence = {"study": "[a](b)", "licence": "[c](d)", "warnings": ["`[e](f)`"]}
+    write(replace(made, evidence=evidence), tmp_path / "b")
+    text = (tmp_path / "b" / "README.md").read_text()
+    assert all(f"[{x}](" not in text for x in "ace")
 
 
 def test_eight_bits_hold_exactly_what_runs(made):

@@ -55,7 +55,7 @@ import numpy as np
 from dse.models.counts.rate_windows import input_lengths, single_threaded, tallied, window_counts
 from dse.models.training import Generators, Training
 from dse.records import Answers, Array, Dataset, Outcome, Parameters
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 RIDGES = (0.0, *(10.0 ** (x / 2) for x in range(-28, 3)))
 """lambda / s_1^2, rising."""
@@ -100,18 +100,16 @@ class ELM:
     partial: bool = param(
         False, doc="also train on delay lines that are not full yet, as in early predictions"
     )
-    ridge_from: Literal["validation", "training"] = param(
+    ridge_from: Literal["validation", "training"] = fixed(
         "validation",
         choices=("validation", "training"),
         doc="samples whose accuracy chooses the ridge penalty: those of validation, as published, or those "
         "of training, by cross-validation",
-        axis=False,
     )
-    precision: Literal["float64", "float32"] = param(
+    precision: Literal["float64", "float32"] = fixed(
         "float64",
         choices=("float64", "float32"),
         doc="floating-point format of hidden values and of the solution",
-        axis=False,
     )
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:

@@ -31,7 +31,7 @@ from dse.models.counts.linear import Regressed
 from dse.models.counts.rate_windows import Learnt, window_edges
 from dse.models.training import Generators
 from dse.records import Array, Dataset, Ints, Parameters
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 TAPS = 9
 MOST_LEVEL = 2**15 - 1
@@ -54,8 +54,8 @@ class Kernels(Regressed):
     window_ms: float = param(20.0, low=0, low_open=True, unit="ms", doc="bin in which spikes add up")
     kernels: int = param(300, low=1, doc="number of kernels")
     places: int = param(4, low=1, doc="largest number of places (taxels, pools) of a kernel")
-    read_outs: int = param(
-        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
+    read_outs: int = fixed(
+        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced"
     )
     alpha: float = param(0.01, low=0, low_open=True, doc="L2 penalty of the readout, as of linear")
     epochs: int = param(1000, low=1, doc="largest number of steps of the solver of the readout")

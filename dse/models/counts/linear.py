@@ -13,7 +13,7 @@ from dse.models.counts.rate_windows import Channels, Learnt
 from dse.models.counts.readouts import Readouts, scaling, unscaled
 from dse.models.training import Generators
 from dse.records import Array, Floats
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 
 class Regressed(Readouts):
@@ -50,8 +50,8 @@ class Linear(LevelReader, Regressed):
     channels: Channels = param(  # noqa: RUF009
         "each", doc="each: spikes are counted per channel; sum: spikes of all channels are counted together"
     )
-    read_outs: int = param(
-        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
+    read_outs: int = fixed(
+        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced"
     )
     alpha: float = param(
         0.01, low=0, low_open=True, doc="L2 penalty: mean loss + alpha / 2 times the sum of squared weights"

@@ -15,7 +15,7 @@ from dse.models.counts.rate_windows import Learnt, as_features
 from dse.models.counts.readouts import Readouts, scaling, unscaled
 from dse.models.training import Generators, TrainingDiverged
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 
 @register("models", "mlp")
@@ -39,8 +39,8 @@ class MLP(LevelReader, Readouts):
     learning_rate: float = param(1e-3, low=0, low_open=True, doc="step size of Adam")
     epochs: int = param(200, low=1, doc="largest number of passes over the training samples")
     # Each input length is a training of its own: fifty of them take minutes where features are many.
-    read_outs: int = param(
-        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
+    read_outs: int = fixed(
+        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced"
     )
     precision: Literal["float32", "int8"] = param(
         "float32",

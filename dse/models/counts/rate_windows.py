@@ -23,7 +23,7 @@ import numpy as np
 from dse.models.training import Generators, Training
 from dse.native.compiled import compiled
 from dse.records import Answers, Array, Dataset, Ints, Outcome, Parameters, Spikes
-from dse.registry import param
+from dse.registry import fixed, param
 
 Channels = Literal["sum", "each"]
 
@@ -346,8 +346,8 @@ class RateClassifier(Windowed):
     channels: Channels = param(  # noqa: RUF009
         "sum", doc="sum: spikes of all channels are counted together, as published; each: per channel"
     )
-    read_outs: int = param(
-        50, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
+    read_outs: int = fixed(
+        50, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced"
     )
 
     def counts(self, dataset: Dataset, samples: Array, wiring: Mapping[str, Array]) -> Array:

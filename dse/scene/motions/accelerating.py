@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.records import Floats
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 
 @register("scene.motions", "accelerating")
@@ -22,7 +22,7 @@ class Accelerating:
     travel_mm: float = param(
         84.0, doc="length D of the path, after which the tip stops [A]", unit="mm", low=0, low_open=True
     )
-    name: str = param("", doc="class name (default: kind and peak speed)", axis=False)
+    name: str = fixed("", doc="class name (default: kind and peak speed)")
 
     @property
     def label(self) -> str:

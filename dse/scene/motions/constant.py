@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.records import Floats
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 
 
 @register("scene.motions", "constant")
@@ -26,7 +26,7 @@ class Constant:
     acceleration_mm_s2: float = param(
         300.0, doc="acceleration A of the ramp [A]", unit="mm/s2", low=0, low_open=True
     )
-    name: str = param("", doc="class name (default: kind and speed)", axis=False)
+    name: str = fixed("", doc="class name (default: kind and speed)")
 
     @property
     def label(self) -> str:

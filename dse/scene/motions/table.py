@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from dse.records import Floats
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 
 @register("scene.motions", "table")
@@ -16,9 +16,9 @@ from dse.registry import param, register
 class Table:
     """Speeds at given times, e.g. from the log of a robot, interpolated linearly."""
 
-    t_s: tuple[float, ...] = param(doc="times from motion onset, rising from 0", unit="s", low=0, axis=False)
-    v_mm_s: tuple[float, ...] = param(doc="speed at each of the times t_s", unit="mm/s", low=0, axis=False)
-    name: str = param("", doc="class name (default: kind and peak speed)", axis=False)
+    t_s: tuple[float, ...] = fixed(doc="times from motion onset, rising from 0", unit="s", low=0)
+    v_mm_s: tuple[float, ...] = fixed(doc="speed at each of the times t_s", unit="mm/s", low=0)
+    name: str = fixed("", doc="class name (default: kind and peak speed)")
 
     def __post_init__(self) -> None:
         if len(self.t_s) < 2 or self.t_s[0] != 0 or any(b <= a for a, b in pairwise(self.t_s)):

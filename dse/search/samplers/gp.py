@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from dse.config.contracts import SamplerSettings
 from dse.config.space import SearchSpace
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse.search.proposals import OptunaSampler, Sampler
 
 
@@ -21,7 +21,7 @@ class Gp(SamplerSettings):
     conditional: ClassVar[bool] = False
     requires: ClassVar[str] = "torch"
 
-    startup: int = param(10, doc="number of random designs before the model is used", low=1, axis=False)
+    startup: int = fixed(10, doc="number of random designs before the model is used", low=1)
 
     def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
         """Return the sampler."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dse.config.contracts import SamplerSettings
 from dse.config.space import SearchSpace
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse.search.proposals import OptunaSampler, Sampler
 
 
@@ -19,7 +19,7 @@ class Nsga3(SamplerSettings):
     Source: Deb and Jain 2014 (REFERENCES.md).
     """
 
-    population: int = param(20, doc="designs per generation", low=2, axis=False)
+    population: int = fixed(20, doc="designs per generation", low=2)
 
     def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
         """Return the sampler."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dse.config.contracts import SamplerSettings
 from dse.config.space import SearchSpace
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse.search.proposals import OptunaSampler, Sampler
 
 
@@ -16,7 +16,7 @@ from dse.search.proposals import OptunaSampler, Sampler
 class Tpe(SamplerSettings):
     """Tree-structured Parzen estimator; the robust choice for 25 designs and more."""
 
-    startup: int = param(10, doc="number of random designs before the model is used", low=1, axis=False)
+    startup: int = fixed(10, doc="number of random designs before the model is used", low=1)
 
     def start(self, space: SearchSpace, directions: Sequence[str]) -> Sampler:
         """Return the sampler; designs of one batch are spread by counting those asked as bad ones.

@@ -11,7 +11,7 @@ from dse.figures import Results, of_task
 from dse.figures.front import numbers
 from dse.figures.labels import axis_title, safe, short
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 if TYPE_CHECKING:
     import pandas
@@ -54,10 +54,10 @@ class Grid:
 class GridFigure:
     """Heat map: mean of a column over the trials at each pair of values of two axes."""
 
-    x: str = param(doc="column of the horizontal axis, such as model.hidden", axis=False)
-    y: str = param(doc="column of the vertical axis", axis=False)
-    value: str = param("accuracy", doc="column of numbers", axis=False)
-    task: str = param("", doc="what is predicted (default: the first task)", axis=False)
+    x: str = fixed(doc="column of the horizontal axis, such as model.hidden")
+    y: str = fixed(doc="column of the vertical axis")
+    value: str = fixed("accuracy", doc="column of numbers")
+    task: str = fixed("", doc="what is predicted (default: the first task)")
 
     def gather(self, results: Results) -> Grid:
         trials = of_task(results.trials, self.task)

@@ -15,7 +15,7 @@ from dse import store
 from dse.figures import Results, recorded, trial_key
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array, Parameters
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse_papers.figures.panels import MOST_COLUMNS, chosen_classes, class_panels
 
 if TYPE_CHECKING:
@@ -41,9 +41,9 @@ class HistogramsFigure:
     """Class histograms of a HOTS trial: activity of each prototype of the last layer, a panel per class."""
 
     trial: int | None = trial_key()
-    repeat: int = param(0, doc="run of the trial: each has prototypes of its own", low=0, axis=False)
-    classes: tuple[str, ...] = param((), doc="classes that have a panel (default: all)", axis=False)
-    per_row: int = param(MOST_COLUMNS, doc="panels in a row, at most", low=1, axis=False)
+    repeat: int = fixed(0, doc="run of the trial: each has prototypes of its own", low=0)
+    classes: tuple[str, ...] = fixed((), doc="classes that have a panel (default: all)")
+    per_row: int = fixed(MOST_COLUMNS, doc="panels in a row, at most", low=1)
 
     def gather(self, results: Results) -> Histograms:
         trial, runs = recorded(results, self.trial, "weights.npz", "own/signatures")

@@ -16,7 +16,7 @@ from dse.encoders.receptors import FA_FALLING, FA_RISING, KINDS
 from dse.figures import Results, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT, safe
 from dse.records import Array, Dataset, Floats, Ints
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse_papers.figures.panels import chosen_classes
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ class IntervalsFigure:
     """Histograms of the intervals between a trial's training spikes, per class and kind of channel."""
 
     trial: int | None = trial_key()
-    bins: int = param(40, doc="bins of the histogram", low=1, axis=False)
-    classes: tuple[str, ...] = param((), doc="classes that are drawn (default: all)", axis=False)
+    bins: int = fixed(40, doc="bins of the histogram", low=1)
+    classes: tuple[str, ...] = fixed((), doc="classes that are drawn (default: all)")
 
     def gather(self, results: Results) -> Intervals:
         trial = trial_of(results, self.trial)
@@ -155,9 +155,9 @@ class DistancesFigure:
     """Distance between classes over time, in the spikes that a trial was trained on."""
 
     trial: int | None = trial_key()
-    every_ms: float = param(20.0, doc="time between looks", unit="ms", low=0, low_open=True, axis=False)
-    bin_ms: float = param(100.0, doc="counting window T_w", unit="ms", low=0, low_open=True, axis=False)
-    bins: int = param(10, doc="counting windows n_d of a pattern", low=1, axis=False)
+    every_ms: float = fixed(20.0, doc="time between looks", unit="ms", low=0, low_open=True)
+    bin_ms: float = fixed(100.0, doc="counting window T_w", unit="ms", low=0, low_open=True)
+    bins: int = fixed(10, doc="counting windows n_d of a pattern", low=1)
 
     def gather(self, results: Results) -> Distances:
         dataset = results.dataset(trial_of(results, self.trial))

@@ -15,7 +15,7 @@ from dse.figures import Results, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT, safe
 from dse.preprocessing.stages import Stages
 from dse.records import Floats, Ints
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -52,7 +52,7 @@ class PreprocessingFigure:
     """Rasters of one event recording: as recorded, cropped, pooled, and cut to the window."""
 
     trial: int | None = trial_key()
-    sample: int = param(0, doc="number of the recording in the data", low=0, axis=False)
+    sample: int = fixed(0, doc="number of the recording in the data", low=0)
 
     def gather(self, results: Results) -> tuple[Raster, ...]:
         return gather_stages(results.stages(trial_of(results, self.trial), self.sample))
@@ -66,7 +66,7 @@ class PreprocessingFigure:
 class InputsFigure:
     """Pooled rasters of several event recordings; what is outside the window is shaded."""
 
-    samples: tuple[int, ...] = param(doc="numbers of the recordings in the data, such as [0, 12]", axis=False)
+    samples: tuple[int, ...] = fixed(doc="numbers of the recordings in the data, such as [0, 12]")
     trial: int | None = trial_key()
 
     def gather(self, results: Results) -> tuple[Raster, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from dse.figures import Results, trial_key, trial_of
 from dse.figures.labels import OKABE_ITO_LIGHT
 from dse.records import Array, Dataset
-from dse.registry import param, register
+from dse.registry import fixed, register
 from dse_papers.figures.panels import chosen_classes, class_panels, task_labels
 
 if TYPE_CHECKING:
@@ -42,9 +42,9 @@ class PsthFigure:
     """Spike rate of all input channels over time, mean over the recordings of each class."""
 
     trial: int | None = trial_key()
-    bin_ms: float = param(10.0, doc="width of a window of time", unit="ms", low=0, low_open=True, axis=False)
-    classes: tuple[str, ...] = param((), doc="classes that have a panel (default: all)", axis=False)
-    task: str = param("", doc="head of a joint target (default: the first)", axis=False)
+    bin_ms: float = fixed(10.0, doc="width of a window of time", unit="ms", low=0, low_open=True)
+    classes: tuple[str, ...] = fixed((), doc="classes that have a panel (default: all)")
+    task: str = fixed("", doc="head of a joint target (default: the first)")
 
     def gather(self, results: Results) -> Psth:
         dataset = results.dataset(trial_of(results, self.trial))

@@ -11,7 +11,7 @@ import numpy as np
 from dse.figures import Results, recorded, trial_key
 from dse.figures.labels import axis_title
 from dse.records import Array
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -39,9 +39,9 @@ class SurfaceMap:
 class SurfaceFigure:
     """Accuracy or latency of a trial over the decision parameters phi and theta."""
 
-    quantity: str = param("accuracy", doc="what is drawn", choices=QUANTITIES, axis=False)
+    quantity: str = fixed("accuracy", doc="what is drawn", choices=QUANTITIES)
     trial: int | None = trial_key()
-    repeat: int = param(0, doc="run of the trial", low=0, axis=False)
+    repeat: int = fixed(0, doc="run of the trial", low=0)
 
     def gather(self, results: Results) -> SurfaceMap:
         trial, runs = recorded(results, self.trial, "surface.npz")

@@ -17,7 +17,7 @@ from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with
 from dse.figures.front import interval, numbers
 from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, colour_of, interval_bars, safe, short
 from dse.records import Array, Floats
-from dse.registry import param, register
+from dse.registry import fixed, register
 
 if TYPE_CHECKING:
     import pandas
@@ -60,14 +60,13 @@ class Sweep:
 class SweepFigure:
     """Columns over a parameter, a panel each: the design best in the first column at each of its values."""
 
-    x: str = param(
-        doc="column of numbers, such as model.window_ms; with * all columns like it, as in model.*.window_ms",
-        axis=False,
+    x: str = fixed(
+        doc="column of numbers, such as model.window_ms; with * all columns like it, as in model.*.window_ms"
     )
-    columns: tuple[str, ...] = param(("accuracy",), doc="columns of numbers, a panel each", axis=False)
-    family: str = param("", doc="family of classifiers (default: a line for each)", axis=False)
-    task: str = param("", doc="what is predicted (default: a line for each)", axis=False)
-    by: str = param("", doc="another column whose values have a line each", axis=False)
+    columns: tuple[str, ...] = fixed(("accuracy",), doc="columns of numbers, a panel each")
+    family: str = fixed("", doc="family of classifiers (default: a line for each)")
+    task: str = fixed("", doc="what is predicted (default: a line for each)")
+    by: str = fixed("", doc="another column whose values have a line each")
     hardware: str = hardware_key()
 
     def gather(self, results: Results) -> Sweep:

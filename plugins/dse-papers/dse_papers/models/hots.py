@@ -13,7 +13,7 @@ import numpy as np
 
 from dse.models.training import Generators, Training
 from dse.records import Answers, Array, Dataset, Outcome, Parameters
-from dse.registry import param, register
+from dse.registry import fixed, param, register
 from dse_papers.models.prototypes import clustered, drawn_surfaces, learnt_online
 from dse_papers.models.time_surfaces import Field, Memory, Prepared, Stream, neighbours, prepared
 
@@ -98,8 +98,8 @@ class HOTS:
         unit="ms",
         doc="how much earlier those events may be; not stated in the sources",
     )
-    read_outs: int = param(
-        20, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced", axis=False
+    read_outs: int = fixed(
+        20, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced"
     )
 
     def fit(self, dataset: Dataset, training: Training, rngs: Generators) -> Outcome:
