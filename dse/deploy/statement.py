@@ -14,6 +14,8 @@ import numpy as np
 
 from dse.records import Array
 
+_DISTRIBUTIONS = {"dse": "dse-spiking"}
+"""What packages are called on the package index, where it is another name."""
 _PARAMETERS = ("design", "seed", "repeat", "refit", "precision")
 
 
@@ -47,7 +49,10 @@ def statement(
                 },
                 "resolvedDependencies": [
                     *({"name": "recordings", "digest": {"sha256": each}} for each in recordings),
-                    *({"uri": f"pkg:pypi/{name}@{version}"} for name, version in versions.items()),
+                    *(
+                        {"uri": f"pkg:pypi/{_DISTRIBUTIONS.get(name, name)}@{version}"}
+                        for name, version in versions.items()
+                    ),
                 ],
             },
             "runDetails": {

@@ -24,6 +24,7 @@ from typing import Any
 
 import yaml
 
+import dse
 from dse import store
 from dse.config import ConfigError, Fault, SearchSpace, load_space
 from dse.recordings import PLACES
@@ -190,7 +191,7 @@ def _count(n_trials: int | None) -> float:
     return math.inf if n_trials is None else n_trials
 
 
-PACKAGES = ("dse", "numpy", "numba", "torch", "optuna", "pandas", "pyarrow", "scikit-learn", "moocore")
+PACKAGES = ("numpy", "numba", "torch", "optuna", "pandas", "pyarrow", "scikit-learn", "moocore")
 
 
 def describe() -> dict[str, object]:
@@ -202,7 +203,10 @@ def describe() -> dict[str, object]:
         "machine": platform.machine(),
         "cpus": os.cpu_count(),
         "process": os.getpid(),
-        "versions": {name: version for name in PACKAGES if (version := _version(name)) is not None},
+        "versions": {
+            "dse": dse.__version__,
+            **{name: version for name in PACKAGES if (version := _version(name)) is not None},
+        },
     }
 
 

@@ -1,11 +1,13 @@
 """From a trained point to a bundle, and the same answers from the bundle on recordings."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+import dse
 from dse import dataset, seeds, store
 from dse.cli import main
 from dse.config import load_space
@@ -83,7 +85,9 @@ def test_the_repeat_nearest_the_mean_is_exported(real, point, exported):
     assert np.array_equal(read.fitted.layers[0].weight, weights["0/weight"])
     assert (read.phi, read.theta) == (2.0, 0.6)
     assert read.record["energy_uj"] == point["energy_uj"]
-    assert "dse" in read.evidence["environment"][-1]["versions"] or read.evidence["environment"][-1]["python"]
+    assert read.evidence["environment"][-1]["versions"]["dse"] == dse.__version__
+    stated = json.loads((exported / "statement.json").read_text())["predicate"]["buildDefinition"]
+    assert {"uri": f"pkg:pypi/dse-spiking@{dse.__version__}"} in stated["resolvedDependencies"]
 
 
 def test_a_pick_learns_once_more_from_training_and_validation(real, point, exported, tmp_path):

@@ -22,6 +22,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import dse
 from dse.native.extras import MissingExtra
 from dse.store import StoreError
 from dse.study.executors.loky import memory_bytes, without_ctrl_c
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 _CONNECT_S = 20.0
 _STARTS = 3
 _REFRESH_S = 5.0
-_OF_RESULTS = ("dse", "numpy", "numba")
+_OF_RESULTS = ("numpy", "numba")
 """Packages whose versions must be those of the coordinator: results are the same on all workers."""
 
 
@@ -170,8 +171,14 @@ class Dask:
             import platform
 
             versions = {"python": ".".join(platform.python_version_tuple()[:2])}
+            try:
+                import dse
+
+                versions["dse"] = dse.__version__
+            except ImportError:
+                versions["dse"] = "none"
             for name in about:
-                if name != "python":
+                if name not in versions:
                     try:
                         versions[name] = importlib.metadata.version(name)
                     except importlib.metadata.PackageNotFoundError:
@@ -236,7 +243,7 @@ async def _kill(cluster: LocalCluster) -> None:
 def _of_this_process() -> dict[str, str]:
     """Return name -> version of what results depend on."""
     versions = {name: importlib.metadata.version(name) for name in _OF_RESULTS}
-    return {"python": ".".join(platform.python_version_tuple()[:2])} | versions
+    return {"python": ".".join(platform.python_version_tuple()[:2]), "dse": dse.__version__} | versions
 
 
 def _another(worker: str, name: str, version: str, here: str) -> Unusable:
