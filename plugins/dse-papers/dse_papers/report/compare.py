@@ -35,8 +35,8 @@ _TEXTURE = ("texture", "fabric", "material", "textile", "surface")
 _CITED = "quoted from another work"
 _HOW = (
     "designs are selected on validation; se, low and high are over the runs (folds or repeats) of a design; "
-    "of one run, se is Wilson's of the accuracy; same: whether it is the same quantity; causes: what "
-    "measurements of the study show; setup: how set-ups differ, as below, which need not be why"
+    "of one run, or runs that agree, se is Wilson's of the accuracy; same: whether it is the same quantity; "
+    "causes: what measurements of the study show; setup: how set-ups differ, as below, which need not be why"
 )
 
 

@@ -150,7 +150,7 @@ def of_column(side: Side, row: pandas.Series[Any] | None, columns: Mapping[str, 
         each = [x for run in side.part.columns(int(row["trial"])) if (x := number(run.get(name))) is not None]
         ours = replace(over_runs(each, row), value=value, row=row, same=not why, why=why)
         ours = replace(ours, is_accuracy=name.startswith("accuracy"))
-        if name.startswith("accuracy") and len(each) < 2:
+        if name.startswith("accuracy") and not ours.se:  # one run, or runs that agree
             n = side.n_test if name.endswith("_test") else side.part.n_validation
             ours = replace(ours, se=float(wilson_se(round(value * n), n)) if n else None)
         return ours
