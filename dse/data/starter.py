@@ -43,7 +43,8 @@ _LEVELS = 64  # of the usual range of a channel
 _MOST_BINS = 256  # of a window, in which random kernels are looked at
 _COUNT_SCALE = 0.15  # of windows of 127 steps and more: the default of the loss
 _LEAST_ODDS = 19.0  # log-odds of an output that fires in every step: with far less, no loss can be small
-_HIDDEN = {"hidden": {"choice": [20, 50]}}
+_HIDDEN = {"hidden": {"choice": [20, 50, 100]}}
+_MOST_COPIES, _MOST_INPUTS = 8, 2048  # of the inputs, each with a delay; of inputs with all copies
 _NETWORK = {
     "loss": "count_cross_entropy",
     "threshold": 5.0,
@@ -145,14 +146,16 @@ def starter(
     held_out = tested + ((1 - tested) / shares["k"] if "k" in shares else shares.get("validation", 0.0))
     before = _front_end(recordings, columns[label], known, assumed)
     sections += before
-    n_steps, step_ms = _whole(recordings, {name: keys for _, each in before for name, keys in each.items()})
+    by_name = {name: keys for _, each in before for name, keys in each.items()}
+    n_steps, step_ms = _whole(recordings, by_name)
+    n_inputs = _n_inputs(recordings, by_name)
     of_signals = any("encoder" in each for _, each in before)
     sections.append(
         (
             "Should it spike? Plain classifiers of 8-bit integers come first, then the network; what is a\n"
             "choice is explored: dse describe model NAME.",
             {
-                "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), _network(n_steps)]},
+                "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), _network(n_steps, n_inputs)]},
                 "training": _training(max(1, round(len(known) * (1 - held_out)))),
             },
         )
@@ -297,10 +300,35 @@ def _whole(recordings: Recordings, sections: Mapping[str, Any]) -> tuple[int, fl
     return sections["window"]["n_steps"], sections["preprocessing"]["bin_ms"]
 
 
-def _network(n_steps: int) -> dict[str, Any]:
-    """Return the spiking family; in short windows, which hold few spikes, the loss counts each for more."""
+def _n_inputs(recordings: Recordings, sections: Mapping[str, Any]) -> int:
+    """Return the most inputs of a network, by sections `preprocessing` and `encoder`."""
+    if isinstance(recordings, Rasters):
+        return recordings.spikes.n_channels
+    if isinstance(recordings, Signals):
+        changes, digits = sections["encoder"]["choice"]
+        return 2 * recordings.n_channels * max(len(changes["thresholds"]), digits["digits"])
+    pool = sections["preprocessing"].get("pool", 1)
+    return 2 * -(-recordings.width // pool) * -(-recordings.height // pool)
+
+
+def _network(n_steps: int, n_inputs: int) -> dict[str, Any]:
+    """Return the spiking family, without memory of its inputs and with copies of them from earlier on.
+
+    Copies go back by halves of the window, or by even parts of it. In short windows, which hold few spikes,
+    the loss counts each for more.
+    """
+    n = next(n for n in (_MOST_COPIES, 4, 2, 1) if n * n_inputs <= _MOST_INPUTS or n == 1)
+    halves = sorted({0, *(n_steps >> k for k in range(1, n))})
+    parts = [n_steps * k // n for k in range(n)]
+    delays = [[0], *(x for x in ([halves] if halves == parts else [halves, parts]) if len(x) > 1)]
     count_scale = float(f"{max(_COUNT_SCALE, _LEAST_ODDS / n_steps):.2g}")
-    return {"kind": "snn", **_HIDDEN, **_NETWORK, "count_scale": count_scale}
+    return {
+        "kind": "snn",
+        **_HIDDEN,
+        **({"input_delays": {"choice": delays}} if len(delays) > 1 else {}),
+        **_NETWORK,
+        "count_scale": count_scale,
+    }
 
 
 def _rivals(n_steps: int, step_ms: float, of_signals: bool) -> list[dict[str, Any]]:
