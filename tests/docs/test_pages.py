@@ -57,7 +57,8 @@ def test_every_page_is_in_the_menu_and_every_link_leads_somewhere():
     menu = re.findall(
         r"[\w/]+\.md", str(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])
     )
-    assert sorted(menu) == sorted(path.name for path in DOCS.glob("*.md"))
+    notebooks = [f"notebooks/{path.stem}.md" for path in DOCS.glob("notebooks/*.ipynb")]  # as_pages.py
+    assert sorted(menu) == sorted([*notebooks, *(path.name for path in DOCS.glob("*.md"))])
     for path in [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "README.md"]:
         links = re.findall(r"\]\((?!https?://|#)([^)#]+)", path.read_text(encoding="utf-8"))
         assert [link for link in links if not (path.parent / link).exists()] == [], path
@@ -69,3 +70,5 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr
     assert (tmp_path / "tutorial" / "index.html").is_file()
+    notebook = (tmp_path / "notebooks" / "reading_a_front" / "index.html").read_text(encoding="utf-8")
+    assert "front_probability</th>" in notebook and 'src="data:image/png;base64,' in notebook
