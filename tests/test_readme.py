@@ -27,7 +27,7 @@ def shown_commands():
 
 
 def test_five_minutes():
-    assert len(README.splitlines()) <= 140
+    assert len(README.splitlines()) <= 110
     assert len(re.findall(r"!\[", README)) == 1
 
 
