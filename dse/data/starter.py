@@ -38,7 +38,9 @@ _MOST_STEPS = 1000  # of a window: longer ones train slowly
 _STEPS_OF_EVENTS = 100  # bins in the shortest recording of events
 _MOST_POOLS = 400  # pixels that events are pooled to
 _TRAINING_STEPS = 2000
-_FEWEST_VALIDATED = 100  # recordings for which one part validates; a standard error of 0.05 at most
+# Recordings of a part for which 3 folds are enough, and for which that part alone validates: standard errors
+# of up to 0.03 and 0.025. First designs differ by little more, and the best of many is the luckiest.
+_FEW_FOLDS, _NO_FOLDS = 100, 400
 _LEVELS = 64  # of the usual range of a channel
 _MOST_BINS = 256  # of a window, in which random kernels are looked at
 _COUNT_SCALE = 0.15  # of windows of 127 steps and more: the default of the loss
@@ -408,9 +410,11 @@ def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed:
 def _drawn(shares: Mapping[str, Any], n: int, assumed: list[str], group: str | None = None) -> dict[str, Any]:
     """Return section `split` of n recordings: folds where one part for validation would tell little."""
     of_group = {} if group is None else {"group": group}
-    if shares["validation"] * n >= _FEWEST_VALIDATED:
+    validated = shares["validation"] * n
+    if validated >= _NO_FOLDS:
         return {"stratified": {**shares, **of_group, "seed": 1}}
     k = round(1 / shares["validation"]) - isinstance(shares.get("test"), float)  # of which one tests
+    k = min(k, 3) if validated >= _FEW_FOLDS else k
     assumed.append(f"every recording outside the test set validates in one of {k} folds, as there are few")
     of_test = {"test": shares["test"]} if "test" in shares else {}
     return {"k_fold": {"k": k, **of_test, **of_group, "seed": 1}}
