@@ -31,7 +31,7 @@ from scipy.optimize import nnls
 from dse.config import Sections
 from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
-from dse.deploy.reference import Reference, answered, decided
+from dse.deploy.reference import Reference, of_spikes
 from dse.deploy.targets.c99 import C99
 from dse.deploy.targets.emulated import Emulated
 from dse.deploy.targets.thumb import CORES
@@ -45,7 +45,7 @@ from dse.models.counts.linear import Linear
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.snn.quantise import rounded
-from dse.models.snn.respond import respond, spikes_of_layers
+from dse.models.snn.respond import respond
 from dse.neurons import cuba_lif, parameters_of, resonator
 from dse.records import Array, Dataset, Layer, Network, Parameters, Workload
 from dse.registry import known, name_of
@@ -113,7 +113,7 @@ def counted(
 def made_network(seed: int) -> tuple[Bundle, Reference, int]:
     """Return random network `seed`, what it answers to two recordings, and bits per weight."""
     made, fired, bits = network(seed)
-    return made, of_spikes(made, fired), bits
+    return made, of_spikes(made, fired, STEP_MS), bits
 
 
 def quoted(profile: str, kinds: list[str]) -> Array:
@@ -171,20 +171,7 @@ def made_of_counts(seed: int, of: str = "counts") -> tuple[Bundle, Reference, in
     made = replace(
         made, sections=replace(made.sections, model=model, kinds={**made.sections.kinds, "model": kind})
     )
-    label, time_ms, sure = decided(made, data, answered(made, data, "random spikes"))
-    reference = Reference(
-        inputs=None,
-        first_step=np.zeros(len(test), np.int64),
-        dataset=data,
-        spikes_in=np.argwhere(fired[test]).astype(np.int32),
-        fired=(),
-        label=label,
-        time_ms=time_ms,
-        decided=sure,
-        n_steps=n_steps,
-        step_ms=STEP_MS,
-    )
-    return made, reference, 32
+    return made, of_spikes(made, fired[test], STEP_MS), 32
 
 
 def network(seed: int) -> tuple[Bundle, Array, int]:
@@ -259,26 +246,6 @@ def _bundle(fitted: Network | Parameters, n_steps: int, classes: tuple[str, ...]
     )
     taken = Input("spikes", n_channels, 0, 0, n_steps, STEP_MS)
     return Bundle(fitted, sections, classes, None, None, record={}, evidence={}, input=taken)
-
-
-def of_spikes(made: Bundle, fired: Array) -> Reference:
-    """Return what the engine answers to recordings of spikes."""
-    net, (n, n_steps, _) = made.fitted, fired.shape
-    assert isinstance(net, Network)
-    data = _dataset(fired, made.classes)
-    label, time_ms, sure = decided(made, data, answered(made, data, "random spikes"))
-    return Reference(
-        inputs=None,
-        first_step=np.zeros(n, np.int64),
-        dataset=data,
-        spikes_in=np.argwhere(fired).astype(np.int32),
-        fired=tuple(spikes_of_layers(net, data, data.test)),
-        label=label,
-        time_ms=time_ms,
-        decided=sure,
-        n_steps=n_steps * net.steps_per_sample,
-        step_ms=STEP_MS / net.steps_per_sample,
-    )
 
 
 def _dataset(fired: Array, classes: tuple[str, ...]) -> Dataset:

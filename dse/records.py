@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,6 +145,13 @@ class Spikes:
     n_channels: int
     step_ms: float
     t_us: Ints | None = None
+
+    @classmethod
+    def of_dense(cls, fired: Array, step_ms: float) -> Self:
+        """Return dense spikes, (sample, step, channel) of 0 and 1, as sparse ones."""
+        rows = fired.reshape(-1, fired.shape[2])
+        offsets = np.concatenate([[0], np.cumsum(rows.sum(axis=1, dtype=np.int64))])
+        return cls(offsets, np.nonzero(rows)[1].astype(np.int32), fired.shape[1], fired.shape[2], step_ms)
 
     @property
     def n_samples(self) -> int:

@@ -16,7 +16,7 @@ import dataclasses
 import hashlib
 import json
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -30,7 +30,7 @@ from dse.deploy import checks
 from dse.deploy.card import card, stated
 from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
 from dse.deploy.prefix import DEFAULT, checked
-from dse.deploy.statement import statement
+from dse.deploy.statement import digest, statement
 from dse.deploy.stream import Item, Stream, Windows
 from dse.deploy.verdict import Verdict
 from dse.deploy.window import Decision
@@ -81,6 +81,16 @@ class Bundle(Classifier):
         measured = f", accuracy {accuracy:.3f}" if isinstance(accuracy, float) else ""
         targets = "".join(f", {name}: {verdict.kind}" for name, verdict in self.targets.items())
         return f"<Bundle {self.record.get('family')}: {len(self.classes)} classes{measured}{targets}>"
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what answers: weights, design, decision rule, classes; of nothing that was measured."""
+        rule = "phi", "theta", "read_out_ms", "head"
+        content: dict[str, Any] = {name: getattr(self, name) for name in rule}
+        content |= {"classes": self.classes, "heads": store.heads_document(self.heads)}
+        content |= {"weights": digest(weights(self.fitted)), "sections": self.sections.to_plain()}
+        text: str = sealed(content)["checksum"]
+        return text
 
     def stream(self, source: Iterable[Item], windows: Windows | None = None) -> Iterator[Decision]:
         """Yield decisions as samples or events arrive.
@@ -225,8 +235,12 @@ def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
     return {**content, "checksum": hashlib.sha256(text.encode()).hexdigest()}
 
 
-def read(folder: str | Path) -> Bundle:
+def read(folder: str | Path, edited: Collection[str] = ()) -> Bundle:
     """Return a bundle after checking that it is whole; code of its plugins runs if the user consents.
+
+    Args:
+        folder: of the bundle.
+        edited: targets whose files may be other than what was written.
 
     Raises:
         BundleError: it is damaged, disagrees with itself, or has another schema.
@@ -236,7 +250,7 @@ def read(folder: str | Path) -> Bundle:
     try:
         document = _document(path)
         where = path
-        _check_files(path, document)
+        _check_files(path, document, edited)
         if unlisted := [x for x in document.plugins if x.endswith(".py") and x not in document.files]:
             raise ValueError(f"plugin {unlisted[0]} must be one of its files")
         sources = tuple(str(path / name) if name.endswith(".py") else name for name in document.plugins)
@@ -318,7 +332,7 @@ def _document(folder: Path) -> _Document:
     return document
 
 
-def _check_files(folder: Path, document: _Document) -> None:
+def _check_files(folder: Path, document: _Document, edited: Collection[str]) -> None:
     """Check that the files of a bundle are as it lists them; others, such as compiled programs, are ignored.
 
     Raises:
@@ -329,14 +343,17 @@ def _check_files(folder: Path, document: _Document) -> None:
     if _WEIGHTS not in files:
         raise ValueError(f"key 'files' must list {_WEIGHTS}")
     for name, expected in files.items():
+        is_of_target, (_, target, *_) = name.startswith(f"{_TARGETS}/"), [*name.split("/"), ""]
+        if is_of_target and target in edited:
+            continue
         try:
             path = checks.file_in(folder, name)
         except ValueError as error:
             raise BundleError(f"{folder}/{name}: {error}") from None
         if store.checksum(path) != expected:
-            raise BundleError(f"{path}: is damaged (its checksum differs)")
-    for name in files:
-        if name.startswith(f"{_TARGETS}/") and name.split("/")[1] not in document.targets:
+            remedy = f"; `dse export --target {target} --force` writes it anew" if is_of_target else ""
+            raise BundleError(f"{path}: is damaged or edited (its checksum differs){remedy}")
+        if is_of_target and target not in document.targets:
             raise BundleError(f"{folder / name}: is of no target of {_DOCUMENT}")
 
 

@@ -7,7 +7,7 @@ import glob
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from dse.recordings import RecordingError, arrays
 from dse.recordings.event_files import EventFiles
 from dse.recordings.events import EventFile
 from dse.recordings.scene import COLUMNS, SceneTrials
-from dse.records import Answers, Bools, Dataset, Floats, Ints, Network, Rasters, Response
+from dse.records import Answers, Array, Bools, Dataset, Floats, Ints, Network, Rasters, Response, Spikes
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,27 @@ def of_new(bundle: Classifier, new: New, where: str | Path) -> Reference:
     """
     data = dataclasses.replace(new.dataset, heads=bundle.heads)
     return _reference(bundle, new._replace(dataset=data), where)
+
+
+def of_spikes(bundle: Classifier, fired: Array, step_ms: float) -> Reference:
+    """Return what a bundle does on windows of input spikes, (recording, step, channel) of 0 and 1."""
+    n, n_steps, n_channels = fired.shape
+    start, none = np.zeros(n, np.int32), np.zeros(0, np.int64)
+    data = Dataset(
+        spikes=Spikes.of_dense(fired, step_ms),
+        target=np.zeros(n, np.int64),
+        classes=bundle.classes,
+        start=start,
+        start_low=start,
+        start_high=start,
+        n_steps=n_steps,
+        train=none,
+        validation=none,
+        test=np.arange(n),
+        positions=np.zeros((n_channels, 3), np.int32),
+    )
+    no_recordings: Any = None
+    return of_new(bundle, New(data, [], no_recordings, start.astype(np.int64)), "spikes")
 
 
 def _reference(bundle: Classifier, new: New, where: str | Path) -> Reference:

@@ -55,6 +55,7 @@ def export_targets(
     names: Sequence[str],
     recordings: str | Path | None = None,
     prefix: str | None = None,
+    force: bool = False,
 ) -> dict[str, Verified]:
     """Write targets into a bundle, run them, and stamp the bundle with the verdicts.
 
@@ -63,6 +64,7 @@ def export_targets(
         names: of targets; what the bundle holds of them is replaced, other targets stay.
         recordings: to run them on; None: they are written, but not verified.
         prefix: of the names in C (`dse.deploy.prefix`), which the bundle keeps; None: its own.
+        force: whether files of these targets are replaced though they were edited.
 
     Raises:
         BundleError: the bundle is damaged, a target is unknown or cannot be written or run on this machine,
@@ -71,7 +73,7 @@ def export_targets(
         StoreError: the bundle cannot be written.
     """
     path = Path(folder)
-    bundle = read(path)
+    bundle = read(path, names if force else ())
     others = [name for name, x in bundle.targets.items() if name not in names and _is_written(x)]
     if prefix is not None:
         bundle = _with_prefix(bundle, prefix, names, others)

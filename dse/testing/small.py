@@ -82,12 +82,7 @@ def dataset(n_samples: int = 48, n_steps: int = 24, n_channels: int = 6, margin:
     )
 
 
-def spikes_of(fired: Array, step_ms: float) -> Spikes:
-    """Return dense spikes (sample, step, channel) as sparse ones."""
-    rows = fired.reshape(-1, fired.shape[2])
-    offsets = np.concatenate([[0], np.cumsum(rows.sum(axis=1))]).astype(np.int64)
-    channel = np.nonzero(rows)[1].astype(np.int32)
-    return Spikes(offsets, channel, fired.shape[1], fired.shape[2], step_ms)
+spikes_of = Spikes.of_dense
 
 
 def dense(spikes: Spikes) -> Array:

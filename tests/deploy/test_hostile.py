@@ -317,7 +317,7 @@ def test_parts_of_other_bundles(folder, whole):
     other = folder.parent / "other"
     write(small_bundle(), other)
     shutil.copy(other / "weights.npz", folder / "weights.npz")
-    assert "weights.npz: is damaged (its checksum differs)" in refused(folder)
+    assert "weights.npz: is damaged or edited (its checksum differs)" in refused(folder)
     forge(folder, "weights.npz")
     read(folder)  # a whole bundle of another net, but its target is not of it
     with pytest.MonkeyPatch.context() as patch:

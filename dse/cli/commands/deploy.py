@@ -52,12 +52,20 @@ def _by_class(evaluation: Evaluation) -> list[str]:
     return [text for _, text in sorted(sentences, key=lambda x: x[0])]
 
 
-def export(bundle: str, *, target: Texts, verify: str | None = None, prefix: str | None = None) -> Answer:
+def export(
+    bundle: str,
+    *,
+    target: Texts,
+    verify: str | None = None,
+    prefix: str | None = None,
+    force: bool = False,
+) -> Answer:
     """Write the classifier of a bundle for targets (C, microcontrollers, NIR, ...) and verify them by a run.
 
     Args:
         prefix (NAME_): of the names and files in C, so that several classifiers live in one program: texture_
             gives texture_init and texture.h (default: that of the bundle, dse_ at first).
+        force: replace files of the target that were edited.
 
     Returns:
         The verdict on every target; the bundle holds their files and verdicts then.
@@ -65,7 +73,7 @@ def export(bundle: str, *, target: Texts, verify: str | None = None, prefix: str
     from dse.cli import verdicts
     from dse.deploy.verify import export_targets
 
-    return verdicts.answer(export_targets(bundle, target, verify, prefix))
+    return verdicts.answer(export_targets(bundle, target, verify, prefix, force))
 
 
 def reproduce(bundle: str, *, data: str | None = None, trial: int | None = None) -> Answer:

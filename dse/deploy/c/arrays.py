@@ -21,7 +21,7 @@ from dse.records import Array, Ints
 
 _BYTES = {
     **{"double": 8, "int64_t": 8, "uint64_t": 8},
-    **{"float": 4, "int32_t": 4, "uint32_t": 4, "level_t": 4},
+    **{"float": 4, "int32_t": 4, "uint32_t": 4, "dse_level_t": 4},
     **{"uint16_t": 2, "int16_t": 2, "uint8_t": 1, "int8_t": 1},
 }
 
@@ -73,7 +73,7 @@ class Member:
     def place(self) -> str:
         """Where."""
         slot = "" if len(self.lengths) == 1 else "[i]" if self.slots else "[0]"
-        return f"net.{self.name}{slot}"
+        return f"net->{self.name}{slot}"
 
 
 _DECLARED = re.compile(r"(0 )?(\w+) (\w+)((?:\[\d+\])*); ?(.*)\n")
@@ -92,8 +92,12 @@ def members_of(table: str | Path, *objects: object, **values: Any) -> list[Membe
 
 
 def laid_out(members: Sequence[Member]) -> list[Member]:
-    """Return variables in the order of their declarations: the widest first, so that nothing lies between."""
-    return sorted(members, key=lambda m: -m.width)
+    """Return variables in the order of their declarations.
+
+    Single ones come first, the shortest before: instructions reach what lies near the beginning. Then the
+    widest arrays come first, so that nothing lies between.
+    """
+    return sorted(members, key=lambda m: (bool(m.lengths), -m.width if m.lengths else m.width))
 
 
 def struct_bytes(members: Sequence[Member], of_reals: bool = False) -> int:
@@ -105,9 +109,10 @@ def struct_bytes(members: Sequence[Member], of_reals: bool = False) -> int:
     """
     used = 0
     for m in laid_out(members):
-        width = 8 if of_reals and m.kind == "level_t" else m.width
+        width = 8 if of_reals and m.kind == "dse_level_t" else m.width
         used = (-(-used // width) + math.prod(m.lengths)) * width
-    widest = 8 if of_reals and any(m.kind == "level_t" for m in members) else max(m.width for m in members)
+    has_reals = of_reals and any(m.kind == "dse_level_t" for m in members)
+    widest = 8 if has_reals else max(m.width for m in members)
     return -(-used // widest) * widest
 
 

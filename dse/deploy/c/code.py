@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Collection
 from functools import cached_property
 from typing import Any, ClassVar
 
-from dse.deploy.c.arrays import Member, Table, laid_out, members_of, struct_bytes
+from dse.deploy.c.arrays import Member, Table, members_of, struct_bytes
 from dse.deploy.c.front_end import front_end, is_endless
 from dse.deploy.c.text import NAMES, TITLE, filled
 from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
@@ -90,13 +91,8 @@ class Code(Frame):
 
     @property
     def level(self) -> str:
-        """Type of a level; level_t: of whole samples."""
-        return "level_t" if self.encoder is not None and self.encoder.takes_whole else "double"
-
-    @property
-    def level_unit(self) -> int:
-        """What a whole level counts 1 of a sample as."""
-        return 1 << self.encoder.shift if isinstance(self.encoder, SendOnDeltaForm) else 1
+        """Type of a level; dse_level_t: of whole samples."""
+        return "dse_level_t" if self.encoder is not None and self.encoder.takes_whole else "double"
 
     @property
     def is_endless(self) -> bool:
@@ -130,17 +126,23 @@ class Code(Frame):
     @property
     def bound(self) -> str:
         """Condition of a channel that is none."""
-        return "" if self.n_channels == _ALL_CHANNELS else f"channel >= {self.n_channels}u || "
+        return "" if self.n_channels == _ALL_CHANNELS else f"(channel >= {self.n_channels}u) || "
 
     def source(self) -> str:
         """Return the text of dse.c, but for its title and the names of classes."""
-        return filled(
+        cleared = [x for x in self.members() if x.is_cleared]
+        arrays = [x for x in cleared if x.lengths]
+        text = filled(
             self.template,
             self,
             title=TITLE,
             tables="\n".join(table.text for table in self.tables),
-            declared=laid_out(self.members()),
             front_end=front_end(self),
+            clearing={x.kind: x for x in arrays}.values(),
+            arrays=arrays,
+            numbers=[x for x in cleared if not x.lengths],
             names=NAMES,
             **self.values(),
         )
+        # Not static, so that compilers make no variants of them; MISRA C wants them declared then.
+        return re.sub(r"^(APART void [^{]*\))\n", r"\1;\n\1\n", text, flags=re.MULTILINE)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -26,6 +27,8 @@ from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.rate_windows import RateClassifier, input_lengths, most_spikes, window_edges
 from dse.models.counts.readouts import Readouts, layers_of
 from dse.records import Array, Floats, Ints, Network, Parameters
+
+_PLACES = "what the spikes of each place add up to"
 
 
 @dataclass(frozen=True)
@@ -131,8 +134,9 @@ class CountingPlan(Code):
 
     def values(self) -> dict[str, Any]:
         """Return what counting.c needs: where a spike is counted, and what looks at the counts."""
-        row, each = "(uint32_t)rows[net.window]", self.per_window > 1 or self.n_channels == 1
-        shared = {"n_places": len(self.labels), "count": self.counter}
+        row, each = "(uint32_t)rows[net->window]", self.per_window > 1 or self.n_channels == 1
+        zero = "0" if self.counter.startswith("int") else "0u"
+        shared = {"n_places": len(self.labels), "count": self.counter, "zero_count": zero}
         values = {**shared, **self.classifier.values}
         slides = self.classifier.slides
         return {
@@ -140,8 +144,10 @@ class CountingPlan(Code):
             "n_levels": 0,
             **self.classifier.values,
             "slides": slides,
+            "several_slots": False,
+            "network_steps": self.n_steps,
             "n_windows": len(self.ends),
-            "place": f"{row} * {self.per_window}u + channel" if each else row,
+            "counted_at": f"{row} * {self.per_window}u + channel" if each else row,
             "classify": (filled(slides, self, **values) if slides else "")
             + filled(self.classifier.template, self, **values),
         }
@@ -236,7 +242,7 @@ def _of_levels(classifier: Classifier, arrays: Mapping[str, Array], ends: Sequen
         ),
         members=(
             *classifier.members,
-            Member("int32_t", "levels", (n_levels,), "what the spikes of each place add up to"),
+            Member("int32_t", "levels", (n_levels,), _PLACES, is_cleared=True),
         ),
         parts={**classifier.parts, "levels": 1},
     )
@@ -264,14 +270,14 @@ def _classifier(
         if exact or not layers:
             return readout
         scaling = [Table("float", name, arrays[name][:n_features]) for name in ("mean", "scale")]
-        given, positive = "((float)net.counts[j] - mean[j]) / scale[j]", "y[i]"
+        given, positive = "((float)net->counts[j] - mean[j]) / scale[j]", "y[i]"
         return _units("perceptron", n_features, layers, scaling, given, positive)
     hidden = np.ascontiguousarray(arrays["input_weight"][:, :n_features].T), arrays["bias"]
     outputs = arrays["output_weight"]
     last = outputs, np.zeros(outputs.shape[1], outputs.dtype)
     full = 2.0**model.counter_bits  # hidden units count up to a full scale, a power of 2
-    positive = f"y[i] > 1 ? 1 : (real)(int32_t)(y[i] * (real){full}) * (real){1 / full}"
-    return _units("extreme", n_features, [hidden, last], [], "(real)net.counts[j]", positive)
+    positive = "(y[i] > (real)1) ? (real)1 : counted(y[i])"
+    return _units("extreme", n_features, [hidden, last], [], "(real)net->counts[j]", positive, full)
 
 
 def _nearest(counts: Ints, target: Ints, k: int, n_features: int, most: int) -> Classifier:
@@ -308,7 +314,26 @@ def _bayes(arrays: Mapping[str, Array], column: int, n_features: int) -> Classif
     named = {"prior": prior, "constant": constant, "mean": mean.ravel(), "variance": variance.ravel()}
     tables = tuple(Table("double", name, values) for name, values in named.items())
     parts = {"bayes": 1, "bayes_halves": n_features > 128}
-    return Classifier("bayes.c", arithmetic, {}, tables, parts=parts)
+    leaves = list(_leaves(n_features))
+    values = {
+        "several_leaves": len(leaves) > 1,
+        "n_leaves": len(leaves),
+        "by_eights": n_features >= 8,
+        "leaves": ", ".join(str(n) for n, _ in leaves),
+        "joins": ", ".join(str(n) for _, n in leaves),
+        "depth": 1 + math.ceil(math.log2(n_features)),
+    }
+    return Classifier("bayes.c", arithmetic, values, tables, parts=parts)
+
+
+def _leaves(n: int, joins: int = 0) -> Iterator[tuple[int, int]]:
+    """Yield the lengths of the sums that numpy's sum of n consists of, and how many join after each."""
+    if n <= 128:
+        yield n, joins
+        return
+    half = n // 2 - n // 2 % 8
+    yield from _leaves(half)
+    yield from _leaves(n - half, joins + 1)
 
 
 _SURE = Classifier("prior.c", "Integers only", {"best": 0})
@@ -321,8 +346,6 @@ def _integers(arrays: Mapping[str, Array], column: int, n_features: int, most: i
     if largest_sum(readout, most) > MOST_SUM:
         raise Unsupported("the sums of its integers may exceed 32 bits")
     sizes = (n_features, *(bias.size for bias in readout.biases))
-    # Of two classes, one output > 0 says the second.
-    answer = "best" if sizes[-1] > 1 else "(uint32_t)(y[0] > 0)"
     shifts = [Table("uint8_t", "shifts", np.array(readout.shifts))] if readout.shifts else []
     tables = (
         Table("uint32_t", "sizes", np.array(sizes)),
@@ -331,7 +354,7 @@ def _integers(arrays: Mapping[str, Array], column: int, n_features: int, most: i
         *shifts,
     )
     units = Member("int32_t", "units", (sum(sizes[1:]),), "of all layers")
-    values = {"n_shifts": len(readout.shifts), "most": MOST_UNIT, "answer": answer}
+    values = {"n_shifts": len(readout.shifts), "most": MOST_UNIT, "several_outputs": sizes[-1] > 1}
     return Classifier(
         "integers.c",
         "Integers only",
@@ -365,9 +388,11 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
     )
     n_ring = 2 * n_bins  # each sum twice, so that the last bins are a row wherever it begins
     members = (
-        Member("int32_t", "levels", (groups.shape[1],), "what the spikes of each place add up to"),
-        Member("int16_t", "ring", (len(groups) * n_ring,), "sums of every group in the last bins, twice"),
-        Member("uint32_t", "at", (), "place of this bin in the rings"),
+        Member("int32_t", "levels", (groups.shape[1],), _PLACES, is_cleared=True),
+        Member(
+            "int16_t", "ring", (len(groups) * n_ring,), "sums of every group in the last bins, twice", True
+        ),
+        Member("uint32_t", "at", (), "place of this bin in the rings", True),
     )
     values = {
         "n_groups": len(groups),
@@ -395,6 +420,7 @@ def _units(
     scaling: Sequence[Table],
     given: str,
     positive: str,
+    full: float = 0.0,
 ) -> Classifier:
     """Return layers of units, weight (input, unit) and bias (unit,) of each, in the precision of the engine.
 
@@ -405,6 +431,7 @@ def _units(
         scaling: tables of the inputs' scaling.
         given: expression of input j; `(real)` stands for the type.
         positive: of what unit y[i] > 0 passes on.
+        full: steps of a counter from 0 to 1; 0: there is none.
     """
     real = "double" if any(weight.dtype == np.float64 for weight, _ in layers) else "float"
     weights, biases = zip(*layers, strict=True)
@@ -415,8 +442,10 @@ def _units(
         "input": given.replace("(real)", f"({real})"),
         "positive": positive.replace("(real)", f"({real})"),
         "n_outputs": sizes[-1],
-        # Of two classes, one output > 0 says the second.
-        "answer": "best" if sizes[-1] > 1 else "(uint32_t)(x[0] > 0)",
+        "full": f"({real}){full}" if full else "",
+        "step": f"({real}){1 / full}" if full else "",
+        "zero": "0.0f" if real == "float" else "0.0",
+        "several_outputs": sizes[-1] > 1,
     }
     tables = (
         *scaling,

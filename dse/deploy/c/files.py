@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dse.deploy.c.arrays import struct_bytes
+from dse.deploy.c.arrays import laid_out, struct_bytes
 from dse.deploy.c.code import Code
+from dse.deploy.c.selftest import Window
 from dse.deploy.c.text import NAMES, TITLE, filled, real, strings
 from dse.deploy.prefix import DEFAULT, prefixed
 from dse.preprocessing import Pooling
 from dse.text import c_comment, markdown
 
 
-def write(code: Code, folder: Path, title: str, version: str, prefix: str = DEFAULT) -> None:
+def write(
+    code: Code,
+    folder: Path,
+    title: str,
+    version: str,
+    prefix: str = DEFAULT,
+    digest: str = "",
+    tests: Sequence[Window] = (),
+) -> None:
     """Write the files of a classifier into an empty folder; the same arguments give the same bytes.
 
     Args:
@@ -24,18 +34,25 @@ def write(code: Code, folder: Path, title: str, version: str, prefix: str = DEFA
         title: a line about the classifier.
         version: of dse.
         prefix: of the names (`dse.deploy.prefix`).
+        digest: of the classifier (`Bundle.digest`).
+        tests: windows of its self-test; without any there is none.
     """
     heading, title, source = markdown(title), c_comment(title), code.source()
     names, values = strings(code.classes), _values(code, version, prefix)
+    values |= {"digest": digest, "n_windows": len(tests), "tests": [x._asdict() for x in tests]}
     for name, template in (
         ("src/dse.h", "dse.h"),
         ("src/dse.c", ""),
+        ("src/dse_selftest.c", "selftest_windows.c"),
+        ("selftest.c", "selftest.c"),
         ("main.c", "main.c"),
         ("CMakeLists.txt", "CMakeLists.txt"),
         ("library.properties", "library.properties"),
         ("examples/touch/touch.ino", f"touch_{code.front_end}.ino"),
         ("README.md", "README.md"),
     ):
+        if "selftest" in name and not tests:
+            continue
         path = folder / prefixed(name, prefix)
         path.parent.mkdir(parents=True, exist_ok=True)
         text = filled(template, code, **values) if template else source
@@ -67,6 +84,8 @@ def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
         "step_ms": real(code.step_ms),
         **{f"is_{name}": front_end == name for name in _ROWS},
         "reset_comment": _KEPT[front_end],
+        "has_levels": code.is_delta,
+        "declared": laid_out(code.members()),
         "is_delta": is_whole and code.is_delta,
         "is_real": encoder is not None and not is_whole,
         "simulated": code.t0_us is not None,

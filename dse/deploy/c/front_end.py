@@ -26,13 +26,16 @@ def _send_on_delta(encoder: SendOnDeltaForm) -> str:
         **{f"is_{rule}": encoder.rule == rule for rule in ("value", "level")},
         adds=encoder.rule in ("step", "digits"),
         at="0" if encoder.rule == "digits" else "k",
-        and_once=" && k == 0u" if encoder.rule == "digits" else "",
+        is_first="(net->begun == 0u) && (k == 0u)" if encoder.rule == "digits" else "net->begun == 0u",
         exact=", ".join(map(real, encoder.thresholds)),
         whole=", ".join(map(str, encoder.whole or ())),
         exact_first=wrapped(map(real, encoder.first)),
         whole_first=wrapped(str(int(x * 2**encoder.shift)) for x in encoder.first) if encoder.whole else "",
-        first_level="first[c]" if encoder.first else "x",
-        channel="k * DSE_SENSORS + c" if encoder.merged else "(2u * k + (d > 0 ? 1u : 0u)) * DSE_SENSORS + c",
+        by_unit=f" * {1 << encoder.shift}" if encoder.shift else "",
+        first_level="begin[c]" if encoder.first else "x",
+        channel="(k * DSE_SENSORS) + c"
+        if encoder.merged
+        else "(((2u * k) + ((d > ZERO) ? 1u : 0u)) * DSE_SENSORS) + c",
     )
 
 
@@ -81,14 +84,14 @@ def _pooling(pools: Pooling) -> str:
         columns=columns,
         rows=rows,
         stop_us="" if is_endless(pools) else pools.end_us,
-        too_late="" if is_endless(pools) else " || t_us >= net.stop_us",
+        too_late="" if is_endless(pools) else " || (t_us >= net->stop_us)",
         crop_x=x,
         crop_y=y,
-        other_polarity=f" || polarity != {pools.only}u" if pools.only >= 0 else "",
-        plane="polarity != 0" if pools.poles == 2 else "0",
+        other_polarity=f" || (polarity != {pools.only}u)" if pools.only >= 0 else "",
+        plane="(polarity != 0u) ? 1u : 0u" if pools.poles == 2 else "0",
         n_x=sizes[0],
         n_y=sizes[1],
-        channel=f"(uint16_t)((plane * {pools.height}u + j) * {pools.width}u + i)",
+        channel=f"(uint16_t)((((plane * {pools.height}u) + j) * {pools.width}u) + i)",
         needed=pools.needed if pools.needed > 1 else 0,
     )
 

@@ -62,19 +62,19 @@ class Row:
         what = "an input of layer" if self.name.startswith("reach") else "a neuron of recurrent layer"
         body = indented(self._body())
         comment = f"/* Adds the weights of {what} {self.layer.k}. */\n"
-        return f"{comment}static APART void {self.name}(uint32_t source)\n{{\n{body}}}\n\n"
+        return f"{comment}static APART void {self.name}(dse_t *net, uint32_t source)\n{{\n{body}}}\n\n"
 
     def _body(self) -> str:
         """Return the statements that add the row of `source`."""
         matrix, layer, table, n = self.matrix, self.layer, self.table, self.matrix.n_columns
-        state, busy = f"net.{layer.a}_{layer.k}", ""
+        state, busy = f"net->{layer.a}_{layer.k}", ""
         if self.is_short:
-            pointers = f"{layer.type} *restrict u = {state};\n"
-            pointers += f"const int8_t *restrict w = {table} + source * {n}u;\n"
+            pointers = f"{layer.type} *u = {state};\n"
+            pointers += f"const int8_t *w = &{table}[source * {n}u];\n"
             return pointers + "".join(f"u[{i}] += w[{i}] * {self.unit};\n" for i in range(n))
         if matrix.delays is not None:
-            state = f"net.later_{layer.k}, net.now_{layer.k}, {layer.n_later}u, {n}u"
-            busy = f"net.busy_{layer.k} = {layer.n_later};\n"
+            state = f"net->later_{layer.k}, net->now_{layer.k}, {layer.n_later}u, {n}u"
+            busy = f"net->busy_{layer.k} = {layer.n_later};\n"
         if matrix.form == "sparse":
             lists = f"{table}_column, {table}" + (f", {table}_delay" if busy else "")
             row = f"{lists}, {table}_begin[source], {table}_begin[source + 1u]"
@@ -140,7 +140,7 @@ class LayerPlan(LayerForm):
     @property
     def held(self) -> str:
         """What arrives at neuron i in this step where synapses have delays; '' where none has."""
-        return f"net.later_{self.k}[net.now_{self.k} * {self.n_neurons}u + i]" if self.n_later else ""
+        return f"net->later_{self.k}[net->now_{self.k} * {self.n_neurons}u + i]" if self.n_later else ""
 
     @property
     def n_places(self) -> int:
@@ -180,6 +180,9 @@ class LayerPlan(LayerForm):
         population, values = self.population, {"spikes": spikes}
         by = [f"{name}[i]" if shared is None else shared for _, name, _, shared in self._parameters()]
         if isinstance(population, xylo_lif.Population):
+            times = population.threshold
+            products = {"per_threshold": f" / {times}", "by_threshold": f" * {times}"} if times > 1 else {}
+            values |= {"per_threshold": "", "by_threshold": "", **products}
             return filled("xylo_lif.c", self, **values, of_a=by[0], of_b=by[1])
         of_a, of_b = (self._leaked(state, keep) for state, keep in zip((self.a, self.b), by, strict=True))
         leaking = filled("leaking.c", self, **values, of_a=of_a, of_b=of_b)
@@ -193,7 +196,7 @@ class LayerPlan(LayerForm):
         n = self._n_turning
         if n in (0, self.n_neurons):
             return turning if n else leaking
-        condition = f"turns_{self.k}[i]" if n is None else f"i < {n}u"
+        condition = f"turns_{self.k}[i] != 0u" if n is None else f"i < {n}u"
         return f"if ({condition}) {{\n{indented(turning)}}} else {{\n{indented(leaking)}}}\n"
 
     def _parameters(self) -> list[tuple[str, str, Array, int | None]]:
@@ -238,7 +241,7 @@ class LayerPlan(LayerForm):
             divisor = math.gcd(keep, DECAY_SCALE)
             number, unit = keep // divisor, DECAY_SCALE // divisor
         if self.state_bits == 64:
-            return f"{x} * {number} / {unit}"
+            return f"({x} * {number}) / {unit}"
         return f"LEAK({x}, {number}, {unit})"
 
 

@@ -100,15 +100,10 @@ class Plan(Spiking, Code):
         updates = "".join(layer.update() for layer in self.layers)
         rows = [row for layer in self.layers for row in layer.rows]
         adders = dict.fromkeys(row.adder_text for row in rows if not row.is_short)
-        cleared = [x for x in self.members() if x.is_cleared]
-        arrays = [x for x in cleared if x.lengths]
         return {
             "leaks": filled("leaks.c", leak="LEAK(" in updates, decayed="decayed(" in updates),
             "rows": "".join([*adders, *(row.text for row in rows)]),
             "layers": "".join(map(self._layer, reversed(self.layers))),
-            "clearing": {x.kind: x for x in arrays}.values(),
-            "arrays": arrays,
-            "numbers": [x for x in cleared if not x.lengths],
             **self._decision(),
             **self._step(),
         }
@@ -117,7 +112,7 @@ class Plan(Spiking, Code):
         """Return the function that advances a layer."""
         rule, is_last, inside = self.rule, layer is self.layers[-1], ""
         if (rule.first, rule.n) != (0, layer.n_neurons):
-            inside = f"i < {rule.n}u" if rule.first == 0 else f"i - {rule.first}u < {rule.n}u"
+            inside = f"i < {rule.n}u" if rule.first == 0 else f"(i - {rule.first}u) < {rule.n}u"
         values = {"next": layer.k + 1, "last": is_last, "inside": inside, "fired": index(self.longest_ring)}
         spikes = filled("spike.c", layer, **values, **{"in": "    " if layer.several else ""})
         update = indented(indented(layer.update(indented(spikes))))
@@ -131,8 +126,8 @@ class Plan(Spiking, Code):
             wide = largest * max(confidence.numerator, confidence.denominator) >= 2**32
             cast = "(uint64_t)" if wide else ""
             sure = (
-                f" && {cast}net.counts[best] * {confidence.denominator}u >= "
-                f"{cast}net.total * {confidence.numerator}u"
+                f" && (({cast}net->counts[best] * {confidence.denominator}u) >= "
+                f"({cast}net->total * {confidence.numerator}u))"
             )
         heads = [{**_of_outputs(first, n), "n": n} for first, n in rule.heads]
         return {"heads": heads, "sure": sure, **_of_outputs(rule.first, rule.n)}
@@ -141,12 +136,12 @@ class Plan(Spiking, Code):
         copies = [copy * self.n_channels for copy, delay in enumerate(self.delays) if delay == 0]
         several_parts = self.steps_per_sample > 1
         return {
-            "slot": "net.slot" if self.n_slots > 1 else "0",
+            "slot": "net->slot" if self.n_slots > 1 else "0",
             "several_slots": self.n_slots > 1,
             "at_once": [{"copy": f"{first}u + " if first else ""} for first in copies],
             "n_later": len(self.delays) - len(copies),
             "part": ", part" if several_parts else "",
-            "of_part": " && parts[i] == part" if several_parts else "",
+            "of_part": " && (parts[i] == part)" if several_parts else "",
             "in": " " * (8 if several_parts else 4),
             "steps": self.layers[::-1],
         }

@@ -13,6 +13,9 @@
 #include <time.h>
 #endif
 #include "dse.h"
+
+static dse_t net; /* before what the emulator counts as its own */
+
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -72,8 +75,9 @@ static int64_t get_time(void)
 }
 #endif
 
-void dse_trace(uint8_t layer, uint16_t neuron, uint32_t step)
+void dse_trace(const dse_t *of, uint8_t layer, uint16_t neuron, uint32_t step)
 {
+    (void)of;
     if (in_window) {
         put(layer);
         put((int32_t)step);
@@ -87,11 +91,11 @@ static int run(void)
     while (take(&command, 1)) {
         switch (command) {
         case INIT:
-            dse_init();
+            dse_init(&net);
             in_window = 0;
             break;
         case RESET:
-            dse_reset();
+            dse_reset(&net);
             in_window = 1;
 #ifdef DSE_TIMES
             n_taken = 0;
@@ -99,14 +103,14 @@ static int run(void)
 #endif
             break;
         case STEP:
-            dse_step();
+            dse_step(&net);
 #ifdef DSE_TIMES
             taken[n_taken] = (int32_t)(now_ns() - before);
             before += taken[n_taken++];
 #endif
             break;
         case SPIKE:
-            dse_push_spike((uint16_t)get());
+            dse_push_spike(&net, (uint16_t)get());
             break;
 #ifdef DSE_SENSORS
         case SAMPLE: {
@@ -114,18 +118,18 @@ static int run(void)
             if (!take(sample, DSE_SENSORS)) {
                 return 3;
             }
-            dse_push(sample);
+            dse_push(&net, sample);
             break;
         }
 #endif
 #ifdef DSE_EVENTS
         case START:
-            dse_start(get_time());
+            dse_start(&net, get_time());
             break;
         case EVENT: {
             const int64_t t_us = get_time();
             const uint16_t x = (uint16_t)get(), y = (uint16_t)get();
-            if (!dse_push(t_us, x, y, (uint8_t)get())) {
+            if (!dse_push(&net, t_us, x, y, (uint8_t)get())) {
                 return 4;
             }
             break;
@@ -141,12 +145,12 @@ static int run(void)
             n_taken = 0;
 #endif
             put(-1);
-            put(dse_decision());
-            put((int32_t)dse_steps());
-            put(dse_confident());
+            put(dse_decision(&net));
+            put((int32_t)dse_steps(&net));
+            put(dse_confident(&net));
             put((int32_t)n);
             for (i = 0; i < n; i++) {
-                put((int32_t)dse_count((uint16_t)i));
+                put((int32_t)dse_count(&net, (uint16_t)i));
             }
             break;
         }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -158,6 +158,25 @@ def of_events(
             parts.append(np.array([RESET]))
         parts += [rows[a:b].ravel(), np.array([STEP])]
     return np.concatenate([*parts, np.array([ANSWER])])
+
+
+def hostile(plan: Frame, real: bool = False) -> list[Ints]:
+    """Return commands of windows that no sensor gives: all spikes, bursts, many at random; leaping samples.
+
+    Args:
+        plan: the classifier.
+        real: whether samples are float32.
+    """
+    shape = plan.n_steps, plan.n_channels
+    step = np.arange(plan.n_steps)[:, None]
+    rasters = [np.broadcast_to(x, shape) for x in (step >= 0, step % 7 < 2, step % 2 == 0)]
+    rasters.append(np.random.default_rng(0).random(shape) < 0.5)
+    commands = [of_window(x.sum(axis=1), np.nonzero(x)[1]) for x in rasters]
+    if plan.encoder is not None:
+        leaps = np.where(step % 2 == 0, -(2**23), 2**23) * np.ones((1, plan.encoder.n_sensors), np.int32)
+        samples: Any = leaps.astype(np.float32 if real else np.int32)
+        commands.append(of_samples(samples, 0, plan.n_steps))
+    return commands
 
 
 def windows(numbers: Ints, width: int) -> Iterator[tuple[Ints, Ints, Ints]]:

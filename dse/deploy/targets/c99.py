@@ -16,6 +16,7 @@ from dse.deploy.c import code_size, files, host, replay
 from dse.deploy.c.code import Code
 from dse.deploy.c.counting import code_of
 from dse.deploy.c.replay import Executed, Recorded
+from dse.deploy.c.selftest import windows
 from dse.deploy.reference import Reference
 from dse.deploy.targets import BackEnd, Engine, TargetError
 from dse.registry import register
@@ -33,7 +34,7 @@ class InC(BackEnd[Code]):
     def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
         title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(form.classes)}"
-        files.write(form, folder, title, dse.__version__, bundle.prefix)
+        files.write(form, folder, title, dse.__version__, bundle.prefix, bundle.digest, windows(bundle, form))
 
     def engines(self, form: Code, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
         """Compile the files, run them on recordings: all spikes and decisions, those of an encoder too."""

@@ -5,6 +5,7 @@ To add processors, write a file with their instruction set and their cores, as `
 
 from __future__ import annotations
 
+import functools
 import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -77,7 +78,8 @@ class Emulated(InC):
         """Compile the files for the core, and run all recordings in an emulator (`InC`).
 
         Figures per inference are means over the recordings, from `dse_reset` to the answer, input spikes
-        pushed: front_end_instructions is what an encoder or preprocessing in C adds to them.
+        pushed: front_end_instructions is what an encoder or preprocessing in C adds to them. The longest
+        step and the stack are over these recordings and `replay.hostile`, encoder or preprocessing included.
         """
         options, of_spikes = recorded.options, replay.of_spikes(reference)
         traced = Machine(self.program(folder, "-DDSE_TRACE", *options), self.core)
@@ -85,12 +87,21 @@ class Emulated(InC):
         machine, answers = self.inferred(folder, reference, played.steps, *options)
         assert np.array_equal(answers.label, played.label)  # traced or not
         counts, n = machine.counts(), max(1, reference.n_recordings)
+        each = form.steps_per_sample if isinstance(form, Plan) else 1
+        n_steps = int((-(-played.steps // each)).sum())
+        hostile = replay.hostile(form, "-DDSE_REAL_SAMPLES" in options)
+        longest = [
+            machine.longest_step(functools.partial(_played, machine, commands))
+            for commands in (hostile, recorded.commands or of_spikes)
+        ]
         figures = {
             "ram_bytes": float(machine.program.ram_bytes),
             "stack_bytes": float(machine.stack_bytes),
             "flash_bytes": float(machine.program.flash_bytes),
             "instructions_per_inference": counts.instructions / n,
             "cycles_per_inference": counts.cycles(self.core) / n,
+            "cycles_per_step": counts.cycles(self.core) / max(1, n_steps),
+            "cycles_of_longest_step": max(longest),
         }
         if isinstance(form, Plan):
             apart = Machine(self.program(folder, "-fno-inline", *options), self.core)
@@ -126,7 +137,9 @@ class Emulated(InC):
         """
         if steps is None:
             steps = np.rint(reference.time_ms / reference.step_ms).astype(np.int64)
-        machine = Machine(self.program(folder, *options), self.core)
+        _, prefix = host.classifier_in(folder)
+        ends = f"{prefix}step", f"{prefix}reset"
+        machine = Machine(self.program(folder, *options), self.core, ends)
         return machine, _played(machine, replay.of_spikes(reference, steps))
 
 

@@ -34,6 +34,7 @@ MOST_FLASH_BYTES = _RAM_BYTES = 1 << 24
 _HOST_BYTES = 1 << 25
 _STACK_BYTES = 1 << 16
 _UNUSED = 0xA5  # what the stack holds before anything is pushed
+_OWN = 4  # rows of numbers of the counter of blocks that are not of blocks
 _EXIT = HOST + _HOST_BYTES - 0x1000  # where a called function returns to
 
 LINKER_SCRIPT = f"""\
@@ -254,7 +255,15 @@ class Counts:
 class Machine:
     """A processor with a program in its memory."""
 
-    def __init__(self, program: Program, core: Core) -> None:
+    def __init__(self, program: Program, core: Core, steps: tuple[str, str] = ("", "")) -> None:
+        """Put a program into the memory of a core.
+
+        Args:
+            program: linked for it.
+            core: which.
+            steps: names of the functions that end a step and that begin a window: what is called from the
+                end of a step to that of the next is taken together (`longest_step`).
+        """
         import unicorn
         from unicorn.unicorn_py3.unicorn import uclib
 
@@ -270,11 +279,11 @@ class Machine:
                 self._uc.mem_write(at, content)
         self._uc.mem_write(RAM + _RAM_BYTES - _STACK_BYTES, bytes([_UNUSED]) * _STACK_BYTES)
         code = program.within(FLASH, MOST_FLASH_BYTES)
-        # Two rows of the counter's own: the bytes of code, the end of the block before, and where that block
-        # is counted, at first in the second row; then per half-word of code the entries of the block that
-        # begins there, its bytes, and its exits by a branch.
-        self._blocks = np.zeros((2 + (code + 1) // 2, 3), np.int64)
-        self._blocks[0, 0] = code
+        # Rows of the counter's own (`_counter`), then per half-word of code the entries of the block that
+        # begins there, its bytes, its exits by a branch, and its cycles before `pace`; 0: not known yet.
+        self._blocks = np.zeros((_OWN + (code + 1) // 2, 4), np.int64)
+        self._core, (step, reset) = core, (self.program.symbols.get(x, (0, 0))[0] for x in steps)
+        self._blocks[0, 0], self._blocks[1] = code, (step, reset, core.branch, 0)
         self.forget()
         handle = ctypes.c_size_t()
         failed = uclib.uc_hook_add(
@@ -343,22 +352,38 @@ class Machine:
         entered = self._entered
         return self._counted(entered[(entered >= first) & (entered < first + (size + 1) // 2)])
 
+    def longest_step(self, run: Callable[[], object]) -> float:
+        """Return the most cycles of a step in what a run calls, which is repeated if it enters new blocks."""
+        while True:
+            for at in self._entered[self._blocks[_OWN + self._entered, 3] == 0].tolist():
+                instructions, loads, stores, hidden, waits = self._set.block(self._code(at))
+                counts = Counts(instructions, loads, stores, hidden, 0, waits)
+                self._blocks[_OWN + at, 3] = round(counts.cycles(self._core) / self._core.pace)
+            self._blocks[2] = 0
+            run()
+            _, longest, is_new, _ = self._blocks[2].tolist()
+            if not is_new:
+                return float(longest * self._core.pace)
+
     def forget(self) -> None:
         """Count from here on."""
-        self._blocks[1:] = 0
-        self._blocks[0, 1:] = -1, 3
+        self._blocks[_OWN:, :3] = 0
+        self._blocks[0, 1:] = -1, 4 * (_OWN - 1), 0
 
     @property
     def _entered(self) -> Ints:
-        return np.flatnonzero(self._blocks[2:, 0])
+        return np.flatnonzero(self._blocks[_OWN:, 0])
+
+    def _code(self, at: int) -> bytes:
+        """Return the block that begins at a half-word of the code."""
+        return bytes(self._uc.mem_read(FLASH + 2 * at, int(self._blocks[_OWN + at, 1])))
 
     def _counted(self, entered: Ints) -> Counts:
         totals, branches = np.zeros(5, np.int64), 0
-        last = int(self._blocks[0, 2]) // 3 - 2  # it has returned, but no block came after it
+        last = int(self._blocks[0, 2]) // 4 - _OWN  # it has returned, but no block came after it
         for at in entered.tolist():
-            times, size, left = self._blocks[2 + at].tolist()
-            code = bytes(self._uc.mem_read(FLASH + 2 * at, size))
-            totals += times * np.array(self._set.block(code), np.int64)
+            times, _, left, _ = self._blocks[_OWN + at].tolist()
+            totals += times * np.array(self._set.block(self._code(at)), np.int64)
             branches += left + (at == last)
         instructions, loads, stores, hidden, waits = totals.tolist()
         return Counts(instructions, loads, stores, hidden, branches, waits)
@@ -366,7 +391,13 @@ class Machine:
 
 @functools.cache
 def _counter() -> Any:
-    """Return the compiled function that the emulator calls before every block."""
+    """Return the compiled function that the emulator calls before every block.
+
+    Of the first rows of its numbers, 0: the bytes of code, the end of the block before, where that block is
+    counted; 1: where the functions begin that end a step and begin a window, cycles of a branch, and which of
+    them runs; 2: cycles since the last step, those of the longest, whether those of a block were not known;
+    3: counted for the block before the first.
+    """
     import numba
 
     types: Any = numba.types
@@ -374,13 +405,25 @@ def _counter() -> Any:
     def count(_: Any, address: int, size: int, blocks: Any) -> None:
         within = address - FLASH
         if 0 <= within < blocks[0]:
-            at = 6 + 3 * (within >> 1)
+            at = 4 * (_OWN + (within >> 1))
             blocks[at] += 1
             blocks[at + 1] = size
+            blocks[8] += blocks[at + 3]
+            if blocks[at + 3] == 0:
+                blocks[10] = 1
             if blocks[1] != address:  # the block before ended in a branch that was taken
                 blocks[blocks[2] + 2] += 1
+                blocks[8] += blocks[6]
             blocks[1] = address + size
             blocks[2] = at
+            if address == blocks[4]:
+                blocks[7] = 1
+            elif address == blocks[5]:
+                blocks[7] = 2
+        elif blocks[7]:  # it has returned
+            if blocks[7] == 1:
+                blocks[9] = max(blocks[9], blocks[8])
+            blocks[7] = blocks[8] = 0
 
     arguments = (types.voidptr, types.int64, types.int32, types.CPointer(types.int64))
     return numba.cfunc(types.void(*arguments), cache=True)(count)

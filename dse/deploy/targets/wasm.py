@@ -27,6 +27,8 @@ from dse.registry import register
 
 _CALLED = 16
 """Windows whose spikes are given to the module itself; a program that tells every spike has all of them."""
+_HOSTILE = 2
+"""Of the windows that no sensor gives (`replay.hostile`), those that it is given too."""
 _FLAGS = ("-std=c99", "-Os")
 _PROGRAM = ("-target", "wasm32-wasi", *_FLAGS)
 # Without a C library, which ziglang would compile for half a minute at its first use.
@@ -48,7 +50,8 @@ class Wasm(InC):
     extra: ClassVar[str] = "targets"
     use: ClassVar[str] = (
         "`const {instance} = await WebAssembly.instantiateStreaming(fetch('dse.wasm'))`: its exports are the "
-        "functions of src/dse.h; a sample may lie in `memory` from `__heap_base` on"
+        "functions of src/dse.h, and `dse_net`, a classifier; a sample may lie in `memory` from "
+        "`__heap_base` on"
     )
 
     def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
@@ -57,13 +60,19 @@ class Wasm(InC):
         super().emit(form, bundle, folder)
         source, prefix = host.classifier_in(folder)
         header = source.with_suffix(".h").read_text(encoding="utf-8").partition("_TRACE")[0]
-        exports = [f"-Wl,--export={x}" for x in re.findall(rf"\b({prefix}\w+)\([^)]*\);", header)]
-        _built([source], _module(folder), *_MODULE, *exports)
+        named = [*re.findall(rf"\b({prefix}\w+)\([^)]*\);", header), f"{prefix}net"]
+        with tempfile.TemporaryDirectory() as place:
+            own = Path(place) / "net.c"
+            own.write_text(f'#include "{source.stem}.h"\n{prefix}t {prefix}net;\n', encoding="utf-8")
+            exports = [f"-Wl,--export={x}" for x in named]
+            sources = [own, *sorted(source.parent.glob("*.c"))]
+            _built(sources, _module(folder), f"-I{source.parent}", *_MODULE, *exports)
 
     def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Run all recordings in wasmtime (`InC`); call the module itself with spikes of some.
 
-        Figures: bytes of the module, and its instructions per inference, from `dse_reset` to the end.
+        Figures: bytes of the module, its instructions per inference, from `dse_reset` to the end, and those
+        of the longest step, spikes pushed.
         """
         _check()
         with tempfile.TemporaryDirectory() as place:
@@ -72,12 +81,15 @@ class Wasm(InC):
             _built(sources, program, *_PROGRAM, *options)
             played = replay.parsed(_replayed(program, recorded.commands or replay.of_spikes(reference)))
         _, prefix = host.classifier_in(folder)
-        labels, instructions = _called(_module(folder), prefix, replay.of_spikes(reference)[:_CALLED])
+        windows = [*replay.of_spikes(reference)[:_CALLED], *replay.hostile(form)[:_HOSTILE]]
+        labels, instructions, longest = _called(_module(folder), prefix, windows)
+        labels, instructions = labels[:-_HOSTILE], instructions[:-_HOSTILE]
         if not np.array_equal(labels, played.label[: len(labels)]):
             raise TargetError(f"{_module(folder).name} does not answer as the program that tells its spikes")
         figures = {
             "module_bytes": float(_module(folder).stat().st_size),
-            "instructions_per_inference": instructions / max(1, len(labels)),
+            "instructions_per_inference": float(instructions.mean()),
+            "instructions_of_longest_step": float(longest),
         }
         versions = tuple(f"{name} {importlib.metadata.version(name)}" for name in _NEEDED)
         return Executed(played, figures, f"{versions[0]}, {' '.join(_PROGRAM)}", versions)
@@ -123,8 +135,8 @@ def _replayed(program: Path, commands: Sequence[Ints]) -> Ints:
     return np.frombuffer(stdout.read_bytes(), np.int32)
 
 
-def _called(module: Path, prefix: str, commands: Sequence[Ints]) -> tuple[Ints, int]:
-    """Return the answers of a module to windows of spikes, and the instructions that it executed."""
+def _called(module: Path, prefix: str, commands: Sequence[Ints]) -> tuple[Ints, Ints, int]:
+    """Return a module's answers to windows of spikes, the instructions of each, those of the longest step."""
     import wasmtime
 
     config = wasmtime.Config()
@@ -133,14 +145,18 @@ def _called(module: Path, prefix: str, commands: Sequence[Ints]) -> tuple[Ints, 
     store.set_fuel(_MOST_FUEL)
     loaded = wasmtime.Module.from_file(store.engine, str(module))
     exports: Any = wasmtime.Instance(store, loaded, []).exports(store)
-    labels = []
+    labels, taken, longest, net = [], [], 0, exports[f"{prefix}net"].value(store)
     for of_window in commands:
-        numbers = iter(of_window.tolist())
+        numbers, before = iter(of_window.tolist()), store.get_fuel()
+        since = before
         for command in numbers:
             if command == replay.SPIKE:
-                exports[f"{prefix}push_spike"](store, next(numbers))
+                exports[f"{prefix}push_spike"](store, net, next(numbers))
             elif command == replay.ANSWER:
-                labels.append(exports[f"{prefix}decision"](store))
+                labels.append(exports[f"{prefix}decision"](store, net))
             else:
-                exports[f"{prefix}{_CALLS[command]}"](store)
-    return np.array(labels, np.int64), _MOST_FUEL - store.get_fuel()
+                exports[f"{prefix}{_CALLS[command]}"](store, net)
+                left = store.get_fuel()
+                longest, since = max(longest, since - left if command == replay.STEP else 0), left
+        taken.append(before - store.get_fuel())
+    return np.array(labels, np.int64), np.array(taken, np.int64), longest

@@ -80,9 +80,9 @@ def test_variables_are_declared_once(tmp_path):
         Member("int32_t", "u", (5, 2), "", True),
         Member("double", "last", (3,), "of all"),
     ]
-    assert struct_bytes(members) == 72  # 24 + 40 + 1, as doubles lie
+    assert struct_bytes(members) == 72  # 1 + 24 + 40, as doubles lie
     assert [x.text for x in laid_out(members)] == [
+        "    uint8_t pushed; /* any: yes; no */",
         "    double last[3]; /* of all */",
         "    int32_t u[5][2];",
-        "    uint8_t pushed; /* any: yes; no */",
     ]

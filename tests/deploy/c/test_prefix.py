@@ -39,7 +39,7 @@ def test_the_prefix_is_kept_by_the_bundle_and_verified(folder, capsys):
     assert main([*command, "--prefix", "texture_", "--verify", touch]) == 0
     assert json.loads(capsys.readouterr().out)["rows"][0]["verdict"] == "faithful"
     sources = {x.name for x in (folder / "targets" / "c99" / "src").iterdir()}
-    assert sources == {"texture.h", "texture.c"} and read(folder).prefix == "texture_"
+    assert sources == {"texture.h", "texture.c", "texture_selftest.c"} and read(folder).prefix == "texture_"
     assert "texture.c" in (folder / "README.md").read_text()
     written = {x: x.read_bytes() for x in (folder / "targets").rglob("*") if x.is_file()}
     assert not any(b"dse_" in x or b"DSE_" in x for x in written.values())
@@ -55,6 +55,24 @@ def test_a_prefix_may_be_a_word_of_the_templates(folder, prefix, capsys):
     command = ["export", str(folder), "--target", "c99", "--json", "--prefix", prefix, "--verify", touch]
     assert main(command) == 0
     assert json.loads(capsys.readouterr().out)["rows"][0]["verdict"] == "faithful"
+
+
+def test_what_was_edited_is_replaced_where_it_is_asked_for(folder, capsys):
+    command = ["export", str(folder), "--target", "c99"]
+    assert main(command) == 0
+    sources = {x: x.read_bytes() for x in (folder / "targets").rglob("*") if x.is_file()}
+    source = folder / "targets" / "c99" / "src" / "dse.c"
+    source.write_text(source.read_text() + "/* mine */\n")
+    capsys.readouterr()
+    assert main(command) == 2
+    told = capsys.readouterr().err
+    assert "dse.c: is damaged or edited" in told and "--target c99 --force" in told and told.count("\n") == 1
+    assert source.read_text().endswith("/* mine */\n")
+    assert main(["export", str(folder), "--target", "torch", "--force"]) == 2  # of that target alone
+    assert main([*command, "--force"]) == 0
+    assert {x: x.read_bytes() for x in (folder / "targets").rglob("*") if x.is_file()} == sources
+    source.unlink()
+    assert main(command) == 2 and main([*command, "--force"]) == 0 and source.exists()
 
 
 def test_without_a_prefix_names_are_those_of_dse(folder):
@@ -145,7 +163,7 @@ def test_names_of_the_program_do_not_meet(tmp_path):
     symbols = []
     for name in ("texture_", "speed_"):
         C99().write(replace(of("samples", {}), prefix=name), tmp_path / name)
-        [source] = (tmp_path / name / "src").glob("*.c")
+        source, _ = host.classifier_in(tmp_path / name)
         host.compiled([source], tmp_path / f"{name}.o", "-c", "-DTEXTURE_TRACE", "-DSPEED_TRACE")
         listed = run("nm", str(tmp_path / f"{name}.o")).splitlines()
         symbols.append({line.split()[-1] for line in listed if line.split()[-2] in "TDBRU"})
@@ -158,12 +176,15 @@ _MAIN = """\
 #include "texture.h"
 #include <stdio.h>
 
+static texture_t texture;
+static speed_t speed;
+
 int main(void)
 {
     int t, n, k, x[4];
     for (;;) {
-        texture_init();
-        speed_init();
+        texture_init(&texture);
+        speed_init(&speed);
         for (t = 0; t < 12; t++) {
             texture_sample_t here[TEXTURE_SENSORS];
             speed_sample_t there[SPEED_SENSORS];
@@ -175,12 +196,13 @@ int main(void)
             if (n != 4) {
                 return 0;
             }
-            texture_push(here);
-            speed_push(there);
-            texture_step();
-            speed_step();
+            texture_push(&texture, here);
+            speed_push(&speed, there);
+            texture_step(&texture);
+            speed_step(&speed);
         }
-        printf("%s,%s\\n", texture_class_name(texture_decision()), speed_class_name(speed_decision()));
+        printf("%s,", texture_class_name(texture_decision(&texture)));
+        printf("%s\\n", speed_class_name(speed_decision(&speed)));
     }
 }
 """

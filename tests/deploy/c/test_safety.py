@@ -146,8 +146,10 @@ def test_before_any_step_nothing_is_decided(made, tmp_path):
     C99().write(fitted(KNN())[0] if made == "knn" else nets.case(3 * (made == "heads"))[0], tmp_path)
     (tmp_path / "main.c").write_text(
         '#include "dse.h"\n#include <stdio.h>\n'
-        'int main(void)\n{\n    printf("%d %d\\n", dse_decision(), (int)dse_steps());\n    dse_init();\n'
-        '    printf("%d\\n", dse_decision());\n    return 0;\n}\n'
+        "static dse_t net;\n"
+        'int main(void)\n{\n    printf("%d %d\\n", dse_decision(&net), (int)dse_steps(&net));\n'
+        "    dse_init(&net);\n"
+        '    printf("%d\\n", dse_decision(&net));\n    return 0;\n}\n'
     )
     host.compiled([tmp_path / "main.c", tmp_path / "src" / "dse.c"], tmp_path / "a", f"-I{tmp_path / 'src'}")
     done = subprocess.run([tmp_path / "a"], capture_output=True, text=True, check=True)

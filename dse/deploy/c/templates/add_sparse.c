@@ -1,9 +1,9 @@
 /* Adds weights from `begin` to `end` of lists, each to its column, in units of $unit. */
-APART void $name($type *restrict u, const $column_type *restrict column, const int8_t *restrict w,
-                 uint32_t begin, uint32_t end)
+APART void $name($type *u, const $column_type *column, const int8_t *w, uint32_t begin, uint32_t end)
 {
-    for (; begin < end; begin++) {
-        u[column[begin]] += w[begin] * $unit;
+    uint32_t i;
+    for (i = begin; i < end; i++) {
+        u[column[i]] += w[i] * $unit;
     }
 }
 

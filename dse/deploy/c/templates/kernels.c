@@ -1,38 +1,39 @@
 /* At the end of a bin: what each group sums enters its ring, and kernels above their thresholds are counted. */
-static APART void slide(void)
+static APART void slide(dse_t *net)
 {
-    int16_t *row = net.ring + net.at;
-    const int16_t *now = row + ${n_bins}u; /* the last bins lie before it in a row */
+    int16_t *row = &net->ring[net->at];
+    const int16_t *now = &row[$n_bins]; /* the last bins lie before it in a row */
     const $back *tap = taps;
     uint32_t i, j, dilation = 1;
     for (i = 0; i < ${n_groups}u; i++) {
         int32_t z = 0;
         for (j = first[i]; j < first[i + 1u]; j++) {
-            z += turn[j] * net.levels[member[j]];
+            z += turn[j] * net->levels[member[j]];
         }
 @if most_level
-        z = z > $most_level ? $most_level : z < -$most_level ? -$most_level : z;
+        z = (z > $most_level) ? $most_level : ((z < -$most_level) ? -$most_level : z);
 @end
-        row[0] = row[${n_bins}u] = (int16_t)z;
-        row += ${n_ring}u;
+        row[0] = (int16_t)z;
+        row[$n_bins] = (int16_t)z;
+        row = &row[$n_ring];
     }
     for (i = 0; i < ${n_features}u; i++) {
         const int16_t *then = now;
-        int32_t sum = 0;
-        for (j = 0; j < 9u; j++) {
+        int32_t sum = *then;
+        for (j = 0; j < 8u; j++) {
+            then = &then[-(int32_t)dilation];
             sum += *then;
-            then -= j < 8u ? dilation : 0u;
         }
-        if (3 * (*(now - tap[0]) + *(now - tap[1]) + *(now - tap[2])) - sum > threshold[i]) {
-            net.counts[i]++;
+        if (((3 * (*(now - tap[0]) + *(now - tap[1]) + *(now - tap[2]))) - sum) > threshold[i]) {
+            net->counts[i]++;
         }
-        tap += 3;
+        tap = &tap[3];
         dilation <<= 1;
         if (dilation > ${longest}u) {
             dilation = 1;
-            now += ${n_ring}u;
+            now = &now[$n_ring];
         }
     }
-    net.at = net.at + 1u < ${n_bins}u ? net.at + 1u : 0u;
+    net->at = ((net->at + 1u) < ${n_bins}u) ? (net->at + 1u) : 0u;
 }
 

@@ -4,6 +4,7 @@ typedef struct {
     uint8_t polarity;
 } event_t;
 
+static dse_t net;
 static event_t *events;
 static size_t capacity;
 
@@ -105,21 +106,21 @@ static void answer(void)
     const int64_t start = window_start(t0_us);
     int64_t bin = 0;
     size_t e = 0;
-    dse_init();
-    dse_start(t0_us);
+    dse_init(&net);
+    dse_start(&net, t0_us);
     for (bin = 0; bin < start + DSE_WINDOW; bin++) {
         if (bin == start) {
-            dse_reset();
+            dse_reset(&net);
         }
-        while (e < n_rows && dse_push(events[e].t_us, events[e].x, events[e].y, events[e].polarity)) {
+        while (e < n_rows && dse_push(&net, events[e].t_us, events[e].x, events[e].y, events[e].polarity)) {
             e++;
         }
-        dse_step();
-        if (bin >= start && dse_decision() != DSE_UNDECIDED) {
+        dse_step(&net);
+        if (bin >= start && dse_decision(&net) != DSE_UNDECIDED) {
             break;
         }
     }
-    printf("%s,%.17g,%s\n", dse_class_name(dse_decision()), dse_steps() * (DSE_STEP_MS / DSE_STEPS_PER_SAMPLE),
-           dse_confident() ? "true" : "false");
+    printf("%s,%.17g,%s\n", dse_class_name(dse_decision(&net)), dse_steps(&net) * (DSE_STEP_MS / DSE_STEPS_PER_SAMPLE),
+           dse_confident(&net) ? "true" : "false");
     n_rows = 0;
 }

@@ -1,3 +1,4 @@
+static dse_t net;
 static dse_sample_t *samples;
 static size_t capacity;
 
@@ -71,17 +72,17 @@ static void answer(void)
 {
     const size_t start = window_start();
     size_t t;
-    dse_init();
-    for (t = 0; t < start + DSE_WINDOW && dse_decision() == DSE_UNDECIDED; t++) {
+    dse_init(&net);
+    for (t = 0; t < start + DSE_WINDOW && dse_decision(&net) == DSE_UNDECIDED; t++) {
         if (t == start) {
-            dse_reset();
+            dse_reset(&net);
         }
-        dse_push(samples + t * DSE_SENSORS);
+        dse_push(&net, samples + t * DSE_SENSORS);
         if (t >= start) {
-            dse_step();
+            dse_step(&net);
         }
     }
-    printf("%s,%.17g,%s\n", dse_class_name(dse_decision()), dse_steps() * (DSE_STEP_MS / DSE_STEPS_PER_SAMPLE),
-           dse_confident() ? "true" : "false");
+    printf("%s,%.17g,%s\n", dse_class_name(dse_decision(&net)), dse_steps(&net) * (DSE_STEP_MS / DSE_STEPS_PER_SAMPLE),
+           dse_confident(&net) ? "true" : "false");
     n_rows = 0;
 }

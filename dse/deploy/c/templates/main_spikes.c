@@ -1,3 +1,4 @@
+static dse_t net;
 static uint8_t *spikes;
 static size_t capacity;
 
@@ -59,16 +60,16 @@ static void answer(void)
     const size_t start = window_start();
     size_t t;
     unsigned long i;
-    dse_init();
-    for (t = start; t < start + DSE_WINDOW && dse_decision() == DSE_UNDECIDED; t++) {
+    dse_init(&net);
+    for (t = start; t < start + DSE_WINDOW && dse_decision(&net) == DSE_UNDECIDED; t++) {
         for (i = 0; i < DSE_CHANNELS; i++) {
             if (spikes[t * DSE_CHANNELS + i]) {
-                dse_push_spike((uint16_t)i);
+                dse_push_spike(&net, (uint16_t)i);
             }
         }
-        dse_step();
+        dse_step(&net);
     }
-    printf("%s,%.17g,%s\n", dse_class_name(dse_decision()), dse_steps() * (DSE_STEP_MS / DSE_STEPS_PER_SAMPLE),
-           dse_confident() ? "true" : "false");
+    printf("%s,%.17g,%s\n", dse_class_name(dse_decision(&net)), dse_steps(&net) * (DSE_STEP_MS / DSE_STEPS_PER_SAMPLE),
+           dse_confident(&net) ? "true" : "false");
     n_rows = 0;
 }

@@ -2,6 +2,8 @@
 // Takes events from your sensor's driver and prints the class once it is decided.
 #include <dse.h>
 
+static dse_t net;
+
 // $windows
 @include constants.ino
 
@@ -30,9 +32,9 @@ static bool is_in_crop(int64_t t_us, uint16_t x, uint16_t y) {
 
 void setup() {
   Serial.begin(115200);
-  dse_init();
+  dse_init(&net);
   t0_us = due_us = micros();
-  dse_start(t0_us);
+  dse_start(&net, t0_us);
   due_us += START_US;
 }
 
@@ -41,7 +43,7 @@ void loop() {
   uint16_t x, y;
   uint8_t polarity;
   while (next_event(&t_us, &x, &y, &polarity)) {
-    while (!dse_push(t_us, x, y, polarity)) end_bin();
+    while (!dse_push(&net, t_us, x, y, polarity)) end_bin();
     n_events += is_in_crop(t_us, x, y);
   }
   while ((long)(micros() - due_us) >= (long)(DSE_STEP_MS * 1000)) end_bin();

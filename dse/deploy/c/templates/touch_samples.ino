@@ -2,6 +2,8 @@
 // Reads a sensor array at its own pace and prints the class once it is decided.
 #include <dse.h>
 
+static dse_t net;
+
 // $windows
 @include constants.ino
 
@@ -15,7 +17,7 @@ static unsigned long due_us;
 
 void setup() {
   Serial.begin(115200);
-  dse_init();
+  dse_init(&net);
   due_us = micros();
 }
 
@@ -23,6 +25,6 @@ void loop() {
   if ((long)(micros() - due_us) < 0) return;
   due_us += (unsigned long)(DSE_STEP_MS * 1000);
   for (unsigned i = 0; i < DSE_SENSORS; i++) samples[i] = analogRead(A0 + i);  // your sensor
-  if (!dse_push(samples)) return;  // a value is no number: the sample is left out
+  if (!dse_push(&net, samples)) return;  // a value is no number: the sample is left out
   end_step($touches);
 }

@@ -2,6 +2,8 @@
 // Takes spikes from your encoder and prints the class once it is decided.
 #include <dse.h>
 
+static dse_t net;
+
 // $windows
 @include constants.ino
 
@@ -17,7 +19,7 @@ static bool spikes(uint16_t channel) {
 
 void setup() {
   Serial.begin(115200);
-  dse_init();
+  dse_init(&net);
   due_us = micros();
 }
 
@@ -27,7 +29,7 @@ void loop() {
   unsigned long n_spikes = 0;
   for (unsigned long channel = 0; channel < DSE_CHANNELS; channel++) {
     if (spikes((uint16_t)channel)) {
-      dse_push_spike((uint16_t)channel);
+      dse_push_spike(&net, (uint16_t)channel);
       n_spikes++;
     }
   }

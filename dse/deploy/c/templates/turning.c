@@ -4,5 +4,5 @@ if (y > $threshold) {
     y = 0;
 @end
 $spikes}
-x = $cast((c * before - s * y) / $scale);
-y = $cast((s * before + c * y) / $scale);
+x = $cast(((c * before) - (s * y)) / $scale);
+y = $cast(((s * before) + (c * y)) / $scale);

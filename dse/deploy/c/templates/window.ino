@@ -3,11 +3,11 @@ static unsigned long at;                // step of the recording
 
 // Ends a step. Until a window begins, every step is taken for its first one.
 static void end_step(bool touches) {
-  dse_step();
+  dse_step(&net);
   if (!is_open && !is_over && at + 1 > WINDOW_FIRST && touches && !touched) is_open = true;
   touched = ONSET > 0 && touches;
-  if (is_open && dse_decision() != DSE_UNDECIDED) {
-    Serial.println(dse_class_name(dse_decision()));
+  if (is_open && dse_decision(&net) != DSE_UNDECIDED) {
+    Serial.println(dse_class_name(dse_decision(&net)));
     is_open = false;
     is_over = RECORDING > 0;
   }
@@ -19,8 +19,8 @@ static void end_step(bool touches) {
   if (at == EVERY) {
     at = 0;
     touched = is_over = false;
-    dse_init();
+    dse_init(&net);
   } else if (!is_open) {
-    dse_reset();
+    dse_reset(&net);
   }
 }

@@ -4,8 +4,9 @@ v += SATURATED(u - lost);
 v = SATURATED(v);
 if (v >= $threshold) {
 @if several
-    const uint32_t n = (uint32_t)(v / $threshold < $most_spikes ? v / $threshold : $most_spikes);
-    v -= (int32_t)n * $threshold;
+    const $type times = v$per_threshold, fired = (times < $most_spikes) ? times : $most_spikes;
+    const uint32_t n = (uint32_t)fired;
+    v -= fired$by_threshold;
 @else
     v -= $threshold;
 @end
