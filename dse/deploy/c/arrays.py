@@ -12,7 +12,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 
@@ -43,6 +43,10 @@ class Member:
     def width(self) -> int:
         """Bytes of one number."""
         return _BYTES[self.kind]
+
+    @property
+    def is_array(self) -> bool:
+        return bool(self.lengths)
 
     @property
     def n_bytes(self) -> int:
@@ -91,13 +95,16 @@ def members_of(table: str | Path, *objects: object, **values: Any) -> list[Membe
     return out
 
 
-def laid_out(members: Sequence[Member]) -> list[Member]:
-    """Return variables in the order of their declarations.
+M = TypeVar("M", "Member", "Table")
+
+
+def laid_out(members: Sequence[M]) -> list[M]:
+    """Return variables, or tables, in the order of their declarations.
 
     Single ones come first, the shortest before: instructions reach what lies near the beginning. Then the
     widest arrays come first, so that nothing lies between.
     """
-    return sorted(members, key=lambda m: (bool(m.lengths), -m.width if m.lengths else m.width))
+    return sorted(members, key=lambda m: (m.is_array, -m.width if m.is_array else m.width))
 
 
 def struct_bytes(members: Sequence[Member], of_reals: bool = False) -> int:
@@ -124,9 +131,21 @@ class Table:
     name: str
     values: Array
 
+    is_array: ClassVar[bool] = True
+
+    @property
+    def width(self) -> int:
+        """Bytes of one number."""
+        return _BYTES[self.kind]
+
+    @property
+    def n(self) -> int:
+        """Numbers."""
+        return int(self.values.size)
+
     @property
     def n_bytes(self) -> int:
-        return _BYTES[self.kind] * int(self.values.size)
+        return self.width * self.n
 
     @property
     def text(self) -> str:
@@ -242,17 +261,18 @@ def _not_empty(values: Ints) -> Ints:
     return values if values.size else np.zeros(1, np.int64)
 
 
-def stored(weights: Ints, delays: Array | None = None) -> Matrix:
+def stored(weights: Ints, delays: Array | None = None, fixed: bool = False) -> Matrix:
     """Return the smallest form of a matrix, of equal ones the plainest; only up to 4 bits are packed.
 
     Args:
         weights: (input, neuron) whole numbers in [-128, 127].
         delays: (input, neuron) network steps, at most 255; None: none.
+        fixed: whether the form is that of any weights: bytes, in 8-bit steps.
     """
     whole = np.asarray(weights, np.int64)
     nonzero = whole[whole != 0]
     exponent = 0
-    while nonzero.size and not (nonzero & ((2 << exponent) - 1)).any():
+    while not fixed and nonzero.size and not (nonzero & ((2 << exponent) - 1)).any():
         exponent += 1
     q = whole >> exponent
     low, high = int(q.min(initial=0)), int(q.max(initial=0))
@@ -263,5 +283,7 @@ def stored(weights: Ints, delays: Array | None = None) -> Matrix:
     if delays is not None:
         forms = ("bytes", "sparse")
         later = np.where(whole != 0, delays, 0).astype(np.int64)
+    if fixed:
+        forms = ("bytes",)
     matrices = (Matrix(whole, form, bits, exponent, later) for form in forms)
     return min(matrices, key=lambda matrix: sum(table.n_bytes for table in matrix.tables("")))

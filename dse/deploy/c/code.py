@@ -128,14 +128,19 @@ class Code(Frame):
         """Condition of a channel that is none."""
         return "" if self.n_channels == _ALL_CHANNELS else f"(channel >= {self.n_channels}u) || "
 
-    def source(self) -> str:
-        """Return the text of dse.c, but for its title and the names of classes."""
+    def source(self, apart: bool = False) -> str:
+        """Return the text of dse.c, but for its title and the names of classes.
+
+        Args:
+            apart: whether it loads its tables, which stand in it none the less (`weights.beside`).
+        """
         cleared = [x for x in self.members() if x.is_cleared]
         arrays = [x for x in cleared if x.lengths]
         text = filled(
             self.template,
             self,
             title=TITLE,
+            apart=apart,
             tables="\n".join(table.text for table in self.tables),
             front_end=front_end(self),
             clearing={x.kind: x for x in arrays}.values(),

@@ -153,9 +153,9 @@ class CountingPlan(Code):
         }
 
 
-def code_of(bundle: Bundle) -> Code:
-    """Return the C of a bundle of any family."""
-    return plan_of(bundle) if isinstance(bundle.fitted, Network) else counting_plan_of(bundle)
+def code_of(bundle: Bundle, fixed: bool = False) -> Code:
+    """Return the C of a bundle of any family; fixed: where it can, its form follows from no weight."""
+    return plan_of(bundle, fixed) if isinstance(bundle.fitted, Network) else counting_plan_of(bundle)
 
 
 def counting_plan_of(bundle: Bundle) -> CountingPlan:

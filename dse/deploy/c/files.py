@@ -12,6 +12,7 @@ from dse.deploy.c.arrays import laid_out, struct_bytes
 from dse.deploy.c.code import Code
 from dse.deploy.c.selftest import Window
 from dse.deploy.c.text import NAMES, TITLE, filled, real, strings
+from dse.deploy.c.weights import beside
 from dse.deploy.prefix import DEFAULT, prefixed
 from dse.preprocessing import Pooling
 from dse.text import c_comment, markdown
@@ -25,6 +26,7 @@ def write(
     prefix: str = DEFAULT,
     digest: str = "",
     tests: Sequence[Window] = (),
+    apart: bool = False,
 ) -> None:
     """Write the files of a classifier into an empty folder; the same arguments give the same bytes.
 
@@ -36,10 +38,21 @@ def write(
         prefix: of the names (`dse.deploy.prefix`).
         digest: of the classifier (`Bundle.digest`).
         tests: windows of its self-test; without any there is none.
+        apart: whether its tables are a file, weights.bin, which the code loads.
     """
-    heading, title, source = markdown(title), c_comment(title), code.source()
+    heading, title, source = markdown(title), c_comment(title), code.source(apart)
     names, values = strings(code.classes), _values(code, version, prefix)
     values |= {"digest": digest, "n_windows": len(tests), "tests": [x._asdict() for x in tests]}
+    values |= {
+        "self_test": " src/dse_selftest.c" if tests else "",
+        "apart": apart,
+        "more": " and a pointer" if apart else "",
+    }
+    if apart:
+        source, block = beside(source, code.tables, names)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "weights.bin").write_bytes(block)
+        values["n_words"] = -(-len(block) // 8)
     for name, template in (
         ("src/dse.h", "dse.h"),
         ("src/dse.c", ""),
@@ -51,7 +64,7 @@ def write(
         ("examples/touch/touch.ino", f"touch_{code.front_end}.ino"),
         ("README.md", "README.md"),
     ):
-        if "selftest" in name and not tests:
+        if ("selftest" in name and not tests) or (apart and name.startswith(("library", "examples"))):
             continue
         path = folder / prefixed(name, prefix)
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -139,6 +139,12 @@ def driven(folder: Path, place: Path, *options: str) -> tuple[list[Path], list[s
     source, prefix = classifier_in(folder)
     driver = place / "replay.c"
     driver.write_text(prefixed(Path(__file__).with_name("replay.c").read_text("utf-8"), prefix), "utf-8")
+    if (weights := folder / "weights.bin").is_file():
+        content = weights.read_bytes()
+        words = np.frombuffer(content + bytes(-len(content) % 8), "<u8").tolist()
+        text = f"static const uint64_t weights[] = {{{', '.join(f'{x}u' for x in words)}}};\n"
+        (place / "weights.h").write_text(f"#define N_WEIGHT_BYTES {len(content)}u\n{text}", "utf-8")
+        options = *options, "-DDSE_WEIGHTS", f"-I{place}"
     return [driver, source], [f"-I{source.parent}", *(prefixed(option, prefix) for option in options)]
 
 

@@ -101,10 +101,11 @@ class LayerPlan(LayerForm):
     back: Matrix | None
 
     @classmethod
-    def of(cls, layer: LayerForm) -> LayerPlan:
-        """Return a layer whose weights are stored."""
-        back = None if layer.recurrent is None else stored(in_steps(layer.recurrent))
-        return cls(**vars(layer), forward=stored(in_steps(layer.weights), layer.delays), back=back)
+    def of(cls, layer: LayerForm, fixed: bool = False) -> LayerPlan:
+        """Return a layer whose weights are stored; fixed: in a form that follows from none."""
+        back = None if layer.recurrent is None else stored(in_steps(layer.recurrent), fixed=fixed)
+        forward = stored(in_steps(layer.weights), layer.delays, fixed)
+        return cls(**vars(layer), forward=forward, back=back)
 
     @property
     def type(self) -> str:

@@ -147,13 +147,13 @@ class Plan(Spiking, Code):
         }
 
 
-def plan_of(bundle: Classifier) -> Plan:
+def plan_of(bundle: Classifier, fixed: bool = False) -> Plan:
     """Return the plan of a bundle of a spiking network."""
-    return planned(spiking_of(bundle))
+    return planned(spiking_of(bundle), fixed)
 
 
-def planned(form: Spiking) -> Plan:
-    """Return the plan of a network with what surrounds it."""
+def planned(form: Spiking, fixed: bool = False) -> Plan:
+    """Return the plan of a network with what surrounds it; fixed: its form follows from no weight."""
     if form.arithmetic != "integer":
         raise Unsupported(f"C needs a network in integer arithmetic, got {form.arithmetic} arithmetic")
     for layer in form.layers:
@@ -166,7 +166,7 @@ def planned(form: Spiking) -> Plan:
         raise Unsupported("the states of a layer may exceed 50 bits within its window")
     if (most := form.layers[-1].most_spikes) > 1:
         raise Unsupported(f"C counts one spike of an output in a step, and these fire up to {most}")
-    return Plan(**{**vars(form), "layers": tuple(map(LayerPlan.of, form.layers))})
+    return Plan(**{**vars(form), "layers": tuple(LayerPlan.of(x, fixed) for x in form.layers)})
 
 
 def _of_outputs(first: int, n: int) -> dict[str, Any]:

@@ -16,6 +16,9 @@
 
 static dse_t net; /* before what the emulator counts as its own */
 
+#ifdef DSE_WEIGHTS
+#include "weights.h"
+#endif
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -88,6 +91,11 @@ void dse_trace(const dse_t *of, uint8_t layer, uint16_t neuron, uint32_t step)
 static int run(void)
 {
     int32_t command;
+#ifdef DSE_WEIGHTS
+    if (!dse_load(&net, weights, N_WEIGHT_BYTES)) {
+        return 5;
+    }
+#endif
     while (take(&command, 1)) {
         switch (command) {
         case INIT:

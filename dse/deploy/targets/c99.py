@@ -26,15 +26,19 @@ class InC(BackEnd[Code]):
     """A target that is C, for one processor or any; a subclass says how it is compiled and executed."""
 
     has_prefix: ClassVar[bool] = True
+    apart: ClassVar[bool] = False
 
     def form(self, bundle: Bundle) -> Code:
         """Return the classifier as C holds it."""
-        return code_of(bundle)
+        return code_of(bundle, self.apart)
 
     def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
         title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(form.classes)}"
-        files.write(form, folder, title, dse.__version__, bundle.prefix, bundle.digest, windows(bundle, form))
+        # What the self-test must give is of these weights: after an update it would fail.
+        tests = () if self.apart else windows(bundle, form)
+        named = dse.__version__, bundle.prefix, bundle.digest
+        files.write(form, folder, title, *named, tests, self.apart)
 
     def engines(self, form: Code, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
         """Compile the files, run them on recordings: all spikes and decisions, those of an encoder too."""
@@ -89,6 +93,21 @@ class C99(InC):
             return Executed(played, sizes, host.compiler_name(), (host.compiler_version(),))
         except (host.NoCompiler, host.RunFailed) as error:
             raise TargetError(str(error)) from None
+
+
+@register("targets", "c99_weights")
+@dataclass(frozen=True)
+class C99Weights(InC):
+    """The C of c99 with all weights in weights.bin, which may be replaced (dse.deploy.c.weights)."""
+
+    label: ClassVar[str] = "C99 that loads its weights"
+    extra: ClassVar[str] = ""
+    use: ClassVar[str] = (
+        "flash `weights.bin` beside the firmware, and call `dse_load` with its address before `dse_init`"
+    )
+    apart: ClassVar[bool] = True
+
+    executed = C99.executed
 
 
 @dataclass(frozen=True)

@@ -231,6 +231,6 @@ def test_the_folder_is_an_arduino_library(tmp_path):
     properties = dict(x.split("=", 1) for x in (tmp_path / "library.properties").read_text().splitlines())
     assert {"name", "version", "author", "maintainer", "sentence", "paragraph", "category"} <= set(properties)
     assert properties["includes"] == "dse.h" and re.fullmatch(r"\d+\.\d+\.\d+", properties["version"])
-    assert sorted(x.name for x in (tmp_path / "src").iterdir()) == ["dse.c", "dse.h"]
+    assert sorted(x.name for x in (tmp_path / "src").iterdir()) == ["dse.c", "dse.h", "dse_selftest.c"]
     assert (tmp_path / "examples" / "touch" / "touch.ino").is_file()
     assert properties["architectures"] == "*"

@@ -7,6 +7,11 @@
 void dse_push_spike(dse_t *net, uint16_t channel)
 {
     const uint32_t bit = (uint32_t)1 << (channel & 31u);
+@if apart
+    if (net->weights == NULL) {
+        return;
+    }
+@end
     if (${bound}(net->step >= STEPS) || ((net->spikes[0][channel >> 5] & bit) != 0u)) {
         return;
     }
@@ -43,7 +48,11 @@ void dse_step(dse_t *net)
         net->end_us += $bin_us;
     }
 @end
+@if apart
+    if ((net->weights == NULL) || (net->step >= STEPS)) {
+@else
     if (net->step >= STEPS) {
+@end
         return;
     }
     net->step++;

@@ -11,6 +11,11 @@
 $leaks${rows}void dse_push_spike(dse_t *net, uint16_t channel)
 {
     const uint32_t bit = (uint32_t)1 << (channel & 31u);
+@if apart
+    if (net->weights == NULL) {
+        return;
+    }
+@end
     if (${bound}(net->step >= STEPS) || ((net->spikes[$slot][channel >> 5] & bit) != 0u)) {
         return;
     }
@@ -106,7 +111,11 @@ void dse_step(dse_t *net)
         net->end_us += $bin_us;
     }
 @end
+@if apart
+    if ((net->weights == NULL) || (net->step >= STEPS)) {
+@else
     if (net->step >= STEPS) {
+@end
         return;
     }
 @if part

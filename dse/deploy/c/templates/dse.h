@@ -61,13 +61,26 @@ typedef int32_t dse_level_t;
 #endif
 @end
 
-/* All memory of a classifier: $ram_bytes bytes, yours, static or not, at first 0 or by dse_init(). Do not look inside. */
+@if apart
+struct dse_weights;
+
+@end
+/* All memory of a classifier: $ram_bytes bytes$more, yours, static or not, at first 0 or by dse_init(). Do not look inside. */
 typedef struct {
+@if apart
+    const struct dse_weights *weights; /* where dse_load() found them */
+@end
 @each declared
 $text
 @end
 } dse_t;
 
+@if apart
+/* Take the weights of weights.bin, which lie aligned to 8 bytes and stay there. Returns 0, and there are none, if
+ * they are damaged or of other code. A dse_t without weights never answers. dse_init() keeps them. */
+uint8_t dse_load(dse_t *net, const void *block, uint32_t n_bytes);
+
+@end
 /* Forget everything: the next input is the first of a recording. */
 void dse_init(dse_t *net);
 
@@ -109,12 +122,14 @@ uint32_t dse_count(const dse_t *net, uint16_t output);
 /* Name of a class. */
 const char *dse_class_name(int16_t label);
 
+@if n_windows
 #ifndef DSE_NO_SELFTEST
 /* 1: the classifier gives here the answers and output spikes that it gave where it was trained, to three windows
  * of spikes, without an encoder; 0: it does not. It begins and ends as dse_init() does. In dse_selftest.c. */
 uint8_t dse_selftest(dse_t *net);
 #endif
 
+@end
 #ifdef DSE_TRACE
 /* Yours: called at every spike, with its network step since dse_reset(); layer 0 is the input. */
 void dse_trace(const dse_t *net, uint8_t layer, uint16_t neuron, uint32_t step);

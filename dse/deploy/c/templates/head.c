@@ -1,4 +1,7 @@
 #include "dse.h"
+@if apart
+#include <stddef.h>
+@end
 
 #ifdef DSE_TRACE
 #define SPIKE(layer, neuron) dse_trace(net, (uint8_t)(layer), (uint16_t)(neuron), net->step)

@@ -36,10 +36,19 @@ static void refuse(const char *what)
 }
 
 @include main_${front_end}.c
+@if apart
+
+@include load_file.c
+@end
 
 int main(void)
 {
     unsigned long n_recordings = 0;
+@if apart
+    if (!load()) {
+        refuse("weights.bin here is not of this program");
+    }
+@end
     printf("answer,time_ms,decided\n");
     while (fgets(line, sizeof line, stdin) != NULL) {
         const char *text = line + strspn(line, " \t\r\n");

@@ -71,3 +71,6 @@ const char *dse_class_name(int16_t label)
     }
     return &names[at];
 }
+@if apart
+@include load.c
+@end

@@ -1,0 +1,49 @@
+"""Weights beside the code: all tables of a classifier as one block, a struct of C with a checksum.
+
+The code reads a block through a pointer, and `dse_load` takes it only if its checksum is right and its layout
+that of the code: the CRC-32 of the source without comments. So weights of another training are an update
+where nothing else has changed, and are refused where anything has.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from dse.deploy.c.arrays import Table, laid_out
+from dse.deploy.c.text import filled
+
+_TYPES = {"float": "<f4", "double": "<f8"}
+
+
+def beside(source: str, tables: Sequence[Table], names: str) -> tuple[str, bytes]:
+    """Return a source whose tables are in a block, and the block.
+
+    Args:
+        source: with the definitions of the tables, in one place.
+        tables: of the classifier.
+        names: of its classes, in C.
+    """
+    defined = "\n".join(table.text for table in tables)
+    before, after = source.split(defined)
+    named = re.compile(rf"\b({'|'.join(table.name for table in tables)})\b")
+    after = named.sub(r"net->weights->\1", after)
+    placed = laid_out(tables)
+    declared = filled("weights.c", tables=placed)
+    code = re.sub(r"/\*.*?\*/", "", before + declared + after, flags=re.DOTALL)
+    layout = zlib.crc32(f"{code}{names}".encode())
+    return before + f"#define LAYOUT 0x{layout:x}u\n{declared}" + after, _block(layout, placed)
+
+
+def _block(layout: int, tables: Sequence[Table]) -> bytes:
+    # uint8_t is u1, int16_t is i2.
+    kinds = [_TYPES.get(x.kind, f"<{x.kind[0]}{x.width}") for x in tables]
+    arrays = (np.ascontiguousarray(x.values, kind) for x, kind in zip(tables, kinds, strict=True))
+    body = b"".join(x.tobytes() for x in arrays)
+    widest = max(4, *(x.width for x in tables))
+    body += bytes(-len(body) % widest)
+    return struct.pack("<4I", layout, 16 + len(body), zlib.crc32(body), 0) + body
