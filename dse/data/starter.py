@@ -308,8 +308,9 @@ def _n_inputs(recordings: Recordings, sections: Mapping[str, Any]) -> int:
         return recordings.spikes.n_channels
     if isinstance(recordings, Signals):
         changes, digits = sections["encoder"]["choice"]
-        return 2 * recordings.n_channels * max(len(changes["thresholds"]), digits["digits"])
-    pool = sections["preprocessing"].get("pool", 1)
+        each = max(len(changes["thresholds"]), int(digits["digits"]))
+        return 2 * recordings.n_channels * each
+    pool = int(sections["preprocessing"].get("pool", 1))
     return 2 * -(-recordings.width // pool) * -(-recordings.height // pool)
 
 
