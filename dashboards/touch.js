@@ -8,8 +8,8 @@ const Touch = (() => {
 
   // A design beside its recordings: `run(k)` begins recording k and returns what takes its steps.
   async function machine(design, inputs) {
-    const { instance } = await WebAssembly.instantiate(Data.array(design.module, Uint8Array));
-    const call = (name, ...values) => instance.exports[`${design.prefix}${name}`](...values);
+    const { exports } = (await WebAssembly.instantiate(Data.array(design.module, Uint8Array))).instance;
+    const call = (name, ...values) => exports[`${design.prefix}${name}`](exports[`${design.prefix}net`].value, ...values);
     const recordings = inputs[design.input].map((one) => ({ ...one, counts: Data.array(one.counts, Uint16Array), channels: Data.array(one.channels, Uint16Array) }));
     function run(k) {
       const { counts, channels } = recordings[k];
