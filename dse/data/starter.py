@@ -322,7 +322,7 @@ def _network(n_steps: int, n_inputs: int) -> dict[str, Any]:
     """
     n = next(n for n in (_MOST_COPIES, 4, 2, 1) if n * n_inputs <= _MOST_INPUTS or n == 1)
     halves = sorted({0, *(n_steps >> k for k in range(1, n))})
-    parts = [n_steps * k // n for k in range(n)]
+    parts = sorted({n_steps * k // n for k in range(n)})
     delays = [[0], *(x for x in ([halves] if halves == parts else [halves, parts]) if len(x) > 1)]
     count_scale = float(f"{max(_COUNT_SCALE, _LEAST_ODDS / n_steps):.2g}")
     return {

@@ -123,3 +123,15 @@ def test_a_folder_of_events_of_taxels_is_no_folder_of_samples(tmp_path):
             table.to_csv(tmp_path / "touch" / label / f"{k}.csv", index=False)
     space = dse.load_space(dse.init(tmp_path / "touch", tmp_path / "space.yaml"))
     assert space.parts["data"].kind == "event_files"
+
+
+@pytest.mark.parametrize("n_steps", [2, 3, 7, 8, 9, 130])
+def test_a_first_network_has_every_delay_once(tmp_path, n_steps):
+    rng = np.random.default_rng(1)
+    signal = rng.normal(size=(20, n_steps, 2))
+    np.savez(tmp_path / "touch.npz", signal=signal, label=np.tile(["a", "b"], 10))
+    space = dse.load_space(dse.init(tmp_path / "touch.npz", tmp_path / "space.yaml", step_ms=10.0))
+    delays = [space.axes[name].values for name in space.axes if name.endswith("input_delays")]
+    for each in (x for values in delays for x in values):
+        assert each[0] == 0 and list(each) == sorted(set(each)) and max(each) < n_steps
+    assert delays
