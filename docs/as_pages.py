@@ -1,0 +1,38 @@
+"""The notebooks as pages of the site: text, code, and what each cell has shown."""
+
+import json
+import re
+
+from mkdocs.structure.files import File
+
+
+def on_files(files, config):
+    """Put a page in the place of each notebook."""
+    for file in [x for x in files if x.src_uri.endswith(".ipynb")]:
+        files.remove(file)
+        place = file.src_uri.replace(".ipynb", ".md")
+        files.append(File.generated(config, place, content=page(json.loads(file.content_string))))
+    return files
+
+
+def on_page_markdown(markdown, **_):
+    """Let links to notebooks lead to their pages."""
+    return re.sub(r"\]\((notebooks/\w+)\.ipynb\)", r"](\1.md)", markdown)
+
+
+def page(notebook):
+    """Return a notebook as Markdown."""
+    parts = []
+    for cell in notebook["cells"]:
+        text = "".join(cell["source"])
+        parts.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
+        parts += map(shown, cell.get("outputs", ()))
+    return "\n\n".join(parts)
+
+
+def shown(output):
+    """Return an output of a cell as Markdown."""
+    forms = {kind: "".join(text) for kind, text in output.get("data", {"text/plain": output.get("text")}).items()}
+    if "image/png" in forms:
+        return f'<img alt="the figure" src="data:image/png;base64,{forms["image/png"]}">'
+    return forms.get("text/html") or f"```text\n{forms['text/plain'].rstrip()}\n```"
