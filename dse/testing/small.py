@@ -15,6 +15,7 @@ import numpy as np
 from dse import seeds
 from dse.config import load_space
 from dse.config.contracts import Generators
+from dse.dataset.cache import usual_root
 from dse.hardware.profile import load
 from dse.measure.objectives import FullReadOut, Points, Priced
 from dse.measure.run import records_for_objectives
@@ -141,8 +142,8 @@ def _write_touches(path: Path) -> None:
 
 
 @functools.cache
-def _trained() -> Path:
-    """Return the folder of a study that is trained once and goes with the process."""
+def _trained(_of_cache: Path) -> Path:
+    """Return the folder of a study that is trained once per cache and goes with the process."""
     folder = Path(tempfile.mkdtemp(prefix="dse-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     _write_touches(folder / "touch.npz")
@@ -154,7 +155,7 @@ def _trained() -> Path:
 class SmallStudy(Study):
     """A finished study of small networks: `dse.figures.Results`."""
 
-    folder: Path = field(default_factory=_trained)
+    folder: Path = field(default_factory=lambda: _trained(usual_root()))
 
 
 def records() -> dict[str, list[Points | FullReadOut | Priced]]:

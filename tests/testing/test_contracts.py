@@ -170,3 +170,9 @@ def test_every_kind_of_chip_has_a_profile():
 @pytest.mark.parametrize("path", sorted((sources() / "views").glob("*.js")), ids=lambda path: path.stem)
 def test_view(path):
     check_view(path.stem, path)
+
+
+def test_the_small_study_has_its_data_wherever_the_cache_is(tmp_path, monkeypatch):
+    for name in ("first", "second"):
+        monkeypatch.setenv("DSE_CACHE", str(tmp_path / name))
+        check_figure(registry.known("figures")["psth"](), SmallStudy())
