@@ -32,7 +32,8 @@ def page(notebook):
 
 def shown(output):
     """Return an output of a cell as Markdown."""
-    forms = {kind: "".join(text) for kind, text in output.get("data", {"text/plain": output.get("text")}).items()}
+    data = output.get("data", {"text/plain": output.get("text")})
+    forms = {kind: "".join(text) for kind, text in data.items()}
     if "image/png" in forms:
         return f'<img alt="the figure" src="data:image/png;base64,{forms["image/png"]}">'
     return forms.get("text/html") or f"```text\n{forms['text/plain'].rstrip()}\n```"

@@ -25,6 +25,7 @@ from dse.testing import (
     check_view,
 )
 from dse.testing.small import SmallStudy
+from tests.installed import needs_papers
 from tests.joint_data import joint
 
 # Keys that a component needs, and those that keep its check small.
@@ -172,6 +173,7 @@ def test_view(path):
     check_view(path.stem, path)
 
 
+@needs_papers
 def test_the_small_study_has_its_data_wherever_the_cache_is(tmp_path, monkeypatch):
     for name in ("first", "second"):
         monkeypatch.setenv("DSE_CACHE", str(tmp_path / name))
