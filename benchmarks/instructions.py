@@ -140,7 +140,13 @@ FAMILIES: dict[str, Callable[[float, list[int], np.random.Generator], tuple[Any,
             read_outs=1,
             precision="int8",
         ),
-        Kernels(window_ms=window_ms / 4, kernels=4 * hidden[0], places=int(rng.integers(1, 6)), read_outs=1),
+        Kernels(
+            window_ms=window_ms / 4,
+            kernels=4 * hidden[0],
+            places=int(rng.integers(1, 6)),
+            thresholds=int(rng.choice([1, 1, 2, 4])),
+            read_outs=1,
+        ),
     ),
 }
 

@@ -353,7 +353,13 @@ def _rivals(n_steps: int, step_ms: float, of_signals: bool) -> list[dict[str, An
         if of_signals
         else {"kind": "linear", "window_ms": window_ms(4)},
         mlp | ({"reads": "levels"} if of_signals else {}),
-        {"kind": "kernels", "window_ms": window_ms(_MOST_BINS), "kernels": {"choice": [300, 1000]}},
+        {
+            "kind": "kernels",
+            "window_ms": window_ms(_MOST_BINS),
+            "kernels": {"choice": [300, 1000]},
+            "thresholds": 4,
+            "readout": "ridge",
+        },
     ]
 
 

@@ -190,7 +190,7 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
     if isinstance(model, ELM):  # the newest first
         rows = tuple(n - 1 - w if n - 1 - w < model.windows else -1 for w in range(n))
     elif isinstance(model, Kernels):
-        rows, per_window = (0,) * n, len(fitted.arrays["taps"])
+        rows, per_window = (0,) * n, len(fitted.arrays["thresholds"])
     elif isinstance(model, RateClassifier) and model.channels == "sum":
         per_window = 1
     elif reads_levels(model):
@@ -386,6 +386,7 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
         Table(back, "taps", (arrays["taps"] * dilations[:, None]).ravel()),
         Table("int32_t", "threshold", arrays["thresholds"]),
     )
+    several = len(arrays["thresholds"]) > len(arrays["taps"])
     n_ring = 2 * n_bins  # each sum twice, so that the last bins are a row wherever it begins
     members = (
         Member("int32_t", "levels", (groups.shape[1],), _PLACES, is_cleared=True),
@@ -396,6 +397,8 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
     )
     values = {
         "n_groups": len(groups),
+        "n_kernels": len(arrays["taps"]),
+        "n_thresholds": len(arrays["thresholds"]) // len(arrays["taps"]) if several else 0,
         "longest": int(arrays["dilations"].max()),
         "n_bins": n_bins,
         "n_levels": groups.shape[1],

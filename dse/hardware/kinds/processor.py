@@ -81,7 +81,7 @@ _WAKES = "the processor wakes once per step"
 _PROGRAM = {
     "addition": (
         *("tally_start", "tally_step", "tally_spike", "tally_add", "tally_word", "tally_count"),
-        *("kernel_place", "kernel"),
+        *("kernel_place", "kernel", "kernel_more"),
     ),
     "mac": (
         *("neighbour", "sample", "feature", "difference", "deviation", "scale"),
@@ -153,6 +153,9 @@ class Processor(Profile):
     integer_unit_cycles: Number | None = optional("cycles per such unit")
     kernel_place_cycles: Number | None = optional("cycles per bin and place of a group of kernels")
     kernel_cycles: Number | None = optional("cycles per bin and kernel")
+    kernel_more_cycles: Number | None = optional(
+        "cycles per bin and threshold passed beyond a kernel's first"
+    )
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`); cores given by hand are ignored."""

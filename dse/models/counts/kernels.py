@@ -1,20 +1,20 @@
-"""Random dilated kernels over levels of spikes: how often each is above its threshold, and a linear readout.
+"""Random dilated kernels over levels of spikes: how often each is above its thresholds, and a linear readout.
 
     level[p](t) = sum of what each spike of place p up to bin t adds to it (`dse.models.counts.levels`)
     z[g](t)     = sum over the places p of group g of s[g, p] level[p](t),     s = 1 or -1; 16 bits, held at
                   their ends
     c[k](t)     = 3 sum over 3 of 9 taps j of z[g](t - j d)  -  sum over all 9 taps of z[g](t - j d)
-    x[k]        = bins t with c[k](t) > b[k]
+    x[k, m]     = bins t with c[k](t) > b[k, m]
 
 Before the window a level is 0. What ON and OFF spikes (planes 1 and 0, 3 and 2, ...) of a place add up to is
 the signal that they are changes of, and of the digits of `quantised` the quantised signal itself.
 Kernels, whose weights -1 and 2 sum to 0, see its shape and not where it starts. Kernel k has dilation d =
 2^(k mod D), the D powers of 2 whose nine taps the window holds, and group k // D: up to `places` places and
-their signs, drawn. Its 3 taps are drawn; b is a drawn quantile, 0.1 to 0.9, of its values on some training
-recordings.
+their signs, drawn. Its 3 taps are drawn; its M thresholds rise: each is a quantile of its values on some
+training recordings, drawn from an M-th of 0.1 to 0.9. The sums are what costs, so that several thresholds
+tell more at the price of one kernel.
 
-All numbers are integers, and the state is a ring of 8 d + 1 bins per group. The readout is that of `linear`:
-on three sets of touch it is as accurate as the ridge classifier of the source, or more.
+All numbers are integers, and the state is a ring of 8 d + 1 bins per group. The readout is that of `linear`.
 Source: [Dempster et al., MiniRocket in REFERENCES.md]: kernels, dilations, quantiles, of the signal itself.
 """
 
@@ -45,7 +45,7 @@ _BATCH = 256
 class Kernels(Regressed):
     """Random dilated kernels over levels of spikes, and a linear readout, in integers.
 
-    Cost: W_t = weights of the readout and a threshold per kernel; which places and taps a kernel sums is not
+    Cost: W_t = weights of the readout and the thresholds; which places and taps a kernel sums is not
     counted. Every weight of the readout is one multiply-accumulate; an addition is one spike, one place of a
     group in a bin, and twelve of a kernel in a bin.
     Health: converged, whether every readout ended before `epochs`.
@@ -53,12 +53,11 @@ class Kernels(Regressed):
 
     window_ms: float = param(20.0, low=0, low_open=True, unit="ms", doc="bin in which spikes add up")
     kernels: int = param(300, low=1, doc="number of kernels")
+    thresholds: int = param(1, low=1, high=16, doc="thresholds of each kernel, at rising quantiles")
     places: int = param(4, low=1, doc="largest number of places (taxels, pools) of a kernel")
     read_outs: int = fixed(
         10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced"
     )
-    alpha: float = param(0.01, low=0, low_open=True, doc="L2 penalty of the readout, as of linear")
-    epochs: int = param(1000, low=1, doc="largest number of steps of the solver of the readout")
 
     def wiring(self, dataset: Dataset) -> Mapping[str, Array]:
         """Return the place of each channel, and what its spike adds to the level."""
@@ -97,25 +96,31 @@ class Kernels(Regressed):
             "dilations": 2 ** np.arange(n_dilations),
             "taps": _TRIPLES[rng.integers(len(_TRIPLES), size=self.kernels)].astype(np.uint8),
         }
-        thresholds = np.zeros(self.kernels, np.int32)
+        thresholds = np.zeros((self.kernels, self.thresholds), np.int32)
+        ends = np.linspace(0.1, 0.9, self.thresholds + 1)
         for k, taps in enumerate(arrays["taps"]):
             group, dilation = groups[k // n_dilations], 1 << k % n_dilations
             some = counts[rng.choice(n, min(n, _OF_A_QUANTILE), replace=False)]
             values = convolved(summed(some, group), dilation, taps)
-            thresholds[k] = np.floor(np.quantile(values, rng.uniform(0.1, 0.9)))
-        return arrays | {"thresholds": thresholds}
+            thresholds[k] = np.floor(np.quantile(values, rng.uniform(ends[:-1], ends[1:])))
+        return arrays | {"thresholds": thresholds.ravel()}
 
     def inputs(self, arrays: Mapping[str, Array], counts: Array, lengths: Array) -> Iterator[Array]:
-        """Yield how often each kernel is above its threshold in each input length, (n, kernel)."""
+        """Yield how often kernels are above each of their thresholds in each input length, (n, threshold)."""
         dilations = arrays["dilations"].tolist()
-        above = np.empty((len(lengths), len(counts), len(arrays["taps"])), np.int32)
+        thresholds = arrays["thresholds"].reshape(len(arrays["taps"]), -1)
+        begins = np.concatenate([[0], lengths[:-1]])
+        above = np.empty((len(lengths), len(counts), *thresholds.shape), np.int32)
         for first in range(0, len(counts), _BATCH):
             part = slice(first, first + _BATCH)
             z = summed(counts[part], arrays["groups"])
-            for k, (taps, threshold) in enumerate(zip(arrays["taps"], arrays["thresholds"], strict=True)):
+            for k, taps in enumerate(arrays["taps"]):
                 values = convolved(z[:, :, k // len(dilations)], dilations[k % len(dilations)], taps)
-                above[:, part, k] = np.cumsum(values > threshold, axis=1, dtype=np.int32).T[lengths - 1]
-        yield from above
+                for m, threshold in enumerate(thresholds[k]):
+                    is_above = values[:, : lengths[-1]] > threshold
+                    found = np.add.reduceat(is_above, begins, axis=1, dtype=np.int32)
+                    above[:, part, k, m] = found.cumsum(axis=1).T
+        yield from above.reshape(len(lengths), len(counts), -1)
 
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
         """Return the weights of the readout and the thresholds."""
@@ -129,12 +134,17 @@ class Kernels(Regressed):
     def program(
         self, arrays: Mapping[str, Array], counts: Array, lengths: Array
     ) -> Mapping[str, Array | list[float]]:
-        """Return the work of the readout, and in all bins that of places and kernels."""
-        return {
-            **super().program(arrays, counts, lengths),
+        """Return the work of the readout, of places and kernels in all bins, and of further thresholds."""
+        found = list(self._inputs(arrays, counts, lengths))
+        work: dict[str, Array | list[float]] = {
+            **self.worked(arrays, found),
             "kernel_place": lengths * np.count_nonzero(arrays["groups"]),
             "kernel": lengths * len(arrays["taps"]),
         }
+        if len(arrays["thresholds"]) > len(arrays["taps"]):
+            above = [x.reshape(len(x), len(arrays["taps"]), -1)[:, :, 1:].sum(axis=(1, 2)) for x in found]
+            work["kernel_more"] = [float(x.mean()) for x in above] or [0.0] * len(lengths)
+        return work
 
     def check_fitted(self, fitted: Parameters, n_outputs: int) -> None:
         """Check arrays that index others (`dse.config.contracts.Family`).
@@ -148,7 +158,8 @@ class Kernels(Regressed):
         n_dilations = len(arrays["dilations"])
         is_right = (
             is_wired(arrays, n)
-            and arrays["taps"].shape == (len(arrays["thresholds"]), 3)
+            and arrays["taps"].shape[1:] == (3,)
+            and len(arrays["thresholds"]) % max(1, len(arrays["taps"])) == 0
             and len(arrays["groups"]) == -(-len(arrays["taps"]) // n_dilations)
             and arrays["dilations"].tolist() == [1 << k for k in range(n_dilations)]
             and n_dilations < 32

@@ -1,9 +1,10 @@
-"""A linear classifier of counts in integers: logistic regression, then weights of 8 bits."""
+"""A linear classifier of counts in integers: logistic or ridge regression, then weights of 8 bits."""
 
 from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -11,16 +12,29 @@ from dse.models.counts.integers import rounded
 from dse.models.counts.levels import LevelReader
 from dse.models.counts.rate_windows import Channels, Learnt
 from dse.models.counts.readouts import Readouts, scaling, unscaled
+from dse.models.counts.ridge import ridge
 from dse.models.training import Generators
 from dse.records import Array, Floats
 from dse.registry import fixed, param, register
 
 
+@dataclass(frozen=True)
 class Regressed(Readouts):
-    """A classifier whose readouts are logistic regressions, rounded to integers."""
+    """A classifier whose readouts are logistic or ridge regressions, rounded to integers."""
 
-    alpha: float
-    epochs: int
+    readout: Literal["logistic", "ridge"] = param(
+        "logistic",
+        choices=("logistic", "ridge"),
+        doc="what is regressed: classes by their likelihood, or 1 and -1 by squared errors, with the penalty "
+        "that answers best to samples left out; ridge pays for many inputs and few samples",
+    )
+    alpha: float = param(
+        0.01,
+        low=0,
+        low_open=True,
+        doc="L2 penalty of logistic: mean loss + alpha / 2 times the sum of squared weights",
+    )
+    epochs: int = param(1000, low=1, doc="largest number of steps of the solver of logistic")
 
     def regressed(
         self, arrays: dict[str, Array], counts: Array, target: Array, lengths: Array, most: int
@@ -28,8 +42,11 @@ class Regressed(Readouts):
         """Train and round a readout per input length; arguments as of `learn`, arrays as of `inputs`."""
         converged = True
         for j, x in enumerate(self._inputs(arrays, counts, lengths)):
-            weight, bias, ended = logistic(x, target, self.alpha, self.epochs)
-            converged &= ended
+            if self.readout == "ridge":
+                weight, bias = ridge(x, target)
+            else:
+                weight, bias, ended = logistic(x, target, self.alpha, self.epochs)
+                converged &= ended
             arrays |= rounded([(weight, bias)], x, most).stored(j)
         return Learnt(arrays, {}, {"converged": converged})
 
@@ -39,9 +56,9 @@ class Regressed(Readouts):
 class Linear(LevelReader, Regressed):
     """Linear classifier of spike counts, or of levels, in integers: a weight of 8 bits per number and class.
 
-    Multinomial logistic regression of counts that are scaled to mean 0 and variance 1 in training, in double;
-    scales then go into weights and biases, which are rounded (`dse.models.counts.integers`). What is measured
-    is the classifier of integers. Where training holds one class, it is answered.
+    Regression of counts that are scaled to mean 0 and variance 1 in training, in double; scales then go into
+    weights and biases, which are rounded (`dse.models.counts.integers`). What is measured is the classifier
+    of integers. Where training holds one class, it is answered.
 
     Cost: W_t = counts x classes (of two classes one), each one multiply-accumulate; biases are not counted.
     Health: converged, whether every input length ended before `epochs`.
@@ -53,10 +70,6 @@ class Linear(LevelReader, Regressed):
     read_outs: int = fixed(
         10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced"
     )
-    alpha: float = param(
-        0.01, low=0, low_open=True, doc="L2 penalty: mean loss + alpha / 2 times the sum of squared weights"
-    )
-    epochs: int = param(1000, low=1, doc="largest number of steps of the solver")
 
     def learn(self, counts: Array, target: Array, lengths: Array, most: int, rngs: Generators) -> Learnt:
         """Train and round a readout per input length; nothing is random."""

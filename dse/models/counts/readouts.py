@@ -6,7 +6,7 @@ Layers are in floating point, weight (input, unit) and bias (unit,) of each, or 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -64,16 +64,26 @@ class Readouts(Windowed):
     def program(
         self, arrays: Mapping[str, Array], counts: Array, lengths: Array
     ) -> Mapping[str, Array | list[float]]:
-        """Return the inputs, those of units that are not 0, their weights, and the units."""
-        work, kinds = np.zeros((4, len(lengths))), ("scale", "single_row", "single", "single_unit")
-        for j, x in enumerate(self._inputs(arrays, counts, lengths)):
+        """Return the work of `worked`."""
+        return self.worked(arrays, self._inputs(arrays, counts, lengths))
+
+    def worked(self, arrays: Mapping[str, Array], found: Iterable[Array]) -> dict[str, Array | list[float]]:
+        """Return the inputs, those of units that are not 0, their weights, and the units.
+
+        Args:
+            arrays: what is learnt.
+            found: what the layers of each input length see, as of `inputs`.
+        """
+        n = len(arrays["lengths"])
+        work, kinds = np.zeros((4, n)), ("scale", "single_row", "single", "single_unit")
+        for j, x in enumerate(found):
             work[0, j] = x.shape[1]
             for given, (_, bias) in zip(passed(x, arrays, j), layers_of(arrays, j), strict=False):
                 inputs = np.count_nonzero(given) / max(1, len(given))
                 work[1:, j] += inputs, inputs * len(bias), len(bias)
         if "0/scale" in arrays:
             kinds = ("integer_input", "integer_row", "integer", "integer_unit")
-            return dict(zip(kinds, work, strict=True)) | {"tally_count": np.zeros(len(lengths))}
+            return dict(zip(kinds, work, strict=True)) | {"tally_count": np.zeros(n)}
         return dict(zip(kinds, work, strict=True))
 
     def stored_bits(self, arrays: Mapping[str, Array]) -> int:

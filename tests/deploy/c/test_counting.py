@@ -100,6 +100,7 @@ def test_answers_are_those_of_the_engine(model, read_out_ms, tmp_path):
         Linear(window_ms=20),
         MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2, precision="int8"),
         Kernels(window_ms=5, kernels=40, read_outs=3),
+        Kernels(window_ms=5, kernels=40, thresholds=3, read_outs=3),
         Linear(window_ms=20, reads="levels"),
         MLP(
             window_ms=35,
@@ -131,6 +132,7 @@ def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
     "model",
     [
         Kernels(window_ms=5, kernels=40, read_outs=3),
+        Kernels(window_ms=5, kernels=40, thresholds=3, read_outs=3),
         Linear(window_ms=35, reads="levels"),
         MLP(window_ms=20, channels="each", hidden=(12,), epochs=20, read_outs=2, reads="levels"),
     ],

@@ -111,7 +111,7 @@ KINDS = {
     "elm": lambda: fitted(ELM(window_ms=20, windows=3, hidden=9))[0],
     "mlp": lambda: fitted(MLP(window_ms=20, hidden=(5,), epochs=2))[0],
     "integers": lambda: fitted(MLP(window_ms=20, hidden=(5,), epochs=2, precision="int8"))[0],
-    "kernels": lambda: fitted(Kernels(window_ms=20, kernels=84, places=2))[0],
+    "kernels": lambda: fitted(Kernels(window_ms=20, kernels=84, places=2, thresholds=3))[0],
 }
 
 

@@ -22,32 +22,36 @@ def on_and_off():
 
 
 def above(arrays, levels, n_bins):
-    """Return the bins in which each kernel is above its threshold: levels is (bin, place)."""
+    """Return the bins in which each kernel is above each of its thresholds: levels is (bin, place)."""
     found = []
-    for k, (taps, threshold) in enumerate(zip(arrays["taps"], arrays["thresholds"], strict=True)):
+    thresholds = arrays["thresholds"].reshape(len(arrays["taps"]), -1)
+    for k, (taps, rising) in enumerate(zip(arrays["taps"], thresholds, strict=True)):
         dilation = int(arrays["dilations"][k % len(arrays["dilations"])])
         group = arrays["groups"][k // len(arrays["dilations"])]
         z = [sum(int(s) * int(v) for s, v in zip(group, row, strict=True)) for row in levels]
-        count = 0
+        sums = []
         for t in range(n_bins):
             lags = [z[t - j * dilation] if t >= j * dilation else 0 for j in range(9)]
-            count += 3 * sum(lags[j] for j in taps) - sum(lags) > threshold
-        found.append(count)
+            sums.append(3 * sum(lags[j] for j in taps) - sum(lags))
+        found += [sum(x > threshold for x in sums) for threshold in rising]
     return found
 
 
-@pytest.mark.parametrize("rises", [None, [-1, 1, -1, 1], [-3, 3, -200, 200]])
-def test_counts_are_those_of_the_definition(rises):
+@pytest.mark.parametrize(("rises", "thresholds"), [(None, 1), ([-1, 1, -1, 1], 4), ([-3, 3, -200, 200], 3)])
+def test_counts_are_those_of_the_definition(rises, thresholds):
     data = replace(on_and_off(), rises=None if rises is None else np.array(rises, np.int32))
-    outcome = FAMILY.fit(data, Training(), rngs)
+    family = replace(FAMILY, thresholds=thresholds)
+    outcome = family.fit(data, Training(), rngs)
     arrays = outcome.network.arrays
     signs = rises or [-1, 1, -1, 1]
     assert arrays["place"].tolist() == [0, 0, 1, 1] and arrays["sign"].tolist() == signs
     assert arrays["sign"].dtype == (np.int8 if max(signs) < 127 else np.int16)
     assert arrays["dilations"].tolist() == [1, 2, 4]  # 8 x 8 is beyond 40 bins
-    rises = FAMILY.counts(data, data.validation[:3], arrays)
+    rises = family.counts(data, data.validation[:3], arrays)
     lengths = arrays["lengths"]
-    inputs = np.stack(list(FAMILY.inputs(arrays, rises, lengths)), axis=1)
+    inputs = np.stack(list(family.inputs(arrays, rises, lengths)), axis=1)
+    assert np.array_equal(inputs[:, 1], *family.inputs(arrays, rises, lengths[1:2]))
+    assert (np.diff(arrays["thresholds"].reshape(14, -1)) >= 0).all()
     for n, i in enumerate(data.validation[:3]):
         first = i * data.spikes.n_steps + data.start[i]
         levels, level = [], [0, 0]
@@ -59,8 +63,13 @@ def test_counts_are_those_of_the_definition(rises):
         for j, length in enumerate(lengths):
             assert inputs[n, j].tolist() == above(arrays, levels, int(length))
     assert (inputs > 0).any() and (inputs < 40).any()
-    answers = outcome.validation
-    assert answers.n_weights.tolist() == [14 * 3 + 14] * 3 and answers.macs.tolist() == [42.0] * 3
+    answers, n = outcome.validation, 14 * thresholds
+    assert answers.n_weights.tolist() == [n * 3 + n] * 3 and answers.macs.tolist() == [n * 3] * 3
+    rises = family.counts(data, data.validation, arrays)
+    more = [
+        x.reshape(-1, 14, thresholds)[:, :, 1:].sum() / len(x) for x in family.inputs(arrays, rises, lengths)
+    ]
+    assert np.allclose(answers.program.get("kernel_more", 0), more)
     in_bin = np.count_nonzero(arrays["groups"]) + 12 * 14
     assert np.allclose(answers.additions - answers.input_spikes.mean(axis=0), lengths * in_bin)
 

@@ -17,16 +17,23 @@ static APART void slide(dse_t *net)
         row[$n_bins] = (int16_t)z;
         row = &row[$n_ring];
     }
-    for (i = 0; i < ${n_features}u; i++) {
+    for (i = 0; i < ${n_kernels}u; i++) {
         const int16_t *then = now;
         int32_t sum = *then;
         for (j = 0; j < 8u; j++) {
             then = &then[-(int32_t)dilation];
             sum += *then;
         }
+@if n_thresholds
+        sum = (3 * (*(now - tap[0]) + *(now - tap[1]) + *(now - tap[2]))) - sum;
+        for (j = ${n_thresholds}u * i; (j < (${n_thresholds}u * (i + 1u))) && (sum > threshold[j]); j++) {
+            net->counts[j]++;
+        }
+@else
         if (((3 * (*(now - tap[0]) + *(now - tap[1]) + *(now - tap[2]))) - sum) > threshold[i]) {
             net->counts[i]++;
         }
+@end
         tap = &tap[3];
         dilation <<= 1;
         if (dilation > ${longest}u) {
