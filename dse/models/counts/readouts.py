@@ -67,7 +67,9 @@ class Readouts(Windowed):
         """Return the work of `worked`."""
         return self.worked(arrays, self._inputs(arrays, counts, lengths))
 
-    def worked(self, arrays: Mapping[str, Array], found: Iterable[Array]) -> dict[str, Array | list[float]]:
+    def worked(
+        self, arrays: Mapping[str, Array], found: Iterable[Array]
+    ) -> Mapping[str, Array | list[float]]:
         """Return the inputs, those of units that are not 0, their weights, and the units.
 
         Args:
