@@ -60,11 +60,12 @@ from dse.engine.events import Rows, dense, gather
 from dse.engine.layers import Weights, prepare, weights
 from dse.measure import decision
 from dse.models.counts.elm import reduced, ridge_solutions
-from dse.models.counts.rate_windows import single_threaded, window_counts, window_edges
+from dse.models.counts.rate_windows import window_counts, window_edges
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.training import Training
 from dse.native.compiled import compiled
+from dse.native.threads import single_threaded
 from dse.neurons import cuba_lif, fixed_point, izhikevich, resonator
 from dse.preprocessing import pool
 from dse.recordings.pooling import pooling

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from dse.native.threads import single_threaded
 from dse.recordings.doubts import nearest_neighbours
 from dse.records import Array, Bools, Floats, Ints
 
@@ -25,13 +26,12 @@ def logistic(x: Floats, codes: Ints, query: Floats) -> Ints:
     """
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import LogisticRegression
-    from threadpoolctl import threadpool_limits
 
     if len(np.unique(codes)) == 1 or not np.ptp(x, axis=0).any():
         return np.full(len(query), np.bincount(codes).argmax(), np.int64)
     mean, spread = x.mean(axis=0), x.std(axis=0)
     spread = np.where(spread > 0, spread, 1.0)
-    with threadpool_limits(1), warnings.catch_warnings():
+    with single_threaded(), warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         fitted = LogisticRegression(C=0.1, max_iter=300).fit((x - mean) / spread, codes)
         return np.asarray(fitted.predict((query - mean) / spread))

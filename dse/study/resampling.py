@@ -18,6 +18,7 @@ import numpy as np
 from dse import store
 from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.on_chips import DRAWN
+from dse.native.threads import single_threaded
 from dse.records import Array, Bools, Floats, Ints
 from dse.seeds import generator
 from dse.skyline.front import Draws, front_share
@@ -123,6 +124,7 @@ def draws(
         for number in np.unique(study):
             yield int(number), Path(paths[number]), study == number
 
+    @single_threaded()
     def of(rows: pandas.DataFrame) -> dict[str, Floats]:
         samples: dict[str, Floats] = {name: np.empty((n_draws, len(rows))) for name in on_chips}
         sampled, study = np.empty((n_draws, len(rows))), np.empty(len(rows), np.int64)

@@ -3,6 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from dse.skyline.front import Draws, front_share
 from dse.skyline.pareto import non_dominated
@@ -121,6 +122,22 @@ def test_resamples_do_not_depend_on_the_rows_beside(populations, monkeypatch):
     population.rows = rows.iloc[::-1]
     np.testing.assert_allclose(population.errors(20, monkeypatch), errors[:, ::-1], rtol=1e-5, atol=1e-7)
     population.rows = rows
+
+
+def test_matrix_products_of_samples_have_one_thread(monkeypatch):
+    """Whatever the machine: how many share a product changes its last bits, and so who is on a front."""
+    rows, threads = Population(0, n_trials=8).rows, []
+
+    def errors(folder, rows, n_draws):
+        threads.extend(each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas")
+        return np.zeros((n_draws, len(rows)))
+
+    for name, stand_in in (("errors", errors), ("_largest_se", lambda folder, rows: np.zeros(len(rows)))):
+        monkeypatch.setattr(resampling, name, stand_in)
+    monkeypatch.setattr(resampling.pricing, "check_studies", lambda paths, what: None)
+    with threadpool_limits(2, user_api="blas"):
+        resampling.draws([""], [rows], (), [("accuracy", "max")], 9).of(rows)
+    assert set(threads) == {1}
 
 
 def test_an_accuracy_of_one_is_uncertain():

@@ -52,8 +52,9 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dse.models.counts.rate_windows import input_lengths, single_threaded, tallied, window_counts
+from dse.models.counts.rate_windows import input_lengths, tallied, window_counts
 from dse.models.training import Generators, Training
+from dse.native.threads import single_threaded
 from dse.records import Answers, Array, Dataset, Outcome, Parameters
 from dse.registry import fixed, param, register
 

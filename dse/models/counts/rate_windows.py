@@ -22,6 +22,7 @@ import numpy as np
 
 from dse.models.training import Generators, Training
 from dse.native.compiled import compiled
+from dse.native.threads import single_threaded
 from dse.records import Answers, Array, Dataset, Ints, Outcome, Parameters, Spikes
 from dse.registry import fixed, param
 
@@ -164,13 +165,6 @@ def tallied(dataset: Dataset, samples: Array, steps: Array, n_features: Array) -
         "tally_word": -(-spikes.n_channels // 32) * n_busy / n,
         "tally_count": n_features.astype(np.float64),
     }
-
-
-def single_threaded() -> Any:
-    """Return a context in which sums of matrix products do not depend on how many threads share them."""
-    from threadpoolctl import threadpool_limits
-
-    return threadpool_limits(1)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ import numpy as np
 
 from dse.measure.heads import head_scores
 from dse.models.counts.integers import IntegerLayers
-from dse.models.counts.rate_windows import Windowed, as_features, single_threaded
+from dse.models.counts.rate_windows import Windowed, as_features
+from dse.native.threads import single_threaded
 from dse.records import Array, Dataset, Floats, Network, Parameters
 
 
