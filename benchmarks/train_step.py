@@ -31,7 +31,6 @@ from benchmarks.cases import CASES, FALSE_RATE, TRUE_RATE, Case, Variant
 from benchmarks.ours import SURROGATE, layers_of, rows_of
 from benchmarks.step_contender import OURS
 from benchmarks.worker import NotInstalled, Worker, pythons
-from dse.engine.autograd import gradients
 
 ROWS = {
     "loop": "torch loop, dense",
@@ -79,6 +78,8 @@ class Row:
 
 def exact_gradients(case: Case) -> dict[Variant, list[np.ndarray]]:
     """Return dL/dW of each layer by automatic differentiation in float64, of every variant of `EXACT`."""
+    from dse.engine.autograd import gradients  # and with it torch, which takes seconds
+
     exact = {variant: _in_float64(variant) for variant in EXACT.values()}
     by_autograd = {
         variant: gradients(

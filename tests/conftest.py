@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import os
 import shutil
@@ -14,6 +15,7 @@ import pytest
 from hypothesis import settings
 
 from dse import registry, trust
+from dse.config import yaml_lines
 from dse.store import book
 from dse.study import explore
 from dse.study import workers as study_workers
@@ -124,6 +126,14 @@ def without_sync():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda _: None)
         patch.setattr(book, "_connected", in_memory)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def texts_once():
+    """A text of YAML, most often that of a chip, is taken apart once: it has the same nodes again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(yaml_lines, "_compose", functools.lru_cache(1000)(yaml_lines._compose))
         yield
 
 

@@ -20,7 +20,7 @@ def audit_of(made, seed=0):
     return audited(made(seed))
 
 
-@pytest.mark.parametrize(("made", "seed"), [(planted.clean, 0), (planted.clean, 1), (planted.synchronous, 0)])
+@pytest.mark.parametrize(("made", "seed"), [(planted.clean, 0), (planted.synchronous, 0)])
 def test_clean_recordings_have_no_shortcut(made, seed):
     assert not any(row.shortcut for row in audit_of(made, seed).values())
 

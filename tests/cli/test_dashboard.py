@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -15,6 +16,7 @@ import pytest
 
 from dse import registry, store
 from dse.cli import main
+from dse.dashboard.serve import Server
 from dse.dashboard.study import write_page
 from dse.report.gather import gather_marks
 from dse.study import results
@@ -65,6 +67,27 @@ def ask(url, path):
         return (answer.status, json.loads(body)) if answer.status == 200 else (answer.status, None)
     finally:
         connection.close()
+
+
+def asked(monkeypatch, *arguments):
+    """Run `dse dashboard` in this process and ask it for its data; return its address, status and answer."""
+    found, serve_forever = [], Server.serve_forever
+
+    def serve(server):
+        thread = threading.Thread(target=serve_forever, args=(server, 0.01))
+        thread.start()
+        try:
+            found.append((server.url, *ask(server.url, "/data.json")))
+        finally:
+            server.shutdown()
+            thread.join()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Server, "serve_forever", serve)
+        assert main(["dashboard", *arguments, "--port", "0"]) == 0
+    [answer] = found
+    return answer
 
 
 def study_folder(path, **changes):
@@ -146,10 +169,9 @@ def test_the_first_points_are_shown_at_once_and_a_killed_run_as_stopped(fake_mod
         gate.touch()  # for a worker that has outlived its coordinator
 
 
-def test_a_study_that_never_ran(fake_model, tmp_path):
-    with shown(str(study_folder(tmp_path)), "--port", "0") as (_, url):
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[0-9a-f]{64}", url)
-        status, answer = ask(url, "/data.json")
+def test_a_study_that_never_ran(fake_model, tmp_path, monkeypatch):
+    url, status, answer = asked(monkeypatch, str(study_folder(tmp_path)))
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[0-9a-f]{64}", url)
     assert (status, answer["name"]) == (200, "tiny")
     assert answer["state"]["title"] == "No design yet"
 
@@ -202,7 +224,7 @@ def test_a_page_definition_is_read_before_anything_else(fake_model, tmp_path, mo
     assert lines[-1] == "mine.yaml:2: sort must be text, got 3"
 
 
-def test_a_page_of_another_definition_and_published_designs(tmp_path, capsys):
+def test_a_page_of_another_definition_and_published_designs(tmp_path, monkeypatch, capsys):
     made = write(tmp_path / "made", [{"accuracy": 0.8, "n_weights": 100}, {"accuracy": 0.6, "n_weights": 10}])
     own = tmp_path / "own.yaml"
     own.write_text("title: mine\nviews: [table]\ntable: [n_weights, n_cores]\n", encoding="utf-8")
@@ -215,8 +237,7 @@ def test_a_page_of_another_definition_and_published_designs(tmp_path, capsys):
     assert any("has no n_cores" in note for note in page["notes"])
     assert page["marks"] == gather_marks(made)
     assert {mark["name"][0] for mark in page["marks"]} == ({"A", "D"} if PAPERS else set())
-    with shown(str(made.folder), "--port", "0", "--page", str(own)) as (_, url):
-        served = ask(url, "/data.json")[1]
+    _, _, served = asked(monkeypatch, str(made.folder), "--page", str(own))
     assert all(served[part] == page[part] for part in ("definition", "marks", "notes"))
 
 
@@ -243,14 +264,14 @@ def plugin(tmp_path):
 
 
 @pytest.mark.parametrize("has_run", [False, True])
-def test_a_view_of_a_plugin_of_the_study(fake_model, tmp_path, plugin, capsys, has_run):
+def test_a_view_of_a_plugin_of_the_study(fake_model, tmp_path, plugin, monkeypatch, capsys, has_run):
     folder = write(tmp_path / "made", [{"accuracy": 0.8}]).folder if has_run else study_folder(tmp_path)
     space = folder / "search_space.yaml"
     space.write_text(space.read_text(encoding="utf-8") + f"plugins: [{plugin}]\n", encoding="utf-8")
     definition = tmp_path / "mine.yaml"
     definition.write_text("views: [blank, table]\n", encoding="utf-8")
-    with shown(str(folder), "--port", "0", "--page", str(definition), "--trust") as (_, url):
-        assert ask(url, "/data.json")[1]["definition"]["views"] == ["blank", "table"]
+    _, _, served = asked(monkeypatch, str(folder), "--page", str(definition), "--trust")
+    assert served["definition"]["views"] == ["blank", "table"]
     if has_run:
         path = tmp_path / "page.html"
         assert main(["dashboard", str(folder), "--html", str(path), "--page", str(definition)]) == 0

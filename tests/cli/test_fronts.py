@@ -133,7 +133,7 @@ def test_a_pick_across_tasks_says_so_unless_a_condition_names_the_column(tmp_pat
         assert sum(note.startswith("this is the best over the tasks") for note in notes) == n_notes
 
 
-def test_a_pick_and_a_report_say_whether_to_spike(capsys):
+def test_a_pick_says_whether_to_spike(capsys):
     asked = ["pick", str(EXAMPLE), "--hardware", "mcu_m4", "--budget", "task == 'profile'"]
     section = document(capsys, *asked)["sections"][RIVALS]
     assert {row["family"]: row["spikes"] for row in section["rows"]} == {
@@ -145,5 +145,3 @@ def test_a_pick_and_a_report_say_whether_to_spike(capsys):
     assert all(0 <= row["spiking_cheaper"] <= 1 and row["task"] == "profile" for row in section["rows"])
     assert main([*asked, "--budget", "family == 'snn'", "--json"]) == 0  # it has no rival within the budgets
     assert "sections" not in json.loads(capsys.readouterr().out)
-    assert main(["report", str(EXAMPLE), "--format", "table"]) == 0
-    assert capsys.readouterr().out.startswith("texture on mcu_m4: spike for accuracy, not for energy")

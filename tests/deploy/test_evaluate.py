@@ -242,16 +242,12 @@ def test_every_kind_of_network_answers_as_it_was_measured(tmp_path):
     points = found.points()
     assert set(points["trial"]) == {0, 1, 2, 3}
     validation = np.load(tmp_path / "touch.npz")["repetition"] == 1
-    for _, point in points.groupby("trial").nth([0, 1, 4, 7, -1]).iterrows():
+    for _, point in points.groupby("trial").nth([0, 4, -1]).iterrows():
         export(found, point.to_dict(), tmp_path / "bundle")
         answers = evaluate(tmp_path / "bundle", tmp_path / "touch.npz")
         right = (answers.label == answers.target)[validation]
         assert right.mean() == pytest.approx(point["accuracy"])
         assert answers.time_ms[validation].mean() == pytest.approx(point["decision_latency_ms"])
-
-
-def first_and_last(rows):
-    return rows.iloc[sorted({0, len(rows) - 1})] if len(rows) else rows
 
 
 @needs_papers
@@ -269,7 +265,7 @@ def test_every_family_and_every_kind_of_point_answers_as_it_was_measured(tmp_pat
         early, decided = rows[rows["read_out_ms"].notna()], rows[rows["phi"].notna()]
         full = rows[rows["read_out_ms"].isna() & rows["phi"].isna()]
         assert len(full) == 1 and len(early) > 2
-        for _, point in pd.concat([full, first_and_last(early), decided]).iterrows():
+        for _, point in pd.concat([full, early.iloc[:1], decided]).iterrows():
             made = export(found, point.to_dict(), tmp_path / "bundle")
             answers = evaluate(tmp_path / "bundle", tmp_path / "tiny.npz")
             assert isinstance(

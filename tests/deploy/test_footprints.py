@@ -13,14 +13,19 @@ from tests import tiny_study
 from tests.command import document
 from tests.deploy.bundles import explored
 
+DECISION = "decision: {phi: [0, 2], theta: [0.4, 0.6]}\n"
+
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     text = tiny_study.REAL.replace("repeats: 2", "repeats: 1").replace("epochs: 4", "epochs: 1")
+    text = text.replace("n_steps: 16", "n_steps: 6")  # few read-outs
     model = "model: {kind: snn, hidden: [12], input_delays: [0, 2]}\n"
     axis = "model: {kind: snn, hidden: {choice: [[4], [40]]}, arithmetic: {choice: [integer, ideal]}}\n"
     assert model in text
-    return explored(tmp_path_factory.mktemp("footprints"), text.replace(model, axis) + "targets: [c99]\n")
+    assert DECISION in text
+    text = text.replace(model, axis).replace(DECISION, "decision: {phi: [2], theta: [0.6]}\n")
+    return explored(tmp_path_factory.mktemp("footprints"), f"{text}targets: [c99]\n")
 
 
 def test_footprints_are_those_of_every_point(study):

@@ -20,7 +20,7 @@ from tests.installed import needs_papers
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 DOCS = ROOT / "docs"
-PAGES = sorted(path for path in DOCS.glob("*.md") if path.name != "reference.md")
+DOCUMENTS = sorted(path for path in DOCS.glob("*.md") if path.name != "reference.md")
 
 
 def write_or_compare(path, text):
@@ -39,7 +39,7 @@ def no_component_stays():
     registry._replace(components)
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.stem)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_every_block_runs_and_prints_what_is_shown(path, tmp_path, monkeypatch):
     shutil.copytree(ROOT / "results" / "example", tmp_path / "results" / "example")
@@ -59,7 +59,7 @@ def test_every_page_is_in_the_menu_and_every_link_leads_somewhere():
     )
     notebooks = [f"notebooks/{path.stem}.md" for path in DOCS.glob("notebooks/*.ipynb")]  # as_pages.py
     assert sorted(menu) == sorted([*notebooks, *(path.name for path in DOCS.glob("*.md"))])
-    for path in [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "README.md"]:
+    for path in [*DOCUMENTS, ROOT / "CONTRIBUTING.md", ROOT / "README.md"]:
         links = re.findall(r"\]\((?!https?://|#)([^)#]+)", path.read_text(encoding="utf-8"))
         assert [link for link in links if not (path.parent / link).exists()] == [], path
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.ours import rows_of
-from dse.engine import autograd, cpu
+from dse.engine import cpu
 from dse.engine.definition import DefinedLayer
 from dse.engine.engines import start
 from dse.engine.events import dense
@@ -76,6 +76,8 @@ def test_a_sample_answers_the_same_alone_and_in_any_batch(arithmetic):
 @pytest.mark.parametrize("ring", [False, True])
 @pytest.mark.parametrize("arithmetic", ["integer", "float32", "ideal"])
 def test_automatic_differentiation_trains_as_the_kernels_do(arithmetic, ring):
+    from dse.engine import autograd  # and with it torch
+
     rng = np.random.default_rng(7)
     x, labels = (rng.random((6, 30, N_IN)) < 0.25).astype(np.uint8), rng.integers(0, N_OUT, 6)
     of = member(arithmetic, ring=ring, clip_norm=0.05)
@@ -107,6 +109,8 @@ def test_automatic_differentiation_trains_as_the_kernels_do(arithmetic, ring):
 
 
 def test_chunks_of_samples_add_up(monkeypatch):
+    from dse.engine import autograd  # and with it torch
+
     rng = np.random.default_rng(8)
     x, labels = (rng.random((5, 20, N_IN)) < 0.3).astype(np.uint8), rng.integers(0, N_OUT, 5)
     of = member("ideal", ring=True)

@@ -395,14 +395,11 @@ def same_tables(study, whole):
 NOT_MENDED = ("a record of a newer schema",)
 """What another version of dse reads."""
 TOGETHER = (
-    ("a run removed", "a stopped run removed", "the second run of a design removed"),
-    ("zero study.sqlite", "a precision cut"),
-    ("a run renamed to another trial", "a book without its last trials", "tables swapped"),
-    ("a book without a trial", "a_folder .lock", "a run of another seed"),
-    ("points without a row", "zero study.sqlite.copy"),
-    ("runs swapped", "a changed byte of a trial"),
-    ("all runs of a batch removed", "a precision removed", "a_folder trials.parquet"),
-    ("missing study.sqlite", "a_pipe points.parquet"),
+    ("a run removed", "a stopped run removed", "the second run of a design removed", "zero study.sqlite"),
+    ("a run renamed to another trial", "a book without its last trials", "tables swapped", "a precision cut"),
+    ("a book without a trial", "a_folder .lock", "a run of another seed", "points without a row"),
+    ("runs swapped", "a changed byte of a trial", "zero study.sqlite.copy"),
+    ("all runs of a batch removed", "a precision removed", "a_folder trials.parquet", "missing study.sqlite"),
     ("of another study: the book",),
     ("cut state", "tables removed"),
     ("a checkpoint of another design", "a checkpoint removed"),

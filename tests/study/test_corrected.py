@@ -45,9 +45,9 @@ def test_every_command_shows_the_number_of_the_table(example, capsys):
             assert [row[name] for name in COLUMNS] == of_point.loc[tuple(row[key] for key in keys)].tolist()
     full = points[(points["hardware"] == "mcu_m4") & points[["phi", "read_out_ms"]].isna().all(axis=1)]
     of_design = full.set_index("trial")
-    rows = [
-        row for row in document(capsys, "report", str(example))["rows"] if row["figure"] == "accuracy, mlp"
-    ]
+    report = document(capsys, "report", str(example))
+    assert report["notes"][0].startswith("texture on mcu_m4: spike for accuracy, not for energy")
+    rows = [row for row in report["rows"] if row["figure"] == "accuracy, mlp"]
     assert len(rows) == 2
     for row in rows:
         assert row["corrected"] == of_design.loc[row["trial"], "accuracy_corrected"]
@@ -128,7 +128,7 @@ def test_an_open_interval_is_its_low_end_and_both_energies_are_shown(example, ca
     waiting = document(capsys, "skyline", str(example), "--where", "hardware == 'loihi1_silicon'")
     times = max(row["energy_throttled_uj"] / row["energy_uj"] for row in waiting["rows"])
     assert times > 1000 and any(f"{times:.0f} times as much" in note for note in waiting["notes"])
-    assert "at least" in front and "at least" in printed(capsys, "report", str(example))
+    assert "at least" in front
 
 
 def columns(accuracy, **places):

@@ -148,7 +148,7 @@ def test_semaphores_of_a_killed_group_are_removed_by_the_next_run(tmp_path):
     assert not glob.glob(f"{name}*")
 
 
-@pytest.mark.parametrize("limit", [4_000, 6_000, 60_000])
+@pytest.mark.parametrize("limit", [4_000, 60_000])
 def test_a_full_disk_stops_the_study_and_fails_no_design(tmp_path, whole, monkeypatch, limit):
     """The book takes 49 kB from the beginning, the larger table more than 60."""
     monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))

@@ -1,3 +1,5 @@
+"""Resampled answers, and odds of rivals: what is stated against what is true of known designs."""
+
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,8 +10,10 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from dse.skyline.front import Draws, front_share
 from dse.skyline.pareto import non_dominated
 from dse.skyline.posterior import expected, posterior_samples
+from dse.skyline.rivals import odds_of
 from dse.study import resampling
 
+N_DRAWS = 100
 GOALS = [("accuracy", "max"), ("n_weights", "min"), ("latency_ms", "min")]
 
 
@@ -59,7 +63,7 @@ class Population:
 @pytest.fixture(scope="module")
 def populations():
     with pytest.MonkeyPatch.context() as patch:
-        return [(p := Population(number), p.errors(100, patch)) for number in range(30)]
+        return [(p := Population(number), p.errors(N_DRAWS, patch)) for number in range(30)]
 
 
 def test_stated_probabilities_of_the_front_are_true_as_often(populations):
@@ -145,3 +149,50 @@ def test_an_accuracy_of_one_is_uncertain():
     errors = resampling._resampled(record, np.arange(50), np.ones((50, 1), dtype=bool), 200)
     assert 0.005 < errors.std() < 0.04
     assert abs(errors.mean()) < 1e-9
+
+
+def stated_and_true(number, population, errors):
+    """Yield stated probabilities and what is true, of a few ways to call a part of the designs spiking."""
+    rows, rng = population.rows, np.random.default_rng([8, number])
+    weights, trial = rows["n_weights"].to_numpy(), rows["trial"].to_numpy()
+    costs = rows[["n_weights", "latency_ms"]].to_numpy()
+    accuracy = posterior_samples(rows["accuracy"].to_numpy(), costs, trial, errors, rng)
+    for n_spiking in (8, 20, 32):
+        is_spiking = np.isin(trial, rng.permutation(40)[:n_spiking])
+        # Of what a chip takes, one number is uncertain for each side; the truth is one more sample of both.
+        factors = rng.lognormal(rng.normal(0, 0.3), 0.3, (N_DRAWS + 1, 2))
+        cost = np.where(is_spiking, factors[:, :1], factors[:, 1:]) * np.exp(weights)
+        best = accuracy[:, accuracy.mean(axis=0).argmax()]
+        found = [
+            odds_of(
+                "accuracy",
+                x[:, is_spiking],
+                x[:, ~is_spiking],
+                y[:, is_spiking],
+                y[:, ~is_spiking],
+                best.std(),
+            )
+            for x, y in ((accuracy, cost[1:]), (population.truth[None], cost[:1]))
+        ]
+        for name in ("cheaper", "more_accurate", "best"):
+            yield tuple(getattr(odds, name) for odds in found)
+
+
+@pytest.fixture(scope="module")
+def statements(populations):
+    found = (stated_and_true(number, *one) for number, one in enumerate(populations))
+    return np.array([pair for pairs in found for pair in pairs])
+
+
+def test_stated_probabilities_of_rivals_are_true_as_often(statements):
+    stated, true = statements.T
+    for low, high in ((0.0, 0.1), (0.1, 0.35), (0.35, 0.65), (0.65, 0.9), (0.9, 1.01)):
+        here = (stated >= low) & (stated < high)
+        assert here.sum() >= 20
+        error = np.sqrt(0.25 / here.sum())  # of a share, at most; statements of a population are alike
+        assert true[here].mean() == pytest.approx(stated[here].mean(), abs=0.04 + 1.5 * error), (low, high)
+
+
+def test_statements_of_rivals_tell_more_than_the_share_of_all(statements):
+    stated, true = statements.T
+    assert np.mean((stated - true) ** 2) < 0.7 * true.var()

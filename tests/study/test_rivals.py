@@ -1,72 +1,18 @@
-"""Whether to spike: stated probabilities against what is true of populations of known designs."""
+"""Whether to spike: what a study says of the shipped one, on a schedule, and of moved windows."""
 
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from dse.config import load_space
 from dse.data.given import from_arrays
-from dse.skyline.posterior import posterior_samples
-from dse.skyline.rivals import odds_of
 from dse.study import rivals, workers
 from dse.study.explore import run
 from dse.study.question import Question
 from dse.study.results import Study
 from tests.in_process import InProcess
-from tests.study.test_resampling import Population
 
 EXAMPLE = Study(Path(__file__).resolve().parent.parent.parent / "results" / "example")
-N_DRAWS = 100
-
-
-def stated_and_true(number, monkeypatch):
-    """Yield stated probabilities and what is true, of a few ways to call a part of the designs spiking."""
-    population = Population(number)
-    errors = population.errors(N_DRAWS, monkeypatch)
-    rows, rng = population.rows, np.random.default_rng([8, number])
-    weights, trial = rows["n_weights"].to_numpy(), rows["trial"].to_numpy()
-    costs = rows[["n_weights", "latency_ms"]].to_numpy()
-    accuracy = posterior_samples(rows["accuracy"].to_numpy(), costs, trial, errors, rng)
-    for n_spiking in (8, 20, 32):
-        is_spiking = np.isin(trial, rng.permutation(40)[:n_spiking])
-        # Of what a chip takes, one number is uncertain for each side; the truth is one more sample of both.
-        factors = rng.lognormal(rng.normal(0, 0.3), 0.3, (N_DRAWS + 1, 2))
-        cost = np.where(is_spiking, factors[:, :1], factors[:, 1:]) * np.exp(weights)
-        best = accuracy[:, accuracy.mean(axis=0).argmax()]
-        found = [
-            odds_of(
-                "accuracy",
-                x[:, is_spiking],
-                x[:, ~is_spiking],
-                y[:, is_spiking],
-                y[:, ~is_spiking],
-                best.std(),
-            )
-            for x, y in ((accuracy, cost[1:]), (population.truth[None], cost[:1]))
-        ]
-        for name in ("cheaper", "more_accurate", "best"):
-            yield tuple(getattr(odds, name) for odds in found)
-
-
-@pytest.fixture(scope="module")
-def statements():
-    with pytest.MonkeyPatch.context() as patch:
-        return np.array([pair for number in range(40) for pair in stated_and_true(number, patch)])
-
-
-def test_stated_probabilities_are_true_as_often(statements):
-    stated, true = statements.T
-    for low, high in ((0.0, 0.1), (0.1, 0.35), (0.35, 0.65), (0.65, 0.9), (0.9, 1.01)):
-        here = (stated >= low) & (stated < high)
-        assert here.sum() >= 20
-        error = np.sqrt(0.25 / here.sum())  # of a share, at most; statements of a population are alike
-        assert true[here].mean() == pytest.approx(stated[here].mean(), abs=0.04 + 1.5 * error), (low, high)
-
-
-def test_statements_tell_more_than_the_share_of_all(statements):
-    stated, true = statements.T
-    assert np.mean((stated - true) ** 2) < 0.7 * true.var()
 
 
 def test_on_a_microcontroller_the_shipped_study_says_what_its_table_says(monkeypatch):

@@ -20,8 +20,8 @@ plugins: [adaptive.py]
 data: {kind: scene, scene: quickstart}
 task: {target: texture}
 split:
-  train: {repetition: [0, 1, 2, 3, 4, 5, 6]}
-  validation: {repetition: [14, 15, 16]}
+  train: {repetition: [0, 1, 2, 3]}
+  validation: {repetition: [14]}
 preprocessing: {bin_ms: 10, pool: 20, pool_threshold: 3, polarity: merge}
 model:
   kind: snn

@@ -245,7 +245,7 @@ def test_a_class_with_a_single_sample_trains():
     ("n_channels", "hidden", "n_steps", "batch_size", "keys"),
     [
         (1500, (300,), 60, 16, {}),
-        (6084, (425,), 1000, 8, {}),
+        (6084, (425,), 200, 8, {}),
         (1500, (300, 300), 60, 16, {"whitened": "all", "weight_norm": True}),
     ],
 )
