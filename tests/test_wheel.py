@@ -1,4 +1,4 @@
-"""The wheel carries what a user needs without the clone, and it is found there."""
+"""The wheel carries what a user needs without the clone; cli/test_first_hour.py runs it there."""
 
 import shutil
 import subprocess
@@ -62,29 +62,3 @@ def content(wheel):
 def test_nothing_else_is_inside(wheel):
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"dse"}
-
-
-def test_it_works_without_the_clone(wheel, tmp_path):
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(tmp_path / "installed")
-    code = (
-        "import dse, pandas;"
-        "from dse.dashboard.gather import gather_page;"
-        "from dse.dashboard.write import write_filled;"
-        "assert 'installed' in dse.__file__, dse.__file__;"
-        "print(dse.load_space('fabric_texture', {}).study);"
-        "frame = pandas.DataFrame({'accuracy': [0.5]});"
-        "page = gather_page(frame, name='x', objectives={'accuracy': 'max'});"
-        "write_filled('page', page, 'page.html')"
-    )
-    answer = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        env={"PYTHONPATH": str(tmp_path / "installed"), "PATH": "/usr/bin:/bin"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert answer.returncode == 0, answer.stderr
-    assert answer.stdout.strip() == "fabric_texture"
-    assert (tmp_path / "page.html").stat().st_size > 1_000_000

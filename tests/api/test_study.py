@@ -170,7 +170,7 @@ def test_a_class_of_the_notebook_is_a_component_in_the_workers(tmp_path):
             if __name__ == "__main__":
                 data = dse.data.from_arrays(*waves(), step_ms=4)
                 space = {**SPACE, "data": data, "encoder": {"kind": "louder", "gain": 2}}
-                study = dse.run(space, progress=False)
+                study = dse.run(space | {"execution": {"jobs": 1}}, progress=False)
                 print(*study.trials["status"], len(study))
             """
         )

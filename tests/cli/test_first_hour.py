@@ -251,8 +251,10 @@ def test_the_first_hour_on_a_bare_clone(tmp_path, monkeypatch, capsys):
         answer = document(capsys, "evaluate", "bundle", "--data", file)
         assert answer["rows"][0]["recordings"] == n and answer["rows"][0]["accuracy"] >= 0.8
         assert any(note.startswith(KNOWN) for note in answer["notes"]) == is_known
+    ask = "import dse; print(dse.__file__, dse.load_space('fabric_texture').study)"
     where = subprocess.run(
-        [dse_command.with_name("python"), "-c", "import dse, numpy; print(dse.__file__, numpy.__version__)"],
+        [dse_command.with_name("python"), "-c", ask],
         cwd=desk, env=environment, capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert where.stdout.startswith(str(dse_command.parents[1])), where.stdout
+    assert where.stdout.endswith(" fabric_texture\n")

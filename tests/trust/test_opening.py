@@ -115,14 +115,13 @@ def test_nothing_of_a_folder_runs(others, capsys, name, command, arguments, code
     assert "Traceback" not in error
 
 
-PLUGINS = (
-    *("others/mine.py", "./others/../others/mine.py", "mine_of_others", "pack_of_others.part"),
-    "antigravity",
-)
+PATHS, MODULES = ("others/mine.py", "./others/../others/mine.py"), ("mine_of_others", "pack_of_others.part")
 FINDERS = [case for case in CASES if case[1] in ("skyline", "figure", "dashboard", "run")]
+FOUND = [*zip(FINDERS * 2, itertools.cycle((*PATHS, *MODULES, "antigravity")), strict=False)]
+"""Each command with two of the plugins, each plugin with some of the commands."""
 
 
-@pytest.mark.parametrize(("case", "plugin"), zip(FINDERS * 2, itertools.cycle(PLUGINS), strict=False))
+@pytest.mark.parametrize(("case", "plugin"), FOUND)
 def test_no_name_of_a_plugin_finds_code(others, monkeypatch, capsys, plugin, case):
     """Paths are relative to the working folder, and modules may lie in it: `python -m dse` looks there."""
     prepared(others)
