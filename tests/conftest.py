@@ -183,6 +183,12 @@ def forked(monkeypatch):
 
 
 @pytest.fixture(scope="session")
+def torch():
+    """PyTorch, which takes seconds to import: every process of the tests would, if that were at the top."""
+    return pytest.importorskip("torch", reason="torch is not installed: pip install 'dse-spiking[torch]'")
+
+
+@pytest.fixture(scope="session")
 def shared_data():
     """The folder of public recordings beside the clone; tests that need it are skipped without it."""
     folder = ROOT.parent / "shared" / "data"

@@ -9,11 +9,11 @@ from dse.config import ConfigError, load_space, settings
 from dse.study import explore
 from tests.spaces import write_space
 
-torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'dse-spiking[torch]'")
+pytestmark = pytest.mark.usefixtures("torch")
 
 
 @pytest.fixture
-def no_gpu(monkeypatch):
+def no_gpu(torch, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     monkeypatch.setattr(settings, "find_spec", lambda name: name)
 
@@ -49,7 +49,7 @@ def test_a_sampler_that_needs_a_package(command, tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().err.splitlines() == [f"{path}:19: {fault}"]
 
 
-def test_a_device_that_is_there(no_gpu, path, monkeypatch):
+def test_a_device_that_is_there(torch, no_gpu, path, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     assert load_space(path, check_data=True).execution.device == "cuda"
 

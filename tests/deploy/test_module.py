@@ -13,8 +13,7 @@ from dse.records import Layer, Network, Parameters
 from dse.registry import known
 from tests.deploy import bundles
 
-torch = pytest.importorskip("torch")
-listed = pytest.importorskip("dse.deploy.module").listed
+pytestmark = pytest.mark.usefixtures("torch")
 
 KINDS = {
     "one hidden layer": {},
@@ -41,6 +40,10 @@ def delayed(network, rng):
 
 def assert_same_spikes(made, network, folder, n_steps=40):
     """Assert that a bundle's module fires as the engine runs a network."""
+    import torch
+
+    from dse.deploy.module import listed
+
     spikes = bundles.spikes(np.random.default_rng(0), made.fitted.n_channels, n_steps=n_steps)
     data = bundles.reference(made, spikes, folder).dataset
     with torch.no_grad():
@@ -62,7 +65,7 @@ def test_every_layer_fires_as_in_the_engine(kind, tmp_path):
     assert_same_spikes(bundles.bundle(network), network, tmp_path, 70)
 
 
-def test_the_output_is_what_the_decision_rule_receives():
+def test_the_output_is_what_the_decision_rule_receives(torch):
     made = bundles.bundle(bundles.network(np.random.default_rng(1)))
     spikes = torch.from_numpy(bundles.spikes(np.random.default_rng(0), 4))
     module = made.as_module()
@@ -71,7 +74,7 @@ def test_the_output_is_what_the_decision_rule_receives():
     assert torch.equal(output[:, 1:], fired[:, :-1])
 
 
-def test_every_shipped_neuron_runs(tmp_path):
+def test_every_shipped_neuron_runs(torch, tmp_path):
     rng = np.random.default_rng(5)
     for kind in known("neurons").values():
         spec = LayerSpec(n_neurons=5, is_output=False, steps_per_sample=1, step_ms=5.0)
@@ -87,7 +90,7 @@ def test_every_shipped_neuron_runs(tmp_path):
             assert bundles.bundle(network).as_module()(torch.ones(2, 9, 4)).shape == (2, 9, 5)
 
 
-def test_what_is_no_spike_or_no_network_is_refused():
+def test_what_is_no_spike_or_no_network_is_refused(torch):
     made = bundles.bundle(bundles.network(np.random.default_rng(6)))
     module = made.as_module()
     with pytest.raises(ValueError, match=r"spikes must be \(sample, input step, 4\), got \(2, 9, 5\)"):

@@ -12,8 +12,6 @@ from dse.neurons import LayerSpec, parameters_of, population_of
 from dse.neurons.calculus import NumpyCalculus
 from dse.neurons.surrogate import exponential
 
-torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'dse-spiking[torch]'")
-
 N_NEURONS, N_SAMPLES, N_STEPS = 5, 3, 40
 LAYER = LayerSpec(n_neurons=N_NEURONS, is_output=False, steps_per_sample=1, step_ms=2.0)
 
@@ -44,7 +42,7 @@ def drives(neuron):
 
 
 @pytest.mark.parametrize("neuron", NEURONS.values(), ids=NEURONS)
-def test_torch_gives_the_numbers_of_numpy_and_finite_gradients(neuron):
+def test_torch_gives_the_numbers_of_numpy_and_finite_gradients(torch, neuron):
     from dse.engine.autograd import TorchCalculus, on_torch
 
     population = neuron.population(LAYER, np.random.default_rng(0))

@@ -93,12 +93,12 @@ def test_constant_speeds_differ_from_the_start():
 def kinds_of_the_nearest(name):
     """Return how often the nearest profile, and the second nearest, are of a trial's own kind.
 
-    By the means of log rates of 100 ms over three trials on wool, one left out.
+    By the means of log rates of 100 ms over four trials on wool, one left out.
     """
-    scene, found = profiles(name, "wool", 3, 100.0, 1000.0)
+    scene, found = profiles(name, "wool", 4, 100.0, 1000.0)
     kinds = np.array([motion.label.split("_")[0] for motion in scene.motions])
     rates, own = np.log1p(found), []
-    for left_out in range(3):
+    for left_out in range(4):
         means = np.delete(rates, left_out, axis=1).mean(axis=1)
         distance = np.linalg.norm(rates[:, left_out, None] - means, axis=-1)
         own.append(kinds[np.argsort(distance, axis=1)[:, :2]] == kinds[:, None])
