@@ -64,7 +64,7 @@ EVALUATED = """async (moved) => {
 }"""
 
 
-def random_states(frame, n=18, seed=1):
+def random_states(frame, n=30, seed=1):
     """Return n states of the page: filters, and limits from none to ones that nothing meets."""
     rng = np.random.default_rng(seed)
     states = []
@@ -150,7 +150,7 @@ def test_random_budgets_and_filters_give_the_rows_of_the_skyline_and_the_pick(op
                 assert missed["by"] == pytest.approx(
                     nearest[f"missed {missed['column']}{sign}{missed['limit']:g}"]
                 )
-    assert 4 < n_feasible < 17
+    assert 5 < n_feasible < 28
     assert n_cheaper > 3 or not is_whole
 
 
