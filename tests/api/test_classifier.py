@@ -12,8 +12,6 @@ from sklearn.preprocessing import FunctionTransformer
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 import dse
-from dse.study import workers
-from tests.in_process import InProcess
 
 FAST = {
     **{
@@ -23,13 +21,6 @@ FAST = {
     },
     **{"hardware": [], "objectives": ["accuracy:max"], "split": {"stratified": {"validation": 0.3}}},
 }
-
-
-@pytest.fixture(autouse=True)
-def in_process(monkeypatch):
-    monkeypatch.setattr(workers, "Loky", InProcess)
-
-
 PLAIN = FAST | {"model": {"kind": "linear", "window_ms": 100.0}, "limits": []}
 
 
@@ -57,11 +48,7 @@ LEARNS = {
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
     X, y = waves()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workers, "Loky", InProcess)
-        return dse.Classifier(chip="mcu_m4", settings=LEARNS, results=tmp_path_factory.mktemp("kept")).fit(
-            X, y
-        )
+    return dse.Classifier(chip="mcu_m4", settings=LEARNS, results=tmp_path_factory.mktemp("kept")).fit(X, y)
 
 
 def test_it_learns_and_keeps_study_pick_and_bundle(fitted, tmp_path):

@@ -27,7 +27,7 @@ def test_a_line_holds_the_worst_of_moved_windows_and_unseen_groups():
 
 
 def test_a_plain_loop_trains_a_design_as_the_engine_does(tmp_path, monkeypatch):
-    from benchmarks import grid  # and with it torch, which takes seconds
+    from benchmarks import grid  # and with it torch
 
     monkeypatch.delenv("DSE_DATA", raising=False)
     space, data, recorded = grid.load(tmp_path, 1, "float32")
@@ -84,14 +84,12 @@ def test_a_failed_worker_says_its_last_line():
                 worker.ask("fail")
 
 
-TINY = CASES["tiny"]
-
-
 @pytest.fixture(scope="module")
 def exact():
     return exact_gradients(TINY)
 
 
+TINY = CASES["tiny"]
 WITNESSES = {
     Variant("ideal"): "loop",
     Variant("integer"): "dse, integer",

@@ -16,7 +16,6 @@ from dse.config.sections import SECTIONS
 from dse.hardware.counter import MeasuredPower
 from dse.study import explore
 from dse.study.results import Study
-from dse.study.results import open as open_study
 from tests.command import document
 from tests.spaces import write_space
 
@@ -85,25 +84,10 @@ def test_check_lists_faults_in_both_forms(tmp_path, capsys):
     assert rows[0]["message"] == "seed must be an integer, got 'x'"
 
 
-def test_check_finds_what_only_the_recordings_show(tmp_path, capsys):
-    path = write_space(tmp_path, ("validation: {repetition: [1]}", "validation: {repetition: [7]}"))
-    assert main(["check", str(path)]) == 2
-    captured = capsys.readouterr()
-    assert len(captured.err.splitlines()) == 1
-    assert "repetition" in captured.err
-
-
 @pytest.mark.parametrize("text", ["execution.jobs", "=3", "a..b=3"])
 def test_set_must_be_a_key_and_a_value(tmp_path, capsys, text):
     assert main(["check", str(write_space(tmp_path)), "--set", text]) == 2
     assert capsys.readouterr().err.startswith("--set ")
-
-
-def test_run_leaves_a_study_and_its_page(results):
-    assert len(open_study(results).trials) == 2
-    page = (results / "page.html").read_text(encoding="utf-8")
-    assert page.startswith("<!doctype html>") or page.startswith("<!DOCTYPE html>")
-    assert "tiny" in page
 
 
 def test_run_compares_costs_on_one_chip(tmp_path, capsys):
@@ -190,12 +174,6 @@ def test_a_bug_is_not_hidden(tmp_path, monkeypatch):
     monkeypatch.setattr(explore, "run", broken)
     with pytest.raises(ValueError, match="ours"):
         main(["run", str(write_space(tmp_path))])
-
-
-def test_another_search_space_in_the_same_folder(results, capsys):
-    space = results.parent.parent / "tiny.yaml"
-    assert main(["run", str(space), "--results", str(results.parent), "--set", "training.epochs=2"]) == 2
-    assert "training.epochs is 2, but" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from dse.cli import main
 from tests.spaces import write_space
 
 MODEL = "model: {kind: snn, hidden: {choice: [4, 8, 12]}, true_rate: 0.8}"
-LEVELS = "kind: snn, hidden: 4, regions: 3, start: contrasts"
 
 
 @pytest.mark.parametrize(
@@ -16,12 +15,10 @@ LEVELS = "kind: snn, hidden: 4, regions: 3, start: contrasts"
             "kind: snn, hidden: 4, regions: {choice: [0, 3, 6]}",
             [f"regions must be at most the 2 places of the channels, got {n}" for n in (3, 6)],
         ),
-        (f"{LEVELS}, voltage_decay: 0", ["start must be uniform for neurons whose potential has no limit"]),
         ("kind: snn, hidden: 4, threshold_exponents: [0, -1]", ["for outputs that do not learn alone first"]),
         ("kind: snn, hidden: 4, regions: 5", ["regions must be a multiple of 3 rings, got 5"]),
         ("kind: snn, hidden: 4, threshold_exponents: [9, 0]", ["got 9"]),
         ("kind: snn, hidden: 4, threshold_exponents: [0, 8], threshold: 20", ["at most 6", "got 8"]),
-        ("kind: snn, hidden: 4, rounding: dithered", ["rounding must be nearest without regions"]),
         ("kind: columns, regions: 3", ["unknown key 'model.regions'"]),
     ],
 )

@@ -96,12 +96,8 @@ def test_automatic_differentiation_trains_as_the_kernels_do(arithmetic, ring):
         assert slow.loss == pytest.approx(fast.loss, rel=1e-6)
         assert (slow.correct, slow.fired) == (fast.correct, pytest.approx(fast.fired))
         assert slow.gradient_norm == pytest.approx(fast.gradient_norm, rel=1e-4)
-    slow_masters, fast_masters = (engine.masters(0) for engine in engines)
-    for a, b in zip(
-        [*slow_masters.feed_forward, *slow_masters.recurrent],
-        [*fast_masters.feed_forward, *fast_masters.recurrent],
-        strict=True,
-    ):
+    masters = (engine.masters(0) for engine in engines)
+    for a, b in zip(*([*of.feed_forward, *of.recurrent] for of in masters), strict=True):
         assert (a is None) == (b is None)
         if a is not None and b is not None:
             np.testing.assert_allclose(a, b, rtol=0, atol=2e-5)
@@ -118,8 +114,7 @@ def test_chunks_of_samples_add_up(monkeypatch):
     for rows in (10_000, 40):  # all samples at a time, two at a time
         monkeypatch.setattr(autograd, "DIFFERENTIATED_ROWS", rows)
         engine = autograd.start([of])
-        (report,) = engine.step(rows_of(x), labels, {0: Turn(0.01, (None, None))}).values()
-        reports.append(report)
+        reports += engine.step(rows_of(x), labels, {0: Turn(0.01, (None, None))}).values()
     assert reports[0].loss == pytest.approx(reports[1].loss)
     assert reports[0].gradient_norm == pytest.approx(reports[1].gradient_norm)
     assert (reports[0].correct, reports[0].fired) == (reports[1].correct, reports[1].fired)

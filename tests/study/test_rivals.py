@@ -6,11 +6,10 @@ import numpy as np
 
 from dse.config import load_space
 from dse.data.given import from_arrays
-from dse.study import rivals, workers
+from dse.study import rivals
 from dse.study.explore import run
 from dse.study.question import Question
 from dse.study.results import Study
-from tests.in_process import InProcess
 
 EXAMPLE = Study(Path(__file__).resolve().parent.parent.parent / "results" / "example")
 
@@ -55,9 +54,8 @@ def test_a_chip_of_spiking_networks_runs_nothing_else():
     assert said.endswith("mlp, naive_bayes do not run or fit")
 
 
-def test_moved_windows_and_unseen_groups_are_compared_too(tmp_path, monkeypatch):
+def test_moved_windows_and_unseen_groups_are_compared_too(tmp_path):
     """A study as it is trained, of which both sides are evaluated on moved windows and on sessions."""
-    monkeypatch.setattr(workers, "Loky", InProcess)
     rng = np.random.default_rng(0)
     label = np.tile([0, 1], 30)
     phase = rng.uniform(0, 6, (60, 1))
