@@ -21,8 +21,8 @@ def study(tmp_path_factory):
     model = "model: {kind: snn, hidden: [12], input_delays: [0, 2]}\n"
     axis = "model: {kind: snn, hidden: {choice: [[4], [40]]}, arithmetic: {choice: [integer, ideal]}}\n"
     assert model in text
-    text = text.replace(model, axis)
-    return explored(tmp_path_factory.mktemp("footprints"), f"{text}targets: [c99]\n")
+    text = f"{text.replace(model, axis)}targets: [c99]\n"
+    return explored(tmp_path_factory.mktemp("footprints"), text)
 
 
 @pytest.fixture(scope="module")
@@ -31,10 +31,8 @@ def on_c99(study):
 
 
 def test_footprints_are_those_of_every_point(study, on_c99):
-    points = study.points()
     on, notes = on_c99
-    integer = points["model.arithmetic"] == "integer"
-    assert len(on) == integer.sum() and set(on["target"]) == {"c99"}
+    assert len(on) == (study.points()["model.arithmetic"] == "integer").sum() and set(on["target"]) == {"c99"}
     assert notes and all("target c99 cannot hold" in note for note in notes)
     for _, row in on.groupby("trial").head(3).iterrows():  # decided early at several phi, and read out
         footprint = C99().footprint(bundle_of(study, {str(k): x for k, x in row.items()}))
