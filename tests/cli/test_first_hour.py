@@ -222,7 +222,7 @@ def test_the_first_hour_on_a_bare_clone(tmp_path, monkeypatch, capsys):
         "dse verify bundle --data touch.csv": None,
     }
     if not whole:  # what needs no file of the installation that others do not need
-        left_out = ("dashboard", "audit", "skyline", "verify")
+        left_out = ("dashboard", "audit", "skyline", "evaluate", "verify")
         steps = {x: made for x, made in steps.items() if x.split()[1] not in left_out}
     environment = {key: x for key, x in os.environ.items() if key != "PYTHONPATH"}
     environment |= {"DSE_CACHE": str(tmp_path / "cache")}
