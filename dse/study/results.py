@@ -182,12 +182,15 @@ def sections_found(folder: Path, record: RunRecord) -> Iterator[tuple[Sections, 
     from dse.config import ConfigError, load_space
     from dse.recordings import RecordingError
 
+    try:
+        space = load_space(folder / store.SPACE)
+        sections = space.resolve(record.design)
+    except (ConfigError, ValueError, OSError):
+        return
+    if space.split.k_fold is not None:
+        sections = sections.on_fold(record.repeat % space.split.k_fold.k)
     for base in (Path.cwd(), folder, folder.parent.parent):
-        with contextlib.suppress(ConfigError, RecordingError, ValueError, OSError):
-            space = load_space(folder / store.SPACE)
-            sections = space.resolve(record.design)
-            if space.split.k_fold is not None:
-                sections = sections.on_fold(record.repeat % space.split.k_fold.k)
+        with contextlib.suppress(RecordingError, ValueError, OSError):
             yield sections, base, dataset.dataset_key(sections, base)
 
 
