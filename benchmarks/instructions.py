@@ -44,6 +44,7 @@ from dse.models.counts.knn import KNN
 from dse.models.counts.linear import Linear
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
+from dse.models.counts.tcn import TCN
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond
 from dse.neurons import cuba_lif, parameters_of, resonator
@@ -145,6 +146,17 @@ FAMILIES: dict[str, Callable[[float, list[int], np.random.Generator], tuple[Any,
             kernels=4 * hidden[0],
             places=int(rng.integers(1, 6)),
             thresholds=int(rng.choice([1, 1, 2, 4])),
+            read_outs=1,
+        ),
+    ),
+    "convolutions": lambda window_ms, hidden, rng: (
+        TCN(
+            window_ms=window_ms / 4,
+            hidden=tuple(min(n // 2, 64) for n in hidden),
+            kernel_size=int(rng.integers(3, 9)),
+            stride=int(rng.choice([1, 1, 2])),
+            reads=str(rng.choice(["counts", "levels", "changes"])),
+            epochs=1,
             read_outs=1,
         ),
     ),

@@ -38,6 +38,7 @@ FAMILIES = {
     "mlp": {"hidden": (6,)},
     "linear": {},
     "kernels": {"kernels": 12},
+    "tcn": {"hidden": (8, 8), "epochs": 2},
     "knn": {},
     "naive_bayes": {},
 }

@@ -45,6 +45,8 @@ _PARTS = {
     "integers": (588.8, 654.1),
     "integer_layers": (307.1, 265.6),
     "kernels": (929.4, 767.8),
+    "convolutions": (1330.0, 1380.0),
+    "several_convolutions": (200.0, 210.0),
     "levels": (473.0, 334.4),
     "extreme": (1182.9, 2964.6),
     "extreme_double": (4218.6, 4186.3),

@@ -20,12 +20,14 @@ from dse.deploy.c.text import filled
 from dse.deploy.form import ReceptorsForm, Unsupported, frame_of
 from dse.models.counts.elm import ELM, borders
 from dse.models.counts.integers import MOST_SUM, MOST_UNIT, IntegerLayers, largest_sum
-from dse.models.counts.kernels import MOST_LEVEL, Kernels, ring_bins
+from dse.models.counts.kernels import MOST_LEVEL, Kernels, Sliding, ring_bins
 from dse.models.counts.knn import KNN
 from dse.models.counts.levels import HELD, LevelReader
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.rate_windows import RateClassifier, input_lengths, most_spikes, window_edges
 from dse.models.counts.readouts import Readouts, layers_of
+from dse.models.counts.tcn import LEAST_UNIT, TCN
+from dse.models.counts.tcn import MOST_UNIT as MOST_PASSED
 from dse.records import Array, Floats, Ints, Network, Parameters
 
 _PLACES = "what the spikes of each place add up to"
@@ -41,6 +43,7 @@ class Classifier:
     parts: of the code (dse.deploy.c.code_size), with how often each occurs.
     slides: template of what is done at the end of every window, of what spikes have added up to; '': nothing,
         they are counted by window.
+    most_in_window: that it adds to a count then.
     """
 
     template: str
@@ -50,6 +53,7 @@ class Classifier:
     members: tuple[Member, ...] = ()
     parts: Mapping[str, int] = field(default_factory=dict)
     slides: str = ""
+    most_in_window: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,10 +108,10 @@ class CountingPlan(Code):
 
     @property
     def most(self) -> int:
-        """Return the most that a count can hold: spikes of a window, or windows."""
-        return (
-            len(self.ends) if self.classifier.slides else _most(self.ends, self.per_window, self.n_channels)
-        )
+        """Return the most that a count can hold: spikes of a window, or what slides."""
+        if self.classifier.slides:
+            return len(self.ends) * self.classifier.most_in_window
+        return _most(self.ends, self.per_window, self.n_channels)
 
     def own_members(self) -> list[Member]:
         """Return its variables."""
@@ -189,8 +193,8 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
     per_window = frame.n_channels
     if isinstance(model, ELM):  # the newest first
         rows = tuple(n - 1 - w if n - 1 - w < model.windows else -1 for w in range(n))
-    elif isinstance(model, Kernels):
-        rows, per_window = (0,) * n, len(fitted.arrays["thresholds"])
+    elif isinstance(model, Sliding):
+        rows, per_window = (0,) * n, model.n_inputs(fitted.arrays)
     elif isinstance(model, RateClassifier) and model.channels == "sum":
         per_window = 1
     elif reads_levels(model):
@@ -198,8 +202,8 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
     n_features = (max(rows) + 1) * per_window
     classes = np.unique(fitted.arrays["target"]) if isinstance(model, KNN) else fitted.arrays["classes"]
     ends = tuple(edges[1 : n + 1].tolist())
-    most = n if isinstance(model, Kernels) else _most(ends, per_window, frame.n_channels)
-    most = HELD if reads_levels(model) else most
+    most = HELD if reads_levels(model) else _most(ends, per_window, frame.n_channels)
+    most = n * model.most_in_bin if isinstance(model, Sliding) else most
     classifier = _classifier(model, fitted.arrays, column, n_features, most, frame.n_steps)
     return CountingPlan(
         **vars(frame),
@@ -223,11 +227,11 @@ def _of_levels(classifier: Classifier, arrays: Mapping[str, Array], ends: Sequen
     longest = max(b - a for a, b in pairwise([0, *ends]))
     if ends[-1] * longest * int(np.bincount(arrays["place"], np.abs(sign)).max()) > MOST_SUM:
         raise Unsupported("the sums of its levels may exceed 32 bits")
-    n_levels = int(arrays["place"].max()) + 1
+    tables, levels = _wired(arrays)
     shift = int(arrays["shift"])  # of negative numbers, towards minus infinity
     values = {
         "reads_levels": True,
-        "n_levels": n_levels,
+        "n_levels": levels.n,
         "shift": shift,
         "rest": (1 << shift) - 1,
         "held": HELD,
@@ -235,17 +239,24 @@ def _of_levels(classifier: Classifier, arrays: Mapping[str, Array], ends: Sequen
     return replace(
         classifier,
         values={**classifier.values, **values},
-        tables=(
-            *classifier.tables,
-            Table(index(n_levels), "place", arrays["place"]),
-            Table(f"{arrays['sign'].dtype}_t", "sign", arrays["sign"]),
-        ),
-        members=(
-            *classifier.members,
-            Member("int32_t", "levels", (n_levels,), _PLACES, is_cleared=True),
-        ),
+        tables=(*classifier.tables, *tables),
+        members=(*classifier.members, levels),
         parts={**classifier.parts, "levels": 1},
     )
+
+
+def _wired(arrays: Mapping[str, Array]) -> tuple[tuple[Table, Table], Member]:
+    """Return what the spikes of each channel add to, and by how much; and the levels that they add up to."""
+    n_levels = int(arrays["place"].max()) + 1
+    place = Table(index(n_levels), "place", arrays["place"])
+    sign = Table(f"{arrays['sign'].dtype}_t", "sign", arrays["sign"])
+    return (place, sign), Member("int32_t", "levels", (n_levels,), _PLACES, is_cleared=True)
+
+
+def _highest(arrays: Mapping[str, Array], n_steps: int, n_places: int) -> Floats:
+    """Return the largest magnitude of each level after some steps, (place,)."""
+    rises = np.abs(arrays["sign"].astype(np.int64))
+    return n_steps * np.bincount(arrays["place"], rises, n_places).astype(np.float64)
 
 
 def _most(ends: Sequence[int], per_window: int, n_channels: int) -> int:
@@ -267,6 +278,8 @@ def _classifier(
         readout = _integers(arrays, column, n_features, most) if exact else _SURE
         if isinstance(model, Kernels):
             return _sliding(readout, arrays, n_steps)
+        if isinstance(model, TCN):
+            return _convolving(readout, model, arrays, n_steps)
         if exact or not layers:
             return readout
         scaling = [Table("float", name, arrays[name][:n_features]) for name in ("mean", "scale")]
@@ -368,9 +381,8 @@ def _integers(arrays: Mapping[str, Array], column: int, n_features: int, most: i
 def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
     """Return the kernels before a readout."""
     groups, n_bins = arrays["groups"], ring_bins(arrays)
-    sign = arrays["sign"]
-    highest_levels = n_steps * np.bincount(arrays["place"], np.abs(sign.astype(np.int64)), groups.shape[1])
-    highest = int((np.abs(groups.astype(np.int64)) @ highest_levels).max())
+    of_levels, levels = _wired(arrays)
+    highest = int((np.abs(groups.astype(np.int64)) @ _highest(arrays, n_steps, groups.shape[1])).max())
     if highest > MOST_SUM:
         raise Unsupported("the sums of its kernels may exceed 32 bits")
     back = index(n_bins)
@@ -378,8 +390,7 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
     row, member = np.nonzero(groups)
     first = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(groups)))])
     tables = (
-        Table(index(groups.shape[1]), "place", arrays["place"]),
-        Table(f"{sign.dtype}_t", "sign", sign),
+        *of_levels,
         Table("uint16_t" if row.size < 2**16 else "uint32_t", "first", first),
         Table(index(groups.shape[1]), "member", member),
         Table("int8_t", "turn", groups[row, member]),
@@ -389,7 +400,7 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
     several = len(arrays["thresholds"]) > len(arrays["taps"])
     n_ring = 2 * n_bins  # each sum twice, so that the last bins are a row wherever it begins
     members = (
-        Member("int32_t", "levels", (groups.shape[1],), _PLACES, is_cleared=True),
+        levels,
         Member(
             "int16_t", "ring", (len(groups) * n_ring,), "sums of every group in the last bins, twice", True
         ),
@@ -413,6 +424,55 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
         members=(*readout.members, *members),
         parts={**readout.parts, "kernels": 1},
         slides="kernels.c",
+    )
+
+
+def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
+    """Return the convolutions before a readout."""
+    n_layers, n_back = len(model.hidden), model.kernel_size - 1
+    of_levels, levels = _wired(arrays)
+    weights, biases = ([arrays[f"{name}/{k}"] for k in range(n_layers)] for name in ("filter", "offset"))
+    largest = (
+        largest_sum(IntegerLayers((w,), (b,), (), 1.0), -LEAST_UNIT)
+        for w, b in zip(weights, biases, strict=True)
+    )
+    if max(*largest, 2 * int(_highest(arrays, n_steps, levels.n).max())) > MOST_SUM:
+        raise Unsupported("the sums of its convolutions may exceed 32 bits")
+    widths = [levels.n, *model.hidden]
+    n_ring = sum((n_back * 2**k + 1) * n for k, n in enumerate(widths[:-1]))
+    tables = (
+        *of_levels,
+        Table("uint32_t", "widths", np.array(widths)),
+        Table("int8_t", "filters", np.concatenate([x.ravel() for x in weights])),
+        Table("int32_t", "offsets", np.concatenate(biases)),
+        *(Table("uint8_t", f"{name}_shifts", arrays[f"{name}_shifts"]) for name in ("level", "filter")),
+    )
+    members = (
+        levels,
+        Member("int8_t", "ring", (n_ring,), "what every layer sees, of the bins that its taps reach", True),
+        Member("uint32_t", "at", (n_layers,), "row of its ring that comes next", True),
+        Member("int32_t", "sums", (max(model.hidden),), "of a layer"),
+        *([Member("uint32_t", "waited", (n_layers,), "bins", True)] if model.stride > 1 else []),
+    )
+    values = {
+        "n_levels": levels.n,
+        "is_cleared": model.reads != "levels",
+        "n_layers": n_layers,
+        "n_back": n_back,
+        "stride": model.stride,
+        "several_bins": model.stride > 1,
+        "half": 2**30,
+        "most_passed": MOST_PASSED,
+        "least_passed": -LEAST_UNIT,
+    }
+    return replace(
+        readout,
+        values={**readout.values, **values},
+        tables=(*readout.tables, *tables),
+        members=(*readout.members, *members),
+        parts={**readout.parts, "convolutions": 1, "several_convolutions": int(n_layers > 1)},
+        slides="tcn.c",
+        most_in_window=MOST_PASSED,
     )
 
 

@@ -24,6 +24,8 @@ What an inference of each family does, of which all kinds of hardware price the 
     kernels        readout, thresholds          one per weight of the readout     the same, one per bin and
                                                                                   place of a group, 12 per bin
                                                                                   and kernel
+    tcn            filters and readout          each weight of the readout once,  none
+                                                of a filter whenever it computes
     elm            W, b and beta in use
     hots           prototypes, signatures       f + 1 per number of a         one per event; with the filter
                                                 surface, event and layer (f   one per input event and place

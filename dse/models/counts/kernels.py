@@ -20,9 +20,11 @@ Source: [Dempster et al., MiniRocket in REFERENCES.md]: kernels, dilations, quan
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,24 +42,17 @@ _OF_A_QUANTILE = 32  # recordings
 _BATCH = 256
 
 
-@register("models", "kernels")
-@dataclass(frozen=True)
-class Kernels(Regressed):
-    """Random dilated kernels over levels of spikes, and a linear readout, in integers.
+class Sliding(Regressed):
+    """A readout of what slides over the levels of places, bin by bin.
 
-    Cost: W_t = weights of the readout and the thresholds; which places and taps a kernel sums is not
-    counted. Every weight of the readout is one multiply-accumulate; an addition is one spike, one place of a
-    group in a bin, and twelve of a kernel in a bin.
-    Health: converged, whether every readout ended before `epochs`.
+    most_in_bin: that an input of the readout grows by in a bin.
     """
 
-    window_ms: float = param(20.0, low=0, low_open=True, unit="ms", doc="bin in which spikes add up")
-    kernels: int = param(300, low=1, doc="number of kernels")
-    thresholds: int = param(1, low=1, high=16, doc="thresholds of each kernel, at rising quantiles")
-    places: int = param(4, low=1, doc="largest number of places (taxels, pools) of a kernel")
-    read_outs: int = fixed(
-        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced"
-    )
+    most_in_bin: ClassVar[int] = 1
+
+    @abstractmethod
+    def n_inputs(self, arrays: Mapping[str, Array]) -> int:
+        """Return how many inputs the readout has."""
 
     def wiring(self, dataset: Dataset) -> Mapping[str, Array]:
         """Return the place of each channel, and what its spike adds to the level."""
@@ -75,8 +70,33 @@ class Kernels(Regressed):
         return rises
 
     def most(self, dataset: Dataset) -> int:
-        """Return the bins, in each of which a kernel is above its threshold or not."""
-        return len(window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)) - 1
+        """Return the largest input of the readout: that of all bins."""
+        n_bins = len(window_edges(dataset.n_steps, dataset.spikes.step_ms, self.window_ms)) - 1
+        return n_bins * self.most_in_bin
+
+
+@register("models", "kernels")
+@dataclass(frozen=True)
+class Kernels(Sliding):
+    """Random dilated kernels over levels of spikes, and a linear readout, in integers.
+
+    Cost: W_t = weights of the readout and the thresholds; which places and taps a kernel sums is not
+    counted. Every weight of the readout is one multiply-accumulate; an addition is one spike, one place of a
+    group in a bin, and twelve of a kernel in a bin.
+    Health: converged, whether every readout ended before `epochs`.
+    """
+
+    window_ms: float = param(20.0, low=0, low_open=True, unit="ms", doc="bin in which spikes add up")
+    kernels: int = param(300, low=1, doc="number of kernels")
+    thresholds: int = param(1, low=1, high=16, doc="thresholds of each kernel, at rising quantiles")
+    places: int = param(4, low=1, doc="largest number of places (taxels, pools) of a kernel")
+    read_outs: int = fixed(
+        10, low=1, high=50, doc="largest number of input lengths with a prediction, evenly spaced"
+    )
+
+    def n_inputs(self, arrays: Mapping[str, Array]) -> int:
+        """Return how many inputs the readout has: one per threshold."""
+        return len(arrays["thresholds"])
 
     def learn(self, counts: Array, target: Array, lengths: Array, most: int, rngs: Generators) -> Learnt:
         """Draw kernels, set their thresholds, train and round a readout per input length."""

@@ -23,6 +23,7 @@ from dse.models.counts.knn import KNN
 from dse.models.counts.linear import Linear
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
+from dse.models.counts.tcn import TCN
 from dse.records import Operations
 from dse.testing.small import dataset, generators
 from tests.deploy.c import nets
@@ -101,6 +102,8 @@ def test_answers_are_those_of_the_engine(model, read_out_ms, tmp_path):
         MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2, precision="int8"),
         Kernels(window_ms=5, kernels=40, read_outs=3),
         Kernels(window_ms=5, kernels=40, thresholds=3, read_outs=3),
+        TCN(window_ms=10, hidden=(12,), epochs=3, read_outs=3),
+        TCN(window_ms=5, hidden=(8, 16, 12), kernel_size=4, stride=2, reads="changes", epochs=3, read_outs=1),
         Linear(window_ms=20, reads="levels"),
         MLP(
             window_ms=35,
@@ -133,6 +136,7 @@ def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
     [
         Kernels(window_ms=5, kernels=40, read_outs=3),
         Kernels(window_ms=5, kernels=40, thresholds=3, read_outs=3),
+        TCN(window_ms=15, hidden=(8, 12), epochs=3, read_outs=2, reads="levels"),
         Linear(window_ms=35, reads="levels"),
         MLP(window_ms=20, channels="each", hidden=(12,), epochs=20, read_outs=2, reads="levels"),
     ],
@@ -213,6 +217,7 @@ def test_tables_larger_than_the_flash_are_refused():
     [
         (Linear(window_ms=20), "0/0/bias", "the sums of its integers may exceed 32 bits"),
         (Kernels(window_ms=5, kernels=4), "groups", "the sums of its kernels may exceed 32 bits"),
+        (TCN(epochs=1), "offset/1", "the sums of its convolutions may exceed 32 bits"),
     ],
 )
 def test_integers_that_may_pass_32_bits_are_refused(model, name, reason):

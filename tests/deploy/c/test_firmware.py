@@ -24,6 +24,7 @@ from dse.models.counts.kernels import Kernels
 from dse.models.counts.knn import KNN
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
+from dse.models.counts.tcn import TCN
 from tests.deploy.c import nets
 from tests.deploy.c.test_counting import fitted
 from tests.deploy.c.test_safety import RECEPTORS, encoded
@@ -112,6 +113,7 @@ KINDS = {
     "mlp": lambda: fitted(MLP(window_ms=20, hidden=(5,), epochs=2))[0],
     "integers": lambda: fitted(MLP(window_ms=20, hidden=(5,), epochs=2, precision="int8"))[0],
     "kernels": lambda: fitted(Kernels(window_ms=20, kernels=84, places=2, thresholds=3))[0],
+    "tcn": lambda: fitted(TCN(window_ms=10, hidden=(8, 8), stride=2, epochs=1))[0],
 }
 
 

@@ -14,6 +14,7 @@ from dse.deploy.targets.c99 import C99, C99Weights
 from dse.models.counts.kernels import Kernels
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
+from dse.models.counts.tcn import TCN
 from tests.deploy.c import nets
 from tests.deploy.c.test_counting import fitted
 from tests.deploy.c.test_sketch import of, touches
@@ -38,6 +39,7 @@ def test_spikes_and_decisions_are_those_of_the_engine(number, tmp_path):
         NaiveBayes(window_ms=5, channels="each"),
         MLP(window_ms=20, hidden=(5,), epochs=2),
         Kernels(window_ms=20, kernels=84, places=2),
+        TCN(window_ms=10, hidden=(8, 8), epochs=1, read_outs=1),
     ],
 )
 def test_answers_of_counts_are_those_of_the_engine(model, tmp_path):
