@@ -26,8 +26,7 @@ from dse.models.counts.levels import HELD, LevelReader
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.rate_windows import RateClassifier, input_lengths, most_spikes, window_edges
 from dse.models.counts.readouts import Readouts, layers_of
-from dse.models.counts.tcn import LEAST_UNIT, TCN
-from dse.models.counts.tcn import MOST_UNIT as MOST_PASSED
+from dse.models.counts.tcn import HIGHEST, LOWEST, TCN
 from dse.records import Array, Floats, Ints, Network, Parameters
 
 _PLACES = "what the spikes of each place add up to"
@@ -433,8 +432,7 @@ def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_
     of_levels, levels = _wired(arrays)
     weights, biases = ([arrays[f"{name}/{k}"] for k in range(n_layers)] for name in ("filter", "offset"))
     largest = (
-        largest_sum(IntegerLayers((w,), (b,), (), 1.0), -LEAST_UNIT)
-        for w, b in zip(weights, biases, strict=True)
+        largest_sum(IntegerLayers((w,), (b,), (), 1.0), -LOWEST) for w, b in zip(weights, biases, strict=True)
     )
     if max(*largest, 2 * int(_highest(arrays, n_steps, levels.n).max())) > MOST_SUM:
         raise Unsupported("the sums of its convolutions may exceed 32 bits")
@@ -455,15 +453,14 @@ def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_
         *([Member("uint32_t", "waited", (n_layers,), "bins", True)] if model.stride > 1 else []),
     )
     values = {
-        "n_levels": levels.n,
         "is_cleared": model.reads != "levels",
         "n_layers": n_layers,
         "n_back": n_back,
         "stride": model.stride,
         "several_bins": model.stride > 1,
         "half": 2**30,
-        "most_passed": MOST_PASSED,
-        "least_passed": -LEAST_UNIT,
+        "most_passed": HIGHEST,
+        "least_passed": -LOWEST,
     }
     return replace(
         readout,
@@ -472,7 +469,7 @@ def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_
         members=(*readout.members, *members),
         parts={**readout.parts, "convolutions": 1, "several_convolutions": int(n_layers > 1)},
         slides="tcn.c",
-        most_in_window=MOST_PASSED,
+        most_in_window=HIGHEST,
     )
 
 

@@ -38,7 +38,7 @@ from dse.native.extras import require_torch
 from dse.records import Array, Dataset, Floats, Ints, Parameters
 from dse.registry import fixed, param, register
 
-LEAST_UNIT, MOST_UNIT = -128, 127
+LOWEST, HIGHEST = -128, 127
 _BATCH = 32
 _SOLVER_STEPS = 1000
 
@@ -48,12 +48,12 @@ _SOLVER_STEPS = 1000
 class TCN(Sliding):
     """Temporal convolutional network in 8-bit integers, trained by torch; it works bin by bin.
 
-    Cost: W_t = weights of convolutions and of the readout, biases are not counted; every weight of a
-    convolution is one multiply-accumulate each time that its layer computes. Its C skips inputs that are 0.
+    Cost: W_t = weights of convolutions and readout, without biases; each is one multiply-accumulate whenever
+    its layer computes. Its C skips inputs that are 0.
     Health: converged, whether every readout ended within 1000 steps; loss of every epoch.
     """
 
-    most_in_bin: ClassVar[int] = MOST_UNIT
+    most_in_bin: ClassVar[int] = HIGHEST
     least_scale: ClassVar[float] = 0.1
 
     window_ms: float = param(20.0, low=0, low_open=True, unit="ms", doc="bin in which spikes add up")
@@ -119,14 +119,14 @@ class TCN(Sliding):
         filters = unscaled(trained, *(np.tile(values, self.kernel_size) for values in (mean, scale)))
         shifts, unit = [], 1.0  # that an input stands for
         for k, (weight, bias) in enumerate(filters):
-            layer = rounded([(unit * weight, bias)], x[:0], -LEAST_UNIT)
+            layer = rounded([(unit * weight, bias)], x[:0], -LOWEST)
             arrays |= {f"filter/{k}": layer.weights[0], f"offset/{k}": layer.biases[0]}
             y = self._convolved(x, arrays, k)
             shifts.append(max(int(y.max(initial=0)).bit_length() - 7, 0))
             x, unit = rectified(y, shifts[-1]), 2.0 ** shifts[-1] / layer.scale
         arrays["filter_shifts"] = np.array(shifts, np.uint8)
         readouts = replace(self, epochs=_SOLVER_STEPS)  # `epochs` are those of the convolutions
-        learnt = readouts.regressed(arrays, counts, target, lengths, counts.shape[1] * MOST_UNIT)
+        learnt = readouts.regressed(arrays, counts, target, lengths, counts.shape[1] * HIGHEST)
         return Learnt(learnt.arrays, {"loss": losses}, learnt.health)
 
     def _levels(self, counts: Array) -> Ints:
@@ -174,7 +174,7 @@ class TCN(Sliding):
                         w8 = w + ((w / step).round() * step - w).detach()
                         y = conv1d(pad(passed, (before, 0)), w8, b, self.stride, dilation=2**k).relu()
                         # A shift wastes up to a bit.
-                        step = y.detach().max().clamp(min=1e-6) / (MOST_UNIT // 2)
+                        step = y.detach().max().clamp(min=1e-6) / (HIGHEST // 2)
                         passed = y + ((y / step).floor() * step - y).detach()
                     loss = cross_entropy(passed.mean(dim=2) @ head.T + rest, wanted[batch])
                     optimiser.zero_grad()
@@ -278,9 +278,9 @@ class TCN(Sliding):
 
 def held(levels: Ints, shifts: Array) -> Ints:
     """Return levels, (n, bin, place), in 8 bits: shifted right by (place,) bits and held."""
-    return np.asarray(np.clip(levels >> shifts, LEAST_UNIT, MOST_UNIT))
+    return np.asarray(np.clip(levels >> shifts, LOWEST, HIGHEST))
 
 
 def rectified(y: Ints, shift: int) -> Ints:
     """Return what a layer passes on of its sums: 0 to 127."""
-    return np.asarray(np.minimum(np.maximum(y, 0) >> shift, MOST_UNIT))
+    return np.asarray(np.minimum(np.maximum(y, 0) >> shift, HIGHEST))
