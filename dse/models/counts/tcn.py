@@ -237,20 +237,20 @@ class TCN(Sliding):
     ) -> Mapping[str, Array | list[float]]:
         """Return the work of the readout, and that of convolutions each time that they compute.
 
-        It is priced as what costs as much in a readout of integers: an input that is looked at as a unit, one
-        other than 0 and a tap as a row, a channel as two units.
+        It is priced as what costs as much in a readout of integers: a level, and an input that is looked at,
+        as a unit; an input other than 0 and a tap as a row; a channel as two units.
         """
         work = {kind: np.array(x, np.float64) for kind, x in super().program(arrays, counts, lengths).items()}
-        if len(arrays["classes"]) == 1:
-            return work
-        for k, x in enumerate(self.passed(arrays, counts)[:-1]):
+        layers = self.passed(arrays, counts)[:-1] if len(arrays["classes"]) > 1 else []
+        for k, x in enumerate(layers):
             n_out, times = len(arrays[f"offset/{k}"]), lengths // self.stride ** (k + 1)
             computes = np.arange(self.stride - 1, x.shape[1], self.stride)
             not_0, rows = np.count_nonzero(x, axis=(0, 2)) / max(1, len(x)), np.zeros(len(computes) + 1)
             for j in range(self.kernel_size):
                 seen = computes - j * 2**k
                 rows[1:] += np.cumsum(np.where(seen < 0, 0, not_0[np.maximum(seen, 0)]))
-            work["integer_unit"] += times * (self.kernel_size * x.shape[2] + 2 * n_out)
+            units = times * (self.kernel_size * x.shape[2] + 2 * n_out)
+            work["integer_unit"] += units if k else units + lengths * x.shape[2]
             work["integer_row"] += rows[times] + times * self.kernel_size
             work["integer"] += rows[times] * n_out
         return work
