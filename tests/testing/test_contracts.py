@@ -114,6 +114,8 @@ def names(section):
 
 
 def checked_family(family):
+    if registry.name_of("models", family) == "tcn":
+        pytest.importorskip("torch")
     check_family(family, joint(n_steps=20) if registry.name_of("models", family) in OF_HEADS else None)
 
 

@@ -35,6 +35,8 @@ pytestmark = nets.needs_compiler
 
 def fitted(model, read_out_ms=None, rises=None):
     """Return the bundle of a trained classifier, and what it answers to recordings it was not trained on."""
+    if isinstance(model, TCN):
+        pytest.importorskip("torch")
     data = dataset(n_samples=120, n_steps=40, n_channels=9)
     data = replace(data, test=np.concatenate([data.validation, data.test]), rises=rises)
     outcome = model.fit(data, Training(), generators(1))

@@ -14,7 +14,7 @@ from dse.testing.expect import same
 from tests.models.counted import data_of, rngs, textures
 from tests.spaces import SPACE, faults_of, write_space
 
-torch = pytest.importorskip("torch", reason="torch is not installed: pip install 'dse-spiking[torch]'")
+pytestmark = pytest.mark.usefixtures("torch")
 
 FAMILY = TCN(window_ms=20.0, hidden=(5, 4), kernel_size=3, epochs=2, read_outs=3)
 
@@ -109,7 +109,7 @@ def test_it_learns_an_order_that_counts_do_not_show():
     assert (counted.label[:, -1] == target).mean() < 0.7
 
 
-def test_threads_change_no_bit_and_are_given_back():
+def test_threads_change_no_bit_and_are_given_back(torch):
     alone = FAMILY.fit(textures(), Training(), rngs)
     before = torch.get_num_threads()
     torch.set_num_threads(2)
