@@ -29,7 +29,7 @@ _IDENTITY = ("trial", "family", "phi", "theta", "read_out_ms", "weight_bits", "p
 _OPTIONAL = (
     *("power_mw", "front_share", "confidence"),
     *("target", "ram_bytes", "table_bytes", "flash_bytes", "cycles"),
-    *("memory_blocks", "most_cycles_per_step"),
+    *("cells", "memory_blocks", "most_cycles_per_step"),
 )
 
 

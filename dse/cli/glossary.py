@@ -59,6 +59,7 @@ _OTHERS = {
         "bytes",
         "code and constants of the exported classifier on a target; of c99 as this machine's compiler has it",
     ),
+    "cells": ("", "cells of the exported network on a gate array"),
     "memory_blocks": ("", "blocks of memory of the exported network on a gate array"),
     "most_cycles_per_step": (
         "cycles",

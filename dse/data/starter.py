@@ -44,6 +44,7 @@ _FEW_FOLDS, _NO_FOLDS = 100, 400
 _LEVELS = 64  # of the usual range of a channel
 _MOST_BINS = 256  # of a window, in which random kernels are looked at
 _COUNT_SCALE = 0.15  # of windows of 127 steps and more: the default of the loss
+_FEW_STEPS = 50  # of a window; below, two network steps for each leave neurons more spikes to tell classes by
 _LEAST_ODDS = 19.0  # log-odds of an output that fires in every step: with far less, no loss can be small
 _HIDDEN = {"hidden": {"choice": [20, 50, 100]}}
 _MOST_COPIES, _MOST_INPUTS = 8, 2048  # of the inputs, each with a delay; of inputs with all copies
@@ -330,6 +331,7 @@ def _network(n_steps: int, n_inputs: int) -> dict[str, Any]:
         **_HIDDEN,
         **({"input_delays": {"choice": delays}} if len(delays) > 1 else {}),
         **_NETWORK,
+        **({"steps_per_sample": 2} if n_steps < _FEW_STEPS else {}),
         "count_scale": count_scale,
     }
 

@@ -135,3 +135,4 @@ def test_a_first_network_has_every_delay_once(tmp_path, n_steps):
     for each in (x for values in delays for x in values):
         assert each[0] == 0 and list(each) == sorted(set(each)) and max(each) < n_steps
     assert delays
+    assert ("steps_per_sample: 2" in (tmp_path / "space.yaml").read_text()) == (n_steps < 50)

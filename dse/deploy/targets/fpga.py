@@ -57,9 +57,11 @@ class Fpga(BackEnd[Circuit]):
         return form
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
-        """Return its blocks of memory, and the clock cycles of a step in which everything spikes, at most."""
+        """Return its cells, blocks of memory, and the most cycles of a step: everything spikes."""
         form = circuit.of_form(spiking_of(bundle))
+        of_cells = 1, form.address_bits, form.share_bits, form.slot_bits
         return {
+            "cells": float(round(np.dot(self.board.cell_costs, of_cells))),
             "memory_blocks": float(sum(self._blocks(form).values())),
             "most_cycles_per_step": float(form.most_cycles),
         }
@@ -143,6 +145,7 @@ class Ice40(Fpga):
         n_blocks=30,
         block_bits=4096,
         widths=(2, 4, 8, 16),
+        cell_costs=(39.5, 48.5, 10.1, 22.9),
     )
 
 
@@ -176,4 +179,5 @@ class Ecp5(Fpga):
         n_blocks=32,
         block_bits=18432,
         widths=(9, 18, 36),
+        cell_costs=(187.0, 33.0, 14.6, 17.4),
     )

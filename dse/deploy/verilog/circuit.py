@@ -53,6 +53,17 @@ class Circuit:
         return max(1, bits(-(-self.form.n_channels // 16) - 1))
 
     @property
+    def address_bits(self) -> int:
+        """Bits of a place among the weights."""
+        return bits(len(self.weights) + 16 * self.form.sizes[1])
+
+    @property
+    def share_bits(self) -> int:
+        """Bits of the products that confidence compares."""
+        confidence, total = self.form.rule.confidence, self.form.network_steps * self.form.rule.n
+        return bits(total * max(1, confidence.numerator, confidence.denominator))
+
+    @property
     def memories(self) -> dict[str, tuple[int, int]]:
         """Words and bits of a word of every memory; what is the same in every word takes none."""
         form, n = self.form, sum(self.form.sizes[1:])
@@ -202,7 +213,6 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
     loops = [layer.recurrent is not None for layer in form.layers]
     firsts = [a if loop else min(b, n - 1) for a, b, loop in zip(begins, ends, loops, strict=False)]
     part_bits = max(1, bits(per_sample - 1))
-    most = total * max(1, confidence.numerator, confidence.denominator)
     numbers = {
         "N_NEURONS": n,
         "N_LAYERS": len(sizes),
@@ -223,7 +233,7 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "SUM_BITS": circuit.sum_bits,
         "STATE_BITS": circuit.state_bits,
         "SHIFT": circuit.shift,
-        "ADDRESS_BITS": bits(len(circuit.weights) + 16 * sizes[0]),
+        "ADDRESS_BITS": circuit.address_bits,
         "NEURON_ROWS": form.sizes[0] * sizes[0],
         "LAST_NETWORK_STEP": form.network_steps - 1,
         "OUTPUT_BITS": max(1, bits(sizes[-1] - 1)),
@@ -232,7 +242,7 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "IS_EARLY": int(rule.least_total is not None),
         "TOTAL_BITS": bits(total),
         "LEAST_TOTAL": rule.least_total or 0,
-        "SHARE_BITS": bits(most),
+        "SHARE_BITS": circuit.share_bits,
         "NUMERATOR": confidence.numerator,
         "DENOMINATOR": confidence.denominator,
         "LAST_STEP": rule.last,

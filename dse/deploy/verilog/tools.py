@@ -45,6 +45,8 @@ class Board:
     clock_mhz: that the board gives.
     cells, memory, multiplier: names of what the chip has in the report of nextpnr.
     n_blocks: of memory. block_bits, widths: bits of one, and how wide its words can be.
+    cell_costs: cells of any circuit, and more per bit of a place among the weights, of what confidence
+        compares, and of a number of a step that is held; fitted to placed circuits.
     """
 
     chip: str
@@ -64,6 +66,7 @@ class Board:
     n_blocks: int
     block_bits: int
     widths: tuple[int, ...]
+    cell_costs: tuple[float, float, float, float]
 
     @property
     def baud_cycles(self) -> int:

@@ -77,6 +77,7 @@ def test_a_bitstream_with_a_report(target, begins, tmp_path):
     )
     before = target.footprint(made)
     assert before["memory_blocks"] == report["memory_blocks"]
+    assert before["cells"] == pytest.approx(report["cells"], rel=0.15)
     assert 1 <= before["most_cycles_per_step"] / verdict.figures["cycles_of_longest_step"] < 1.5
     # A step updates 17 neurons in two network steps.
     assert 2 * 17 * 5 < verdict.figures["cycles_per_step"] <= verdict.figures["cycles_of_longest_step"]

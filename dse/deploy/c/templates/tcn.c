@@ -18,8 +18,9 @@ static APART void slide(dse_t *net)
     uint32_t i, j, k, n = width[0], dilation = 1;
     for (i = 0; i < n; i++) {
         /* Shifted towards minus infinity. */
-        const uint32_t level = ((uint32_t)(net->levels[i] + ${half}) >> level_shifts[i]);
-        const int32_t x = (int32_t)level - (int32_t)(${half}u >> level_shifts[i]);
+        const int32_t raised = net->levels[i] + ${half};
+        const uint32_t level = (uint32_t)raised >> level_shifts[i], rest = ${half}u >> level_shifts[i];
+        const int32_t x = (int32_t)level - (int32_t)rest;
         ring[(net->at[0] * n) + i] = (int8_t)((x > $most_passed) ? $most_passed : ((x < -$least_passed) ? -$least_passed : x));
 @if is_cleared
         net->levels[i] = 0;
@@ -64,4 +65,3 @@ static APART void slide(dse_t *net)
         dilation <<= 1;
     }
 }
-
