@@ -39,7 +39,7 @@ BROWSER_FLAGS = (
 _OF_PAPERS = ("plugins/dse_papers/*", *(f"benchmarks/test_{x}.py" for x in ("hots", "numerics", "papers")))
 collect_ignore_glob = [] if PAPERS else list(_OF_PAPERS)
 
-SLOW_FIRST = ("test_pages.py", "test_first_hour.py", "study", "dashboard", "cli", "deploy", "faults")
+SLOW_FIRST = "test_pages.py test_first_hour.py test_fpga.py study dashboard cli deploy faults".split()
 """Files and folders of tests/ that take longest: begun last, one would be waited for alone."""
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=30)
