@@ -138,8 +138,8 @@ class Kernels(Sliding):
                 values = convolved(z[:, :, k // len(dilations)], dilations[k % len(dilations)], taps)
                 for m, threshold in enumerate(thresholds[k]):
                     is_above = values[:, : lengths[-1]] > threshold
-                    found = np.add.reduceat(is_above, begins, axis=1, dtype=np.int32)
-                    above[:, part, k, m] = found.cumsum(axis=1).T
+                    between = np.add.reduceat(is_above, begins, axis=1, dtype=np.int32)
+                    above[:, part, k, m] = between.cumsum(axis=1).T
         yield from above.reshape(len(lengths), len(counts), -1)
 
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
@@ -155,14 +155,14 @@ class Kernels(Sliding):
         self, arrays: Mapping[str, Array], counts: Array, lengths: Array
     ) -> Mapping[str, Array | list[float]]:
         """Return the work of the readout, of places and kernels in all bins, and of further thresholds."""
-        found = list(self._inputs(arrays, counts, lengths))
+        inputs = list(self._inputs(arrays, counts, lengths))
         work: dict[str, Array | list[float]] = {
-            **self.worked(arrays, found),
+            **self.worked(arrays, inputs),
             "kernel_place": lengths * np.count_nonzero(arrays["groups"]),
             "kernel": lengths * len(arrays["taps"]),
         }
         if len(arrays["thresholds"]) > len(arrays["taps"]):
-            above = [x.reshape(len(x), len(arrays["taps"]), -1)[:, :, 1:].sum(axis=(1, 2)) for x in found]
+            above = [x.reshape(len(x), len(arrays["taps"]), -1)[:, :, 1:].sum(axis=(1, 2)) for x in inputs]
             work["kernel_more"] = [float(x.mean()) for x in above] or [0.0] * len(lengths)
         return work
 

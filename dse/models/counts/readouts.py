@@ -69,17 +69,17 @@ class Readouts(Windowed):
         return self.worked(arrays, self._inputs(arrays, counts, lengths))
 
     def worked(
-        self, arrays: Mapping[str, Array], found: Iterable[Array]
+        self, arrays: Mapping[str, Array], inputs: Iterable[Array]
     ) -> Mapping[str, Array | list[float]]:
         """Return the inputs, those of units that are not 0, their weights, and the units.
 
         Args:
             arrays: what is learnt.
-            found: what the layers of each input length see, as of `inputs`.
+            inputs: what the layers of each input length see, as of `inputs`.
         """
         n = len(arrays["lengths"])
         work, kinds = np.zeros((4, n)), ("scale", "single_row", "single", "single_unit")
-        for j, x in enumerate(found):
+        for j, x in enumerate(inputs):
             work[0, j] = x.shape[1]
             for given, (_, bias) in zip(passed(x, arrays, j), layers_of(arrays, j), strict=False):
                 inputs = np.count_nonzero(given) / max(1, len(given))

@@ -43,13 +43,13 @@ def ridge(x: Array, target: Array, least_scale: float = 0.0) -> tuple[Floats, Fl
     # U S; `turned` is U where inputs are more than samples, V where not.
     seen = turned * np.sqrt(square) if wide else z @ turned
     centred = y - y.mean(axis=0)
-    found = []
+    tried = []
     for alpha in _ALPHAS:
         part = (seen.T @ centred) / (square + alpha)[:, None]
         leverage = 1 / len(z) + (seen**2 / (square + alpha)).sum(axis=1)
         left_out = y - (centred - seen @ part) / np.maximum(1 - leverage, 1e-9)[:, None]
-        found.append((float(((left_out - y) ** 2).sum()), alpha, left_out))
-    _, alpha, left_out = min(found, key=lambda each: each[0])
+        tried.append((float(((left_out - y) ** 2).sum()), alpha, left_out))
+    _, alpha, left_out = min(tried, key=lambda each: each[0])
     part = ((turned if wide else seen).T @ centred) / (square + alpha)[:, None]
     weight = z.T @ (turned @ part) if wide else turned @ part
     odds = _SCALES[np.argmin([_surprise(left_out * each, y) for each in _SCALES])]
