@@ -82,8 +82,8 @@ class Readouts(Windowed):
         for j, x in enumerate(inputs):
             work[0, j] = x.shape[1]
             for given, (_, bias) in zip(passed(x, arrays, j), layers_of(arrays, j), strict=False):
-                inputs = np.count_nonzero(given) / max(1, len(given))
-                work[1:, j] += inputs, inputs * len(bias), len(bias)
+                not_0 = np.count_nonzero(given) / max(1, len(given))
+                work[1:, j] += not_0, not_0 * len(bias), len(bias)
         if "0/scale" in arrays:
             kinds = ("integer_input", "integer_row", "integer", "integer_unit")
             return dict(zip(kinds, work, strict=True)) | {"tally_count": np.zeros(n)}
