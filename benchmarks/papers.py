@@ -1,7 +1,7 @@
 """The folders of the papers in results/: audits and runs the search spaces of a paper, then compares.
 
 `python -m benchmarks.papers 004` writes results/004_elm_receptors anew, and runs only what the folder of
-studies lacks; `--table` prints the table of results/README.md from the folders.
+studies lacks; `--table` prints the tables of results/README.md from the folders.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ def main() -> None:
         "papers", nargs="*", metavar="PAPER", help=f"any of {', '.join(SPACES)} (default: all)"
     )
     parser.add_argument("--studies", type=Path, default=RESULTS / "studies", help="folder of the studies")
-    parser.add_argument("--table", action="store_true", help="print the table of the folders that there are")
+    parser.add_argument("--table", action="store_true", help="print the tables of the folders that there are")
     arguments = parser.parse_args()
     if arguments.table:
-        print("\n".join(table(RESULTS)))
+        print("\n".join(tables(RESULTS)))
         return
     for key in arguments.papers or SPACES:
         folders = [str(arguments.studies / space) for space in SPACES[key]]
@@ -52,24 +52,26 @@ def main() -> None:
         _run("report", *folders, "--paper", key, "--out", str(RESULTS / f"{key}_{publication(key).name}"))
 
 
-def table(results: Path) -> list[str]:
-    """Return the accuracies of the folders of papers beside the printed ones, as a table of Markdown."""
-    lines = [
-        "| paper | printed quantity | printed | ours | study | trained, h |",
-        "|---|---|---|---|---|---|",
-    ]
-    for folder in sorted(results.glob("0*/compared.csv")):
-        compared = pd.read_csv(folder, dtype={"printed": str, "ours": str}, keep_default_na=False)
+def tables(results: Path) -> list[str]:
+    """Return the accuracies of the folders of papers beside the printed ones, a table per paper."""
+    lines = []
+    for file in sorted(results.glob("0*/compared.csv")):
+        folder = file.parent
+        compared = pd.read_csv(file, dtype={"printed": str, "ours": str}, keep_default_na=False)
         known = compared[(compared["kind"] == "result") & (compared["ours"] != "")]
         shares = known["quantity"].str.match("(peak )?accuracy(?! on)(?!.*,)")  # of all classes together
+        ours: dict[tuple[str, str], dict[str, str]] = {}
         for row in known[shares].itertuples():
-            se = f" ± {float(row.se):.2g}" if row.se else ""
-            where = f"[{folder.parent.name}]({folder.parent.name}/README.md)"
-            about = ", ".join(filter(None, [row.quantity, row.condition, row.task]))
-            hours = _hours(folder.parent / row.study / "trials.parquet")
-            lines.append(
-                f"| {where} | {about} | {row.printed or '-'} | {row.ours}{se} | {row.study} | {hours:.2g} |"
-            )
+            about = ", ".join(filter(None, [row.quantity, row.condition]))
+            about += "" if row.task in about else f", {row.task}"
+            se = f" ± {float(row.se):.3f}" if row.se else ""
+            ours.setdefault((about, row.printed or "-"), {})[row.study] = f"{float(row.ours):.3f}{se}"
+        studies = list(dict.fromkeys(study for of in ours.values() for study in of))
+        heads = [f"{x} ({_hours(folder / x / 'trials.parquet'):.2g} h)" for x in studies]
+        cells = [("quantity", "printed", *heads), ("---",) * (2 + len(studies))]
+        cells += [(*key, *(of.get(study, "-") for study in studies)) for key, of in ours.items()]
+        lines += [f"### [{folder.name}]({folder.name}/README.md)", ""]
+        lines += [*(f"| {' | '.join(row)} |" for row in cells), ""]
     return lines
 
 

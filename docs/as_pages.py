@@ -1,13 +1,18 @@
-"""The notebooks as pages of the site: text, code, and what each cell has shown."""
+"""Pages that are not Markdown in docs/: the results, and the notebooks with what each cell has shown."""
 
 import json
 import re
+from pathlib import Path
 
 from mkdocs.structure.files import File
 
+ROOT = Path(__file__).resolve().parent.parent
+
 
 def on_files(files, config):
-    """Put a page in the place of each notebook."""
+    """Put a page in the place of each notebook, and the results with their pictures beside the documents."""
+    for path in sorted(x for end in ("md", "png") for x in (ROOT / "results").rglob(f"*.{end}")):
+        files.append(File(str(path.relative_to(ROOT)), str(ROOT), config.site_dir, use_directory_urls=True))
     for file in [x for x in files if x.src_uri.endswith(".ipynb")]:
         files.remove(file)
         place = file.src_uri.replace(".ipynb", ".md")
@@ -15,8 +20,11 @@ def on_files(files, config):
     return files
 
 
-def on_page_markdown(markdown, **_):
-    """Let links to notebooks lead to their pages."""
+def on_page_markdown(markdown, page, **_):
+    """Let links to notebooks and between documents and results lead to their pages."""
+    if page.file.src_uri.startswith("results/"):
+        return markdown.replace("](../docs/", "](../")
+    markdown = markdown.replace("](../results/", "](results/")
     return re.sub(r"\]\((notebooks/\w+)\.ipynb\)", r"](\1.md)", markdown)
 
 

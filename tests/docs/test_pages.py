@@ -57,8 +57,9 @@ def test_every_page_is_in_the_menu_and_every_link_leads_somewhere():
     menu = re.findall(
         r"[\w/]+\.md", str(yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"])
     )
-    notebooks = [f"notebooks/{path.stem}.md" for path in DOCS.glob("notebooks/*.ipynb")]  # as_pages.py
-    assert sorted(menu) == sorted([*notebooks, *(path.name for path in DOCS.glob("*.md"))])
+    elsewhere = [f"notebooks/{path.stem}.md" for path in DOCS.glob("notebooks/*.ipynb")]  # as_pages.py
+    elsewhere += ["results/README.md", "results/measurements.md"]
+    assert sorted(menu) == sorted([*elsewhere, *(path.name for path in DOCS.glob("*.md"))])
     for path in [*DOCUMENTS, ROOT / "CONTRIBUTING.md", ROOT / "README.md"]:
         links = re.findall(r"\]\((?!https?://|#)([^)#]+)", path.read_text(encoding="utf-8"))
         assert [link for link in links if not (path.parent / link).exists()] == [], path
@@ -72,3 +73,5 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     assert (tmp_path / "tutorial" / "index.html").is_file()
     notebook = (tmp_path / "notebooks" / "reading_a_front" / "index.html").read_text(encoding="utf-8")
     assert "front_probability</th>" in notebook and 'src="data:image/png;base64,' in notebook
+    assert 'src="../results/page.png"' in (tmp_path / "gallery" / "index.html").read_text(encoding="utf-8")
+    assert 'href="../gallery/"' in (tmp_path / "results" / "index.html").read_text(encoding="utf-8")

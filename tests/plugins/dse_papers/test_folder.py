@@ -52,7 +52,7 @@ def test_it_holds_the_comparison_the_figures_and_the_tables(study):
     [line] = [x for x in text.splitlines() if x.startswith("| IV-A | accuracy")]
     assert "| 0.92 | 0.75 |" in line
     assert "| ridges | texture | 2 | 2 | 1 |" in text  # designs, trainings, hours
-    assert "![](fig_11_ridges_texture.png)" in text and "Fig. 8, ridges, texture: not drawn, for" in text
+    assert "](fig_11_ridges_texture.png)" in text and "Fig. 8, ridges, texture: not drawn, for" in text
 
 
 def test_what_it_keeps_of_a_study_can_be_read(study, capsys):

@@ -101,7 +101,8 @@ def _redraw(figure: Redrawn, sides: Sequence[Side], folder: Path) -> Iterator[st
             continue
         name = re.sub(r"[^a-z0-9]+", "_", f"{figure.where}_{side.part.name}_{side.part.task}".lower())
         (folder / f"{name}.png").write_bytes(static_image(image, "png", png_scale=_PNG_SCALE))
-        yield f"- {figure.where}, {markdown(about)} (`{figure.figure}`)\n\n  ![]({name}.png)\n"
+        what = f"{figure.where}, {markdown(about)}"
+        yield f"- {what} (`{figure.figure}`)\n\n  ![{what}]({name}.png)\n"
 
 
 def _keys(figure: Redrawn, side: Side) -> dict[str, Any]:
