@@ -441,6 +441,7 @@ def _of_answers(answers: Answers, right: Floats, of_test: Floats | None, target:
         updates=np.zeros_like(macs),
         n_weights=np.asarray(answers.n_weights),
         duration_ms=time_ms,
+        number_bits=answers.stored_bits or 32,
         event_macs=answers.event_macs,
         event_additions=answers.event_additions,
         program=answers.program,

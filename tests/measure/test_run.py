@@ -226,6 +226,17 @@ def test_a_classifier_without_spikes_has_the_same_columns(answered, dataset):
     ].tolist() == pytest.approx([(100 * 4.6 + 3 * 0.9) * 1e-6, (200 * 4.6 + 6 * 0.9) * 1e-6])
 
 
+def test_a_classifier_of_8_bits_takes_a_byte_per_number(answered, dataset):
+    chip = load("asic45_memory")
+    of_bits = {}
+    for bits in (None, 8, 64):
+        said = replace(answered, validation=replace(answered.validation, stored_bits=bits))
+        numbers = measure(said, dataset, np.array([]), np.array([]), [chip]).numbers
+        of_bits[bits] = numbers.columns["memory_bytes"], numbers.hardware["asic45_memory"]["energy_uj"]
+    assert [of_bits[bits][0] for bits in (None, 8, 64)] == [80, 20, 160]
+    assert of_bits[8][1] < of_bits[None][1] < of_bits[64][1]
+
+
 def test_a_network_is_priced_by_its_additions_too(outcome, dataset):
     found = measure(outcome, dataset, np.array([0]), np.array([0.6]), [OPERATIONS])
     assert found.numbers.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx(48 * 0.9e-6)
