@@ -95,7 +95,9 @@ class Search:
         1, doc="trainings of each design on the front of its task and family", low=1
     )
     racing: Racing | None = param(  # noqa: RUF009
-        None, doc="stop designs early: keys rungs, eta (default: all designs train to the end)"
+        None,
+        doc="stop designs early: keys rungs, eta; families whose training cannot pause train to their ends "
+        "(default: all designs do)",
     )
     stop: Stop | None = param(  # noqa: RUF009
         None,
@@ -128,10 +130,10 @@ class Search:
             if rung >= epochs:
                 text = f"must be below training.epochs, {epochs}, got {rung}"
                 yield ("search", "racing", "rungs", index), f"search.racing.rungs {text}"
-        for model in space.each("model"):
-            if not has_rungs(model.cls):
-                text = f"needs models whose training can pause at a rung, which {model.kind} cannot"
-                yield part.fault("racing", text)
+        models = list(space.each("model"))
+        if models and not any(has_rungs(model.cls) for model in models):
+            kinds = ", ".join(dict.fromkeys(str(model.kind) for model in models))
+            yield part.fault("racing", f"needs a model whose training can pause at a rung, got {kinds}")
 
 
 def folds(parts: Mapping[str, Part]) -> int:

@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 
 from dse import dataset, seeds, store
 from dse.config import ConfigError, Fault, SearchSpace
+from dse.config.contracts import has_rungs
 from dse.config.resolved import Sections
 from dse.config.yaml_lines import error_of
 from dse.dataset import cache
@@ -466,11 +467,12 @@ class Runs:
         for run in runs:
             demand = jobs.demand(run, load(run.data), execution.threads)
             epochs = max(checkpoints.folders(self._folder, run.trial, run.repeat), default=0)
-            if until is not None and epochs > until:  # what the run was at the rung is lost
+            rung = until if has_rungs(run.sections.model) else None
+            if rung is not None and epochs > rung:  # what the run was at the rung is lost
                 checkpoints.remove(self._folder, run.trial, run.repeat)
                 epochs = 0
             # Runs at one epoch may train together.
-            share = ((until or run.sections.training.epochs) - epochs) / run.sections.training.epochs
+            share = ((rung or run.sections.training.epochs) - epochs) / run.sections.training.epochs
             demand = dataclasses.replace(demand, key=(demand.key, epochs), cost=demand.cost * share)
             if demand.alone_bytes > self._budget:
                 text = (
@@ -498,7 +500,7 @@ class Runs:
                 tuple(fitting[i] for i in members),
                 device,
                 threads,
-                until,
+                until if has_rungs(fitting[members[0]].sections.model) else None,
                 checkpoint_s,
                 points_at_rung=not need_no_decisions(ranked_by),
             )

@@ -181,7 +181,7 @@ CASES = [
             "training": "{epochs: 4}",
             "search": "{sampler: grid, racing: {rungs: [2]}}",
         },
-        ["19: search.racing needs models whose training can pause at a rung"],
+        ["19: search.racing needs a model whose training can pause at a rung, got knn"],
     ),
     (
         {"execution": "{address: 'tcp://nowhere:1'}"},

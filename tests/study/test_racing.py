@@ -23,9 +23,9 @@ RACING = {"racing": {"rungs": [2, 5]}}
 
 def space_of(folder, jobs=1, search=RACING, **changes):
     model = {"kind": "curve", "true_rate": {"choice": RATES}, "hidden": {"choice": [[8], [9]]}}
+    changes = {"model": model, **changes}
     return tiny_study.make_space(
         folder,
-        model=model,
         training={"epochs": 20},
         search={"sampler": "grid", **search},
         **{"objectives": ["accuracy:max", "n_weights:min"], "execution": {"jobs": jobs}, **changes},
@@ -48,6 +48,25 @@ def assert_same(one, other):
         assert_frame_equal(a.drop(columns="train_s"), b.drop(columns="train_s"), check_exact=True)
     for path in (one.folder / "racing").glob("*.json"):
         assert store.read_json(path) == store.read_json(other.folder / "racing" / path.name)
+
+
+def test_families_that_cannot_pause_train_to_their_ends(tmp_path, monkeypatch):
+    monkeypatch.setattr(Workers, "stream", in_process)
+    rates = {"true_rate": {"choice": RATES[4:]}, "hidden": [8]}
+    both = {"choice": [{"kind": kind, **rates} for kind in ("curve", "together")]}
+    of = {}
+    for name, search in (("raced", RACING), ("whole", {})):
+        folder = tmp_path / name
+        folder.mkdir()
+        space = space_of(folder, search=search, model=both)
+        of[name] = explore.run(space, folder / "results", progress=False)
+    trials = of["raced"].trials.set_index("trial")
+    plain = trials["family"] == "together"
+    assert set(trials["status"][plain]) == {"finished"} and plain.sum() == 8
+    assert (trials["status"][~plain] == "stopped").sum() == 4
+    others = ["train_s", *(f"accuracy_corrected{end}" for end in ("", "_low", "_high"))]  # by all points
+    points = [study.points().query("family == 'together'").drop(columns=others) for study in of.values()]
+    assert_frame_equal(*(x.reset_index(drop=True) for x in points), check_exact=True)
 
 
 def test_one_in_three_goes_on_and_the_rest_is_as_without(raced, tmp_path, monkeypatch):
