@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -20,13 +20,7 @@ from dse.registry import fixed, param, register
 
 @dataclass(frozen=True)
 class Regressed(Readouts):
-    """A classifier whose readouts are logistic or ridge regressions, rounded to integers.
-
-    least_scale: share of the largest deviation of an input, below which none counts as less: weights of 8
-        bits are of one scale, and an input that hardly varies would take it all.
-    """
-
-    least_scale: ClassVar[float] = 0.0
+    """A classifier whose readouts are logistic or ridge regressions, rounded to integers."""
 
     readout: Literal["logistic", "ridge"] = param(
         "logistic",
@@ -49,9 +43,9 @@ class Regressed(Readouts):
         converged = True
         for j, x in enumerate(self._inputs(arrays, counts, lengths)):
             if self.readout == "ridge":
-                weight, bias = ridge(x, target, self.least_scale)
+                weight, bias = ridge(x, target)
             else:
-                weight, bias, ended = logistic(x, target, self.alpha, self.epochs, self.least_scale)
+                weight, bias, ended = logistic(x, target, self.alpha, self.epochs)
                 converged &= ended
             arrays |= rounded([(weight, bias)], x, most).stored(j)
         return Learnt(arrays, {}, {"converged": converged})
@@ -82,9 +76,7 @@ class Linear(LevelReader, Regressed):
         return self.regressed({"classes": np.unique(target)}, counts, target, lengths, most)
 
 
-def logistic(
-    x: Array, target: Array, alpha: float, epochs: int, least_scale: float = 0.0
-) -> tuple[Floats, Floats, bool]:
+def logistic(x: Array, target: Array, alpha: float, epochs: int) -> tuple[Floats, Floats, bool]:
     """Return weights (input, output) and biases (output,) of a logistic regression, and whether it converged.
 
     Args:
@@ -92,12 +84,11 @@ def logistic(
         target: (n,) with two classes or more; of two there is one output, which says the second where > 0.
         alpha: L2 penalty of weights of scaled inputs.
         epochs: most steps.
-        least_scale: as of `Regressed`.
     """
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import LogisticRegression
 
-    mean, scale = scaling(x, least_scale)
+    mean, scale = scaling(x)
     model = LogisticRegression(C=1 / (alpha * len(x)), max_iter=epochs)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)

@@ -147,15 +147,13 @@ def layers_of(arrays: Mapping[str, Array], j: int) -> list[tuple[Array, Array]]:
     return [(arrays[f"{j}/{k}/weight"], arrays[f"{j}/{k}/bias"]) for k in range(depth)]
 
 
-def scaling(features: Array, least: float = 0.0) -> tuple[Floats, Floats]:
+def scaling(features: Array) -> tuple[Floats, Floats]:
     """Return mean and standard deviation of each feature, (feature,); 1 for one that is constant.
 
     Args:
         features: (n, feature).
-        least: share of the largest deviation, below which none is given.
     """
     mean, scale = features.mean(axis=0), features.std(axis=0)
-    scale = np.maximum(scale, least * scale.max(initial=0))
     scale[scale == 0] = 1
     return mean, scale
 

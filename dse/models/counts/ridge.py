@@ -20,13 +20,12 @@ _ALPHAS = np.logspace(-3, 3, 10)
 _SCALES = np.logspace(-1, 2, 31)
 
 
-def ridge(x: Array, target: Array, least_scale: float = 0.0) -> tuple[Floats, Floats]:
+def ridge(x: Array, target: Array) -> tuple[Floats, Floats]:
     """Return weights (input, output) and biases (output,) of a ridge classifier, in log-odds.
 
     Args:
         x: (n, input), n >= 2, scaled inside; the weights are of x as it is.
         target: (n,) with two classes or more; of two there is one output, which says the second where > 0.
-        least_scale: as of `dse.models.counts.linear.Regressed`.
 
     Example:
         >>> weight, bias = ridge(np.array([[0.0], [1.0], [4.0], [5.0]]), np.array([0, 0, 1, 1]))
@@ -35,7 +34,7 @@ def ridge(x: Array, target: Array, least_scale: float = 0.0) -> tuple[Floats, Fl
     """
     classes = np.unique(target)
     y = np.where(target[:, None] == (classes if len(classes) > 2 else classes[1:]), 1.0, -1.0)
-    mean, scale = scaling(x, least_scale)
+    mean, scale = scaling(x)
     z = (x - mean) / scale
     wide = z.shape[1] > len(z)
     square, turned = np.linalg.eigh(z @ z.T if wide else z.T @ z)

@@ -41,6 +41,8 @@ from dse.registry import fixed, param, register
 LOWEST, HIGHEST = -128, 127
 _BATCH = 32
 _SOLVER_STEPS = 1000
+_LEAST_SCALE = 0.1
+"""Share of the largest deviation of an input, below which none counts as less in training."""
 
 
 @register("models", "tcn")
@@ -54,7 +56,6 @@ class TCN(Sliding):
     """
 
     most_in_bin: ClassVar[int] = HIGHEST
-    least_scale: ClassVar[float] = 0.1
 
     window_ms: float = param(20.0, low=0, low_open=True, unit="ms", doc="bin in which spikes add up")
     reads: Literal["counts", "levels", "changes"] = param(
@@ -113,13 +114,15 @@ class TCN(Sliding):
         bits = [max(int(max(-1 - a, b)).bit_length() - 7, 0) for a, b in zip(lowest, highest, strict=True)]
         arrays: dict[str, Array] = {"level_shifts": np.array(bits, np.uint8), "classes": np.unique(target)}
         x = held(levels, arrays["level_shifts"])
-        mean, scale = scaling(x.reshape(-1, x.shape[2]), self.least_scale)
+        mean, scale = scaling(x.reshape(-1, x.shape[2]))
+        scale = np.maximum(scale, _LEAST_SCALE * scale.max())
         classes = np.searchsorted(arrays["classes"], target)
         trained, losses = self._trained(x, mean, scale, classes, rngs("tcn"))
         filters = unscaled(trained, *(np.tile(values, self.kernel_size) for values in (mean, scale)))
         shifts, unit = [], 1.0  # that an input stands for
         for k, (weight, bias) in enumerate(filters):
-            layer = rounded([(unit * weight, bias)], x[:0], -LOWEST)
+            seen = self._seen(x, k)
+            layer = rounded([(unit * weight, bias)], seen.reshape(-1, seen.shape[2]), -LOWEST)
             arrays |= {f"filter/{k}": layer.weights[0], f"offset/{k}": layer.biases[0]}
             y = self._convolved(x, arrays, k)
             shifts.append(max(int(y.max(initial=0)).bit_length() - 7, 0))
@@ -194,16 +197,17 @@ class TCN(Sliding):
             layers.append((newest_first.reshape(-1, len(b)), b.detach().double().numpy()))
         return layers, losses
 
+    def _seen(self, x: Ints, k: int) -> Ints:
+        """Return what the taps of layer k see, (n, bin, tap x channel), in the bins in which it computes."""
+        bins, late = np.arange(self.stride - 1, x.shape[1], self.stride), (self.kernel_size - 1) * 2**k
+        padded = np.pad(x, ((0, 0), (late, 0), (0, 0)))
+        taps = [padded[:, bins + late - j * 2**k] for j in range(self.kernel_size)]
+        return np.concatenate(taps, axis=2)
+
     def _convolved(self, x: Ints, arrays: Mapping[str, Array], k: int) -> Ints:
         """Return the sums of layer k, (n, bin, channel) int64, in the bins in which it computes."""
-        (n, n_bins, m), dilation = x.shape, 2**k
-        weight = arrays[f"filter/{k}"].reshape(self.kernel_size, m, -1)
-        bins = np.arange(self.stride - 1, n_bins, self.stride)
-        padded = np.pad(x, ((0, 0), ((self.kernel_size - 1) * dilation, 0), (0, 0)))
-        y = np.zeros((n, len(bins), weight.shape[2]))
-        for j, of_tap in enumerate(weight.astype(np.float64)):  # below 2^53 sums are exact in double
-            y += padded[:, bins + (self.kernel_size - 1 - j) * dilation] @ of_tap
-        return y.astype(np.int64) + arrays[f"offset/{k}"]
+        weight = arrays[f"filter/{k}"].astype(np.float64)  # below 2^53 sums are exact in double
+        return (self._seen(x, k) @ weight).astype(np.int64) + arrays[f"offset/{k}"]
 
     def passed(self, arrays: Mapping[str, Array], counts: Array) -> list[Ints]:
         """Return what each layer sees, and last what is summed over time, each (n, bin, channel)."""

@@ -64,6 +64,22 @@ def test_what_was_trained_is_kept():
     assert np.array_equal(again.inputs(x)[-1], found.inputs(x)[-1]) and again.scale == found.scale
 
 
+def test_a_large_weight_of_an_input_that_is_seldom_there_leaves_the_others_their_bits():
+    rng = np.random.default_rng(3)
+    weight = rng.normal(0, 0.2, (30, 4))
+    x = rng.integers(0, 12, (300, 30))
+    weight[7], x[:, 7] = 40.0, 0
+    x[4, 7] = 1
+    exact = x @ weight
+    found = rounded([(weight, np.zeros(4))], x, 12)
+    right = (found.inputs(x)[-1].argmax(axis=1) == exact.argmax(axis=1)).mean()
+    off = np.delete(found.inputs(x)[-1] / found.scale - exact, 4, axis=0)
+    assert right > 0.97 and np.sqrt((off**2).mean()) < 0.05 * exact.std()
+    assert found.weights[0][7].tolist() == [127] * 4  # at the limit, not beyond
+    plain = np.rint(127 / 40 * weight) * 40 / 127  # one scale for all, without a limit
+    assert np.sqrt(((x @ plain - exact) ** 2).mean()) > 5 * np.sqrt((off**2).mean())
+
+
 @pytest.mark.parametrize("bias", [0.0, -5.0, 1e30])
 def test_weights_of_0(bias):
     found = rounded([(np.zeros((2, 1)), np.array([bias]))], np.ones((3, 2), int), 9)
