@@ -321,7 +321,7 @@ def test_describe_covers_every_section(capsys):
         *("page", "page.front"),
         *("scene", "scene.sensor", "scene.textures", "scene.motions"),
         *("scene.camera", "scene.variation", "scene.method"),
-        *("bounds", "columns"),
+        *("boards", "bounds", "columns"),
     ]
     for section in listed[:-2]:
         rows = document(capsys, "describe", section)["rows"]
