@@ -89,7 +89,10 @@ def _templates(code: Code, has_tests: bool, apart: bool) -> dict[str, str]:
 
 def _sketch(code: Code) -> dict[str, str]:
     """Return the files of the sketch, each with its template."""
-    return {"touch.ino": f"touch_{code.front_end}.ino"}
+    if code.front_end == "events":
+        return {"touch.ino": "touch_events.ino"}
+    sensors = ("sensor_adc.h", "sensor_spi.h", "sensor_i2c.h") if code.front_end == "samples" else ()
+    return {"touch.ino": "touch_rows.ino"} | {name: name for name in ("board.h", *sensors)}
 
 
 def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
@@ -136,7 +139,7 @@ def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
         "cut": cut,
         "every": -(-cut // apart) * apart,
         "at_contact": at_contact,
-        "touches": "touches()" if at_contact else "true",
+        "touches": "touches(row)" if at_contact else "true",
     }
 
 
