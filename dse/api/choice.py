@@ -144,11 +144,12 @@ class Choice(Mapping[str, Any]):
         targets: Sequence[str] = (),
         recordings: str | Path | None = None,
         refit: Sequence[str] = (),
+        force: bool = False,
     ) -> Bundle:
         """Write the design point as a bundle; arguments as of `dse.export`, errors also those of `bundle`."""
         from dse.deploy.export import export
 
-        return export(self._study(), self, folder, list(targets) or self.targets, recordings, refit)
+        return export(self._study(), self, folder, list(targets) or self.targets, recordings, refit, force)
 
     def bundle(self, refit: Sequence[str] = ()) -> Bundle:
         """Return the design point as a bundle, `refit` as of `dse.export`; nothing is written.

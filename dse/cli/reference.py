@@ -38,6 +38,7 @@ _AFTER = {
     "scene.variation": "how trials with the same texture, motion and force differ; standard deviations "
     "unless stated",
     "scene.method": "Steps of the simulation: a trade-off of speed and error.",
+    "boards": "What `dse export --board` writes a target for, with a project and the commands that flash it.",
     "bounds": "How much work and memory a file may ask for.",
     "columns": "The columns of a study's tables.",
 }
@@ -58,7 +59,7 @@ _DOCS = {
 }
 _COMPONENTS = (*COMPONENTS.values(), "search.samplers", "figures", "neurons", "losses", "scene.motions")
 _WITH_AXES = (*WITH_AXES, "neurons", "losses", "decision", "scene", "scene.motions")
-LISTED = ("targets", "objectives", "limits", "recordings.formats", "columns")
+LISTED = ("targets", "boards", "objectives", "limits", "recordings.formats", "columns")
 """Sections whose names have no keys of their own."""
 
 
@@ -88,6 +89,10 @@ def names(section: str) -> list[Texts]:
         from dse.hardware.profile import load
 
         return [{"name": name, "doc": load(name).doc} for name in hardware_names()]
+    if section == "boards":
+        from dse.deploy.boards import BOARDS
+
+        return [{"name": x.name, "doc": f"{x.title}: target {x.target}"} for x in BOARDS.values()]
     known: Mapping[str, Any] = registry.known(package) if (package := _package(section)) else {}
     if section == "targets":
         return [{"name": name, "extra": x.extra, "doc": f"{x.label}: {_doc(x)}"} for name, x in known.items()]

@@ -51,6 +51,7 @@ __all__ = [
     "BundleError",
     "Input",
     "InputKind",
+    "check_unedited",
     "copy_target",
     "read",
     "sealed",
@@ -275,6 +276,22 @@ def read(folder: str | Path, edited: Collection[str] = ()) -> Bundle:
     except (*store.DAMAGED_ARCHIVE, TypeError, AttributeError, IndexError, OverflowError) as error:
         raise BundleError(f"{where}: {' '.join(str(error).split())}") from error
     return bundle
+
+
+def check_unedited(folder: Path) -> None:
+    """Check that no file of a target was edited; a folder without a bundle, or with a damaged one, passes.
+
+    Raises:
+        BundleError: one was.
+    """
+    try:
+        files = _document(folder).files
+    except (BundleError, StoreError, ValueError):
+        return
+    for name, expected in files.items():
+        path = folder / name
+        if name.startswith(f"{_TARGETS}/") and path.is_file() and store.checksum(path) != expected:
+            raise BundleError(f"{path}: was edited, and would be lost; --force (force=True) replaces it")
 
 
 def copy_target(folder: Path, name: str, place: Path) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from dse import registry, store
 from dse.config import ConfigError, Sections
 from dse.config.contracts import Source
-from dse.deploy.bundle import Bundle, BundleError, Input
+from dse.deploy.bundle import Bundle, BundleError, Input, check_unedited
 from dse.deploy.verify import publish
 from dse.models.snn.quantise import rounded
 from dse.neurons import neuron_of
@@ -71,6 +71,7 @@ def export(
     targets: Sequence[str] = (),
     recordings: str | Path | None = None,
     refit: Sequence[str] = (),
+    force: bool = False,
 ) -> Bundle:
     """Write the bundle of a design point; of several repeats, the one with accuracy nearest their mean.
 
@@ -82,24 +83,31 @@ def export(
         recordings: to run the targets on; None: they are not verified.
         refit: parts of the split, such as train and validation, that the design is trained on once more,
             together; what is recorded of it was measured before. Absent: it stays as it was trained.
+        force: whether a bundle in the folder is replaced though files of its targets were edited.
 
     Raises:
         ValueError: the point names no trial, or a phi, theta or precision that the study did not evaluate.
-        BundleError: the folder holds something else, the design's encoder must know the label, or a target is
-            unknown or cannot be written or run on this machine.
+        BundleError: the folder holds something else or edited files of targets, the design's encoder must
+            know the label, or a target is unknown or cannot be written or run on this machine.
         RecordingError: the recordings do not fit.
         StoreError: an artefact is damaged, or the bundle cannot be written.
 
     >>> dse.export(study, study.best("n_weights <= 20000"), "small", ["c99"]).targets["c99"].kind
     'not verified'
     """
-    return written(bundle_of(study, point, refit), folder, targets, recordings)
+    return written(bundle_of(study, point, refit), folder, targets, recordings, force)
 
 
 def written(
-    bundle: Bundle, folder: str | Path, targets: Sequence[str] = (), recordings: str | Path | None = None
+    bundle: Bundle,
+    folder: str | Path,
+    targets: Sequence[str] = (),
+    recordings: str | Path | None = None,
+    force: bool = False,
 ) -> Bundle:
     """Write a bundle, with arguments and errors as of `export`; return it with the verdicts."""
+    if not force:
+        check_unedited(Path(folder))
     verified = publish(bundle, Path(folder), targets, recordings)
     return dataclasses.replace(bundle, targets={name: each.verdict for name, each in verified.items()})
 

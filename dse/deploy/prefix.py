@@ -9,9 +9,10 @@ _PREFIX = re.compile(r"[a-z][a-z0-9_]{0,39}_")
 _TAKEN = frozenset(
     "arduino assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg "
     "stdbool stddef stdint stdio stdlib string tgmath time wchar wctype "
-    "all clean help install package selftest test touch".split()
+    "all app clean help install package selftest test touch zephyr "
+    "board sensor_adc sensor_i2c sensor_spi spi wire".split()
 )
-"""Headers that a file of the same name would hide; targets of CMake and of CMakeLists.txt."""
+"""Headers that a file of the same name would hide, the sketch's too; targets of CMake, of Zephyr."""
 
 
 def checked(prefix: str) -> str:

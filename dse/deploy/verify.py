@@ -12,6 +12,7 @@ from typing import Any
 import dse
 from dse import registry
 from dse.config.faults import known_names
+from dse.deploy.boards import Board, write_projects
 from dse.deploy.bundle import Bundle, BundleError, copy_target, read, write
 from dse.deploy.prefix import checked
 from dse.deploy.reference import Reference, of_recordings
@@ -56,6 +57,7 @@ def export_targets(
     recordings: str | Path | None = None,
     prefix: str | None = None,
     force: bool = False,
+    board: Board | None = None,
 ) -> dict[str, Verified]:
     """Write targets into a bundle, run them, and stamp the bundle with the verdicts.
 
@@ -65,15 +67,19 @@ def export_targets(
         recordings: to run them on; None: they are written, but not verified.
         prefix: of the names in C (`dse.deploy.prefix`), which the bundle keeps; None: its own.
         force: whether files of these targets are replaced though they were edited.
+        board: that the targets must be of, and the classifier must fit; None: any.
 
     Raises:
         BundleError: the bundle is damaged, a target is unknown or cannot be written or run on this machine,
-            or the prefix is none, or not that of other targets of the bundle; then nothing is changed.
+            or the prefix is none, or not that of other targets of the bundle, or the classifier does not fit
+            the board; then nothing is changed.
         RecordingError: the recordings do not fit.
         StoreError: the bundle cannot be written.
     """
     path = Path(folder)
     bundle = read(path, names if force else ())
+    if board is not None:
+        _check_board(bundle, names, board)
     others = [name for name, x in bundle.targets.items() if name not in names and _is_written(x)]
     if prefix is not None:
         bundle = _with_prefix(bundle, prefix, names, others)
@@ -83,6 +89,14 @@ def export_targets(
             kept[name] = Path(temporary) / name
             copy_target(path, name, kept[name])
         return publish(bundle, path, names, recordings, kept)
+
+
+def _check_board(bundle: Bundle, names: Sequence[str], board: Board) -> None:
+    """Raise BundleError if a target is not that of a board, or the classifier does not fit it."""
+    if others := [name for name in names if name != board.target]:
+        raise BundleError(f"board {board.name} takes target {board.target}, not {', '.join(others)}")
+    if why := board.misfit(bundle, target_named(board.target)):
+        raise BundleError(f"the classifier does not fit board {board.name}: {why}")
 
 
 def _with_prefix(bundle: Bundle, prefix: str, names: Sequence[str], others: Sequence[str]) -> Bundle:
@@ -134,7 +148,7 @@ def publish(
     reference = of_recordings(bundle, recordings) if names and recordings is not None else None
 
     def run(name: str, target: Target, place: Path) -> Verdict:
-        return _written(target, bundle, place, reference)
+        return _written(name, target, bundle, place, reference)
 
     with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
         verified = _each(bundle, names, Path(temporary), recordings, run)
@@ -176,7 +190,7 @@ def verify(
     reference = of_recordings(bundle, recordings)
 
     def run(name: str, target: Target, place: Path) -> Verdict:
-        if (verdict := _written(target, bundle, place, None)).kind == "unsupported":
+        if (verdict := _written(name, target, bundle, place, None)).kind == "unsupported":
             return verdict
         return _differs(path, name, place) or target.verify(bundle, place, reference)
 
@@ -208,11 +222,12 @@ def _each(
     return verified
 
 
-def _written(target: Target, bundle: Bundle, folder: Path, reference: Reference | None) -> Verdict:
+def _written(name: str, target: Target, bundle: Bundle, folder: Path, reference: Reference | None) -> Verdict:
     """Write a target into an empty folder and run it; return the verdict."""
     if refusal := target.refusal(bundle):
         return Verdict("unsupported", refusal)
     target.write(bundle, folder)
+    write_projects(name, folder)
     if reference is None:
         return Verdict("not verified", _UNRUN)
     return target.verify(bundle, folder, reference)

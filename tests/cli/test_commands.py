@@ -289,6 +289,14 @@ def test_pick_exports_what_evaluate_runs(results, tmp_path, capsys, monkeypatch)
     budget = ("--budget", "n_weights<=60")
     again = document(capsys, "pick", results, *budget, "--export", tmp_path / "again", "--refit")
     assert again["rows"] == picked["rows"] and "training and validation" in again["notes"][-1]
+    readme = bundle / "targets" / "c99" / "README.md"
+    assert main(["pick", str(results), *budget, "--export", str(bundle), "--target", "c99"]) == 0
+    readme.write_text("mine")
+    capsys.readouterr()
+    assert main(["pick", str(results), *budget, "--export", str(bundle)]) == 2
+    assert f"{readme}: was edited" in (told := capsys.readouterr().err) and told.count("\n") == 1
+    assert readme.read_text() == "mine"
+    picked |= document(capsys, "pick", results, *budget, "--export", bundle, "--force")
     assert main(["pick", str(results), "--refit"]) == 2 and "--export" in capsys.readouterr().err
     data = results.parent.parent / "touch.npz"
     found = document(capsys, "evaluate", bundle, "--data", data)
@@ -321,7 +329,7 @@ def test_describe_covers_every_section(capsys):
         *("page", "page.front"),
         *("scene", "scene.sensor", "scene.textures", "scene.motions"),
         *("scene.camera", "scene.variation", "scene.method"),
-        *("bounds", "columns"),
+        *("boards", "bounds", "columns"),
     ]
     for section in listed[:-2]:
         rows = document(capsys, "describe", section)["rows"]

@@ -72,6 +72,7 @@ MORE = {
     "skyline on a profile of theirs": ("skyline", "{study} --hardware {root}/mine.py", 2),
     "pick exported": ("pick", "{study} --export picked", 2),
     "pick on a target": ("pick", "{study} --target c99", 2),
+    "export for a board": ("export", "{bundle} --board pico", 2),
     "a page of theirs": ("dashboard", "{study} --html page.html --page {root}/page.yaml", 2),
     "a figure of theirs": ("figure", "{study} figure_of_others --out front.json", 2),
     "doctor repairs": ("doctor", "{study} --repair", 0),

@@ -80,6 +80,7 @@ def pick(
     export: str | None = None,
     refit: bool = False,
     verify: str | None = None,
+    force: bool = False,
 ) -> Answer:
     """Pick the best design point that meets all budgets, and export it as a bundle.
 
@@ -92,6 +93,7 @@ def pick(
             RESULTS/bundles, with the verdicts on their targets.
         refit: train it once more before --export, on the recordings of training and validation together; what
             is printed was measured before.
+        force: replace a bundle though files of its targets were edited.
 
     Returns:
         The picked row, or if no row meets every budget the nearest rows and by how much they miss.
@@ -119,7 +121,7 @@ def pick(
         return Answer([dict(choice)], choice.notes, list(choice.shown), sections=spikes)
     from dse.cli import verdicts
 
-    bundle = choice.export(export, recordings=verify, refit=TRAINED if refit else ())
+    bundle = choice.export(export, recordings=verify, refit=TRAINED if refit else (), force=force)
     of_targets = [verdicts.row(name, verdict) for name, verdict in bundle.targets.items()]
     sections = {"targets": Answer(of_targets)} if of_targets else {}
     again = ", trained once more on training and validation together" if refit else ""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 from dse.cli.answer import Answer
@@ -55,7 +57,8 @@ def _by_class(evaluation: Evaluation) -> list[str]:
 def export(
     bundle: str,
     *,
-    target: Texts,
+    target: Texts = (),
+    board: str | None = None,
     verify: str | None = None,
     prefix: str | None = None,
     force: bool = False,
@@ -63,6 +66,8 @@ def export(
     """Write the classifier of a bundle for targets (C, microcontrollers, NIR, ...) and verify them by a run.
 
     Args:
+        board (NAME): write the target of this board (`dse describe boards`), and tell the commands that flash
+            it; a classifier that does not fit is refused.
         prefix (NAME_): of the names and files in C, so that several classifiers live in one program: texture_
             gives texture_init and texture.h (default: that of the bundle, dse_ at first).
         force: replace files of the target that were edited.
@@ -71,9 +76,18 @@ def export(
         The verdict on every target; the bundle holds their files and verdicts then.
     """
     from dse.cli import verdicts
+    from dse.deploy.boards import board_named
     from dse.deploy.verify import export_targets
+    from dse.store import StoreError
 
-    return verdicts.answer(export_targets(bundle, target, verify, prefix, force))
+    its = None if board is None else board_named(board)
+    if not (names := target or (its and (its.target,))):
+        raise StoreError("dse export needs --target NAME or --board NAME: what to write")
+    answer = verdicts.answer(export_targets(bundle, names, verify, prefix, force, its))
+    if its is None:
+        return answer
+    steps = [f"cd {shlex.quote(f'{bundle}/targets/{its.target}')}", *its.steps.splitlines()]
+    return replace(answer, notes=[*answer.notes, f"to flash {its.title}:", *steps])
 
 
 def reproduce(bundle: str, *, data: str | None = None, trial: int | None = None) -> Answer:

@@ -53,25 +53,46 @@ def write(
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "weights.bin").write_bytes(block)
         values["n_words"] = -(-len(block) // 8)
-    for name, template in (
-        ("src/dse.h", "dse.h"),
-        ("src/dse.c", ""),
-        ("src/dse_selftest.c", "selftest_windows.c"),
-        ("selftest.c", "selftest.c"),
-        ("main.c", "main.c"),
-        ("CMakeLists.txt", "CMakeLists.txt"),
-        ("library.properties", "library.properties"),
-        ("examples/touch/touch.ino", f"touch_{code.front_end}.ino"),
-        ("README.md", "README.md"),
-    ):
-        if ("selftest" in name and not tests) or (apart and name.startswith(("library", "examples"))):
-            continue
-        path = folder / prefixed(name, prefix)
+    for name, template in _templates(code, bool(tests), apart).items():
+        path = folder / prefixed(name, prefix).replace(_LIBRARY, prefix[:-1])
         path.parent.mkdir(parents=True, exist_ok=True)
         text = filled(template, code, **values) if template else source
         # What the user has named keeps its letters.
         text = prefixed(text, prefix).replace(NAMES, names, 1)
         path.write_text(text.replace(TITLE, heading if name == "README.md" else title, 1), encoding="utf-8")
+
+
+def _templates(code: Code, has_tests: bool, apart: bool) -> dict[str, str]:
+    """Return the files, each with its template; the source has none.
+
+    The folder is a library of CMake, of Arduino and of PlatformIO, a component of ESP-IDF, a module of
+    Zephyr, and a CMSIS pack.
+    """
+    files = {
+        "src/dse.h": "dse.h",
+        "src/dse.c": "",
+        "main.c": "main.c",
+        "CMakeLists.txt": "CMakeLists.txt",
+        "README.md": "README.md",
+        "zephyr/module.yml": "module.yml",
+        "zephyr/Kconfig": "Kconfig",
+        f"dse.{_LIBRARY}.pdsc": "pack.pdsc",
+    }
+    if has_tests:
+        files |= {"src/dse_selftest.c": "selftest_windows.c", "selftest.c": "selftest.c"}
+        files |= {"zephyr/sample/CMakeLists.txt": "sample.txt", "zephyr/sample/prj.conf": "prj.conf"}
+    if not apart:
+        files |= {name: name for name in ("library.properties", "library.json")}
+        files |= {f"{_SKETCH}{name}": template for name, template in _sketch(code).items()}
+    return files
+
+
+def _sketch(code: Code) -> dict[str, str]:
+    """Return the files of the sketch, each with its template."""
+    if code.front_end == "events":
+        return {"touch.ino": "touch_events.ino"}
+    sensors = ("sensor_adc.h", "sensor_spi.h", "sensor_i2c.h") if code.front_end == "samples" else ()
+    return {"touch.ino": "touch_rows.ino"} | {name: name for name in ("board.h", *sensors)}
 
 
 def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
@@ -90,6 +111,9 @@ def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
         "title": TITLE,
         "project": "dse_touch",
         "library": prefix[:-1],
+        "symbol": prefix[:-1].upper(),
+        "examples": ", ".join(f'"{name}"' for name in _sketch(code)),
+        "platforms": ", ".join(f'"{name}"' for name in (_PLATFORMIO if code.needs_double else ("*",))),
         "version": version,
         "architectures": ",".join(_OF_64_BIT_DOUBLE) if code.needs_double else "*",  # that of AVR has 32
         "n_sensors": 0 if encoder is None else encoder.n_sensors,
@@ -115,7 +139,7 @@ def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
         "cut": cut,
         "every": -(-cut // apart) * apart,
         "at_contact": at_contact,
-        "touches": "touches()" if at_contact else "true",
+        "touches": "touches(row)" if at_contact else "true",
     }
 
 
@@ -132,6 +156,17 @@ _OF_64_BIT_DOUBLE = (
     *("stm32", "zephyr"),
 )
 """Architectures of Arduino whose double has 64 bits."""
+_PLATFORMIO = (
+    "atmelsam",
+    "espressif32",
+    "espressif8266",
+    "nordicnrf52",
+    "raspberrypi",
+    "renesas-ra",
+    "ststm32",
+)
+"""Those of PlatformIO."""
+_LIBRARY, _SKETCH = "LIBRARY", "examples/touch/"
 _ROWS = {
     "samples": "a row per sample: one number per sensor, separated by commas",
     "events": "a row per event: time in us, x, y, polarity (1 ON, 0 OFF)",

@@ -33,7 +33,7 @@ class InC(BackEnd[Code]):
         return code_of(bundle, self.apart)
 
     def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
-        """Write src/dse.h, src/dse.c, main.c, CMakeLists.txt, what makes it an Arduino library, README.md."""
+        """Write src/dse.h, src/dse.c, main.c, README.md, and what makes them a package (`files.write`)."""
         title = f"{bundle.evidence.get('study', 'dse')}: a classifier of {', '.join(form.classes)}"
         # What the self-test must give is of these weights: after an update it would fail.
         tests = () if self.apart else windows(bundle, form)

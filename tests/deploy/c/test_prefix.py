@@ -85,7 +85,8 @@ def test_without_a_prefix_names_are_those_of_dse(folder):
 
 
 @pytest.mark.parametrize(
-    "prefix", ["texture", "Texture_", "1_", "_", "a b_", "../x_", "string_", "touch_", "tëxt_"]
+    "prefix",
+    ["texture", "Texture_", "1_", "_", "a b_", "../x_", "string_", "touch_", "tëxt_", "app_", "wire_"],
 )
 def test_what_is_no_prefix_is_refused(prefix, folder, capsys):
     before = (folder / "bundle.json").read_bytes()

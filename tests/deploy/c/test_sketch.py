@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
@@ -13,10 +14,12 @@ import numpy as np
 import pytest
 
 from dse.deploy import bundle
+from dse.deploy.boards import BOARDS
 from dse.deploy.bundle import Input
 from dse.deploy.evaluate import evaluate
 from dse.deploy.stream import Stream
 from dse.deploy.targets.c99 import C99
+from dse.deploy.verify import target_named
 from dse.records import Array, Block
 from tests.deploy.c import nets
 from tests.deploy.targets.test_c99 import EVENTS, SAMPLES, network, run
@@ -26,62 +29,20 @@ pytestmark = pytest.mark.skipif(find_spec("ziglang") is None, reason="ziglang is
 
 N_STEPS = 12
 STEP_US = {"samples": 5000, "spikes": 5000, "events": 2000}
-ARDUINO_H = """\
-#include <stdint.h>
-extern "C" {
-unsigned long micros(void);
-int analogRead(int pin);
-bool spike_of(uint16_t channel);
-bool event_of(int64_t *t_us, uint16_t *x, uint16_t *y, uint8_t *polarity);
-void print_line(const char *text);
-}
-struct Port { void begin(unsigned long) {} void println(const char *text) { print_line(text); } };
-static Port Serial;
-enum { A0 = 14 };
-"""
-BOARD_C = """\
-#include <stdbool.h>
-#include <stdint.h>
-#include <stdio.h>
-void setup(void);
-void loop(void);
-static unsigned long now;
-static int row[64];
-static bool is_read, is_over;
-static void read_row(void)
-{
-    for (int i = 0; i < WIDTH; i++) { is_over |= scanf("%d", row + i) != 1; }
-    is_read = !is_over;
-}
-unsigned long micros(void) { return now; }
-int analogRead(int pin) { return row[pin - 14]; }
-bool spike_of(uint16_t channel) { return row[channel] != 0; }
-bool event_of(int64_t *t_us, uint16_t *x, uint16_t *y, uint8_t *polarity)
-{
-    if (!is_read) { read_row(); }
-    if (is_over || (unsigned long)row[0] > now) { return false; }
-    *t_us = row[0]; *x = (uint16_t)row[1]; *y = (uint16_t)row[2]; *polarity = (uint8_t)row[3];
-    is_read = false;
-    return true;
-}
-void print_line(const char *text) { puts(text); }
-int main(void)
-{
-    setup();
-    while (!is_over) {
-        if (ARE_STEPS) { read_row(); if (is_over) { break; } }
-        loop();
-        now += STEP_US;
-    }
-    return 0;
-}
-"""
+BOARD = Path(__file__).parent / "board"
+"""Stub headers of a board, and the board."""
+CORES = ("STM32", "RP2040", "ESP32", "AVR")
+ZIG = (sys.executable, "-m", "ziglang")
+CC = (gcc,) if (gcc := shutil.which("gcc")) else (*ZIG, "cc")
+CXX = (gxx,) if (gxx := shutil.which("g++")) else (*ZIG, "c++")
 
 
 class Board:
     """A program of the sketch in a folder that `C99` wrote."""
 
-    def __init__(self, library: Path, place: Path, front_end: str, width: int) -> None:
+    def __init__(
+        self, library: Path, place: Path, front_end: str, width: int, core: str = "STM32", *options: str
+    ) -> None:
         sketch = (library / "examples" / "touch" / "touch.ino").read_text()
         for unused, its in (
             ("  (void)channel;\n  return false;", "  return spike_of(channel);"),
@@ -91,19 +52,18 @@ class Board:
             sketch = sketch.replace(unused, its)
         # The Arduino builder includes Arduino.h and compiles a sketch as C++.
         setup = 'extern "C" void setup(); extern "C" void loop();\n'
-        (place / "Arduino.h").write_text(ARDUINO_H)
         (place / "touch.cpp").write_text(f"#include <Arduino.h>\n{setup}{sketch}")
-        (place / "board.c").write_text(BOARD_C)
-        zig = (sys.executable, "-m", "ziglang")
-        strict = ("-Wall", "-Wextra", "-Werror", "-O1", f"-I{place}", f"-I{library / 'src'}")
-        defines = (f"-DWIDTH={width}", f"-DSTEP_US={STEP_US[front_end]}u",
-                   f"-DARE_STEPS={int(front_end != 'events')}")  # fmt: skip
+        places = (BOARD, library / "src", library / "examples" / "touch")
+        strict = ("-Wall", "-Wextra", "-Werror", "-O1", *(f"-I{x}" for x in places))
+        defines = (f"-DWIDTH={width}", f"-DSTEP_US={STEP_US[front_end]}u", "-DPER_PIN=1", "-DMOST=7",
+                   f"-DARE_STEPS={int(front_end != 'events')}", *options)  # fmt: skip
+        cpp = ("-std=c++11", "-fno-threadsafe-statics", *strict, f"-DARDUINO_ARCH_{core}", *options)
         parts = [str(place / name) for name in ("touch.o", "dse.o", "board.o")]
-        run(*zig, "c++", "-std=c++11", *strict, "-c", str(place / "touch.cpp"), "-o", parts[0])
-        run(*zig, "cc", "-std=c99", *strict, "-c", str(library / "src" / "dse.c"), "-o", parts[1])
-        run(*zig, "cc", *defines, "-c", str(place / "board.c"), "-o", parts[2])
+        run(*CXX, *cpp, "-c", str(place / "touch.cpp"), "-o", parts[0])
+        run(*CC, "-std=c99", *strict, "-c", str(library / "src" / "dse.c"), "-o", parts[1])
+        run(*CC, *defines, "-c", str(BOARD / "board.c"), "-o", parts[2])
         self._program = str(place / "touch")
-        run(*zig, "cc", *parts, "-o", self._program)
+        run(*CXX, *parts, "-o", self._program)
 
     def answers(self, rows: Array) -> list[str]:
         """Return what it prints, from its start on, for rows of numbers."""
@@ -206,6 +166,53 @@ def test_a_sketch_answers_as_the_bundle_on_a_stream(front_end, rule, tmp_path):
     assert printed[: len(answers)] == answers and len(printed) <= len(answers) + 1  # events: the last bin
 
 
+@pytest.mark.parametrize(
+    ("front_end", "core", "sensor"),
+    [*((kind, core, "ADC") for kind in ("samples", "spikes") for core in CORES),
+     ("samples", "STM32", "SPI"), ("samples", "RP2040", "I2C"), ("samples", "ESP32", "SPI")],
+)  # fmt: skip
+def test_boards_and_sensors_give_the_same_answers(front_end, core, sensor, tmp_path):
+    made = of(front_end, RULES["onset in recordings"])
+    C99().write(made, tmp_path / "dse_touch")
+    rows = np.concatenate(touches(front_end))
+    answers = streamed(made, rows)
+    board = Board(tmp_path / "dse_touch", tmp_path, front_end, rows.shape[1], core, f"-DSENSOR_{sensor}")
+    assert len(answers) >= 3 and board.answers(rows)[: len(answers)] == answers
+
+
+def test_rows_that_found_no_room_begin_a_recording_anew(tmp_path):
+    made = of("samples", RULES["restart"])
+    C99().write(made, tmp_path / "dse_touch")
+    rows = np.concatenate(touches("samples"))
+    board = Board(tmp_path / "dse_touch", tmp_path, "samples", rows.shape[1], "STM32", "-UMOST", "-DMOST=11")
+    printed = board.answers(rows)
+    # Where it waits for more rows than the ring has room for, it says so, and answers of full windows follow.
+    assert "late" in printed and set(printed) - {"late"} and len(printed) < 2 * len(streamed(made, rows))
+
+
+@pytest.mark.parametrize("sensor", ["adc", "spi", "i2c", "mux"])
+def test_a_sensor_reads_every_taxel(sensor, tmp_path):
+    C99().write(of("samples", {}), tmp_path / "dse_touch")
+    sketch = tmp_path / "dse_touch" / "examples" / "touch"
+    (sketch / "touch.ino").write_text(
+        f"""#define DSE_SENSORS 40u
+typedef int32_t dse_sample_t;
+#include "sensor_{sensor.replace("mux", "adc")}.h"
+#include <string>
+static dse_sample_t row[DSE_SENSORS];
+void setup() {{ begin_sensor(); }}
+void loop() {{
+  read_sensor(row);
+  for (unsigned i = 0; i < DSE_SENSORS; i++) Serial.println(std::to_string(row[i]).c_str());
+}}
+"""
+    )
+    options = ("-UPER_PIN", "-DPER_PIN=16") if sensor == "mux" else ()
+    board = Board(tmp_path / "dse_touch", tmp_path, "samples", 40, "AVR", "-UMOST", "-DMOST=0", *options)
+    numbers = np.random.default_rng(4).integers(0, 1024, (1, 40))
+    assert board.answers(numbers)[:40] == [str(x) for x in numbers[0]]
+
+
 @pytest.mark.parametrize("front_end", ["samples", "spikes"])
 def test_a_board_at_rest_answers_a_contact_as_evaluate(front_end, tmp_path):
     made = of(front_end, {**RULES["onset"], "onset_threshold": 2.5 if front_end == "samples" else 2})
@@ -234,3 +241,19 @@ def test_the_folder_is_an_arduino_library(tmp_path):
     assert sorted(x.name for x in (tmp_path / "src").iterdir()) == ["dse.c", "dse.h", "dse_selftest.c"]
     assert (tmp_path / "examples" / "touch" / "touch.ino").is_file()
     assert properties["architectures"] == "*"
+
+
+@pytest.mark.parametrize("board", [x for x in BOARDS.values() if x.environment], ids=lambda x: x.name)
+@pytest.mark.parametrize("front_end", STEP_US)
+def test_a_sketch_compiles_for_the_core_of_a_board(board, front_end, tmp_path):
+    core = {"nucleo-l476": "STM32", "pico": "RP2040", "esp32-c3": "ESP32"}[board.name]
+    C99().write(of(front_end, RULES["onset in recordings"]), tmp_path)
+    sketch = tmp_path / "examples" / "touch"
+    (tmp_path / "touch.cpp").write_text(f"#include <Arduino.h>\n{(sketch / 'touch.ino').read_text()}")
+    places = tuple(f"-I{x}" for x in (BOARD, tmp_path / "src", sketch))
+    of_core = [x for x in target_named(board.target).core.options if not x.startswith("-std")]
+    options = ("-std=c++11", "-Wall", "-Wextra", "-Werror", *of_core, *places)
+    sensors = ("ADC", "SPI", "I2C") if front_end == "samples" else ("ADC",)
+    for sensor in sensors:
+        defines = (f"-DARDUINO_ARCH_{core}", f"-DSENSOR_{sensor}", "-c", "-o", str(tmp_path / "o"))
+        run(*ZIG, "c++", *defines, *options, str(tmp_path / "touch.cpp"))

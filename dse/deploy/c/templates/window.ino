@@ -1,6 +1,12 @@
 static bool is_open, touched, is_over;  // the window; contact in the step before; this recording's window
 static unsigned long at;                // step of the recording
 
+static void begin_recording() {
+  at = 0;
+  is_open = touched = is_over = false;
+  dse_init(&net);
+}
+
 // Ends a step. Until a window begins, every step is taken for its first one.
 static void end_step(bool touches) {
   dse_step(&net);
@@ -17,9 +23,7 @@ static void end_step(bool touches) {
     is_over = true;
   }
   if (at == EVERY) {
-    at = 0;
-    touched = is_over = false;
-    dse_init(&net);
+    begin_recording();
   } else if (!is_open) {
     dse_reset(&net);
   }
