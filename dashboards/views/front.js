@@ -316,8 +316,7 @@ const Front = (() => {
     });
     plane.addEventListener("pointerleave", () => {
       pointed = -1;
-      tip.hidden = true;
-      app.hover(null);
+      leave();
     });
     plane.addEventListener("pointerdown", (event) => { pressed = event.target.closest(".limit") ? null : [event.clientX, event.clientY]; });
     plane.addEventListener("click", (event) => {
@@ -325,6 +324,43 @@ const Front = (() => {
       const k = nearest(event);
       if (k >= 0) app.change({ chosen: app.keyOf(drawn.points[k]) });
     });
+
+    // ---- walking: arrow keys go along the front, and what is reached is read out
+
+    const reached = element("p", { className: "unseen", role: "status" });
+    const walker = svg("g", { class: "walker", tabindex: 0, role: "application", "aria-label": "points of the front: arrow keys walk, Enter chooses, Enter again opens the design",
+      on: { keydown: walk, focus: () => reach(walked), blur: leave } }, svg("rect", { x: LEFT, y: TOP, fill: "none", "pointer-events": "none" }));
+    root.append(reached);
+    let walked = null; // the key of the point that was reached
+    const path = () => (drawn.line.length ? drawn.line : drawn.points.filter((row) => shown.onFront.has(row)));
+
+    // Goes to a point of the front, or, where there is none of this key, to that which the page is about, or to the first.
+    function reach(key) {
+      const rows = path();
+      const row = [key, shown.subject.key].filter((one) => one !== null).map(app.rowOf).find((one) => rows.includes(one)) ?? rows[0];
+      if (row === undefined) return;
+      walked = app.keyOf(row);
+      showTip(drawn.points.indexOf(row));
+      app.hover(walked);
+      const told = [...new Set([app.headline(), shown.state.y, shown.state.x])].filter(Boolean).map((column) =>
+        `${shown.columns[column].label} ${app.withInterval(column, row)} ${shown.columns[column].unit}`.trim());
+      reached.textContent = `${clip(app.nameOf(row), 40)}: ${told.join(", ")}; ${rows.indexOf(row) + 1} of ${rows.length}`;
+    }
+
+    function walk(event) {
+      const rows = path();
+      const at = rows.indexOf(app.rowOf(walked));
+      const to = { ArrowLeft: Math.max(0, at - 1), ArrowRight: Math.min(rows.length - 1, at + 1), Home: 0, End: rows.length - 1 }[event.key];
+      if (event.key === "Enter" && at >= 0) app.change(shown.state.chosen === walked ? { show: "inside" } : { chosen: walked });
+      else if (to !== undefined && rows.length) reach(app.keyOf(rows[to]));
+      else return;
+      event.preventDefault();
+    }
+
+    function leave() {
+      tip.hidden = true;
+      app.hover(null);
+    }
 
     function hover(key) {
       const k = key === null || !drawn ? -1 : drawn.points.indexOf(app.rowOf(key));
@@ -386,7 +422,8 @@ const Front = (() => {
       for (const [name, value] of [["width", size[0]], ["height", size[1]], ["viewBox", `0 0 ${size.join(" ")}`]]) overlay.setAttribute(name, value);
       paint();
       picture.replaceChildren(...nodes(look.paper));
-      const held = look.paper ? [] : limited().map(handle);
+      for (const [name, value] of [["width", size[0] - LEFT - RIGHT], ["height", size[1] - TOP - BELOW]]) walker.firstChild.setAttribute(name, value);
+      const held = look.paper ? [] : [walker, ...limited().map(handle)];
       if (overlay.children.length - 1 !== held.length || held.some((node, k) => overlay.children[k + 1] !== node)) overlay.replaceChildren(picture, ...held);
       if (!shown.moving) describe();
       plot.drawn = { axes: drawn.axes, line: drawn.line, marks: marks(), points: drawn.points }; // for other scripts
@@ -403,6 +440,7 @@ const Front = (() => {
       pointed = -1;
       renderDial();
       draw();
+      if (document.activeElement === walker) reach(walked);
     }
 
     async function image(format) {

@@ -98,6 +98,33 @@ def test_keys_are_listed_and_work_and_an_answer_that_stays_is_not_read_aloud_aga
     page.tab.wait_for_function("!location.hash.includes('show=')")
 
 
+def test_the_arrow_keys_walk_along_the_front_and_what_is_reached_is_read_out(opened):
+    page = opened(points(), documents={3: details(3)})
+    reached = "#figure > [role=status]"
+    for _ in range(40):
+        page.tab.keyboard.press("Tab")
+        if page.tab.evaluate("document.activeElement.classList.contains('walker')"):
+            break
+    assert page.tab.text_content(reached) == (
+        "Trial 0: accuracy 0.950 ± 0.02, energy 50 (40–75) µJ; 3 of 3"
+    ), "begins at the pick"
+    page.tab.keyboard.press("ArrowRight")
+    assert page.tab.text_content(reached).endswith("; 3 of 3"), "stays at the end"
+    page.tab.keyboard.press("ArrowLeft")
+    assert page.tab.text_content(reached).startswith("Trial 1: accuracy 0.900 ± 0.02, energy 20 (")
+    page.tab.keyboard.press("Home")
+    assert page.tab.text_content(reached).startswith("Trial 3: ") and page.tab.is_visible("#ring")
+    assert page.tab.text_content("#front tr.pointed td") == "3"
+    assert page.violations() == []
+    page.tab.keyboard.press("Enter")
+    assert chosen(page) == "3" and page.marked("your choice") == [(5, 0.6)]
+    assert page.tab.is_visible("#tip"), "the focus stays where it is"
+    page.tab.keyboard.press("Enter")
+    assert "show=inside" in page.link() and page.tab.inner_text("#design h2") == "Trial 3"
+    page.tab.keyboard.press("Shift+Tab")
+    assert not page.tab.is_visible("#tip")
+
+
 def test_many_points_are_drawn_and_a_sample_is_not_counted_as_the_study(opened, monkeypatch):
     several = [points(energy_uj=10.0 + k, trial=range(5 * k, 5 * k + 5)) for k in range(500)]
     many = pd.concat(several, ignore_index=True)
