@@ -27,16 +27,14 @@ const Answer = (() => {
 
     const costsOf = () => app.costsOf();
     function ends(column, { row }) {
-      const interval = row >= 0 && Object.hasOwn(shown.page.intervals, column) ? shown.page.intervals[column] : null;
-      const value = interval && shown.columns[column].values[row];
-      if (!interval || value === null || !(interval.low[row] || interval.high[row])) return "";
-      const [low, high] = [value - interval.low[row], value + interval.high[row]].map((end) => (app.isFraction(column) ? number(Number((100 * Math.min(1, end)).toPrecision(2))) : number(end)));
-      return ` (${low}–${high})`;
+      const known = app.known(column, row);
+      const [low, high] = [known?.low, known?.high].map((end) => (app.isFraction(column) ? number(Number((100 * Math.min(1, end)).toPrecision(2))) : number(end)));
+      return known ? ` (${low}–${high})` : "";
     }
     const whole = (text) => element("span", { className: "whole", textContent: text });
     function measured(column, at) {
-      const isOpen = at.row >= 0 && app.isOpen(column, at.row);
-      const value = isOpen ? at.value(column) - shown.page.intervals[column].low[at.row] : at.value(column);
+      const isOpen = app.isOpen(column, at.row);
+      const value = isOpen ? app.known(column, at.row).low : at.value(column);
       return whole(`${isOpen ? "at least " : ""}${sized(column, value)}${shown.columns[column].unit ? "" : `\u00a0${label(column)}`}`);
     }
 
@@ -251,7 +249,7 @@ const Answer = (() => {
       const isPick = subject.row === pick;
       // As good within its error, and cheaper: what the pick already is.
       const gain = shown.page.budgets.maximise;
-      const good = !isPick && cost && pick >= 0 && app.numbers(gain)[pick] >= subject.value(gain) - (subject.row >= 0 ? shown.page.intervals[gain]?.low[subject.row] ?? 0 : 0)
+      const good = !isPick && cost && pick >= 0 && app.numbers(gain)[pick] >= subject.value(gain) - (app.known(gain, subject.row)?.below ?? 0)
         && app.numbers(cost)[pick] < subject.value(cost);
       const other = good ? card("as good, cheaper", at(pick), subject) : isPick && best !== pick ? card("the most accurate", at(best), subject)
         : !isPick && pick >= 0 ? card("the pick", at(pick), subject) : null;

@@ -51,7 +51,7 @@ const Budgets = (() => {
   // ---- a slider's steps
 
   function scale([low, high], way) {
-    const log = low > 0 && high / low > 100;
+    const log = Data.spansDecades(low, high);
     const at = (step) => (log ? low * (high / low) ** (step / STEPS) : low + ((high - low) * step) / STEPS);
     const loose = way === "min" ? STEPS : 0;
     const limit = (step) => {

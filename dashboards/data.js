@@ -34,6 +34,12 @@ const Data = (() => {
   // The least and the largest of some numbers.
   const ends = (values) => values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
 
+  // More than two of them read better in logarithms.
+  const spansDecades = (low, high) => low > 0 && high / low > 100;
+
+  // A whole number, with a narrow space between thousands.
+  const many = (n) => Math.round(n).toLocaleString("en").replace(/,/g, "\u202f");
+
   function rounds(low, high, most) {
     const rough = (high - low) / most;
     const unit = 10 ** Math.floor(Math.log10(rough));
@@ -64,5 +70,5 @@ const Data = (() => {
     return { share, value, ticks };
   }
 
-  return { read, array, unpacked, ends, axis };
+  return { read, array, unpacked, ends, spansDecades, many, axis };
 })();

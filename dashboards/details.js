@@ -36,11 +36,7 @@ const Details = (() => {
     return documents.get(key);
   }
 
-  // Why a trial has no document, in a sentence.
-  function absent(page, trial) {
-    if (failed.has(String(trial))) return isServed(page) ? "The connection was lost before the details of this design arrived." : "The details of this design cannot be read.";
-    return isServed(page) ? "Nothing was recorded." : "This file does not contain the details of this design.";
-  }
+  const hasFailed = (trial) => failed.has(String(trial));
 
-  return { of, absent, isServed, address };
+  return { of, hasFailed, isServed, address };
 })();

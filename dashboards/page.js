@@ -17,11 +17,11 @@
 
   // ---- words and numbers
 
-  const known = { distinct: new WeakMap(), numbers: new WeakMap(), numeric: new WeakMap(), categories: new WeakMap() }; // of columns: asked for at every step of a slider
+  const remembering = { distinct: new WeakMap(), numbers: new WeakMap(), numeric: new WeakMap(), categories: new WeakMap() }; // of columns: asked for at every step of a slider
   function remembered(kind, column, make) {
     const { values } = columns[column];
-    if (!known[kind].has(values)) known[kind].set(values, make(values));
-    return known[kind].get(values);
+    if (!remembering[kind].has(values)) remembering[kind].set(values, make(values));
+    return remembering[kind].get(values);
   }
   const distinct = (column) => (columns[column] ? remembered("distinct", column, (values) => [...new Set(values.map(String))]) : []);
   const isNumeric = (column) => remembered("numeric", column, (values) => values.some((v) => typeof v === "number"));
@@ -41,7 +41,7 @@
   const title = (column) => columns[column].label + (columns[column].unit ? ` (${columns[column].unit})` : "");
   const clip = (text, n) => ([...text].length <= n ? text : [...text].slice(0, n - 1).join("") + "…");
 
-  const many = (n) => Math.round(n).toLocaleString("en").replace(/,/g, "\u202f");
+  const { many } = Data;
   const plural = (n, word) => `${many(n)} ${word}${n === 1 ? "" : "s"}`;
 
   const digits = new Intl.NumberFormat("en", { maximumSignificantDigits: 3 });
@@ -89,11 +89,19 @@
     return page.objectives[name] === "max" && numbers(name).every((value) => Number.isNaN(value) || (value >= 0 && value <= 1));
   }
 
+  // What is known of a number: its ends, and how far they are from it; null of one without an error.
+  function known(column, row) {
+    const ends = row >= 0 && Object.hasOwn(page.intervals, column) ? page.intervals[column] : null; // a column may be called __proto__
+    const value = ends && columns[column].values[row];
+    if (!ends || value === null || !(ends.low[row] || ends.high[row])) return null;
+    const [below, above] = [ends.low[row], ends.high[row]];
+    return { low: value - below, high: value + above, below, above };
+  }
+
   // Whether all that is known of a number is its lower end: the upper one is more than a hundred times that.
   function isOpen(column, row) {
-    const ends = Object.hasOwn(page.intervals, column) ? page.intervals[column] : null;
-    const value = columns[column].values[row];
-    return ends !== null && value > ends.low[row] && value + ends.high[row] > OPEN * (value - ends.low[row]);
+    const { low = 0, high = 0 } = known(column, row) ?? {};
+    return low > 0 && high > OPEN * low;
   }
 
   // What is known of a gain: as measured, as expected on other recordings, as tested, where a touch has moved, of unseen groups.
@@ -127,16 +135,11 @@
   }
 
   function withInterval(column, row) {
-    const value = columns[column].values[row];
-    const ends = Object.hasOwn(page.intervals, column) ? page.intervals[column] : null; // a column may be called __proto__
-    const text = number(value, isShare(column));
-    if (!ends || value === null || !(ends.low[row] || ends.high[row])) return text;
-    if (Math.abs(ends.low[row] - ends.high[row]) <= 1e-3 * ends.high[row]) {
-      return `${text} ${error(ends.high[row])}`;
-    }
-    if (isOpen(column, row)) return `at least ${number(value - ends.low[row])}`;
-    const [low, high] = [value - ends.low[row], value + ends.high[row]].map((end) => number(end, isShare(column)));
-    return `${text} (${low}–${high})`;
+    const ends = known(column, row);
+    const [text, low, high] = [columns[column].values[row], ends?.low, ends?.high].map((value) => number(value, isShare(column)));
+    if (!ends) return text;
+    if (Math.abs(ends.below - ends.above) <= 1e-3 * ends.above) return `${text} ${error(ends.above)}`;
+    return isOpen(column, row) ? `at least ${number(ends.low)}` : `${text} (${low}–${high})`;
   }
 
   const trialName = (trial) => `Trial ${number(trial)}`;
@@ -216,8 +219,7 @@
 
   // A column that spans more than two decades reads better in logarithms.
   function spansDecades(column) {
-    const [low, high] = Data.ends(columns[column].values.filter((v) => typeof v === "number"));
-    return low > 0 && high / low > 100;
+    return Data.spansDecades(...Data.ends(columns[column].values.filter((v) => typeof v === "number")));
   }
 
   const log = (column) => (column && (page.definition.front.log.includes(column) || spansDecades(column)) ? "1" : "0");
@@ -389,7 +391,7 @@
   }
 
   const app = {
-    element, clip, number, error, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, title, sized, trusts, isShare, isFraction, familyName, chipName,
+    element, clip, number, error, known, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, title, sized, trusts, isShare, isFraction, familyName, chipName,
       saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric,
       distinct, numbers, categories, placed, setPoint,
     headline, costsOf, costOf: () => engine.cost, differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),
@@ -480,7 +482,14 @@
     showAnswer(shown);
     // A link may name a point that is no row of the page: its trial knows it.
     const at = shown.chosen;
-    if (at && at.row < 0 && isNamed()) Details.of(page, at.key.split(".")[0]).then((details) => { if (Design.restore(app, shown, at, details)) change({}); });
+    if (at && at.row < 0 && isNamed() && !surfaces.has(`${at.key}@${state.hardware}`)) {
+      Details.of(page, at.key.split(".")[0]).then((details) => {
+        const values = details && Design.valuesOf(shown, details, at.key);
+        if (!values || shown.state.hardware !== state.hardware) return;
+        setPoint(at.key, values);
+        change({});
+      });
+    }
     // What nobody sees is computed when its tab is opened.
     for (const { root, view } of views) if (!root.hidden) view.render(shown);
   }

@@ -100,13 +100,10 @@ const Design = (() => {
     return null;
   }
 
-  // Whether the page has a point's row for the hardware shown.
-  const isRow = ({ columns, state }, row) => row >= 0 && (!columns.hardware || String(columns.hardware.values[row]) === state.hardware);
-
   // A number of a point with its uncertainty, from its row or from what its surface told.
   function worded(app, shown, at, column) {
     const { columns, objectives } = shown;
-    if (isRow(shown, at.row)) return app.withInterval(column, at.row);
+    if (at.row >= 0) return app.withInterval(column, at.row);
     const value = at.value(column);
     const text = app.number(value, objectives.includes(column));
     const [se, low, high] = ["se", "low", "high"].map((end) => at.value(`${column}_${end}`));
@@ -115,17 +112,6 @@ const Design = (() => {
   }
 
   const withUnit = (app, shown, at, column) => `${app.clip(worded(app, shown, at, column), 120)}\u00a0${shown.columns[column].unit}`.trim();
-
-  // A link may name points that are no rows of the page; returns whether the numbers of one are news.
-  const restored = new Set();
-  function restore(app, shown, { key, row }, details) {
-    const name = `${key}@${shown.state.hardware}`;
-    if (!details || isRow(shown, row) || restored.has(name)) return false;
-    restored.add(name);
-    const numbers = valuesOf(shown, details, key);
-    if (numbers !== null) app.setPoint(key, numbers);
-    return numbers !== null;
-  }
 
   // Plotly writes numbers from Python as base64; returns them as (nested) lists.
   const KINDS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f4: Float32Array, f8: Float64Array };
@@ -209,7 +195,7 @@ const Design = (() => {
     // A point that is no row of the page is on no front: those are carried whole.
     function standingOf({ chosen, budgeted, onFront, within }) {
       const isLarge = chosen.value("fits") === false;
-      const isHere = isRow(shown, chosen.row);
+      const isHere = chosen.row >= 0;
       const reason = isHere ? shown.leftOut(chosen.row) : isLarge && !budgeted.chosen.oversize ? `does not fit ${chosen.value("hardware")}` : "";
       if (reason) return reason;
       const meets = ({ column, way, limit }) => (way === "max" ? chosen.value(column) >= limit : chosen.value(column) <= limit);
@@ -254,8 +240,7 @@ const Design = (() => {
         // What a running study says again is not drawn again.
         const text = JSON.stringify(details);
         if (entry.details === undefined || text !== entry.text) Object.assign(loaded, { details, text });
-        if (restore(app, shown, shown.chosen, details)) change({});
-        else renderParts();
+        renderParts();
       });
     }
 
@@ -315,7 +300,9 @@ const Design = (() => {
     const inBits = (value) => `${number(value("weight_bits"))} bits per weight${value("pruned_after") ? `, ${number(100 * value("pruned_after"))}\u00a0% of them removed` : ""}`;
 
     function absent(page) {
-      if (Details.isServed(page) || page.details?.[loaded.trial]) return Details.absent(page, loaded.trial);
+      const isServed = Details.isServed(page);
+      if (Details.hasFailed(loaded.trial)) return isServed ? "The connection was lost before the details of this design arrived." : "The details of this design cannot be read.";
+      if (isServed) return "Nothing was recorded.";
       if (!page.budgets.results) return "This page has no details of designs.";
       const n = Object.keys(page.details ?? {}).length;
       const carried = n ? `the details of ${app.plural(n, "design")}` : "no details of designs";
@@ -407,10 +394,7 @@ const Design = (() => {
         cancelAnimationFrame(request);
         request = 0;
         const key = `${loaded.trial}.${surface.first_point + place}`;
-        if (!isRow(shown, app.rowOf(key))) {
-          restored.add(`${key}@${shown.state.hardware}`);
-          app.setPoint(key, valuesOf(shown, loaded.details, key));
-        }
+        if (app.rowOf(key) < 0) app.setPoint(key, valuesOf(shown, loaded.details, key));
         change({ chosen: key }, moving);
       }
 
@@ -590,13 +574,12 @@ const Design = (() => {
       }
       renderHead();
       load();
-      if (restore(app, shown, shown.chosen, loaded.details)) change({});
-      else renderParts();
+      renderParts();
     }
 
     return { render };
   }
 
-  return { view, decide, named, restore, worded, tabs: ["inside"] };
+  return { view, decide, valuesOf, tabs: ["inside"] };
 })();
 Views.design = Design;

@@ -74,7 +74,7 @@ const Front = (() => {
       const known = shown.rows.map((row) => values[row]).filter(Number.isFinite);
       if (!known.length) return { of: () => look.quiet, names: [] };
       const [low, high] = Data.ends(known);
-      const { share } = Data.axis(low, high, { log: low > 0 && high / low > 100 });
+      const { share } = Data.axis(low, high, { log: Data.spansDecades(low, high) });
       const levels = Array.from({ length: LEVELS + 1 }, (_, k) => Figure.shade(k / LEVELS, stops));
       const of = (row) => (Number.isFinite(values[row]) ? levels[Math.round(LEVELS * share(values[row]))] : look.quiet);
       return { of, names: [], scale: { low, high, levels } };
@@ -148,7 +148,7 @@ const Front = (() => {
     function band() {
       const { budgeted: { best }, page, state } = shown;
       const gain = page.budgets.maximise;
-      const se = best >= 0 && Object.hasOwn(page.intervals, gain) ? page.intervals[gain].low[best] : 0;
+      const se = app.known(gain, best)?.below;
       const value = best >= 0 && app.trusts(gain).includes(state.y) ? shown.columns[state.y].values[best] : null;
       if (!se || value === null) return [];
       const [top, foot] = [value, value - se].map(drawn.axes[1].to);

@@ -58,7 +58,7 @@ const Parallel = (() => {
         const words = numeric ? [] : [...new Set(rows.map((row) => values[row]).filter(isKnown).map(String))].sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
         const places = new Map(words.map((word, k) => [word, k]));
         const [low, high] = numeric ? Data.ends(rows.map((row) => values[row]).filter((value) => typeof value === "number")) : [0, 1];
-        const axis = Data.axis(low, high, { log: numeric && low > 0 && high / low > 100, names: words, number, most: 6 });
+        const axis = Data.axis(low, high, { log: numeric && Data.spansDecades(low, high), names: words, number, most: 6 });
         const share = (value) => (!isKnown(value) ? NaN : axis.share(numeric ? value : places.get(String(value)) ?? NaN));
         return { ...axis, column, numeric, words, share, lacks: rows.some((row) => !isKnown(values[row])) };
       });

@@ -3,17 +3,17 @@
 const Progress = (() => {
   const FAR = "\u202f"; // between a number and its unit
   const { element } = Dom;
+  const { many } = Data;
 
   function duration(seconds) {
     if (seconds < 60) return `${Math.ceil(seconds)}${FAR}s`;
     const minutes = Math.round(seconds / 60);
     if (minutes < 60) return `${minutes}${FAR}min`;
     const hours = Math.round(seconds / 360) / 10;
-    return hours < 10 ? `${hours}${FAR}h` : `${Math.round(seconds / 3600).toLocaleString("en").replace(/,/g, FAR)}${FAR}h`;
+    return hours < 10 ? `${hours}${FAR}h` : `${many(seconds / 3600)}${FAR}h`;
   }
 
-  const grouped = (n) => n.toLocaleString("en").replace(/,/g, FAR);
-  const share = (done, total) => (total === null ? grouped(done) : `${grouped(done)}/${grouped(total)}`);
+  const share = (done, total) => (total === null ? many(done) : `${many(done)}/${many(total)}`);
 
   const clock = (iso) => {
     const at = new Date(iso);
@@ -36,9 +36,9 @@ const Progress = (() => {
     return [
       `${share(trials.done, trials.total)} done`,
       repeated ? `${share(runs.done, runs.total)} runs` : "",
-      trials.running ? `${grouped(trials.running)} ${isLive ? "running or waiting" : "begun"}` : "",
-      trials.failed ? `${grouped(trials.failed)} failed` : "",
-      trials.stopped ? `${grouped(trials.stopped)} stopped early` : "",
+      trials.running ? `${many(trials.running)} ${isLive ? "running or waiting" : "begun"}` : "",
+      trials.failed ? `${many(trials.failed)} failed` : "",
+      trials.stopped ? `${many(trials.stopped)} stopped early` : "",
       hours ? `${duration(3600 * hours)} spent` : "",
       left === null || !isLive ? "" : `${duration(left)} left`,
     ].filter(Boolean).join(" · ");
@@ -96,18 +96,18 @@ const Progress = (() => {
       Figure.draw(plot, chosen(), look);
     }
 
-    const more = (n) => (n > 0 ? `, and ${grouped(n)} more` : "");
+    const more = (n) => (n > 0 ? `, and ${many(n)} more` : "");
 
     // Trials that ended alike, with their reasons; a list that was opened stays so.
     function reasons(word, count, groups) {
       if (!count) return [];
       const counted = groups.reduce((sum, group) => sum + group.count, 0);
       const items = groups.map(({ reason, count: n, trials }) => element("li", {}, element("details", {},
-        element("summary", { title: reason }, element("b", { textContent: `${grouped(n)} × ` }), clip(reason, 120),
+        element("summary", { title: reason }, element("b", { textContent: `${many(n)} × ` }), clip(reason, 120),
           element("small", { textContent: ` trial ${trials[0]}${n > 1 ? " first" : ""}` })),
         element("p", { textContent: `${n > 1 ? "trials" : "trial"} ${trials.join(", ")}${more(n - trials.length)}` }))));
-      if (counted < count) items.push(element("li", { textContent: `${grouped(count - counted)} more for other reasons` }));
-      return [element("h2", { textContent: `${grouped(count)} ${word}` }), element("ul", {}, ...items)];
+      if (counted < count) items.push(element("li", { textContent: `${many(count - counted)} more for other reasons` }));
+      return [element("h2", { textContent: `${many(count)} ${word}` }), element("ul", {}, ...items)];
     }
 
     const setting = (value) => (typeof value === "object" ? JSON.stringify(value) : number(value));
@@ -120,8 +120,8 @@ const Progress = (() => {
         return element("li", { title: text }, element("b", { textContent: `trial ${trial} ` }), clip(text, 160));
       });
       const rest = trials.running - begun.length;
-      if (rest > 0) items.push(element("li", { textContent: `${grouped(rest)} more` }));
-      return [element("h2", { textContent: `${grouped(trials.running)} ${heading}` }), element("ul", {}, ...items)];
+      if (rest > 0) items.push(element("li", { textContent: `${many(rest)} more` }));
+      return [element("h2", { textContent: `${many(trials.running)} ${heading}` }), element("ul", {}, ...items)];
     }
 
     function list(progress) {
