@@ -40,7 +40,7 @@ const Answer = (() => {
 
     // ---- the sentence
 
-    const slot = (id, title, onchange) => element("select", { id, className: "slot", "aria-label": title, onchange: (event) => onchange(event.target.value) });
+    const slot = (id, title, onchange) => Dom.choice(title, onchange, { id, className: "slot" });
     const [task, hardware, pace] = [["task", "task"], ["hardware", "chip"], ["pace", "schedule"]].map(([key, title]) => slot(key, title, (value) => change({ [key]: value })));
     const more = slot("more", "add a limit", (column) => {
       added = [...added, column];
@@ -179,7 +179,7 @@ const Answer = (() => {
       const improve = costsOf().includes(state.improve) ? state.improve : app.costOf() ?? costsOf()[0];
       const give = state.give && state.give !== improve && Object.hasOwn(ways, state.give) ? state.give : gain;
       const choose = (key, title, names, value) => {
-        const select = element("select", { "aria-label": title, data: { key }, onchange: (event) => change({ [key]: event.target.value }) });
+        const select = Dom.choice(title, (chosen) => change({ [key]: chosen }), { data: { key } });
         Dom.fill(select, names.map((name) => [name, label(name)]), value);
         return select;
       };

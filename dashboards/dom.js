@@ -42,6 +42,9 @@ const Dom = (() => {
 
   const rowHead = (...content) => element("th", { scope: "row", className: "text" }, ...content);
 
+  // A list of options [value, text].
+  const choice = (label, onchange, more = {}) => element("select", { "aria-label": label, onchange: (event) => onchange(event.target.value), ...more });
+
   // Options [value, text] of a list; the one that was chosen stays, or else `value` is.
   function fill(select, options, value = select.value) {
     const content = JSON.stringify(options);
@@ -60,24 +63,29 @@ const Dom = (() => {
     [...root.querySelectorAll("button, input, select, [tabindex]")].find((node) => nameOf(node) === name)?.focus({ preventScroll: true });
   }
 
-  // One tab of a strip is open, and the arrow keys go through them.
-  function select(strip, open) {
-    for (const tab of strip.children) {
-      const isOpen = tab.dataset.tab === open;
-      tab.setAttribute("aria-selected", String(isOpen));
-      tab.tabIndex = isOpen ? 0 : -1;
+  // A strip of tabs, of which one is open and through which the arrow keys go. `words` are their texts by name,
+  // `properties` those of the button of a tab; `render` shows some of them.
+  function strip(node, words, opened, properties) {
+    function render(names, open) {
+      const made = (tab) => button(words[tab], () => opened(tab), { role: "tab", data: { tab }, ...properties(tab) });
+      if ([...node.children].map(({ dataset }) => dataset.tab).join() !== names.join()) keepFocus(node, ({ dataset }) => dataset.tab, () => node.replaceChildren(...names.map(made)));
+      for (const tab of node.children) {
+        const isOpen = tab.dataset.tab === open;
+        tab.setAttribute("aria-selected", String(isOpen));
+        tab.tabIndex = isOpen ? 0 : -1;
+      }
     }
-  }
-
-  function moveTab(event, opened) {
-    const tabs = [...event.currentTarget.children];
-    const at = tabs.indexOf(document.activeElement);
-    const to = { ArrowLeft: at - 1 + tabs.length, ArrowRight: at + 1, Home: 0, End: tabs.length - 1 }[event.key];
-    if (to === undefined || at < 0) return;
-    event.preventDefault();
-    const next = tabs[to % tabs.length];
-    opened(next);
-    next.focus({ preventScroll: true });
+    node.addEventListener("keydown", (event) => {
+      const tabs = [...node.children];
+      const at = tabs.indexOf(document.activeElement);
+      const to = { ArrowLeft: at - 1 + tabs.length, ArrowRight: at + 1, Home: 0, End: tabs.length - 1 }[event.key];
+      if (to === undefined || at < 0) return;
+      event.preventDefault();
+      const next = tabs[to % tabs.length];
+      opened(next.dataset.tab);
+      next.focus({ preventScroll: true });
+    });
+    return { render };
   }
 
   // What draws a selection: at once, or, while a budget moves, when it rests.
@@ -90,5 +98,5 @@ const Dom = (() => {
     };
   }
 
-  return { element, svg, button, scroll, table, rowHead, fill, keepFocus, select, moveTab, settled };
+  return { element, svg, button, scroll, table, rowHead, choice, fill, keepFocus, strip, settled };
 })();

@@ -13,7 +13,7 @@
   const FAMILIES = { snn: "spiking network", mlp: "plain network", naive_bayes: "naive Bayes", elm: "random network", kernel: "random kernels" };
   const AGE_MS = 5000;
   const SIZES = { "µJ": [[1e6, "J"], [1e3, "mJ"], [1, "µJ"], [0, "nJ", 1e-3]], ms: [[1e3, "s"], [1, "ms"], [0, "µs", 1e-3]] };
-  const { element, button } = Dom;
+  const { element } = Dom;
 
   // ---- words and numbers
 
@@ -422,29 +422,13 @@
     notes.querySelector("ul").replaceChildren(...page.notes.map((text) => element("li", { textContent: text })));
   }
 
+  const strip = Dom.strip(byId("tabs"), TABS, (show) => change({ show }), (tab) => ({ id: `show-${tab}` }));
   // Tabs of what this study has.
   function renderTabs(names) {
-    const strip = byId("tabs");
     const offered = Object.keys(TABS).filter((tab) => views.some(({ name, tabs, has }) => names.includes(name) && tabs.includes(tab) && has(page)));
     const open = offered.includes(state.show) ? state.show : offered[0];
-    if (strip.dataset.offered !== offered.join()) {
-      strip.dataset.offered = offered.join();
-      strip.replaceChildren(...offered.map((tab) => button(TABS[tab], () => change({ show: tab }), { id: `show-${tab}`, role: "tab", data: { tab } })));
-    }
-    Dom.select(strip, open);
+    strip.render(offered, open);
     return open;
-  }
-
-  function renderFailures(names) {
-    const failed = page.progress && names.includes("progress") ? [] : page.failures; // which lists them by reason
-    byId("failures").hidden = failed.length === 0;
-    if (!failed.length) return;
-    const details = byId("failures").querySelector("details");
-    details.open ||= nRows === 0;
-    details.querySelector("summary").textContent = plural(failed.length, "failed trial");
-    const words = (design) => Object.entries(design).map(([key, value]) => `${key} ${number(value)}`).join(", ");
-    details.replaceChildren(details.querySelector("summary"), Dom.table("Failed trials", [["trial"], ["reason"], ["design"]],
-      failed.map(({ trial, reason, design }) => [number(trial), clip(reason, 600), words(design)])));
   }
 
   // What stands where a figure will be. Trials end before the table of points is written.
@@ -468,7 +452,6 @@
     }
     const shown = selection(moving);
     renderHeader();
-    renderFailures(names);
     if (empty) {
       for (const { name, root, view, whenEmpty } of views.filter((one) => one.whenEmpty && names.includes(one.name))) {
         root.hidden = false;
@@ -505,7 +488,6 @@
     does[event.key]();
   });
   byId("help").addEventListener("click", does["?"]);
-  byId("tabs").addEventListener("keydown", (event) => Dom.moveTab(event, (tab) => change({ show: tab.dataset.tab })));
   addEventListener("live", (event) => show(event.detail));
   addEventListener("hashchange", () => {
     clearTimeout(writing);

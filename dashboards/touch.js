@@ -40,7 +40,7 @@ const Touch = (() => {
     let shown = null;
     let [key, known, asked] = ["", null, 0]; // the design that is played: {why} or a machine, null until it is asked for
     let [run, chosen, start] = [null, 0, 0]; // start: of the clock
-    const select = element("select", { id: "touch-recording", "aria-label": "recording", onchange: () => play(Number(select.value)) });
+    const select = Dom.choice("recording", (k) => play(Number(k)), { id: "touch-recording" });
     const canvas = element("canvas", { role: "img", "aria-label": "input spikes: a line per channel, time to the right" });
     const [bars, meter] = [element("ul", { className: "evidence", "aria-label": "evidence" }), element("p")];
     const [said, why] = [element("p", { role: "status" }), element("small", { role: "status" })];

@@ -16,7 +16,7 @@ const Design = (() => {
   };
   const EXPERT = ["surface", "bits", "histograms", "cores"]; // tabs that a first look does not need
   const NO_PARTS = "Its runs recorded nothing to draw.";
-  const { element, svg, button } = Dom;
+  const { element, svg } = Dom;
 
   // ---- pure: a trial's document in, numbers and words out
 
@@ -171,7 +171,8 @@ const Design = (() => {
     const misfit = element("div");
     const [objectives, parameters, others] = [0, 1, 2].map(() => element("dl"));
     const everything = element("details", {}, element("summary", { textContent: "everything measured" }), others);
-    const strip = element("div", { className: "tabs", role: "tablist", "aria-label": "What its runs recorded", onkeydown: (event) => Dom.moveTab(event, (tab) => change({ tab: tab.dataset.tab })) });
+    const strip = element("div", { className: "tabs", role: "tablist", "aria-label": "What its runs recorded" });
+    const tabs = Dom.strip(strip, TABS, (tab) => change({ tab }), (tab) => ({ id: `tab-${tab}`, "aria-controls": "design-pane" }));
     const pane = element("div", { className: "pane", id: "design-pane", tabIndex: 0, role: "tabpanel" });
     const owner = element("p", { className: "owner" });
     const notes = element("div", { className: "quiet" });
@@ -310,11 +311,8 @@ const Design = (() => {
     }
 
     function renderTabs(names, open) {
-      const now = [...strip.children].map((tab) => tab.dataset.tab);
-      const made = (name) => button(TABS[name], () => change({ tab: name }), { id: `tab-${name}`, role: "tab", "aria-controls": pane.id, data: { tab: name } });
-      if (now.join() !== names.join()) Dom.keepFocus(strip, ({ dataset }) => dataset.tab, () => strip.replaceChildren(...names.map(made)));
       strip.hidden = names.length === 0;
-      Dom.select(strip, open);
+      tabs.render(names, open);
       if (open) pane.setAttribute("aria-labelledby", `tab-${open}`);
       else pane.removeAttribute("aria-labelledby");
     }
@@ -332,12 +330,6 @@ const Design = (() => {
     }
 
     // ---- φ and θ
-
-    function chooser(name, label, options, onchange) {
-      const select = element("select", { "aria-label": label, data: { name }, onchange });
-      Dom.fill(select, options);
-      return select;
-    }
 
     // Two sliders that move a setting over a surface. `place` is the setting chosen, -1 for an answer without one.
     function settings(surface, known, follow) {
@@ -426,7 +418,8 @@ const Design = (() => {
       const known = columnsOn(surface, shown.state.hardware);
       const { phi, theta } = surface;
       const offered = Object.keys(known).filter((column) => !/_(se|low|high)$/.test(column) && new Set(known[column]).size > 1);
-      const select = chooser("quantity", "What the map shows", (offered.length ? offered : ["accuracy"]).map((column) => [column, clip(titled(column), 40)]), draw);
+      const select = Dom.choice("What the map shows", draw, { data: { name: "quantity" } });
+      Dom.fill(select, (offered.length ? offered : ["accuracy"]).map((column) => [column, clip(titled(column), 40)]));
       const [wide, high] = [Math.max(8, Math.min(40, 560 / theta.length)), Math.max(8, Math.min(28, 320 / phi.length))];
       const [left, top] = [56, 8];
       const size = [left + theta.length * wide + 8, top + phi.length * high + 40];
@@ -477,7 +470,8 @@ const Design = (() => {
 
     function rasterPane(part, surface) {
       const { examples } = part;
-      const select = chooser("example", "Recording", examples.map(({ title }, k) => [k, clip(title, 60)]), redraw);
+      const select = Dom.choice("Recording", redraw, { data: { name: "example" } });
+      Dom.fill(select, examples.map(({ title }, k) => [k, clip(title, 60)]));
       const node = Figure.node("raster", Figure.heightOf(examples[0].figure));
       const summary = element("p", { className: "summary", role: "status" });
       const known = surface && columnsOn(surface, shown.state.hardware);

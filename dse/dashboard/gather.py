@@ -1,4 +1,4 @@
-"""The content of a page, as plain values: points, fronts, intervals, failures, and notes about them."""
+"""The content of a page, as plain values: points, fronts, intervals, and notes about them."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def gather_page(
 
     Args:
         frame: design points and failed trials, one row each, columns as in the record of a trial. A row
-            whose `status` is 'failed' is listed with its `reason`; `task` and `hardware` split the fronts.
+            whose `status` is 'failed' is counted alone; `task` and `hardware` split the fronts.
         name: of the study.
         objectives: column -> 'max' or 'min', in the order of interest: the first is drawn upwards.
         notes: sentences to print above the figure, such as warnings of the run.
@@ -69,7 +69,6 @@ def gather_page(
         period: the same page with energies at the sensor's period: `instead` takes the place of column
         `energy`; None if the table has not both;
         importance: of each parameter for each objective (`importance.gather_importance`);
-        failures: trial, reason and design of each failed trial;
         definition: parts and initial settings of the page (`definition_for`);
         marks: the argument.
 
@@ -132,7 +131,6 @@ def gather_page(
             else 1,
         },
         "period": {"energy": ENERGY, "instead": INSTEAD} if at_period else None,
-        "failures": _failures(frame[failed]),
         "definition": defined,
         "importance": gather_importance(points, present | at_period),
         "marks": [dict(mark) for mark in marks],
@@ -232,18 +230,6 @@ def _counts(frame: pandas.DataFrame) -> dict[str, int]:
     return {str(key): int(counted[key]) for key in order}
 
 
-def _failures(frame: pandas.DataFrame) -> list[dict[str, Any]]:
-    parameters = [column for column in map(str, frame.columns) if "." in column]
-    return [
-        {
-            "trial": plain(row.get("trial")),
-            "reason": str(row.get("reason") or "no reason was recorded"),
-            "design": {column: plain(row[column]) for column in parameters},
-        }
-        for row in frame.to_dict("records")
-    ]
-
-
 def _state(
     points: pandas.DataFrame, failed: Array, objectives: Mapping[str, str], present: Mapping[str, str]
 ) -> dict[str, str] | None:
@@ -251,8 +237,7 @@ def _state(
     if not len(points) and failed.any():
         return {
             "title": "Every trial failed",
-            "text": "No design was measured. The reasons are listed below; the first is often the cause of "
-            "all others.",
+            "text": "No design was measured. The most frequent reason is often the cause of all others.",
         }
     if not len(points):
         return {
