@@ -15,7 +15,7 @@ const Answer = (() => {
   }
 
   function panel(root, cards, app) {
-    const { number, clip, sized, change, many, plural, headline, differences } = app;
+    const { number, clip, sized, change, many, plural, headline, differences, costsOf } = app;
     let shown = null;
     const touch = Touch.player(app);
 
@@ -25,7 +25,6 @@ const Answer = (() => {
     const gained = (column, value) => (value === null ? "–" : app.isFraction(column) ? percent(value) : sized(column, value));
     const label = (column) => clip(shown.columns[column].label, 40);
 
-    const costsOf = () => app.costsOf();
     function ends(column, { row }) {
       const known = app.known(column, row);
       const [low, high] = [known?.low, known?.high].map((end) => (app.isFraction(column) ? number(Number((100 * Math.min(1, end)).toPrecision(2))) : number(end)));
@@ -130,7 +129,6 @@ const Answer = (() => {
       return [code, button("copy", () => copy(code, status), { data: { copies: name } }), status];
     }
 
-    const isServed = () => Details.isServed(shown.page);
     function take() {
       const { page, subject, chosen, columns, budgeted, state } = shown;
       const [trial, point] = ["trial", "point"].map(subject.value);
@@ -140,7 +138,7 @@ const Answer = (() => {
       return [
         ...(!deploys ? [element("p", { textContent: "A design that has seen the labels is not exported." })]
           : point === null && chosen && budgeted.pick !== subject.row ? [] : [element("p", {}, "Its network, its settings and the evidence as a folder:"), ...copier(command, "command")]),
-        ...(deploys && isServed() && point !== null ? [element("a", { id: "bundle", textContent: "download it", href: Details.address("bundle.zip", { trial, point, ...chip }) })] : []),
+        ...(deploys && Details.isServed(shown.page) && point !== null ? [element("a", { id: "bundle", textContent: "download it", href: Details.address("bundle.zip", { trial, point, ...chip }) })] : []),
         element("p", {}, "A link to what you see:"), ...copier(location.href, "link"),
         element("p", { id: "saves" }, "Save ", ...app.saves().flatMap(({ name, view }) => [`${name}: `, ...[...(view.image ? ["svg", "png"] : []), ...(view.listed ? ["csv"] : [])].map((format) =>
           button(format.toUpperCase(), () => app.save({ name, view }, format), { data: { saves: `${name}.${format}` } })), " "]), button("print", () => print())),

@@ -45,6 +45,14 @@ const Budgets = (() => {
     return best;
   }
 
+  // A filter of its text: {low, high}, where null is no end, or {values: Set of texts}; and the text of some values.
+  function filter(text) {
+    if (text.startsWith("in:")) return { values: new Set(text.slice(3).split("|").map(decodeURIComponent)) };
+    const [low = null, high = null] = text.split("~").map((end) => (end === "" ? null : Number(end)));
+    return { low, high };
+  }
+  const oneOf = (values) => `in:${values.map(encodeURIComponent).join("|")}`;
+
   // What a POSIX shell reads as one word.
   const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replace(/'/g, `'"'"'`)}'`);
 
@@ -106,15 +114,9 @@ const Budgets = (() => {
       task: chosenOnly(task, state.task), family: chosenOnly(family, state.family), hardware: chosenOnly(hardware, state.hardware), oversize: state.oversize === "1",
     });
 
-    // The filters of a state: {column, low, high}, where null is no end, or {column, values: Set of texts}.
-    function conditionsOf(state) {
-      return Object.entries(state).filter(([key, text]) => key.startsWith("f.") && text !== "" && columns[key.slice(2)]).map(([key, text]) => {
-        const column = key.slice(2);
-        if (text.startsWith("in:")) return { column, text, values: new Set(text.slice(3).split("|").map(decodeURIComponent)) };
-        const [low, high] = text.split("~").map((end) => (end === "" ? null : Number(end)));
-        return { column, text, low, high };
-      });
-    }
+    // The filters of a state, with their columns and texts.
+    const conditionsOf = (state) => Object.entries(state).filter(([key, text]) => key.startsWith("f.") && text !== "" && columns[key.slice(2)])
+      .map(([key, text]) => ({ column: key.slice(2), text, ...filter(text) }));
 
     function passes(condition, row) {
       const value = columns[condition.column].values[row];
@@ -288,12 +290,12 @@ const Budgets = (() => {
     return { evaluate, joined, leftOut, cost };
   }
 
-  // ---- the panel
+  // ---- what a link may say of limits
 
   const isLimit = { includes: (text) => text === "" || (text.trim() !== "" && Number.isFinite(Number(text))) };
   const plain = (page) => Object.fromEntries(Object.keys(page.budgets.columns).map((column) =>
     [`b.${column}`, String(page.definition.budgets[column] ?? "")]));
   const allowed = (page) => Object.fromEntries(Object.keys(page.budgets.columns).map((column) => [`b.${column}`, isLimit]));
 
-  return { over, front, least, quoted, scale, plain, allowed, STEPS };
+  return { over, front, least, filter, oneOf, quoted, scale, plain, allowed, STEPS };
 })();

@@ -15,7 +15,6 @@ const Design = (() => {
     histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
   };
   const EXPERT = ["surface", "bits", "histograms", "cores"]; // tabs that a first look does not need
-  const NO_PARTS = "Its runs recorded nothing to draw.";
   const { element, svg } = Dom;
 
   // ---- pure: a trial's document in, numbers and words out
@@ -46,18 +45,6 @@ const Design = (() => {
   function placeOn(surface, point) {
     const place = point === null ? -1 : point - surface.first_point;
     return place >= 0 && place < surface.phi.length * surface.theta.length ? place : -1;
-  }
-
-  // The fastest setting among the most accurate (t_p); equal times: the smallest phi, then theta.
-  function bestPlace({ phi, theta }, { accuracy, decision_latency_ms: latency }) {
-    const rank = (k) => [-accuracy[k], latency[k], phi[Math.floor(k / theta.length)], theta[k % theta.length]];
-    let best = 0;
-    for (let k = 1; k < accuracy.length; k += 1) {
-      const [now, then] = [rank(k), rank(best)];
-      const at = now.findIndex((value, n) => value !== then[n]);
-      if (at >= 0 && now[at] < then[at]) best = k;
-    }
-    return best;
   }
 
   const partOf = (details, task) => entryOf(details.tasks, String(task)) ?? Object.values(details.tasks)[0] ?? {};
@@ -100,9 +87,9 @@ const Design = (() => {
     return null;
   }
 
-  // A number of a point with its uncertainty, from its row or from what its surface told.
-  function worded(app, shown, at, column) {
-    const { columns, objectives } = shown;
+  // A number of a point with its uncertainty and its unit, from its row or from what its surface told.
+  const withUnit = (app, shown, at, column) => `${app.clip(worded(app, shown, at, column), 120)}\u00a0${shown.columns[column].unit}`.trim();
+  function worded(app, { columns, objectives }, at, column) {
     if (at.row >= 0) return app.withInterval(column, at.row);
     const value = at.value(column);
     const text = app.number(value, objectives.includes(column));
@@ -110,8 +97,6 @@ const Design = (() => {
     if (value !== null && se) return `${text} ${app.error(se)}`;
     return value !== null && low !== null && high !== null && columns[column] ? `${text} (${app.number(low)}–${app.number(high)})` : text;
   }
-
-  const withUnit = (app, shown, at, column) => `${app.clip(worded(app, shown, at, column), 120)}\u00a0${shown.columns[column].unit}`.trim();
 
   // Plotly writes numbers from Python as base64; returns them as (nested) lists.
   const KINDS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f4: Float32Array, f8: Float64Array };
@@ -189,7 +174,7 @@ const Design = (() => {
       node.hidden = columns.length === 0;
       node.replaceChildren(...columns.flatMap((column) => [
         element("dt", { textContent: shown.columns[column].label, title: column }),
-        element("dd", { textContent: withUnit(app, shown, shown.chosen, column), title: String(shown.chosen.value(column)) }, ...ofWhich(column)),
+        element("dd", { textContent: withUnit(app, shown, shown.chosen, column), title: String(shown.chosen.value(column)) }),
       ]));
     }
 
@@ -202,16 +187,6 @@ const Design = (() => {
       const meets = ({ column, way, limit }) => (way === "max" ? chosen.value(column) >= limit : chosen.value(column) <= limit);
       if (!(isHere ? within(chosen.row) : budgeted.limits.every(meets))) return "outside the limits";
       return isHere && onFront.has(chosen.row) ? `on the front${isLarge ? " of a larger chip" : ""}` : "another is better in everything";
-    }
-
-    // The parts of a latency: waiting for the decision, and what the chip still computes then.
-    function ofWhich(column) {
-      const { value } = shown.chosen;
-      const [waiting, computing] = [value("decision_latency_ms"), value("hardware_latency_ms")];
-      if (column !== "latency_ms" || waiting === null || !shown.columns.decision_latency_ms) return [];
-      const after = `decision ${number(waiting)}\u00a0ms, then ${number(Math.max(0, value(column) - waiting))}\u00a0ms of computing`;
-      const whole = computing === null ? "" : ` (${number(computing)}\u00a0ms in all)`;
-      return [element("small", { className: "quiet parts", textContent: after + whole })];
     }
 
     function renderHead() {
@@ -260,14 +235,17 @@ const Design = (() => {
       misfit.replaceChildren();
       const names = details ? tabsOf(part, state.hardware, page.definition?.design).filter((name) => state.expert === "1" || state.tab === name || !EXPERT.includes(name)) : [];
       const open = names.includes(state.tab) ? state.tab : names[0];
-      renderTabs(names, open);
+      strip.hidden = names.length === 0;
+      tabs.render(names, open);
+      if (open) pane.setAttribute("aria-labelledby", `tab-${open}`);
+      else pane.removeAttribute("aria-labelledby");
       const [, point] = named(shown, chosen.key);
       const verdicts = (details?.targets ?? []).filter((one) => one.point === point).map((one) => one.text);
       notes.replaceChildren(...[...verdicts, ...(details?.notes ?? [])].map((text) => element("p", { textContent: text })));
       pane.setAttribute("aria-busy", String(details === undefined));
       if (details === undefined) return showText("…");
       if (details === null) return showText(absent(page));
-      if (!open) return showText(NO_PARTS);
+      if (!open) return showText("Its runs recorded nothing to draw.");
       const surface = surfaceOf(part, named(shown, chosen.key)[1], chosen.value, state.hardware);
       const misfits = entryOf(part.misfits, state.hardware) ?? [];
       misfit.replaceChildren(...misfits.map((text) => element("p", { className: "note", textContent: `Does not fit: ${text}.` })));
@@ -310,13 +288,6 @@ const Design = (() => {
       return `This file carries ${carried}; dse dashboard ${Budgets.quoted(page.budgets.results)} shows all.`;
     }
 
-    function renderTabs(names, open) {
-      strip.hidden = names.length === 0;
-      tabs.render(names, open);
-      if (open) pane.setAttribute("aria-labelledby", `tab-${open}`);
-      else pane.removeAttribute("aria-labelledby");
-    }
-
     // ---- figures
 
     function figurePane(part, surface, tab) {
@@ -333,8 +304,7 @@ const Design = (() => {
 
     // Two sliders that move a setting over a surface. `place` is the setting chosen, -1 for an answer without one.
     function settings(surface, known, follow) {
-      const { theta } = surface;
-      const best = bestPlace(surface, known);
+      const { theta, best } = surface;
       let place = -1;
       let request = 0;
       const sliders = ["phi", "theta"].map((name) => {
@@ -361,12 +331,8 @@ const Design = (() => {
         follow(place);
       }
 
-      function unset(value) {
-        if (!isOf(surface, value)) {
-          return `This surface is of the weights as trained, at ${number(surface.weight_bits)} bits; φ and θ choose among its points.`;
-        }
-        return `${answered(value)} Move φ or θ to let it decide; they start at the best setting.`;
-      }
+      const unset = (value) => (isOf(surface, value) ? `${answered(value)} Move φ or θ to let it decide; they start at the best setting.`
+        : `This surface is of the weights as trained, at ${number(surface.weight_bits)} bits; φ and θ choose among its points.`);
 
       function summed(at) {
         const names = [...new Set(["accuracy", "decision_latency_ms", ...["energy_uj"].filter((column) => known[column]), "undecided"])];
@@ -395,7 +361,7 @@ const Design = (() => {
       }
 
       return {
-        nodes: [element("div", { className: "setting" }, ...sliders.map(({ node }) => node)), summary], best, aim(at) { aim(at); settle(); },
+        nodes: [element("div", { className: "setting" }, ...sliders.map(({ node }) => node)), summary], aim(at) { aim(at); settle(); },
         move() {
           if (request) return; // the reader is ahead of the page
           place = placeOn(surface, named(shown, shown.chosen.key)[1]);
@@ -455,8 +421,8 @@ const Design = (() => {
           left + (k + 0.5) * wide, height - 24)),
           ...each(phi, 8).map(([value, k]) => label(number(value), left - 6, spot(k * theta.length)[1] + high / 2 + 4, "end")), label("θ (share of the spikes)",
             left + (theta.length * wide) / 2, height - 6), label("φ", 12, top + (phi.length * high) / 2),
-          ...mark(sliders.best, "M-4 -4L4 4M-4 4L4 -4", "best"), ...(at < 0 ? [] : mark(at, "M8 0A8 8 0 1 1 -8 0A8 8 0 1 1 8 0Z", "ring"))));
-        node.setAttribute("aria-label", `${titled(select.value)} over ${phi.length} φ and ${theta.length} θ. Best, at the cross: ${phrase(sliders.best)}.${at < 0 ? "" : ` Chosen, at the ring: ${phrase(at)}.`}`);
+          ...mark(surface.best, "M-4 -4L4 4M-4 4L4 -4", "best"), ...(at < 0 ? [] : mark(at, "M8 0A8 8 0 1 1 -8 0A8 8 0 1 1 8 0Z", "ring"))));
+        node.setAttribute("aria-label", `${titled(select.value)} over ${phi.length} φ and ${theta.length} θ. Best, at the cross: ${phrase(surface.best)}.${at < 0 ? "" : ` Chosen, at the ring: ${phrase(at)}.`}`);
         caption.textContent = `${(part.surfaces ?? []).length > 1 ? `${inBits((name) => surface[name])}. ` : ""}Dark ${number(low)}, bright ${number(most)}. Ring: chosen. Cross: the fastest of the most accurate settings.`;
       }
       return { nodes: [...(isMovable() ? sliders.nodes : []), element("label", {}, "map of ", select), node, caption], draw, move: sliders.move };
@@ -542,11 +508,10 @@ const Design = (() => {
         describe();
         draw();
       }
-      const drawnParts = "Output spikes, share of the leading class, spikes per layer";
       return {
         nodes: [
           select, ...(sliders?.nodes ?? []), summary, node,
-          element("p", { className: "quiet", textContent: `${drawnParts}; first repeat.` }),
+          element("p", { className: "quiet", textContent: "Output spikes, share of the leading class, spikes per layer; first repeat." }),
         ],
         draw, move: () => (sliders ? sliders.move() : follow(-1)),
       };

@@ -2,7 +2,6 @@
 // What a first look does not need: axes and colours, filters of any column, how certain a front must be, what is left out.
 const Expert = (() => {
   const { element, button } = Dom;
-  const BOTH = "all";
 
   function view(root, app) {
     const { clip, number, title, change, plural } = app;
@@ -19,7 +18,7 @@ const Expert = (() => {
         part(`l${axis}`).disabled = !app.canBeLog(state[axis]);
       }
       fill("colour", allowed.colour, (column) => (column === "" ? `auto: ${app.ownColour() || "none"}` : title(column)));
-      fill("family", [BOTH, ...families], String);
+      fill("family", allowed.family, String);
       part("family").parentElement.hidden = families.length < 2;
     }
 
@@ -60,8 +59,8 @@ const Expert = (() => {
         node.append(from, " to ", to);
       } else {
         const moved = () => {
-          const taken = inputs().filter(({ checked }) => checked).map(({ value }) => encodeURIComponent(value));
-          set(taken.length === app.categories(column).length ? "" : `in:${taken.join("|")}`);
+          const taken = inputs().filter(({ checked }) => checked).map(({ value }) => value);
+          set(taken.length === app.categories(column).length ? "" : Budgets.oneOf(taken));
         };
         node.append(...app.categories(column).map((value) => element("label", {}, element("input", { type: "checkbox", value, onchange: moved }), ` ${clip(value, 24)}`)));
       }
@@ -90,8 +89,8 @@ const Expert = (() => {
             inputs[k].placeholder = number(range[k]);
           });
         } else {
-          const taken = text === "" ? null : new Set(text.slice(3).split("|").map(decodeURIComponent));
-          for (const box of inputs) box.checked = taken === null || taken.has(box.value);
+          const { values } = Budgets.filter(text);
+          for (const box of inputs) box.checked = !values || values.has(box.value);
         }
       }
       const left = filterable.filter((column) => !opened.includes(column));

@@ -78,12 +78,9 @@ const Parallel = (() => {
       if (way && limit) return way === "min" ? [0, share(Number(limit))] : [share(Number(limit)), 1];
       const text = state[`f.${column}`] ?? "";
       if (text === "") return null;
-      if (numeric) {
-        const [low, high] = text.split("~");
-        return [low === "" ? 0 : share(Number(low)), high === "" ? 1 : share(Number(high))];
-      }
-      const taken = new Set(text.slice(3).split("|").map(decodeURIComponent));
-      const at = words.filter((word) => taken.has(word)).map(share);
+      const { low, high, values } = Budgets.filter(text);
+      if (numeric) return [low === null ? 0 : share(low), high === null ? 1 : share(high)];
+      const at = words.filter((word) => values.has(word)).map(share);
       return at.length ? [Math.min(...at) - 0.04, Math.max(...at) + 0.04] : null;
     }
 
@@ -93,7 +90,7 @@ const Parallel = (() => {
       if (way) return change({ [`b.${column}`]: ends === null ? "" : written(way === "min" ? ends[1] : ends[0]) });
       if (!Object.hasOwn(shown.state, `f.${column}`)) return undefined;
       const kept = ends && words.filter((word) => share(word) >= ends[0] && share(word) <= ends[1]);
-      return change({ [`f.${column}`]: ends === null || (!numeric && !kept.length) ? "" : numeric ? ends.map(written).join("~") : `in:${kept.map(encodeURIComponent).join("|")}` });
+      return change({ [`f.${column}`]: ends === null || (!numeric && !kept.length) ? "" : numeric ? ends.map(written).join("~") : Budgets.oneOf(kept) });
     }
 
     function brushed(axis, rail) {

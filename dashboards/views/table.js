@@ -48,11 +48,10 @@ const Table = (() => {
     }
 
     function lineFor(row, named) {
-      const line = element("tr", { tabIndex: 0, data: { key: app.keyOf(row) } }, ...named.map((column) => element("td", {
+      return element("tr", { tabIndex: 0, data: { key: app.keyOf(row) } }, ...named.map((column) => element("td", {
         textContent: column === "trial" ? app.number(shown.columns.trial.values[row]) : withInterval(column, row), className: app.isNumeric(column) ? "" : "text",
         title: String(shown.columns[column].values[row] ?? "not measured"),
       })));
-      return line;
     }
 
     const isWhole = () => shown.state.show === "all";

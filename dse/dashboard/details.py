@@ -357,7 +357,7 @@ def _surfaces(rows: pandas.DataFrame, limited: Sequence[str]) -> list[dict[str, 
         for name, each in of_precision.groupby("hardware", sort=False) if is_priced else [("", of_precision)]:
             surface |= _grid_of(each)
             surface.setdefault("hardware", {})[str(name)] = _columns(each, limited)
-        surfaces.append(surface)
+        surfaces.append(surface | {"best": _fastest(surface)})
     return surfaces
 
 
@@ -386,13 +386,19 @@ def _columns(rows: pandas.DataFrame, limited: Sequence[str]) -> dict[str, list[o
 def _best(surfaces: Sequence[Mapping[str, Any]]) -> tuple[float, float] | None:
     """Return the phi and theta of t_p (`dse.measure.decision.t_p`) as trained; None without a surface."""
     surface = next(filter(_is_trained, surfaces), None)
-    if surface is None:
-        return None
+    return None if surface is None else _settings(surface)[surface["best"]]
+
+
+def _settings(surface: Mapping[str, Any]) -> list[tuple[float, float]]:
+    """Return the phi and theta of each point of a surface."""
+    return [*itertools.product(surface["phi"], surface["theta"])]
+
+
+def _fastest(surface: Mapping[str, Any]) -> int:
+    """Return the point of t_p: the fastest of the most accurate; of several, the smallest phi, then theta."""
     columns = next(iter(surface["hardware"].values()))
-    settings = itertools.product(surface["phi"], surface["theta"])
-    ranked = zip(columns["accuracy"], columns["decision_latency_ms"], settings, strict=True)
-    best: tuple[float, float] = min(ranked, key=lambda one: (-one[0], one[1], one[2]))[2]
-    return best
+    ranked = [*zip(columns["accuracy"], columns["decision_latency_ms"], _settings(surface), strict=True)]
+    return min(range(len(ranked)), key=lambda k: (-ranked[k][0], *ranked[k][1:]))
 
 
 def _is_trained(surface: Mapping[str, Any]) -> bool:

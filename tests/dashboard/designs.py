@@ -56,7 +56,7 @@ def surface(**changes):
         | {"undecided": [0.0, 0.1, 0.2, 0.3, 0.4, 0.5], "n_weights": [100] * 6}
         for chip, price in CHIPS.items()
     }
-    grid = {"first_point": 1, "phi": list(PHI), "theta": list(THETA), "hardware": on}
+    grid = {"first_point": 1, "phi": list(PHI), "theta": list(THETA), "hardware": on, "best": 2}
     return {"weight_bits": None, "pruned_after": None} | grid | changes
 
 
