@@ -172,7 +172,8 @@ def gather_details(
 
         figures: by the name of their tab; `energy`, `energy_at_period` and `cores` per hardware.
         surfaces: for each precision, `phi`, `theta`, and per hardware ('' if the table names none) columns
-        of the rows of the table, theta fastest; `first_point` is the value of `point` in the first row.
+        of the rows of the table, theta fastest; `first_point` is the value of `point` in the first row,
+        `best` the place of t_p in them.
         examples: recordings of the first repeat, some with the right answer of the full read-out and some
         with a wrong one.
         misfits: hardware -> the parts of the design that do not fit it.
