@@ -295,10 +295,10 @@ const Front = (() => {
       return best;
     }
 
-    function showTip(k) {
+    function showTip(k, lines) {
       tip.hidden = k < 0;
       if (k < 0) return;
-      tip.replaceChildren(...hoverText(drawn.points[k]).map((text) => element("div", { textContent: text })));
+      tip.replaceChildren(...(lines ?? hoverText(drawn.points[k])).map((text) => element("div", { textContent: text })));
       const [[width, height], x] = [drawn.size, drawn.x[k]];
       tip.style.left = `${x > width / 2 ? "" : x + 12}px`;
       tip.style.right = `${x > width / 2 ? width - x + 12 : ""}px`;
@@ -340,11 +340,12 @@ const Front = (() => {
       const row = [key, shown.subject.key].filter((one) => one !== null).map(app.rowOf).find((one) => rows.includes(one)) ?? rows[0];
       if (row === undefined) return;
       walked = app.keyOf(row);
-      showTip(drawn.points.indexOf(row));
-      app.hover(walked);
       const told = [...new Set([app.headline(), shown.state.y, shown.state.x])].filter(Boolean).map((column) =>
         `${shown.columns[column].label} ${app.withInterval(column, row)} ${shown.columns[column].unit}`.trim());
-      reached.textContent = `${clip(app.nameOf(row), 40)}: ${told.join(", ")}; ${rows.indexOf(row) + 1} of ${rows.length}`;
+      const name = clip(app.nameOf(row), 40);
+      showTip(drawn.points.indexOf(row), [name, ...told]); // few lines: more would hide the front
+      app.hover(walked);
+      reached.textContent = `${name}: ${told.join(", ")}; ${rows.indexOf(row) + 1} of ${rows.length}`;
     }
 
     function walk(event) {

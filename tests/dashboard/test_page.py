@@ -117,7 +117,7 @@ def test_the_arrow_keys_walk_along_the_front_and_what_is_reached_is_read_out(ope
     assert page.violations() == []
     page.tab.keyboard.press("Enter")
     assert chosen(page) == "3" and page.marked("your choice") == [(5, 0.6)]
-    assert page.tab.is_visible("#tip"), "the focus stays where it is"
+    assert page.tab.locator("#tip div").count() == 3, "the focus stays, and the tip hides little of the front"
     page.tab.keyboard.press("Enter")
     assert "show=inside" in page.link() and page.tab.inner_text("#design h2") == "Trial 3"
     page.tab.keyboard.press("Shift+Tab")
@@ -264,7 +264,7 @@ def test_readable_at_any_size_in_light_and_dark_and_on_paper(opened):
     assert page.tab.evaluate(INSIDE) == {"width": 700, "out": 0, "isWhole": True}
     assert page.tab.locator("#plot .point").count() > 0, "printers leave canvases empty"
     assert page.tab.is_visible("#told") and page.tab.is_visible("#design") and page.tab.is_visible("#front")
-    acting = "#asks, #tabs, #help, #more, #dial, .limit"
+    acting = "#asks, #tabs, #help, #more, #dial, #find, #once, .limit, .walker"
     assert page.tab.locator(f":is({acting})").filter(visible=True).count() == 0
     page.tab.evaluate("dispatchEvent(new Event('afterprint'))")
     page.tab.wait_for_function(f"{INK} === 'rgb(232, 234, 237)'")
