@@ -29,8 +29,11 @@ class Racing:
 
     ignored: ClassVar[frozenset[str]] = frozenset({"audit"})
 
-    rungs: tuple[int, ...] = param(
-        doc="epochs after which each design is measured, and stops or goes on; rising", low=1
+    rungs: tuple[float, ...] = param(
+        doc="epochs after which each design is measured, and stops or goes on, rising; below 1: shares of "
+        "training.epochs, the least of the designs",
+        low=0,
+        low_open=True,
     )
     eta: float = param(
         3.0,
@@ -41,9 +44,19 @@ class Racing:
     )
 
     def __post_init__(self) -> None:
-        """Check the order of the rungs."""
+        """Check the order of the rungs, and that they are shares or whole."""
         if not self.rungs or list(self.rungs) != sorted(set(self.rungs)):
             raise ValueError(f"rungs must be at least one number of epochs, rising, got {list(self.rungs)}")
+        if parts := [rung for rung in self.rungs if rung > 1 and rung % 1]:
+            raise ValueError(f"rungs must be whole numbers of epochs, or shares below 1, got {parts[0]:g}")
+
+    def at(self, epochs: int) -> list[int]:
+        """Return the rungs of trainings of so many epochs, rising.
+
+        >>> Racing(rungs=(0.1, 0.5, 20)).at(30)
+        [3, 15, 20]
+        """
+        return sorted({max(1, round(rung * epochs)) if rung < 1 else int(rung) for rung in self.rungs})
 
 
 @dataclass(frozen=True)
@@ -128,7 +141,7 @@ class Search:
         epochs = min(space.range("training", "epochs"), default=math.inf)
         for index, rung in enumerate(search.racing.rungs):
             if rung >= epochs:
-                text = f"must be below training.epochs, {epochs}, got {rung}"
+                text = f"must be below training.epochs, {epochs}, got {rung:g}"
                 yield ("search", "racing", "rungs", index), f"search.racing.rungs {text}"
         models = list(space.each("model"))
         if models and not any(has_rungs(model.cls) for model in models):

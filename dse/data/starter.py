@@ -153,14 +153,13 @@ def starter(
     n_steps, step_ms = _whole(recordings, by_name)
     n_inputs = _n_inputs(recordings, by_name)
     of_signals = any("encoder" in each for _, each in before)
-    training = _training(max(1, round(len(known) * (1 - held_out))))
     sections.append(
         (
             "Should it spike? Plain classifiers of 8-bit integers come first, then the network; what is a\n"
             "choice is explored: dse describe model NAME.",
             {
                 "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), _network(n_steps, n_inputs)]},
-                "training": training,
+                "training": _training(max(1, round(len(known) * (1 - held_out)))),
             },
         )
     )
@@ -178,12 +177,10 @@ def starter(
     if of_signals:
         limits = ["family == 'snn' or encoder == 'quantised'"]
         sections.append(("What does not spike reads the quantised signal alone.", {"limits": limits}))
-    epochs = training["epochs"]
-    racing = {"rungs": [max(4, epochs // 10), epochs // 3], "eta": 3}
     sections.append(
         (
-            "Networks that fall behind at a rung stop; without it every one trains to its end.",
-            {"search": {"racing": racing}},
+            "Networks that fall behind after these shares of their epochs stop: dse describe search.",
+            {"search": {"racing": {"rungs": [0.2, 0.5], "eta": 3}}},
         )
     )
     said = (*look.assumed, *assumed, *recordings.notes())

@@ -25,7 +25,6 @@ import numpy as np
 
 from dse import store
 from dse.config import SearchSpace
-from dse.config.search import Racing
 from dse.hardware.profile import Profile
 from dse.measure.numbers import Numbers
 from dse.records import Floats
@@ -61,7 +60,8 @@ class Race:
         self._search = search
         self._space, self._folder, self._profiles = space, folder, tuple(profiles)
         self._runs, self._book = runs, book
-        self._settings: Racing = space.search.racing
+        self._eta = space.search.racing.eta
+        self._rungs = space.search.racing.at(min(space.parts["training"].range("epochs")))
         rounds = (one for of_batch in rounds_of(book).values() for one in of_batch)
         self._stopped = {int(stop["trial"]) for one in rounds for stop in one["stopped"]}
         self._stopped.update(trial for trial, of in runs.trials().items() if any(map(_is_stopped, of)))
@@ -90,7 +90,7 @@ class Race:
         upcoming: dict[str, Any] | None = None
         if not rounds:
             first = [entry.trial for entry in batch.entries]
-            upcoming = {"epochs": self._settings.rungs[0], "trials": first, "stopped": []}
+            upcoming = {"epochs": self._rungs[0], "trials": first, "stopped": []}
         while True:
             if upcoming is not None:
                 rounds.append(upcoming)
@@ -129,7 +129,7 @@ class Race:
         waiting = {trial: of for trial, (n, of) in sorted(at_rung.items()) if n == epochs}
         reasons = self._reasons(waiting, epochs)
         return {
-            "epochs": next((rung for rung in self._settings.rungs if rung > epochs), None),
+            "epochs": next((rung for rung in self._rungs if rung > epochs), None),
             "trials": [trial for trial in waiting if trial not in reasons],
             "stopped": [
                 {"trial": trial, "epochs": epochs, "reason": reason} for trial, reason in reasons.items()
@@ -174,7 +174,7 @@ class Race:
         reasons: dict[int, str] = {}
         for stood_there in stood.values():
             of_group = dict(sorted(stood_there.items()))  # so that ties do not depend on who waits
-            n = max(math.ceil(len(of_group) / self._settings.eta), _LEAST * len(goals))
+            n = max(math.ceil(len(of_group) / self._eta), _LEAST * len(goals))
             able = [t for t, values in of_group.items() if np.isfinite(values).all()]
             costs = np.array([sign * of_group[trial] for trial in able]).reshape(len(able), len(goals))
             ahead = [able[place] for place in best(costs, n)]

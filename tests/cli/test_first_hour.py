@@ -195,7 +195,7 @@ def installed(folder):
     return python.with_name("dse")
 
 
-QUICK = "--jobs 1 --set training.epochs=40 --set search=null --set limits=[]"
+QUICK = "--jobs 1 --set training.epochs=40 --set limits=[]"
 QUICK += " --set 'model={kind: snn, hidden: 12}' --set 'encoder={kind: quantised, step: 0.03}'"
 PICK = "dse pick results/touch --hardware mcu_m4 --budget n_weights<=10000 --export bundle"
 KNOWN = "warning: the design was trained and selected on these recordings"

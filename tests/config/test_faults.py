@@ -164,6 +164,7 @@ CASES = [
             ("racing: {rungs: [3, 2]}", "search.racing.rungs must be at least one number of epochs, rising"),
             ("racing: {rungs: [2, 2]}", "search.racing.rungs must be at least one number of epochs, rising"),
             ("racing: {rungs: []}", "search.racing.rungs must be at least one number of epochs, rising"),
+            ("racing: {rungs: [0.1, 1.5]}", "search.racing.rungs must be whole numbers of epochs, or shares"),
             ("racing: {rungs: [0]}", "search.racing.rungs"),
             ("racing: {rungs: [2], eta: 1}", "search.racing.eta must be"),
             ("racing: {rungs: [2], ladder: 3}", "unknown key 'search.racing.ladder'"),

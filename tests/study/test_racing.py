@@ -69,6 +69,13 @@ def test_families_that_cannot_pause_train_to_their_ends(tmp_path, monkeypatch):
     assert_frame_equal(*(x.reset_index(drop=True) for x in points), check_exact=True)
 
 
+def test_a_rung_may_be_a_share_of_the_epochs(raced, tmp_path, monkeypatch):
+    monkeypatch.setattr(Workers, "stream", in_process)
+    space = space_of(tmp_path, search={"racing": {"rungs": [0.1, 0.25]}})  # of 20
+    found = explore.run(space, tmp_path / "results", progress=False)
+    assert_same(raced, found)
+
+
 def test_one_in_three_goes_on_and_the_rest_is_as_without(raced, tmp_path, monkeypatch):
     trials = raced.trials.set_index("trial")
     stopped = trials[trials["status"] == "stopped"]
