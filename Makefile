@@ -46,7 +46,7 @@ example: $(STUDY)
 papers: $(TESTS)
 	$(BIN)/python -m benchmarks.papers $(PAPERS)
 
-# The picture of README.md, from the page of results/example.
+# The pictures of README.md and docs/, from the page of results/example.
 picture: $(TESTS)
 	$(BIN)/python -m benchmarks.picture
 

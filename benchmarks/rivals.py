@@ -1,103 +1,113 @@
-"""Plain rivals on recorded touch: accuracy in floating point and in integers, weights, energy on a Cortex-M4.
+"""Plain rivals of the README's networks: the same recordings, split, crops, moved windows and unseen groups.
 
-    python -m benchmarks.rivals [--seeds 3]
+    DSE_DATA=... python -m benchmarks.rivals [--only "7 fabrics"] [--seeds 3] [--networks] [--csv FILE]
 
-Recordings, split, encoder and window are those of `headline_braille_small` and `headline_fabrics_small`, of
-the latter nine crops of each training recording. Validation accuracy, mean of the seeds; energy is that of
-the C of an inference (`mcu_m4`), encoder left out. `float`: the same readout before it was rounded.
+One design of each family in integers of 8 bits, chosen before: 4 windows of linear classifiers, 8 of
+perceptrons, 300 kernels with four thresholds each. They read the network's spikes, or the levels of the
+quantised signal where there is one. Of recordings whose windows move in training they see nine crops each.
+With `--networks` the spiking network is trained too, which takes hours; the table of the measurements has it
+from `benchmarks.recorded_touch`. Energy is of the C of an inference on the processors.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+import tempfile
+from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pandas as pd
+import yaml
 
 import dse
-from dse import seeds
-from dse.config.settings import Training
-from dse.dataset.assemble import build
-from dse.hardware.cost import cost
-from dse.hardware.profile import load
-from dse.models.counts import kernels, linear, mlp
-from dse.models.counts.readouts import forward
-from dse.recordings.windows import with_crops
-from dse.records import Array, Dataset, Operations
+from benchmarks.recorded_touch import HEADLINE, SETS
 
-SETS = {"headline_braille_small": 1, "headline_fabrics_small": 9}
-"""Search spaces, and crops of a training recording."""
-
-
-def families(data: Dataset) -> dict[str, Any]:
-    """Return the rivals by what they are."""
-    step_ms, whole_ms = data.spikes.step_ms, data.n_steps * data.spikes.step_ms
-    counts = {"channels": "each", "read_outs": 1}
-    network = mlp.MLP(window_ms=whole_ms / 8, hidden=(32,), **counts)
-    return {
-        "linear, 4 windows": linear.Linear(window_ms=whole_ms / 4, **counts),
-        "mlp of 32, 8 windows": replace(network, precision="int8"),
-        "mlp of 32, 8 windows, float32": network,
-        "300 kernels": kernels.Kernels(window_ms=step_ms, read_outs=1),
-    }
+SPACES = (
+    "headline_fabrics_small",
+    "headline_speeds_small",
+    "headline_ridges",
+    "headline_braille_small",
+    "headline_objects_small",
+)
+CROPS = 9
+CHIPS = ("mcu_m4", "mcu_m33", "loihi1_silicon")
+READ_OUTS = {"read_outs": 1}
 
 
-def before_rounding(family: Any, data: Dataset, crops: Dataset, generators: Any) -> float:
-    """Return the validation accuracy of a readout by logistic regression that is not rounded."""
-    outcome = family.fit(crops, Training(), generators)
-    arrays = outcome.network.arrays
-    x: list[Array] = []
-    for each, samples in ((crops, crops.train), (data, data.validation)):
-        counts = family.counts(each, samples, arrays)
-        x += [*family.inputs(arrays, counts, arrays["lengths"])]
-    weight, bias, _ = linear.logistic(x[0], crops.target[crops.train], family.alpha, family.epochs)
-    label = arrays["classes"][forward(x[1], [(weight, bias)])[-1].argmax(axis=1)]
-    return float((label == data.target[data.validation]).mean())
+def families(whole_ms: float, step_ms: float, reads: str) -> list[dict[str, Any]]:
+    """Return the rivals, keys of `model`, for windows of `whole_ms`."""
+    each = {"channels": "each", **READ_OUTS, "reads": reads}
+    hidden = {"hidden": 32, "precision": "int8"}
+    kernels = {"kernels": 300, "thresholds": 4, "readout": "ridge", **READ_OUTS}
+    return [
+        {"kind": "linear", "window_ms": whole_ms / 4, **each},
+        {"kind": "mlp", "window_ms": whole_ms / 8, **hidden, **each},
+        {"kind": "kernels", "window_ms": step_ms, **kernels},
+    ]
 
 
-def row(family: Any, data: Dataset, crops: Dataset, seed: int) -> tuple[float, float, float, float]:
-    """Return accuracy, that before rounding (NaN of others), weights, and energy in uJ."""
+def spaces(name: str, seeds: int, networks: bool) -> dict[str, dse.SearchSpace]:
+    """Return the search spaces of a network's rivals by what they read, and with it the network."""
+    plain = yaml.safe_load(dse.load_space(name).to_yaml())
+    step_ms = plain["data"]["step_ms"]
+    whole_ms = plain["window"]["n_steps"] * step_ms
+    changed: dict[str, Any] = {"hardware": [*CHIPS], "search.repeats": seeds}
+    if evaluation := SETS[HEADLINE[name]].evaluation:
+        changed["evaluation"] = dict(evaluation)
+    if plain["window"].get("jitter_steps"):
+        changed["training.crops"] = CROPS
+    made = {"spikes": changed | {"model": {"choice": families(whole_ms, step_ms, "counts")}}}
+    if plain.get("encoder"):
+        signal = {"encoder": {"kind": "quantised", "step": min(plain["encoder"]["thresholds"])}}
+        made["signal"] = changed | signal | {"model": {"choice": families(whole_ms, step_ms, "levels")}}
+    if networks:
+        made["spiking"] = changed
+    texts = {what: {key: yaml.safe_dump(x) for key, x in keys.items()} for what, keys in made.items()}
+    return {what: dse.load_space(name, keys) for what, keys in texts.items()}
 
-    def generators(purpose: str, *index: int) -> np.random.Generator:
-        return seeds.generator(seed, {}, purpose, 0, *index)
 
-    outcome = family.fit(crops, Training(), generators)
-    answers = family.respond(outcome.network, data, data.validation)
-    accuracy = (answers.label[:, -1] == data.target[data.validation]).mean()
-    work = Operations(
-        answers.macs,
-        answers.additions,
-        np.zeros_like(answers.macs),
-        answers.n_weights,
-        answers.time_ms,
-        program=answers.program,
-    )
-    energy_uj = float(np.squeeze(cost(load("mcu_m4"), work).energy_uj.value))
-    exact = float("nan")
-    if not isinstance(family, mlp.MLP):
-        exact = before_rounding(family, data, crops, generators)
-    return float(accuracy), exact, float(answers.n_weights[-1]), energy_uj
+def rows(recordings: str, reads: str, space: dse.SearchSpace) -> list[dict[str, Any]]:
+    """Return what the designs of a space reach, whole windows of 8 bits."""
+    with tempfile.TemporaryDirectory() as folder:
+        study = dse.run(space, Path(folder), jobs=1, progress=False)
+        points, trials = study.points(), study.trials
+    points = points.assign(**{key: None for key in ("phi", "weight_bits") if key not in points})
+    found = []
+    for trial, group in points.groupby("trial"):
+        whole = group[group["phi"].isna() & (group["weight_bits"].fillna(8) == 8)]
+        energy_uj = whole.groupby("hardware")["energy_uj"].max()
+        row = trials.set_index("trial").loc[trial]
+        tested = [
+            key
+            for key in row.index
+            if key.startswith(("accuracy_shifted", "accuracy_unseen_")) and not key.endswith("_se")
+        ]
+        found.append(
+            {"recordings": recordings, "family": row["family"], "reads": reads}
+            | {key: row[key] for key in ("accuracy", "accuracy_se", *tested, "n_weights", "memory_bytes")}
+            | {chip: energy_uj.get(chip) for chip in CHIPS}
+        )
+    return found
 
 
 def main() -> None:
-    """Print the table."""
+    """Train, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", choices=[HEADLINE[name] for name in SPACES])
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--networks", action="store_true", help="train the spiking network too")
+    parser.add_argument("--csv", type=Path, help="file for the table")
     options = parser.parse_args()
-    print("| recordings | family | accuracy | float | stored numbers | energy, uJ |")
-    print("|---|---|---|---|---|---|")
-    for name, n_crops in SETS.items():
-        space = dse.load_space(name)
-        data = build(space.resolve({}), space.source.parent)[0]
-        crops = with_crops(data, n_crops)
-        for what, family in families(data).items():
-            rows = np.array([row(family, data, crops, seed) for seed in range(options.seeds)])
-            accuracy, exact, n_weights, energy_uj = rows.mean(axis=0)
-            error = rows[:, 0].std(ddof=1) / np.sqrt(len(rows)) if len(rows) > 1 else 0.0
-            before = "-" if np.isnan(exact) else f"{exact:.3f}"
-            numbers = f"{accuracy:.3f} ± {error:.3f} | {before} | {n_weights:.0f} | {energy_uj:.0f}"
-            print(f"| {name} | {what} | {numbers} |", flush=True)
+    found: list[dict[str, Any]] = []
+    for name in SPACES:
+        if options.only in (None, HEADLINE[name]):
+            for reads, space in spaces(name, options.seeds, options.networks).items():
+                found += rows(HEADLINE[name], reads, space)
+                print(pd.DataFrame(found[-3:]).to_string(), flush=True)
+    table = pd.DataFrame(found)
+    print(table.round(3).to_string())
+    if options.csv is not None:
+        table.to_csv(options.csv, index=False)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The picture of README.md shows what the page says today."""
+"""The pictures of README.md and of the documents show what the page says today."""
 
 import json
 
@@ -11,6 +11,9 @@ def test_a_picture_keeps_its_text():
     assert picture.text_of(picture.with_text(b"\x89PNG" + end, '{"a": 1}')) == '{"a": 1}'
 
 
-def test_the_picture_is_of_the_page(new_tab, tmp_path):
-    said = json.loads(picture.text_of(picture.PICTURE.read_bytes()))
-    assert picture.opened(new_tab(), tmp_path) == said, "make picture draws it anew"
+def test_the_pictures_are_of_the_page(new_tab, tmp_path):
+    tab = new_tab()
+    picture.opened(tab, tmp_path)
+    for one in picture.PICTURES:
+        said = json.loads(picture.text_of(one.path.read_bytes()))
+        assert picture.shown(tab, one)[1] == said, f"{one.path}: make picture draws it anew"

@@ -1,0 +1,91 @@
+"""Cells of gate arrays: synthesised, placed and routed for random networks, beside what was predicted before.
+
+    python -m benchmarks.cells [--test 20] [--fit 0] [--csv FILE]
+
+Networks are those of `benchmarks.instructions`; those that a chip cannot hold are passed over. With `--fit`,
+the costs that `dse/deploy/targets/fpga.py` quotes are fitted anew to so many further networks (least squares
+of relative errors), and the others are predicted by these too. The tools are of the extra `fpga`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from benchmarks.instructions import network
+from dse.deploy.form import Unsupported
+from dse.deploy.targets.fpga import Ecp5, Fpga, Ice40
+
+
+def main() -> None:
+    """Print the costs and the errors of each chip."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--test", type=int, default=20, help="networks to predict")
+    parser.add_argument("--fit", type=int, default=0, help="networks of the fit, after those to predict")
+    parser.add_argument("--csv", type=Path, help="file for a row per network and chip")
+    options = parser.parse_args()
+    tables = []
+    for target in (Ice40(), Ecp5()):
+        table = placed(target, options.test + options.fit)
+        work = table[list(WORK)].to_numpy()
+        test, fit = slice(options.test), slice(options.test, None)
+        report(target.board.chip, "quoted", np.array(target.board.cell_costs), work[test], table.cells[test])
+        if options.fit:
+            costs = np.linalg.lstsq(
+                work[fit] / table.cells.to_numpy()[fit, None], np.ones(options.fit), rcond=None
+            )[0]
+            report(target.board.chip, "fitted", costs, work[test], table.cells[test])
+        tables.append(table)
+    if options.csv:
+        pd.concat(tables).to_csv(options.csv, index=False)
+
+
+WORK = ("circuit", "address_bits", "share_bits", "slot_bits")
+"""What cells are for, as `Board.cell_costs` counts it."""
+
+
+def placed(target: Fpga, n_networks: int) -> pd.DataFrame:
+    """Return a row per network that fits the chip: what its cells are for, and what placing reports."""
+    rows: list[dict[str, float]] = []
+    for seed in itertools.count():
+        if len(rows) == n_networks:
+            break
+        made = network(seed)[0]
+        try:
+            form = target.form(made)
+        except Unsupported:
+            continue
+        before = target.footprint(made)
+        with tempfile.TemporaryDirectory() as folder:
+            target.emit(form, made, Path(folder))
+            report = json.loads((Path(folder) / "report.json").read_bytes())
+        work = 1, form.address_bits, form.share_bits, form.slot_bits
+        rows.append(
+            {"seed": seed, **dict(zip(WORK, work, strict=True)), **report, "predicted": before["cells"]}
+            | {"predicted_blocks": before["memory_blocks"]}
+        )
+        print({"chip": target.board.chip, **rows[-1]}, flush=True)
+    return pd.DataFrame(rows).assign(chip=target.board.chip)
+
+
+def report(
+    chip: str, what: str, costs: NDArray[np.float64], work: NDArray[np.float64], cells: pd.Series
+) -> None:
+    """Print the costs of a chip and how far they are off."""
+    off = np.abs(work @ costs / cells - 1)
+    print(
+        f"{chip}, {what}: {', '.join(f'{cost:.1f}' for cost in costs)} per {', '.join(WORK)}; "
+        f"{len(cells)} networks, {np.count_nonzero(off <= 0.1)} within 10 %, {off.mean():.1%} in the mean, "
+        f"{off.max():.1%} at most"
+    )
+
+
+if __name__ == "__main__":
+    main()
