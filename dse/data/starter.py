@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import shlex
@@ -38,6 +39,8 @@ _MOST_STEPS = 1000  # of a window: longer ones train slowly
 _STEPS_OF_EVENTS = 100  # bins in the shortest recording of events
 _MOST_POOLS = 400  # pixels that events are pooled to
 _TRAINING_STEPS = 2000
+# Trainings of networks, folds counted: more of them race. Of few, the best in the end often lag at first.
+_MOST_TRAININGS = 100
 # Recordings of a part for which 3 folds are enough, and for which that part alone validates: standard errors
 # of up to 0.03 and 0.025. First designs differ by little more, and the best of many is the luckiest.
 _FEW_FOLDS, _NO_FOLDS = 100, 400
@@ -153,12 +156,13 @@ def starter(
     n_steps, step_ms = _whole(recordings, by_name)
     n_inputs = _n_inputs(recordings, by_name)
     of_signals = any("encoder" in each for _, each in before)
+    network = _network(n_steps, n_inputs)
     sections.append(
         (
             "Should it spike? Plain classifiers of 8-bit integers come first, then the network; what is a\n"
             "choice is explored: dse describe model NAME.",
             {
-                "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), _network(n_steps, n_inputs)]},
+                "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), network]},
                 "training": _training(max(1, round(len(known) * (1 - held_out)))),
             },
         )
@@ -177,12 +181,14 @@ def starter(
     if of_signals:
         limits = ["family == 'snn' or encoder == 'quantised'"]
         sections.append(("What does not spike reads the quantised signal alone.", {"limits": limits}))
-    sections.append(
-        (
-            "Networks that fall behind after these shares of their epochs stop: dse describe search.",
-            {"search": {"racing": {"rungs": [0.2, 0.5], "eta": 3}}},
+    n_networks = _n_designs(by_name.get("encoder", {})) * _n_designs(network)
+    if n_networks * shares.get("k", 1) > _MOST_TRAININGS:
+        sections.append(
+            (
+                "Networks that fall behind after these shares of their epochs stop: dse describe search.",
+                {"search": {"racing": {"rungs": [0.2, 0.5], "eta": 3}}},
+            )
         )
-    )
     said = (*look.assumed, *assumed, *recordings.notes())
     return Starter(_yaml(out, said, sections), label, said)
 
@@ -271,6 +277,15 @@ def _schema_line(folder: Path) -> list[str]:
     together = os.path.commonpath([folder, schema]) in map(str, (folder, schema.parents[1]))
     place = Path(os.path.relpath(schema, folder)).as_posix()
     return [f"# yaml-language-server: $schema={place}"] if together else []
+
+
+def _n_designs(keys: Any) -> int:
+    """Return the number of combinations of what keys of a section, or below them, leave to choose."""
+    if not isinstance(keys, Mapping):
+        return 1
+    if set(keys) == {"choice"}:
+        return sum(map(_n_designs, keys["choice"]))
+    return math.prod(map(_n_designs, keys.values()))
 
 
 def _for_training(split: Mapping[str, Any], columns: Mapping[str, Array]) -> Array:

@@ -154,6 +154,16 @@ def test_a_spike_counts_for_more_where_a_window_has_few_steps(n_steps, scale):
     assert network["count_scale"] == scale and not any("count_scale" in each for each in plain)
 
 
+@pytest.mark.parametrize(("n", "races"), [(40, True), (2500, False)])
+def test_networks_race_where_many_are_trained(n, races):
+    signal, label = waves(n, 100)
+    usage = np.where(np.arange(n) < n - 10, "TRAIN", "TEST")
+    np.savez("touch.npz", signal=signal, fabric=label, usage=usage)
+    space = dse.load_space(dse.init("touch.npz", "touch.yaml", step_ms=4))
+    assert (space.search.racing is not None) is races
+    assert space.search.repeats == (5 if races else 1)  # folds, of which every network is trained on each
+
+
 @pytest.mark.parametrize("axis", [1, 3])
 def test_packed_bits_are_read(capsys, axis):
     rng = np.random.default_rng(2)
