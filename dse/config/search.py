@@ -10,7 +10,7 @@ from typing import ClassVar
 from dse import registry
 from dse.config.axes import Axis, n_combinations
 from dse.config.bounds import MOST_TRIALS
-from dse.config.contracts import SamplerSettings, has_rungs
+from dse.config.contracts import SamplerSettings
 from dse.config.parts import KeyFault, Part, Written
 from dse.config.settings import KFold
 from dse.config.values import plain
@@ -128,7 +128,7 @@ class Search:
 
     @classmethod
     def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
-        """Yield what folds, epochs and models lack for the search."""
+        """Yield what folds and epochs lack for the search."""
         if not part.good:
             return
         search, n_folds = part.fixed, folds(space.parts)
@@ -143,10 +143,6 @@ class Search:
             if rung >= epochs:
                 text = f"must be below training.epochs, {epochs}, got {rung:g}"
                 yield ("search", "racing", "rungs", index), f"search.racing.rungs {text}"
-        models = list(space.each("model"))
-        if models and not any(has_rungs(model.cls) for model in models):
-            kinds = ", ".join(dict.fromkeys(str(model.kind) for model in models))
-            yield part.fault("racing", f"needs a model whose training can pause at a rung, got {kinds}")
 
 
 def folds(parts: Mapping[str, Part]) -> int:

@@ -177,14 +177,6 @@ CASES = [
         )
     ),
     (
-        {
-            "model": "{kind: knn}",
-            "training": "{epochs: 4}",
-            "search": "{sampler: grid, racing: {rungs: [2]}}",
-        },
-        ["19: search.racing needs a model whose training can pause at a rung, got knn"],
-    ),
-    (
         {"execution": "{address: 'tcp://nowhere:1'}"},
         ["20: execution.address needs execution.backend dask, got loky"],
     ),
