@@ -111,15 +111,23 @@ def rounded(layers: Sequence[tuple[Floats, Floats]], x: Ints, most: int) -> Inte
 
 
 def _nearest(w: Floats, v: Floats, x: Ints, most: int, is_hidden: bool) -> IntegerLayers:
-    """Return the layer in integers whose outputs for samples x are nearest to x w + v."""
+    """Return the layer in integers whose outputs for samples x are nearest to x w + v.
+
+    Args:
+        w: (input, unit) weights that were trained, of integer inputs.
+        v: (unit,) biases.
+        x: (n, input) samples; without any, the least scale is taken.
+        most: the largest input of any recording.
+        is_hidden: whether outputs below 0 are passed on as 0.
+    """
     sums = (float(most) * np.abs(w).sum(axis=0) + np.abs(v)).max()
     largest = _over(MOST_SUM, sums)
     least = min(_over(MOST_WEIGHT, np.abs(w).max(initial=0)), largest)
     floor = 0.0 if is_hidden else -np.inf
     exact = np.maximum(x @ w + v, floor)
-    found: list[tuple[float, IntegerLayers]] = []
+    tried: list[tuple[float, IntegerLayers]] = []
     for scale in least * 2.0 ** np.arange(0, 10.5, 0.5):
-        if found and scale > largest:
+        if tried and scale > largest:
             break
         while True:
             weight = np.clip(np.rint(scale * w), -MOST_WEIGHT, MOST_WEIGHT)
@@ -129,8 +137,8 @@ def _nearest(w: Floats, v: Floats, x: Ints, most: int, is_hidden: bool) -> Integ
                 break
             scale /= 2
         given = np.maximum(layer.inputs(x)[1] / scale, floor)
-        found.append((float(np.abs(given - exact).sum()), layer))
-    return min(found, key=lambda each: each[0])[1]
+        tried.append((float(np.abs(given - exact).sum()), layer))
+    return min(tried, key=lambda each: each[0])[1]
 
 
 def _over(most: int, value: float) -> float:
