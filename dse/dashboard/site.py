@@ -17,11 +17,7 @@ from dse.dashboard.details import gather_details
 from dse.dashboard.live import Live, Page, stamp
 from dse.dashboard.serve import Download, Refused, Server, Site
 from dse.dashboard.study import PageRequest, checked, page_of, progress_of, with_recordings
-from dse.dashboard.touches import gather_touches
 from dse.dashboard.verdicts import folder_of
-from dse.deploy.bundle import BundleError, read
-from dse.deploy.export import export
-from dse.deploy.targets import TargetError
 from dse.store import StoreError
 from dse.study import results
 from dse.study.results import Study
@@ -108,6 +104,8 @@ class StudySite(Site):
 
     def touches(self, trial: int, point: int) -> Page:
         """Return what plays held recordings to a design point."""
+        from dse.dashboard.touches import gather_touches  # engine and kernels: a page alone needs none
+
         row = self._row(trial=trial, point=point)
         with _refusing():
             return gather_touches(self._study, [row], self._request.question.hardware)
@@ -127,12 +125,15 @@ class StudySite(Site):
         It is that of the study's folder whose targets were run, if there is one; another holds the targets of
         the search space, written and not verified. A refusal names no path.
         """
+        from dse.deploy import bundle
+        from dse.deploy.export import export
+
         is_priced = hardware or "hardware" in self._points
         row = self._row(trial=trial, point=point, **({"hardware": hardware} if is_priced else {}))
         name = f"trial_{trial}_point_{point}"
         if (verified := folder_of(self._study.folder, trial, point, hardware)) is not None:
-            with contextlib.suppress(BundleError, OSError):  # a damaged one is made anew
-                read(verified)
+            with contextlib.suppress(bundle.BundleError, OSError):  # a damaged one is made anew
+                bundle.read(verified)
                 return Download(f"{name}.zip", _zipped(verified, name))
         with _refusing(), tempfile.TemporaryDirectory(prefix="dse-bundle-") as temporary:
             folder = Path(temporary) / name
@@ -143,6 +144,9 @@ class StudySite(Site):
 @contextlib.contextmanager
 def _refusing() -> Iterator[None]:
     """Refuse what cannot be exported, by its reason."""
+    from dse.deploy.bundle import BundleError
+    from dse.deploy.targets import TargetError
+
     try:
         yield
     except (ValueError, StoreError, OSError) as error:

@@ -12,7 +12,6 @@ import numpy as np
 import pandas
 
 from dse import store
-from dse.dashboard import touches
 from dse.dashboard.definition import Definition, load
 from dse.dashboard.details import packed_details, shown_first
 from dse.dashboard.gather import gather_page
@@ -77,10 +76,12 @@ def write_page(
     request = checked(study, request or PageRequest())
     points = with_recordings(study, study.points(request.question.hardware))
     page = page_of(study, points, request) | progress_of(study.folder)
-    if plays and (rows := touches.shown_first(page)):
-        page["touches"] = touches.gather_touches(
-            study, _of_rows(page, rows, points), request.question.hardware
-        )
+    if plays:
+        from dse.dashboard import touches  # kernels run: a page alone needs none
+
+        if rows := touches.shown_first(page):
+            played = _of_rows(page, rows, points)
+            page["touches"] = touches.gather_touches(study, played, request.question.hardware)
     least, most = _ROOM_BYTES
     room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
     details = packed_details(study, points, shown_first(page), room, request.question.hardware)

@@ -29,14 +29,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
-from numba.extending import overload
 
 from dse.engine.layout import LANES, aligned, packed, width_at
 from dse.engine.parameters import Parameters, Tied
 from dse.engine.shared import copies_of
-from dse.native.compiled import compiled
+from dse.native.compiled import compiled, overload
 from dse.native.simd import (
     LANES_8,
     LANES_64,
@@ -205,8 +203,10 @@ def summands(table: Array, out: Array, n_neurons: int, n_inputs: int) -> Array:
     return np.empty((n_neurons, n_inputs), np.int16 if table.dtype == np.int8 else out.dtype)
 
 
-@overload(summands, strict=False)
+@overload(summands)
 def _typed_summands(table: Any, out: Any, n_neurons: int, n_inputs: int) -> Any:
+    import numba
+
     kind = numba.int16 if table.dtype == numba.int8 else out.dtype
     return lambda table, out, n_neurons, n_inputs: np.empty((n_neurons, n_inputs), kind)
 

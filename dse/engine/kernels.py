@@ -11,12 +11,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
-from numba.extending import overload
 
 from dse.engine.layout import LANES, width_at
-from dse.native.compiled import compiled
+from dse.native.compiled import compiled, overload
 from dse.native.simd import (
     LANES_16,
     LANES_32,
@@ -173,8 +171,10 @@ _DOUBLE = tuple(math.log(2) ** k / math.factorial(k) for k in range(14))
 _S0, _S1, _S2, _S3, _S4, _S5 = _SINGLE
 
 
-@overload(_exp2_of_negative, strict=False)
+@overload(_exp2_of_negative)
 def _typed_exp2(x: Any) -> Any:
+    import numba
+
     if x.element == numba.float32:
 
         def single(x: Any) -> Any:
@@ -213,8 +213,10 @@ def _flushed(x: Any) -> Any:
 _NEGLIGIBLE = 1e-30
 
 
-@overload(_flushed, strict=False)
+@overload(_flushed)
 def _typed_flushed(x: Any) -> Any:
+    import numba
+
     if x.element == numba.float32:
         return lambda x: select(greater(magnitude(x), splat(_NEGLIGIBLE, x)), x, splat(0.0, x))
     return lambda x: x

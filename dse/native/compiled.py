@@ -1,15 +1,17 @@
-"""Numba functions that are compiled once per version of their package, and kept on disk between processes."""
+"""Numba functions that are compiled once per version of their package, and kept on disk between processes.
+
+Numba takes half a second and 90 MB; it is imported when a kernel is first called.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import sys
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial, update_wrapper
 from pathlib import Path
+from threading import RLock
 from typing import Any
-
-import numba
 
 _HERE = Path(__file__).parent
 # Packages whose kernels or constants go into kernels of others.
@@ -37,15 +39,63 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-        index: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-        if hasattr(index, "_source_stamp"):
-            source = sys.modules[function.__module__].__file__ or __file__
-            index._source_stamp = _sources(Path(source).parent)
-            index._load_index = _readable(index._load_index)
-        return dispatcher
+        late = Late(partial(_dispatcher, function, options), function.__globals__)
+        return update_wrapper(late, function)
 
     return decorate
+
+
+def overload(symbol: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator: `numba.extending.overload`, once a kernel of the module runs."""
+
+    def register(function: Callable[..., Any]) -> Any:
+        from numba import extending
+
+        return extending.overload(symbol, strict=False)(function)
+
+    return lambda function: Late(partial(register, function))
+
+
+_LINKING = RLock()
+
+
+class Late:
+    """What is made when a kernel first runs, and then stands in its own place in the kernel's module.
+
+    make: returns it.
+    neighbours: the names of the module that a kernel is of, its own among them.
+    """
+
+    def __init__(self, make: Callable[[], Any], neighbours: dict[str, Any] | None = None) -> None:
+        self._make, self._neighbours = make, neighbours or {}
+        self._made: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._linked()(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._linked(), name)
+
+    def _linked(self) -> Any:
+        with _LINKING:
+            if self._made is None:
+                self._made = self._make()
+                for name, value in list(self._neighbours.items()):
+                    if isinstance(value, Late):
+                        self._neighbours[name] = value._linked()
+        return self._made
+
+
+def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    import numba  # not before a kernel runs
+
+    dispatcher = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    index: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if hasattr(index, "_source_stamp"):
+        source = sys.modules[function.__module__].__file__ or __file__
+        index._source_stamp = _sources(Path(source).parent)
+        index._load_index = _readable(index._load_index)
+    return dispatcher
 
 
 def _readable(load: Callable[[], Any]) -> Callable[[], Any]:

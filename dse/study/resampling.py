@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
+from dse.measure import decision
 from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.on_chips import DRAWN
 from dse.native.threads import single_threaded
@@ -297,8 +298,6 @@ def _right_at(arrays: dict[str, Array], of_class: Ints, outputs: slice, rows: pa
     if decides.any():
         phis, phi_place = np.unique(phi[decides], return_inverse=True)
         thetas, theta_place = np.unique(theta[decides], return_inverse=True)
-        from dse.measure import decision  # compiled
-
         right[:, decides] = decision.right_at(spikes, target, phis, thetas)[:, phi_place, theta_place]
     steps = np.where(
         np.isnan(after_ms), shape[1], np.rint(np.nan_to_num(after_ms) / float(arrays["step_ms"]))

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from dse.measure import decision
 from dse.measure.objectives import FullReadOut
 from dse.registry import Column, register
 
@@ -85,8 +86,6 @@ class ReactionTimes:
     )
 
     def measure(self, answer: FullReadOut) -> Mapping[str, float | None]:
-        from dse.measure import decision  # compiled
-
         times: dict[str, float | None] = {}
         read_outs = answer.read_outs
         if read_outs is not None:

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from dse.native.simd import (
+from dse.native.vectors import (
     LANES_8,
     LANES_16,
     LANES_32,
