@@ -331,6 +331,11 @@ class Network:
         )
 
     @property
+    def n_slots(self) -> int:
+        """Input steps whose spikes must be remembered."""
+        return max(self.delays) // self.steps_per_sample + 1
+
+    @property
     def sizes(self) -> tuple[int, ...]:
         """Neurons per layer, input copies first."""
         return (self.layers[0].weight.shape[1], *(x.weight.shape[0] for x in self.layers))
@@ -427,6 +432,8 @@ class Workload:
     copies: delayed copies of the input channels among the inputs, the undelayed ones included.
     delayed: per layer after the input, whether its forward synapses have delays; None: all, given bits.
     peak_state: largest magnitude of a state, as in `Response`; 0: not known.
+    steps_per_sample: network steps per input step.
+    n_slots: input steps whose spikes delayed copies still need.
     """
 
     sizes: tuple[int, ...]
@@ -446,6 +453,8 @@ class Workload:
     copies: int = 1
     delayed: tuple[bool, ...] | None = None
     peak_state: int = 0
+    steps_per_sample: int = 1
+    n_slots: int = 1
 
     @property
     def n_resonators(self) -> int:
@@ -562,6 +571,8 @@ class Workload:
             ("pipeline_steps", self.pipeline_steps, 0),
             ("copies", self.copies, 1),
             ("peak_state", self.peak_state, 0),
+            ("steps_per_sample", self.steps_per_sample, 1),
+            ("n_slots", self.n_slots, 1),
         ):
             if number < least:
                 raise ValueError(f"{name} must be >= {least}, got {number}")

@@ -10,6 +10,7 @@ from dse.deploy.bundle import BundleError
 from dse.deploy.export import bundle_of
 from dse.deploy.targets import Target
 from dse.deploy.verify import target_named
+from dse.hardware.kinds.gate_array import GateArray
 from dse.hardware.kinds.processor import Processor
 from dse.hardware.profile import load
 from dse.records import Network
@@ -96,7 +97,7 @@ def _cycles(study: Study, rows: pandas.DataFrame, target: Target) -> pandas.Seri
     if not profile or rows.empty:
         return math.nan
     chip = load(profile)
-    assert isinstance(chip, Processor)
+    assert isinstance(chip, Processor | GateArray)
     [costs] = pricing.costs(study.folder, rows, [chip])
     return costs["hardware_latency_ms"] * chip.cycles_per_ms
 

@@ -592,6 +592,8 @@ def load_of(
             awake=awake,
             copies=len(network.delays),
             peak_state=response.peak_state,
+            steps_per_sample=network.steps_per_sample,
+            n_slots=network.n_slots,
         )
         neurons = [neuron_of(layer.neuron) for layer in network.layers]
         pairs = zip(neurons, network.layers, strict=True)

@@ -17,7 +17,7 @@ PLAIN = Workload(
 MIXED = replace(PLAIN, resonators=(20, 0))
 FIXED = {
     *("loihi1_silicon", "loihi1_davies", "loihi1_kerasspiking", "xylo_imu"),
-    *("odin", "reckon", "truenorth"),
+    *("odin", "reckon", "truenorth", "ice40_up5k", "ecp5_12f"),
 }
 
 

