@@ -133,20 +133,36 @@ def simulated(board: Board, folder: Path, commands: Sequence[Ints]) -> replay.Pl
         Spikes of layer 1: of all neurons, counted through all layers; as `counts` the clock cycles of all
         steps of a window, and of the longest.
     """
+    numbers = np.concatenate([np.zeros(0, np.int32), *commands]).astype(np.int32)
+    blocks = [x for x in BLOCKS if x not in _OF_BOARD]
+    written = run_simulation(board, folder, "core", blocks, _REPLAY, numbers.tobytes())
+    return replay.parsed(np.frombuffer(written, np.int32))
+
+
+def run_simulation(
+    board: Board, folder: Path, top: str, blocks: Sequence[str], driver: Path, given: bytes
+) -> bytes:
+    """Return what a program writes that drives a simulated module.
+
+    Args:
+        board: whose tools simulate.
+        folder: with the Verilog.
+        top: module that is simulated.
+        blocks: files of Verilog that are read.
+        driver: C++ that includes TOP.cc, as yosys writes it.
+        given: what the program reads.
+    """
     python = check(board)
-    blocks = " ".join(x for x in BLOCKS if x not in _OF_BOARD)
-    script = f"read_verilog {blocks}; hierarchy -top core; write_cxxrtl core.cc"
+    script = f"read_verilog {' '.join(blocks)}; hierarchy -top {top}; write_cxxrtl {top}.cc"
     with tempfile.TemporaryDirectory() as name:
         place = _copied(folder, Path(name))
         _run(python, _YOSYS, "yosys", place, "-q", "-p", script)
         # By its path in this folder: the compiler keeps what it has compiled, and knows it by its path.
-        source = shutil.copyfile(_REPLAY, place / _REPLAY.name)
+        source = shutil.copyfile(driver, place / driver.name)
         flags = ("-std=c++14", "-O1", "-w", "-I", str(_headers(python)))
-        compiler = (sys.executable, "-m", "ziglang", "c++", *flags, str(source), "-o", "replay")
+        compiler = (sys.executable, "-m", "ziglang", "c++", *flags, str(source), "-o", "driver")
         _done(compiler, place, "the compiler of the simulation")
-        numbers = np.concatenate([np.zeros(0, np.int32), *commands]).astype(np.int32)
-        written = _done([str(place / "replay")], place, "the simulation", numbers.tobytes())
-    return replay.parsed(np.frombuffer(written, np.int32))
+        return _done([str(place / "driver")], place, "the simulation", given)
 
 
 def _copied(folder: Path, place: Path) -> Path:

@@ -1,6 +1,8 @@
 """Verilog: every spike and decision of random networks equals the engine's; what a chip takes is reported."""
 
 import json
+import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +12,16 @@ from dse.deploy.form import spiking_of
 from dse.deploy.run import TargetError
 from dse.deploy.targets.fpga import Ecp5, Ice40
 from dse.deploy.verilog import circuit, tools
+from dse.hardware.cost import cost
+from dse.measure.run import load_of
+from dse.models.snn.respond import respond
 from dse.neurons import cuba_lif, parameters_of
 from dse.records import Layer, Network
 from tests.deploy.c import nets
 
 TARGET = Ice40()
+HOST = Path(__file__).parent / "serial_host.cc"
+END, BEGIN = 65534, 65535
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -51,6 +58,16 @@ def written(made, folder):
     """Write the Verilog of a bundle, which is not placed."""
     circuit.write(circuit.of_form(spiking_of(made)), folder)
     (folder / "report.json").write_text("{}")
+
+
+def predicted_cycles(network, reference):
+    """Return what the profile predicts of all windows of a reference: the value and its ends."""
+    response = respond(network, reference.dataset, reference.dataset.test)
+    counts = np.concatenate([response.spikes, response.updates, response.updates > 0], axis=2)
+    n_steps = np.full(len(counts), float(response.spikes.shape[1]))
+    load = load_of(network, response, counts.sum(axis=1).astype(float), n_steps, 8)
+    chip = TARGET.board.chip
+    return [float((x * n_steps).sum()) * chip.clock_mhz.value for x in cost(chip, load).step_time_us]
 
 
 @pytest.mark.slow
@@ -90,8 +107,13 @@ def test_a_bitstream_with_a_report(target, begins, tmp_path):
 def test_spikes_and_decisions_equal(number, tmp_path):
     made, fired = nets.case(number)
     written(made, tmp_path)
-    verdict = TARGET.verify(made, tmp_path, nets.reference(made, fired))
+    reference = nets.reference(made, fired)
+    verdict = TARGET.verify(made, tmp_path, reference)
     assert verdict.kind == "faithful" and verdict.n_recordings == len(fired), verdict.reason
+    # The profile predicts the clock cycles of whole windows, and no fewer or more than its interval.
+    value, low, high = predicted_cycles(made.fitted, reference)
+    simulated = verdict.figures["cycles_per_step"] * reference.dataset.n_steps * len(fired)
+    assert low <= simulated <= high and value == pytest.approx(simulated, rel=0.05)
 
 
 def test_windows_that_break_off_and_spikes_that_do_not_count(tmp_path):
@@ -124,6 +146,34 @@ def with_noise(commands):
         else:
             noisy.append(number)
     return np.array(noisy)
+
+
+def through_the_port(folder, numbers, cycles_per_bit):
+    """Return what comes back over the serial port of the simulated top.v, (number, 2): byte and light."""
+    given = struct.pack("<i", round(100 * cycles_per_bit)) + np.asarray(numbers, ">u2").tobytes()
+    read = tools.run_simulation(TARGET.board, folder, "top", circuit.BLOCKS, HOST, given)
+    return np.frombuffer(read, np.uint8).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("cycles_per_bit", [11.7, 12.3])
+def test_the_serial_port_answers_as_the_engine(cycles_per_bit, tmp_path):
+    rng = np.random.default_rng(1)
+    made, fired = one_of_each(rng), recordings(rng)
+    written(made, tmp_path)
+    reference = nets.reference(made, fired)
+    numbers, expected = [7, END], [[255, 0]]  # what was before the first window is forgotten
+    for raster, label, time_ms, is_sure in zip(
+        fired, reference.label, reference.time_ms, reference.decided, strict=True
+    ):
+        numbers.append(BEGIN)
+        expected.append([255, 0])
+        for step, spikes in enumerate(raster, 1):
+            channels = np.flatnonzero(spikes)
+            numbers += [*channels, *channels[:1], 200, END]  # one twice, and one that is none
+            answered = step * nets.STEP_MS >= time_ms
+            expected.append([label, is_sure] if answered else [255, 0])
+    assert len(set(reference.label)) > 1 and len(set(reference.decided)) > 1
+    assert through_the_port(tmp_path, numbers, cycles_per_bit).tolist() == expected
 
 
 def test_what_fails_or_is_missing_is_one_line(tmp_path, monkeypatch):
