@@ -3,7 +3,7 @@
     python -m benchmarks.cells [--test 20] [--fit 0] [--csv FILE]
 
 Networks are those of `benchmarks.instructions`; those that a chip cannot hold are passed over. With `--fit`,
-the costs that `dse/deploy/targets/fpga.py` quotes are fitted anew to so many further networks (least squares
+the costs that the profiles quote are fitted anew to so many further networks (least squares
 of relative errors), and the others are predicted by these too. The tools are of the extra `fpga`.
 """
 
@@ -36,19 +36,21 @@ def main() -> None:
         table = placed(target, options.test + options.fit)
         work = table[list(WORK)].to_numpy()
         test, fit = slice(options.test), slice(options.test, None)
-        report(target.board.chip, "quoted", np.array(target.board.cell_costs), work[test], table.cells[test])
+        figures = target.board.chip.at("value")
+        quoted = np.array([figures[f"{of.removesuffix('_bits')}_cells"] for of in WORK])
+        report(target.profile, "quoted", quoted, work[test], table.cells[test])
         if options.fit:
             costs = np.linalg.lstsq(
                 work[fit] / table.cells.to_numpy()[fit, None], np.ones(options.fit), rcond=None
             )[0]
-            report(target.board.chip, "fitted", costs, work[test], table.cells[test])
+            report(target.profile, "fitted", costs, work[test], table.cells[test])
         tables.append(table)
     if options.csv:
         pd.concat(tables).to_csv(options.csv, index=False)
 
 
 WORK = ("circuit", "address_bits", "share_bits", "slot_bits")
-"""What cells are for, as `Board.cell_costs` counts it."""
+"""What cells are for, as the profile counts it."""
 
 
 def placed(target: Fpga, n_networks: int) -> pd.DataFrame:
@@ -71,8 +73,8 @@ def placed(target: Fpga, n_networks: int) -> pd.DataFrame:
             {"seed": seed, **dict(zip(WORK, work, strict=True)), **report, "predicted": before["cells"]}
             | {"predicted_blocks": before["memory_blocks"]}
         )
-        print({"chip": target.board.chip, **rows[-1]}, flush=True)
-    return pd.DataFrame(rows).assign(chip=target.board.chip)
+        print({"chip": target.profile, **rows[-1]}, flush=True)
+    return pd.DataFrame(rows).assign(chip=target.profile)
 
 
 def report(

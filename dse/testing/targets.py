@@ -22,15 +22,19 @@ from dse.testing.expect import expect, expect_component
 _N_CHANNELS, _N_STEPS, _N_RECORDINGS, _CLASSES = 6, 24, 5, ("felt", "linen", "silk")
 
 
-def check_target(target: Target) -> Verdict | None:
-    """Check a target on a small network: what it writes, and whether its run sees another net's weights.
+def check_target(
+    target: Target, bundle: Bundle | None = None, reference: Reference | None = None
+) -> Verdict | None:
+    """Check a target on a network: what it writes, and whether its run sees another net's weights.
 
     Args:
         target: the component.
+        bundle: the network; None: a small one with recurrent weights and delays, or one without where that
+            is refused.
+        reference: what the bundle answers to some recordings.
 
     Returns:
-        The verdict on a network with recurrent weights and delays, or on one without where it refuses that;
-        None where it refuses both, or where it cannot be written or run on this machine.
+        The verdict; None where it refuses the network, or where it cannot be written or run on this machine.
 
     Raises:
         AssertionError: what it violates.
@@ -44,14 +48,13 @@ def check_target(target: Target) -> Verdict | None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         recordings = small_recordings(folder / "touch.npz")
-        bundles = small_bundle(recurrent=True, delays=(0, 2), steps_per_sample=2), small_bundle()
-        for bundle in bundles:
-            refusal = target.refusal(bundle)
+        small = small_bundle(recurrent=True, delays=(0, 2), steps_per_sample=2), small_bundle()
+        for each in small if bundle is None else (bundle,):
+            refusal = target.refusal(each)
             expect(isinstance(refusal, str), f"{name}.refusal must return a text, got {refusal!r}")
             expect("\n" not in refusal, f"{name}.refusal must return one sentence")
             if not refusal:
-                reference = of_recordings(bundle, recordings)
-                return _check_run(target, bundle, reference, folder)
+                return _check_run(target, each, reference or of_recordings(each, recordings), folder)
     return None
 
 

@@ -82,9 +82,13 @@ class Fpga(BackEnd[Circuit]):
             "cycles_of_longest_step": longest,
             "share_of_step": longest / (self.board.clock_mhz * 1e3 * form.form.step_ms),
         }
-        time_ms = played.steps * reference.step_ms
-        run = Run(played.label, time_ms, played.confident, _of_layers(played.spikes, form.form.sizes))
-        yield Engine(tools.versions(self.board), run, figures)
+        yield Engine(tools.versions(self.board), run_of(played, form, reference), figures)
+
+
+def run_of(played: replay.Played, form: Circuit, reference: Reference) -> Run:
+    """Return what the simulated core did as a run."""
+    fired = _of_layers(played.spikes, form.form.sizes)
+    return Run(played.label, played.steps * reference.step_ms, played.confident, fired)
 
 
 def _of_layers(spikes: Ints, sizes: tuple[int, ...]) -> list[Ints]:
