@@ -76,6 +76,19 @@ def test_a_budget_in_cycles_picks_by_the_prediction_of_the_core(study, tmp_path,
     assert "cycles" not in read(tmp_path / "bundle").record
 
 
+def test_a_gate_array_is_chosen_by_cycles_and_blocks_before_it_is_synthesised(study):
+    on, notes = on_targets(study, study.points(), ["ice40"])
+    assert all("integer arithmetic" in note for note in notes)
+    on_chip = pricing.points(study.folder, ["ice40_up5k"])
+    on_chip = on_chip[on_chip["model.arithmetic"] == "integer"]
+    assert on["cycles"].tolist() == pytest.approx((on_chip["hardware_latency_ms"] * 12e3).tolist())
+    # A longer input costs more; no step takes more than one in which everything spikes.
+    steps = on["decision_latency_ms"] / on["decision_latency_ms"].min()
+    assert (on["cycles"] > 0).all() and on["cycles"].corr(steps) > 0
+    assert set(on["memory_blocks"]) <= set(range(5, 31)) and (on["cells"] > 300).all()
+    assert on_chip["fits"].all() and (on_chip["energy_uj_low"] < on_chip["energy_uj_high"]).all()
+
+
 def test_targets_of_a_search_space_are_known(tmp_path):
     tiny_study.write_recordings(tmp_path / "tiny.npz")
     path = tmp_path / "real.yaml"

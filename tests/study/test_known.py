@@ -74,7 +74,8 @@ def known_rows(space, design):
     ids=["layers", "delays", "pruned", "resonators", "columns"],
 )
 def test_training_measures_what_is_known(home, model):
-    fixed = [] if "neuron" in model else ["loihi1_silicon"] if "max_delay" in model else FIXED
+    delaying = ["loihi1_silicon", "ice40_up5k"]
+    fixed = [] if "neuron" in model else delaying if "max_delay" in model else [*FIXED, "ice40_up5k"]
     here = space(home, model=model, hardware=["mcu_m4", *fixed])
     study = explore.run(here, home / "results", progress=False)
     points = study.points()
@@ -106,6 +107,13 @@ def test_designs_beyond_a_limit_are_written_down_and_not_trained(home):
         "model.input_delays is '[0, 2]', model.hidden is 3"
     )
     assert set(study.points()["trial"]) == set(table.index[table["status"] == "finished"])
+
+
+def test_what_a_gate_array_cannot_hold_is_not_trained(home):
+    axes = {"hidden": {"choice": [7, 3000]}, "input_delays": [0]}
+    here = space(home, model=axes, limits=["fits"], hardware=["ice40_up5k"])
+    table = explore.run(here, home / "results", progress=False).trials.set_index("model.hidden")
+    assert table["status"].to_dict() == {7: "finished", 3000: "excluded"}
 
 
 def test_a_study_goes_on_under_other_limits(home):
