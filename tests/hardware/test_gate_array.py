@@ -67,6 +67,9 @@ def test_what_does_not_fit_says_by_what_and_what_would():
     assert cost(UP5K, network((300, 12288 // 303, 3), [0, 0, 0])).fits
     [misfit] = cost(UP5K, network((3, 3000, 3), [0, 0, 0])).misfits
     assert misfit.change.startswith("fewer neurons: ")
+    # Where the other memories alone are too many, no number of weights would fit.
+    [misfit] = cost(UP5K, network((1000, 3000, 3), [0, 0, 0])).misfits
+    assert misfit.change == "fewer neurons: 39 are for states"
     assert not cost(ECP5, network((300, 300, 3), [0, 0, 0])).fits
     assert cost(ECP5, network((300, 90, 3), [0, 0, 0])).fits
     # Delays of synapses lengthen every weight, and hold sums of later steps.

@@ -49,7 +49,7 @@ class Fpga(BackEnd[Circuit]):
         network_in(bundle, "Verilog holds")
         form = circuit.of_form(spiking_of(bundle))
         if misfit := self.board.chip.misfit(form.memories):
-            raise Unsupported(f"the network does not fit {self.profile}: {misfit}")
+            raise Unsupported(f"it takes {misfit}")
         return form
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:

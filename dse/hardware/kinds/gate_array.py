@@ -126,12 +126,13 @@ class GateArray(Profile):
         total, most = sum(taken.values()), int(self.memory_blocks.value)
         if total <= most:
             return None
-        largest = max(taken, key=lambda name: taken[name])
+        left = most - total + taken["weights"]
+        # Where the others alone are too many, fewer weights would not help.
+        largest = max((name for name in taken if name != "weights" or left > 0), key=lambda name: taken[name])
         if largest in _FEWER:
             change = _FEWER[largest].format(taken[largest])
         else:
             n_weights, n_bits = memories["weights"]
-            left = most - total + taken["weights"]
             fits = (n for n in range(0, n_weights, _ROUGHLY) if self.n_blocks(n, n_bits) <= left)
             n = max(fits, default=0)
             change = f"{n} weights of {n_bits} bits, delays included, instead of {n_weights}"
