@@ -6,14 +6,6 @@ const Design = (() => {
     confusion: "confusion", surface: "φ/θ", raster: "raster", recognition: "over time", first_spike: "first spike",
     histograms: "prototypes", energy: "energy", power: "power", cores: "cores", learning: "learning", bits: "bits",
   };
-  // What the figures are of: all but the raster and the surface stay as they are when φ and θ move.
-  const OF = {
-    confusion: "Answers at the end of the recording; all repeats.", energy: "An answer at the end of the recording.",
-    bits: "Answers at the end of the recording.",
-    recognition: "Answers after shorter recordings; mean of all repeats. The ring is t_c.",
-    first_spike: "Validation recordings, all repeats: median of each class, from its least to its largest time.",
-    histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
-  };
   const EXPERT = ["surface", "bits", "histograms", "cores"]; // tabs that a first look does not need
   const { element, svg } = Dom;
 
@@ -96,38 +88,6 @@ const Design = (() => {
     const [se, low, high] = ["se", "low", "high"].map((end) => at.value(`${column}_${end}`));
     if (value !== null && se) return `${text} ${app.error(se)}`;
     return value !== null && low !== null && high !== null && columns[column] ? `${text} (${app.number(low)}–${app.number(high)})` : text;
-  }
-
-  // Plotly writes numbers from Python as base64; returns them as (nested) lists.
-  const KINDS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f4: Float32Array, f8: Float64Array };
-  function listed(values) {
-    if (!values?.bdata) return Array.isArray(values) ? values : [];
-    const flat = [...Data.array(values.bdata, KINDS[values.dtype])];
-    const [rows, width] = String(values.shape ?? "").split(",").map(Number);
-    return width ? Array.from({ length: rows }, (_, k) => flat.slice(k * width, (k + 1) * width)) : flat;
-  }
-
-  // Plotly text as plain words.
-  const plain = (text) => String(text ?? "").replace(/<br>/g, " ").replace(/&lt;/g, "<").replace(/&gt;/g, ">").replace(/&amp;/g, "&");
-
-  const axisOf = (layout, trace) => plain(layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`]?.title?.text);
-
-  // What a figure shows, in words with its numbers: of a matrix what counts, of curves their ends, of bars what is written.
-  function told(tab, { data, layout }, number) {
-    const [first = {}] = data;
-    if (tab === "confusion") {
-      const names = (layout.xaxis?.ticktext ?? []).map(plain);
-      const counts = listed(first.text).map((row) => row.map(Number));
-      const right = counts.reduce((sum, row, k) => sum + row[k], 0);
-      const wrong = counts.flatMap((row, i) => row.map((n, j) => [n, i, j])).filter(([n, i, j]) => i !== j && n > 0).sort((a, b) => b[0] - a[0]);
-      const most = wrong.slice(0, 3).map(([n, i, j]) => `${names[i]} taken for ${names[j]} ${number(n)} times`);
-      return `Confusion matrix of ${counts.length} classes: ${number(right)} of ${number(counts.flat().reduce((sum, n) => sum + n, 0))} right${most.length ? `; most often wrong: ${most.join(", ")}` : ""}.`;
-    }
-    const ends = (trace) => [trace, listed(trace.y).filter(Number.isFinite)];
-    const curves = data.map(ends).filter(([, y]) => y.length).map(([trace, y]) =>
-      `${[axisOf(layout, trace), data.length > 1 && plain(trace.name)].filter(Boolean).join(" of ")} ${number(y[0], true)} to ${number(y.at(-1), true)}`);
-    const written = [...(layout.yaxis?.ticktext ?? []), ...(layout.annotations ?? []).map(({ text }) => text), ...listed(first.customdata).flat()].filter((text) => typeof text === "string");
-    return `${TABS[tab]}: ${[...curves, ...written.map(plain)].join("; ")}.`;
   }
 
   // The figure of one tab of a design, on the hardware shown; undefined where the study recorded none. That of its own
@@ -292,10 +252,10 @@ const Design = (() => {
 
     function figurePane(part, surface, tab) {
       const figure = figureOf(part, tab, shown.state.hardware, shown.state.pace, shown.chosen.value);
-      const node = Figure.node(tab, Figure.heightOf(figure), told(tab, figure, number));
-      const quiet = (text) => (text ? [element("p", { className: "quiet", textContent: text })] : []);
+      const { words = "", note = "" } = figure.layout.meta ?? {};
+      const node = Figure.node(tab, Figure.heightOf(figure), words);
       return {
-        nodes: [node, ...quiet(OF[tab])],
+        nodes: [node, element("p", { className: "quiet", textContent: note })],
         draw: () => Figure.draw(node, figure, app.style(), Figure.fitted), move() {},
       };
     }

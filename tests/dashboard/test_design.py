@@ -6,9 +6,11 @@ import sys
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 
 from dse import store
 from dse.config import load_space
+from dse.dashboard.details import TABS, of_tab
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled
 from dse.deploy import bundle
@@ -226,7 +228,7 @@ def test_tabs_are_those_that_were_recorded_and_open_by_keyboard(opened):
     assert page.tab.inner_text("#design .owner") == ""
     assert tab_names(page) == ["confusion", "φ/θ", "raster", "learning"]
     assert figure_says(page) == (
-        "Confusion matrix of 2 classes: 16 of 20 right; most often wrong: "
+        "The confusion matrix of 2 classes: 16 of 20 right; most often wrong: "
         "silk & wool taken for denim 3 times, denim taken for silk & wool 1 times."
     )
     assert page.tab.inner_text("#design .quiet >> text=c99") == "c99: faithful"
@@ -235,7 +237,7 @@ def test_tabs_are_those_that_were_recorded_and_open_by_keyboard(opened):
     page.tab.keyboard.press("ArrowLeft")
     drawn(page, "learning")
     assert page.tab.evaluate("gone.map((node) => node._fullLayout === undefined)") == [True], "purged"
-    assert figure_says(page) == "learning: loss 2 to 0.500."
+    assert figure_says(page) == "The learning curve: loss 2 to 0.500."
     assert page.tab.evaluate("document.activeElement.id") == "tab-learning"
     assert page.tab.get_attribute("#tab-learning", "aria-selected") == "true"
     assert hash_of(page)["tab"] == "learning"
@@ -261,10 +263,12 @@ def test_figures_of_the_papers_say_their_numbers(opened):
     response = store.response_arrays(answered, np.arange(3)) | {"target": np.array([0, 0, 1])}
     lengths = {"decision_latency_ms": np.array([50.0, 100.0]), "accuracy": np.array([0.5, 0.9])}
     own = {
-        "recognition": drawn_from(RecognitionFigure(0), read_out=[lengths]),
-        "first_spike": drawn_from(FirstSpikeFigure(0), classes=CLASSES, response=[response]),
-        "histograms": {"data": [{"type": "bar", "y": [1, 1, 1]}] * 2, "layout": {"annotations": titles}},
-        "power": drawn_from(PowerFigure(0), power.assign(trial=0)),
+        "recognition": drawn_from("recognition", RecognitionFigure(0), read_out=[lengths]),
+        "first_spike": drawn_from("first_spike", FirstSpikeFigure(0), classes=CLASSES, response=[response]),
+        "histograms": of_tab(
+            TABS["histograms"], go.Figure([go.Bar(y=[1, 1, 1])] * 2, {"annotations": titles})
+        ),
+        "power": drawn_from("power", PowerFigure(0), power.assign(trial=0)),
     }
     page = opened(
         documents={0: details(figures=own, surfaces=[], examples=[])},
