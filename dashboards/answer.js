@@ -134,7 +134,7 @@ const Answer = (() => {
       const [trial, point] = ["trial", "point"].map(subject.value);
       const chip = columns.hardware ? { hardware: state.hardware } : {};
       const deploys = page.budgets.results && subject.value("transductive") !== true;
-      const command = chosen && budgeted.pick !== subject.row ? exported(page.budgets.results, trial, point, chip.hardware) : budgeted.command;
+      const command = chosen && budgeted.pick !== subject.row ? app.exported(trial, point) : budgeted.command;
       return [
         ...(!deploys ? [element("p", { textContent: "A design that has seen the labels is not exported." })]
           : point === null && chosen && budgeted.pick !== subject.row ? [] : [element("p", {}, "Its network, its settings and the evidence as a folder:"), ...copier(command, "command")]),
@@ -143,11 +143,6 @@ const Answer = (() => {
         element("p", { id: "saves" }, "Save ", ...app.saves().flatMap(({ name, view }) => [`${name}: `, ...[...(view.image ? ["svg", "png"] : []), ...(view.listed ? ["csv"] : [])].map((format) =>
           button(format.toUpperCase(), () => app.save({ name, view }, format), { data: { saves: `${name}.${format}` } })), " "]), button("print", () => print())),
       ];
-    }
-
-    function exported(results, trial, point, chip) {
-      const row = [`(p.trial == ${trial})`, `(p.point == ${point})`, ...(chip === undefined ? [] : [`(p.hardware == ${JSON.stringify(chip)})`])].join(" & ");
-      return `python -c ${Budgets.quoted(`import dse; s = dse.open(${JSON.stringify(results)}); p = s.points(); dse.export(s, p[${row}].iloc[0], "bundle")`)}`;
     }
 
     function why() {

@@ -276,18 +276,22 @@ const Budgets = (() => {
         else conditions.push(...(low !== null ? [`${column} >= ${low}`] : []), ...(high !== null ? [`${column} <= ${high}`] : []));
       }
       const kept = atMost === null ? limits : [...limits.filter(({ column }) => column !== cost), { column: cost, way: "min", text: String(atMost) }];
-      const expressions = [...conditions, ...kept.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
+      const expressions = [...conditions, ...kept.map(({ column, way, text }) => `${column} ${{ max: ">=", min: "<=", is: "==" }[way]} ${Number(text)}`)];
       const priced = budgets.hardware.map((name) => `--hardware ${quoted(name)}`);
       return ["dse pick", quoted(budgets.results), ...priced, ...(chosen.oversize ? ["--oversize"] : []), ...expressions.map((one) => `--budget ${quoted(one)}`),
         ...(budgets.maximise === (objectives.find(([, way]) => way === "max")?.[0] ?? "accuracy") ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
     }
+
+    // The command of one point, on the chip of a state, whether it fits it or not.
+    const exported = (state, trial, point) => command(state, { ...filters(state), family: null, oversize: true },
+      [{ column: "trial", way: "is", text: trial }, { column: "point", way: "is", text: point }], []);
 
     // The front over some objectives alone, among what is within the budgets.
     const joined = (result, named) => remembered("joined", `${result.key}${named}`, () => byTask(
       result.rivals.filter((row) => result.within[row] && isSure(result.sure, row) && named.every((c) => Number.isFinite(values[c][row]))),
       named.map((c) => costOf(c, page.objectives[c]))));
 
-    return { evaluate, joined, leftOut, cost };
+    return { evaluate, exported, joined, leftOut, cost };
   }
 
   // ---- what a link may say of limits

@@ -394,7 +394,7 @@
     element, clip, number, error, known, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, title, sized, trusts, isShare, isFraction, familyName, chipName,
       saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric,
       distinct, numbers, categories, placed, setPoint,
-    headline, costsOf, costOf: () => engine.cost, differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),
+    headline, costsOf, costOf: () => engine.cost, exported: (trial, point) => engine.exported(state, trial, point), differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
   const views = [...document.querySelectorAll("[data-view]")].map((root) => {

@@ -335,8 +335,8 @@ def test_beside_its_study_the_line_that_exports_a_design_runs(shown, page_path, 
     page = gather_page(found.points(), name="real", objectives=found.objectives, results=results)
     write_filled("page", page, page_path)
     line = shown("chosen=0.3&ask=take").tab.text_content("#command")
-    assert line.startswith("python -c ")
-    line = line.replace("python", sys.executable, 1)
+    assert line.startswith("dse pick ")
+    line = line.replace("dse", f"{sys.executable} -m dse", 1)
     subprocess.run(line, shell=True, check=True, cwd=tmp_path, capture_output=True)
     record = bundle.read(tmp_path / "bundle").record
     assert (record["trial"], record["point"]) == (0, 3)
