@@ -3,7 +3,7 @@
 // view points.
 const Table = (() => {
   const ROWS = 50; // before all are asked for
-  const ON_PAPER = 8; // columns of a report, with a row per trial
+  const [COLUMNS_ON_PAPER, ROWS_ON_PAPER] = [8, 5]; // of a report, with a row per trial
   const SETTINGS = ["phi", "theta", "read_out_ms", "weight_bits", "pruned_after"]; // in which points of a trial differ
 
   const { element, button } = Dom;
@@ -70,11 +70,11 @@ const Table = (() => {
       const { state, columns, budgeted, objectives } = shown;
       const every = sorted(isWhole() ? shown.rows : budgeted.front);
       const isPaper = app.style().paper === true;
-      const named = columnsShown(every).slice(0, isPaper ? ON_PAPER : undefined);
+      const named = columnsShown(every).slice(0, isPaper ? COLUMNS_ON_PAPER : undefined);
       const all = found(every, named);
       const isOnce = (isPaper || (state.once === "" ? isWhole() : state.once === "1")) && Boolean(columns.trial);
       const front = isOnce ? firstOfTrials(all) : all;
-      const visible = state.rows === "all" ? front : front.slice(0, ROWS);
+      const visible = state.rows === "all" && !isPaper ? front : front.slice(0, isPaper ? ROWS_ON_PAPER : ROWS);
       Dom.keepFocus(table, (node) => node.dataset.key ?? node.title, () => {
         table.tHead.replaceChildren(element("tr", {}, ...named.map(head)));
         table.tBodies[0].replaceChildren(...visible.map((row) => lineFor(row, named)));
@@ -99,11 +99,9 @@ const Table = (() => {
       });
     }
 
-    const lineOf = (key) => [...table.tBodies[0].rows].find((line) => line.dataset.key === key);
-
     function hover(key) {
       table.querySelector("tr.pointed")?.classList.remove("pointed");
-      if (key !== null) lineOf(key)?.classList.add("pointed");
+      [...table.tBodies[0].rows].find((line) => line.dataset.key === key)?.classList.add("pointed");
     }
 
     const keyAt = (event) => event.target.closest("tbody tr")?.dataset.key;

@@ -22,7 +22,6 @@ from dse import registry, store
 from dse.config import ConfigError
 from dse.dashboard.budgets import budget_columns
 from dse.dashboard.gather import ENERGY, INSTEAD, plain
-from dse.dashboard.verdicts import sentences
 from dse.dashboard.write import packed, plain_figure, without_template
 from dse.figures import NothingRecorded
 from dse.figures.front import numbers
@@ -196,8 +195,7 @@ def gather_details(
     Returns:
         trial: its number;
         notes: one sentence for each part that cannot be read;
-        tasks: {task: figures, surfaces, examples, misfits, precisions}, each only if it was recorded;
-        targets: verdicts on targets, for each its `point` and `text`, if any bundle has them.
+        tasks: {task: figures, surfaces, examples, misfits, precisions}, each only if it was recorded.
 
         figures: by the name of their tab; `energy`, `energy_at_period` and `cores` per hardware.
         surfaces: for each precision, `phi`, `theta`, and per hardware ('' if the table names none) columns
@@ -296,9 +294,7 @@ def _document(source: _Source, trial: int) -> dict[str, Any]:
         str(task): _of_task(_Part(folder, source, str(task), of_task, runs, load), int(trial), notes)
         for task, of_task in rows.groupby("task", sort=False)
     }
-    of_targets = sentences(folder, int(trial))
-    targets = {"targets": of_targets} if of_targets else {}
-    return {"trial": int(trial), "notes": list(dict.fromkeys(notes)), "tasks": tasks, **targets}
+    return {"trial": int(trial), "notes": list(dict.fromkeys(notes)), "tasks": tasks}
 
 
 def _of_task(part: _Part, trial: int, notes: list[str]) -> dict[str, Any]:
@@ -388,7 +384,7 @@ def _said(tab: _Tab, figure: plotly.graph_objects.Figure) -> str:
     parts = []
     for trace in figure.data:
         known = () if trace.y is None else trace.y
-        y = [x for x in known if isinstance(x, int | float | np.number) and np.isfinite(x)]
+        y = [float(x) for x in known if isinstance(x, int | float | np.number) and np.isfinite(x)]
         if y:
             axis = layout[f"yaxis{(trace.yaxis or 'y')[1:]}"].title.text or ""
             of = [_words(x) for x in (axis, trace.name if len(figure.data) > 1 else "") if x]
@@ -405,7 +401,7 @@ def _words(text: str) -> str:
 
 def _in_digits(value: float) -> str:
     """Return a number as the page's words have it: a fraction with its zeros."""
-    return f"{value:.3f}" if 0.01 <= abs(value) < 0.9995 else short(float(value))
+    return f"{value:.3f}" if 0.01 <= abs(value) < 0.9995 else short(value)
 
 
 def _surfaces(rows: pandas.DataFrame, limited: Sequence[str]) -> list[dict[str, Any]]:

@@ -414,7 +414,7 @@ def test_nothing_in_a_document_can_run(opened):
     n = len(HOSTILE)
     examples = [example(name, (name, "silk")) for name in HOSTILE]
     document = details(figures={"confusion": confusion_of(np.eye(n, dtype=int), HOSTILE)}, examples=examples)
-    document |= {"notes": list(HOSTILE), "targets": [{"point": 0, "text": f"c99: faithful {EVIL}"}]}
+    document |= {"notes": list(HOSTILE)}
     document["tasks"] = {HOSTILE[0]: document["tasks"]["texture"], "__proto__": {}}
     frame = table(4).assign(task=HOSTILE[0], **{HOSTILE[2]: 1.0})
     frame["encoder.kind"] = [HOSTILE[trial] for trial in frame["trial"]]
