@@ -357,6 +357,17 @@
     };
   }
 
+  // The knee and the gaps of a front over two axes, of cost and of gain (budgets.js).
+  function shapeOf(line, axes, tried) {
+    const [cost, gain] = axes.map(({ column, share }, k) => {
+      const sign = (wayOf(column) ?? page.budgets.columns[column] ?? "max") === ["min", "max"][k] ? 1 : -1;
+      return (row) => sign * share(numbers(column)[row]);
+    });
+    const [, { column, share }] = axes;
+    const error = (row) => Math.abs(share(numbers(column)[row]) - share(numbers(column)[row] - (known(column, row)?.below ?? 0)));
+    return Budgets.shape(line, cost, gain, error, tried);
+  }
+
   // ---- what the page is made of
 
   const download = (name, address) => element("a", { href: address, download: name }).click();
@@ -389,7 +400,7 @@
     element, clip, number, error, known, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, title, sized, trusts, isShare, isFraction, familyName, chipName,
       report, saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric,
       distinct, numbers, categories, placed, setPoint,
-    headline, costsOf, costOf: () => engine.cost, exported: (trial, point) => engine.exported(state, trial, point), differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),
+    headline, costsOf, shape: shapeOf, bought: (column) => engine.bought(state, column), costOf: () => engine.cost, exported: (trial, point) => engine.exported(state, trial, point), differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
   const views = [...document.querySelectorAll("[data-view]")].map((root) => {
