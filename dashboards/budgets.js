@@ -57,7 +57,7 @@ const Budgets = (() => {
     const above = line.map((row) => gain(row) - gain(first) - (high * (cost(row) - cost(first))) / wide);
     const top = above.indexOf(Math.max(...above));
     const steps = line.slice(1).map((row, k) => [line[k], row]).filter(([from, to]) => cost(to) - cost(from) >= GAP * wide && gain(to) - gain(from) > error(to));
-    return { knee: above[top] > error(line[top]) ? line[top] : -1, gaps: steps.filter(([from, to]) => !tried.some((row) => cost(row) > cost(from) && cost(row) < cost(to))) };
+    return { knee: above[top] > error(line[top]) ? line[top] : -1, gaps: steps.filter(([from, to]) => !tried().some((row) => cost(row) > cost(from) && cost(row) < cost(to))) };
   }
 
   // A filter of its text: {low, high}, where null is no end, or {values: Set of texts}; and the text of some values.

@@ -132,13 +132,12 @@ const Figure = (() => {
 
   // ---- planes: what is drawn over two axes (Data.axis), x and y
 
-  const EDGES = [64, 16, 20, 44]; // px left and right of the axes, above and below them
-  const [LEFT, RIGHT, TOP, BELOW] = EDGES;
+  const [LEFT, RIGHT, TOP, BELOW] = [64, 16, 20, 44]; // px beside the axes
 
   // An axis, and where its values lie on a drawing of a size.
   function placed(make, k, [width, height]) {
     const [length, foot] = [k ? height - TOP - BELOW : width - LEFT - RIGHT, height - BELOW];
-    const axis = make(Math.max(2, Math.floor(length / (k ? 40 : 96))));
+    const axis = make(Math.max(2, Math.min(8, Math.floor(length / (k ? 40 : 96)))));
     const px = (share) => (k ? foot - share * length : LEFT + share * length);
     return { ...axis, to: (value) => px(axis.share(value)), from: (at) => axis.value((k ? foot - at : at - LEFT) / length) };
   }
@@ -182,5 +181,5 @@ const Figure = (() => {
     return canvas.toDataURL("image/png");
   }
 
-  return { EDGES, placed, frame, stairs, shaped, saved, library, style, print, recoloured, config, face, draw, fitted, heightOf, replace, brush, node, shade, STOPS, NOTATION };
+  return { EDGES: [LEFT, RIGHT, TOP, BELOW], placed, frame, stairs, shaped, saved, library, style, print, recoloured, config, face, draw, fitted, heightOf, replace, brush, node, shade, STOPS, NOTATION };
 })();

@@ -45,7 +45,7 @@ const Front = (() => {
       drawn.kinds = Uint8Array.from(drawn.points, (row) => (shown.leftOut(row) ? LEFT_OUT : !shown.within(row) ? OUTSIDE : line.has(row) ? JOINED : WITHIN));
       const [xs, ys] = values;
       drawn.line = drawn.points.filter((row) => line.has(row)).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
-      drawn.shape = app.shape(climbed(), drawn.axes, drawn.points.filter((_, k) => drawn.kinds[k] !== LEFT_OUT));
+      drawn.shape = app.shape(climbed(), drawn.axes, () => drawn.points.filter((_, k) => drawn.kinds[k] !== LEFT_OUT));
     }
 
     // ---- colours

@@ -171,7 +171,8 @@ const Parallel = (() => {
       shown = next;
       look = app.style();
       width = scroll.clientWidth || width;
-      axes = columnsShown().map(axisOf);
+      const named = columnsShown();
+      if (axes.of !== shown.rows || axes.map(({ column }) => column).join() !== named.join()) axes = Object.assign(named.map(axisOf), { of: shown.rows });
       arrange();
       paint();
       paintMarks();

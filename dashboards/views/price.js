@@ -32,7 +32,7 @@ const Price = (() => {
       const axes = ranges.map(([low, high], k) => ({ column: [column, gain][k],
         ...Figure.placed((most) => Data.axis(low, high, { log: k === 0 && Data.spansDecades(low, high), number, room: 0.03, most }), k, size) }));
       const spot = (row) => axes.map((axis) => axis.to(value(axis.column, row)));
-      const shape = app.shape(rows, axes, shown.rows.filter((row) => !shown.leftOut(row)));
+      const shape = app.shape(rows, axes, () => shown.rows.filter((row) => !shown.leftOut(row)));
       const points = rows.map(spot);
       const edge = axes[0].to(axes[0].value(shown.page.budgets.columns[column] === "min" ? 1 : 0));
       const bands = ends.map(({ low, high }, k) => {

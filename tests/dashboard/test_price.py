@@ -13,7 +13,7 @@ TIES = [(name, way) for name, way in OBJECTIVES.items() if name != "accuracy"]
 SHAPE = """([x, y, error, tried]) => {
   const rows = x.map((_, k) => k);
   const all = [...x, ...tried];
-  return Budgets.shape(rows, (row) => all[row], (row) => y[row], () => error, all.map((_, k) => k));
+  return Budgets.shape(rows, (row) => all[row], (row) => y[row], () => error, () => all.map((_, k) => k));
 }"""
 CARD = [["h2", "A card"], ["p", HOSTILE[0]], ["ul", ["one"]], ["table", [["accuracy", HOSTILE[1]]]]]
 
