@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,6 +16,7 @@ from dse.study.results import Study
 
 _MARKED = re.compile(r"\\(.)|\*\*|`")
 _CELLS = re.compile(r"(?<!\\)\|")
+_plain = functools.partial(_MARKED.sub, lambda mark: mark[1] or "")
 
 
 def gather_card(study: Study, point: Mapping[str, Any]) -> list[list[Any]]:
@@ -69,8 +71,3 @@ def parts(text: str) -> list[list[Any]]:
             level = len(line) - len(line.lstrip("#"))
             found.append([f"h{level + 1}" if level else "p", _plain(line[level:].strip())])
     return found
-
-
-def _plain(text: str) -> str:
-    """Return a text of Markdown without its marks."""
-    return _MARKED.sub(lambda mark: mark[1] or "", text)

@@ -70,12 +70,12 @@ class _Tab(NamedTuple):
 
 
 _ENERGY = "Energy by cause"
-_AT_END = "Answers at the end of the recording"
+_AT_END = "Answers at the end of the recording."
 TABS = {
     "bits": _Tab(
         "precision",
         "Accuracy against bits",
-        f"{_AT_END}.",
+        _AT_END,
         {"costs": (BITS,)},
         has=lambda record: record.accuracy.size > 1,
     ),
@@ -83,31 +83,17 @@ TABS = {
     "confusion": _Tab(
         "confusion",
         "The confusion matrix",
-        f"{_AT_END}; all repeats.",
+        f"{_AT_END} All repeats.",
         layout={"xaxis": {"tickangle": -45}},  # at other angles the last name leaves the panel
         traces={"showscale": False},
     ),
-    "recognition": _Tab(
-        "recognition",
-        "Accuracy over time",
-        "Answers after shorter recordings; mean of all repeats. The ring is t_c.",
-    ),
-    "energy": _Tab("energy", _ENERGY, "An answer at the end of the recording.", on_hardware=True),
-    "energy_at_period": _Tab(
-        "energy", _ENERGY, "An answer at the end of the recording.", {"pace": "period"}, on_hardware=True
-    ),
+    "recognition": _Tab("recognition", "Accuracy over time", "Mean of all repeats. The ring is t_c."),
+    "energy": _Tab("energy", _ENERGY, _AT_END, on_hardware=True),
+    "energy_at_period": _Tab("energy", _ENERGY, _AT_END, {"pace": "period"}, on_hardware=True),
     "cores": _Tab("cores", _ENERGY, on_hardware=True),
-    "first_spike": _Tab(
-        "first_spike",
-        "The first output spike",
-        "Validation recordings, all repeats: median of each class, from its least to its largest time.",
-    ),
+    "first_spike": _Tab("first_spike", "The first output spike", "Median and range of each class."),
     "histograms": _Tab(
-        "histograms",
-        "Class histograms",
-        "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
-        {"per_row": 2},
-        family="hots",
+        "histograms", "How often each prototype is nearest", "First repeat.", {"per_row": 2}, family="hots"
     ),
     "learning": _Tab("learning", "The learning curve"),
 }

@@ -44,11 +44,7 @@ class NotPlayed(ValueError):
 def shown_first(page: Mapping[str, Any], at: int = 0) -> list[int]:
     """Return the rows that the cards of a page show when it opens: pick, most accurate, half the cost.
 
-    The rules are those of `dashboards/budgets.js`, for the limits of the page.
-
-    Args:
-        page: `gather_page`.
-        at: a row of the task and chip that are chosen; at first those of row 0 are.
+    The rules are those of `dashboards/budgets.js`, for its limits and the task and chip of row `at`.
     """
     columns, budgets = page["columns"], page["budgets"]
     gain, known = budgets["maximise"], set(page["columns"])
