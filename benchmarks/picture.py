@@ -34,6 +34,7 @@ class Picture(NamedTuple):
 PICTURES = (
     Picture(ROOT / "results" / "page.png"),
     Picture(ROOT / "docs" / "pictures" / "chips.png", "chips", "[data-view=chips]", "td"),
+    Picture(ROOT / "docs" / "pictures" / "matters.png", "matters", "[data-view=price]", "svg"),
     Picture(ROOT / "docs" / "pictures" / "inside.png", "inside", "[data-view=design]", ".main-svg .ytick"),
 )
 _FIRST = """() => ({

@@ -14,6 +14,30 @@ const Answer = (() => {
     return [...new Set(found)].filter((row) => row >= 0);
   }
 
+  // A text to copy.
+  function copier(text, name) {
+    const code = element("code", { id: name, tabIndex: 0, "aria-label": name, textContent: text });
+    const status = element("small", { role: "status" });
+    return [code, button("copy", () => copy(code, status), { data: { copies: name } }), status];
+  }
+
+  // The designs that would tell: those that nobody measured, with less than one in one parameter, as a file for the search.
+  function untried(app, { page, columns }, row, name) {
+    if (row < 0 || !page.budgets.results) return [];
+    const axes = Object.keys(columns).filter((column) => /^\w+(\.\w+)+$/.test(column) && columns[column].values[row] !== null && app.distinct(column).length > 1);
+    const valuesOf = (one) => axes.map((column) => columns[column].values[one]);
+    const measured = new Set(app.lists().rows.map((one) => JSON.stringify(valuesOf(one))));
+    const less = (k) => [...new Set(columns[axes[k]].values)].filter((value) => typeof value === "number" && value < columns[axes[k]].values[row]).sort((a, b) => b - a)
+      .map((value) => Object.assign(valuesOf(row), { [k]: value })).find((one) => !measured.has(JSON.stringify(one)));
+    const found = axes.map((_, k) => less(k)).filter(Boolean);
+    if (!found.length) return [element("p", { textContent: "Every design with less in one parameter alone was measured." })];
+    const yaml = (value) => (typeof value === "string" && value.startsWith("[") ? value : JSON.stringify(value)); // a list is kept as its text
+    const lines = found.map((values) => `- {${values.map((value, k) => `${axes[k]}: ${yaml(value)}`).join(", ")}}`);
+    const [space, results] = [`${page.budgets.results}/search_space.yaml`, page.budgets.results.replace(/\/?[^/]*\/?$/, "") || "."].map(Budgets.quoted);
+    return [element("p", { textContent: "Designs that would tell, since nobody measured them; dse enqueue trains them:" }),
+      ...copier(`cat > designs.yaml <<'END'\n${lines.join("\n")}\nEND\ndse enqueue ${space} designs.yaml --results ${results}`, name)];
+  }
+
   function panel(root, cards, app) {
     const { number, clip, sized, change, many, plural, headline, differences, costsOf } = app;
     let shown = null;
@@ -25,15 +49,15 @@ const Answer = (() => {
     const gained = (column, value) => (value === null ? "–" : app.isFraction(column) ? percent(value) : sized(column, value));
     const label = (column) => clip(shown.columns[column].label, 40);
 
-    function ends(column, { row }) {
-      const known = app.known(column, row);
+    function ends(column, at) {
+      const known = app.known(column, at);
       const [low, high] = [known?.low, known?.high].map((end) => (app.isFraction(column) ? number(Number((100 * Math.min(1, end)).toPrecision(2))) : number(end)));
       return known ? ` (${low}–${high})` : "";
     }
     const whole = (text) => element("span", { className: "whole", textContent: text });
     function measured(column, at) {
-      const isOpen = app.isOpen(column, at.row);
-      const value = isOpen ? app.known(column, at.row).low : at.value(column);
+      const isOpen = app.isOpen(column, at);
+      const value = isOpen ? app.known(column, at).low : at.value(column);
       return whole(`${isOpen ? "at least " : ""}${sized(column, value)}${shown.columns[column].unit ? "" : `\u00a0${label(column)}`}`);
     }
 
@@ -123,31 +147,20 @@ const Answer = (() => {
     const asks = Object.entries(ASKED).map(([ask, text]) => button(text, () => change({ ask: shown.state.ask === ask ? "" : ask }), { "aria-controls": "told", data: { ask } }));
     root.append(line, element("div", { id: "asks" }, ...asks), told);
 
-    function copier(text, name) {
-      const code = element("code", { id: name, tabIndex: 0, "aria-label": name, textContent: text });
-      const status = element("small", { role: "status" });
-      return [code, button("copy", () => copy(code, status), { data: { copies: name } }), status];
-    }
-
     function take() {
       const { page, subject, chosen, columns, budgeted, state } = shown;
       const [trial, point] = ["trial", "point"].map(subject.value);
       const chip = columns.hardware ? { hardware: state.hardware } : {};
       const deploys = page.budgets.results && subject.value("transductive") !== true;
-      const command = chosen && budgeted.pick !== subject.row ? exported(page.budgets.results, trial, point, chip.hardware) : budgeted.command;
+      const command = chosen && budgeted.pick !== subject.row ? app.exported(trial, point) : budgeted.command;
       return [
         ...(!deploys ? [element("p", { textContent: "A design that has seen the labels is not exported." })]
           : point === null && chosen && budgeted.pick !== subject.row ? [] : [element("p", {}, "Its network, its settings and the evidence as a folder:"), ...copier(command, "command")]),
         ...(deploys && Details.isServed(shown.page) && point !== null ? [element("a", { id: "bundle", textContent: "download it", href: Details.address("bundle.zip", { trial, point, ...chip }) })] : []),
         element("p", {}, "A link to what you see:"), ...copier(location.href, "link"),
         element("p", { id: "saves" }, "Save ", ...app.saves().flatMap(({ name, view }) => [`${name}: `, ...[...(view.image ? ["svg", "png"] : []), ...(view.listed ? ["csv"] : [])].map((format) =>
-          button(format.toUpperCase(), () => app.save({ name, view }, format), { data: { saves: `${name}.${format}` } })), " "]), button("print", () => print())),
+          button(format.toUpperCase(), () => app.save({ name, view }, format), { data: { saves: `${name}.${format}` } })), " "]), button("print", app.report)),
       ];
-    }
-
-    function exported(results, trial, point, chip) {
-      const row = [`(p.trial == ${trial})`, `(p.point == ${point})`, ...(chip === undefined ? [] : [`(p.hardware == ${JSON.stringify(chip)})`])].join(" & ");
-      return `python -c ${Budgets.quoted(`import dse; s = dse.open(${JSON.stringify(results)}); p = s.points(); dse.export(s, p[${row}].iloc[0], "bundle")`)}`;
     }
 
     function why() {
@@ -164,7 +177,7 @@ const Answer = (() => {
         best === pick ? `${app.nameOf(best)} measured the best ${label(gain)}, ${app.withInterval(gain, best)}${cost ? ", and no cheaper one comes as near as its error" : ""}.`
           : `${app.nameOf(best)} measured the best ${label(gain)}, ${app.withInterval(gain, best)}. ${plural(alike.length, "setting")} of ${plural(trials, "design")} ${alike.length === 1 ? "is" : "are"} as good within its error; ${app.nameOf(pick)} has the least ${label(cost)} of them: ${differences(app.point(app.keyOf(pick)), top).join(", ")}.`,
         ...(chosen && subject.row !== pick ? [`You chose ${subject.row >= 0 ? app.nameOf(subject.row) : "another setting"}: ${differences(subject, app.point(app.keyOf(pick))).join(", ")} beside that.`] : []),
-        `This design: ${app.trusts(gain).map((name) => `${label(name)} ${subject.row >= 0 ? app.withInterval(name, subject.row) : number(subject.value(name))}`).join(", ")}.${app.trusts(gain).length > 1 ? " The best of many is partly luck, which the corrected one leaves out." : ""}`,
+        `This design: ${app.trusts(gain).map((name) => `${label(name)} ${app.withInterval(name, subject)}`).join(", ")}.${app.trusts(gain).length > 1 ? " The best of many is partly luck, which the corrected one leaves out." : ""}`,
       ].map((textContent) => element("p", { textContent }));
     }
 
@@ -188,25 +201,7 @@ const Answer = (() => {
       const none = element("p", { textContent: `No measured design has less ${label(improve)} and is as good in all but ${label(give)}.` });
       return [head, ...(found.length ? [element("div", { className: "offers" },
         ...found.map((row) => card(`÷${number(costs[improve][subject.row] / costs[improve][row])} ${label(improve)}`, app.point(app.keyOf(row)), subject)))] : [none]),
-        ...tell(found[0] ?? subject.row)];
-    }
-
-    // The designs that would tell: those that nobody measured, with less than one in one parameter, as a file for the search.
-    function tell(row) {
-      const { page, columns } = shown;
-      if (row < 0 || !page.budgets.results) return [];
-      const axes = Object.keys(columns).filter((column) => /^\w+(\.\w+)+$/.test(column) && columns[column].values[row] !== null && app.distinct(column).length > 1);
-      const valuesOf = (one) => axes.map((column) => columns[column].values[one]);
-      const measured = new Set(app.lists().rows.map((one) => JSON.stringify(valuesOf(one))));
-      const less = (k) => [...new Set(columns[axes[k]].values)].filter((value) => typeof value === "number" && value < columns[axes[k]].values[row]).sort((a, b) => b - a)
-        .map((value) => Object.assign(valuesOf(row), { [k]: value })).find((one) => !measured.has(JSON.stringify(one)));
-      const found = axes.map((_, k) => less(k)).filter(Boolean);
-      if (!found.length) return [element("p", { textContent: "Every design with less in one parameter alone was measured." })];
-      const yaml = (value) => (typeof value === "string" && value.startsWith("[") ? value : JSON.stringify(value)); // a list is kept as its text
-      const lines = found.map((values) => `- {${values.map((value, k) => `${axes[k]}: ${yaml(value)}`).join(", ")}}`);
-      const [space, results] = [`${page.budgets.results}/search_space.yaml`, page.budgets.results.replace(/\/?[^/]*\/?$/, "") || "."].map(Budgets.quoted);
-      return [element("p", { textContent: "Designs that would tell, since nobody measured them; dse enqueue trains them:" }),
-        ...copier(`cat > designs.yaml <<'END'\n${lines.join("\n")}\nEND\ndse enqueue ${space} designs.yaml --results ${results}`, "enqueue")];
+        ...untried(app, shown, found[0] ?? subject.row, "enqueue")];
     }
 
     // ---- cards
@@ -247,7 +242,7 @@ const Answer = (() => {
       const isPick = subject.row === pick;
       // As good within its error, and cheaper: what the pick already is.
       const gain = shown.page.budgets.maximise;
-      const good = !isPick && cost && pick >= 0 && app.numbers(gain)[pick] >= subject.value(gain) - (app.known(gain, subject.row)?.below ?? 0)
+      const good = !isPick && cost && pick >= 0 && app.numbers(gain)[pick] >= subject.value(gain) - (app.known(gain, subject)?.below ?? 0)
         && app.numbers(cost)[pick] < subject.value(cost);
       const other = good ? card("as good, cheaper", at(pick), subject) : isPick && best !== pick ? card("the most accurate", at(best), subject)
         : !isPick && pick >= 0 ? card("the pick", at(pick), subject) : null;
@@ -291,5 +286,5 @@ const Answer = (() => {
     }
   }
 
-  return { panel, offers };
+  return { panel, offers, untried };
 })();

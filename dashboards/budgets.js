@@ -3,6 +3,8 @@
 // The rules are those of dse.skyline, so that the page and the commands give the same rows.
 const Budgets = (() => {
   const STEPS = 200; // of a slider
+  const LEAST = 4; // points of a front of whose shape anything is said
+  const GAP = 0.1; // of a front's width
 
   // ---- pure: rows and numbers in, rows and numbers out
 
@@ -45,6 +47,19 @@ const Budgets = (() => {
     return best;
   }
 
+  // What the shape of a front tells, from its cheap end; `cost`, `gain` and `error` of a row are shares of the drawn axes. The knee lies
+  // highest above the line between the ends, by more than its error: beyond it a step costs more per gain than the whole front does
+  // (Das 1999; Satopää et al. 2011). A gap: a tenth of the front or more that gains more than the error, at costs that nobody tried.
+  function shape(line, cost, gain, error, tried) {
+    const [first, last] = [line[0], line.at(-1)];
+    const [wide, high] = line.length < LEAST ? [0, 0] : [cost, gain].map((of) => of(last) - of(first));
+    if (!(wide > 0)) return { knee: -1, gaps: [] };
+    const above = line.map((row) => gain(row) - gain(first) - (high * (cost(row) - cost(first))) / wide);
+    const top = above.indexOf(Math.max(...above));
+    const steps = line.slice(1).map((row, k) => [line[k], row]).filter(([from, to]) => cost(to) - cost(from) >= GAP * wide && gain(to) - gain(from) > error(to));
+    return { knee: above[top] > error(line[top]) ? line[top] : -1, gaps: steps.filter(([from, to]) => !tried().some((row) => cost(row) > cost(from) && cost(row) < cost(to))) };
+  }
+
   // A filter of its text: {low, high}, where null is no end, or {values: Set of texts}; and the text of some values.
   function filter(text) {
     if (text.startsWith("in:")) return { values: new Set(text.slice(3).split("|").map(decodeURIComponent)) };
@@ -60,20 +75,18 @@ const Budgets = (() => {
 
   function scale([low, high], way) {
     const log = Data.spansDecades(low, high);
-    const at = (step) => (log ? low * (high / low) ** (step / STEPS) : low + ((high - low) * step) / STEPS);
+    const axis = Data.axis(low, high, { log });
     const loose = way === "min" ? STEPS : 0;
     const limit = (step) => {
       if (step === loose) return "";
-      const value = at(step);
+      const value = axis.value(step / STEPS);
       const quantum = log ? 10 ** (Math.floor(Math.log10(value)) - 2) : 10 ** Math.floor(Math.log10((high - low) / STEPS));
       const rounded = (way === "min" ? Math.ceil : Math.floor)(value / quantum) * quantum; // never tighter than drawn
       return String(Number(rounded.toPrecision(12)));
     };
     const step = (text) => {
       if (text === "") return loose;
-      const value = Number(text);
-      const share = log ? Math.log(Math.max(value, low) / low) / Math.log(high / low) : (value - low) / (high - low);
-      const near = Math.round(STEPS * Math.min(1, Math.max(0, share)));
+      const near = Math.round(STEPS * Math.min(1, Math.max(0, axis.share(Math.max(Number(text), low)))));
       return [near, near - 1, near + 1].find((k) => k >= 0 && k <= STEPS && limit(k) === text) ?? near;
     };
     return { limit, step };
@@ -91,6 +104,8 @@ const Budgets = (() => {
         .filter((c) => c && columns[c]).map((c) => [c, numbers(columns[c].values)]));
     const costOf = (column, way) => (way === "max" ? values[column].map((v) => -v) : values[column]);
     const costs = objectives.map(([column, way]) => costOf(column, way));
+    // What decides between rows: the most of what is maximised, then the ties.
+    const ranking = budgets.maximise ? [costOf(budgets.maximise, "max"), ...budgets.ties.filter(([c]) => values[c]).map(([c, way]) => costOf(c, way))] : [];
     const whole = new Uint8Array(nRows); // rows of any front or budget: all of the table's are here
     for (const row of budgets.contenders) whole[row] = 1;
     const weight = (row) => (whole[row] ? 1 : budgets.stands_for); // how many points a row stands for
@@ -207,18 +222,17 @@ const Budgets = (() => {
       const result = {
         key: JSON.stringify([key, limits.map(({ column, text }) => [column, text]), sure]), page, chosen, limits, within, count, total, admitted, conditions, rivals,
         matches: (row) => conditions.every((one) => passes(one, row)),
-        misfits, weight, isUnable, isMisfit: (row) => isLarge(row) || isUnable(row), noneFits: admissible.length === 0 && misfits.length > 0,
+        misfits, weight, isUnable, noneFits: admissible.length === 0 && misfits.length > 0,
           front: base.filter((row) => limits.every((limit) => meets(limit, row)) && isSure(sure, row)), sure,
         ranges: remembered("ranges", key, () => rangesOf(chosen)), exact: budgets.stands_for <= 1, best: -1, pick: -1, half: -1, alike: [], among: [], atMost: null, nearest: [], relaxed: [],
         command: command(state, chosen, limits, conditions),
       };
       if (!budgets.maximise) return result;
-      const ranking = [costOf(budgets.maximise, "max"), ...budgets.ties.filter(([c]) => values[c]).map(([c, way]) => costOf(c, way))];
       const sameDesign = (a, b) => (columns.trial ? columns.trial.values[a] === columns.trial.values[b] : a === b);
       const feasible = rivals.filter(isWithin);
       result.best = least(feasible, ranking);
       if (result.best >= 0) {
-        Object.assign(result, frugal(feasible, ranking, result.best));
+        Object.assign(result, frugal(feasible, result.best));
         result.among = feasible;
         result.command = command(state, chosen, limits, conditions, result.atMost);
         result.half = cost ? least(feasible.filter((row) => values[cost][row] <= values[cost][result.pick] / 2), ranking) : -1;
@@ -253,7 +267,7 @@ const Budgets = (() => {
     // much, so that it is the best within a limit of what it costs: the command says this limit.
     const cost = ["energy_uj", page.period?.instead, ...Object.keys(page.objectives)].find((name) => page.objectives[name] === "min" && values[name]);
     const errorOf = (row) => (Object.hasOwn(page.intervals, budgets.maximise) ? page.intervals[budgets.maximise].low[row] : 0);
-    function frugal(feasible, ranking, best) {
+    function frugal(feasible, best) {
       const enough = values[budgets.maximise][best] - errorOf(best);
       const alike = feasible.filter((row) => values[budgets.maximise][row] >= enough);
       const atMost = cost ? Math.min(...alike.map((row) => values[cost][row]).filter(Number.isFinite)) : Infinity;
@@ -276,18 +290,35 @@ const Budgets = (() => {
         else conditions.push(...(low !== null ? [`${column} >= ${low}`] : []), ...(high !== null ? [`${column} <= ${high}`] : []));
       }
       const kept = atMost === null ? limits : [...limits.filter(({ column }) => column !== cost), { column: cost, way: "min", text: String(atMost) }];
-      const expressions = [...conditions, ...kept.map(({ column, way, text }) => `${column} ${way === "max" ? ">=" : "<="} ${Number(text)}`)];
+      const expressions = [...conditions, ...kept.map(({ column, way, text }) => `${column} ${{ max: ">=", min: "<=", is: "==" }[way]} ${Number(text)}`)];
       const priced = budgets.hardware.map((name) => `--hardware ${quoted(name)}`);
       return ["dse pick", quoted(budgets.results), ...priced, ...(chosen.oversize ? ["--oversize"] : []), ...expressions.map((one) => `--budget ${quoted(one)}`),
         ...(budgets.maximise === (objectives.find(([, way]) => way === "max")?.[0] ?? "accuracy") ? [] : [`--maximise ${quoted(budgets.maximise ?? "")}`]), "--export bundle"].join(" ");
     }
+
+    // The rows that are best in turn as the limit of a column loosens and the others stay: what dse pick takes at each.
+    function bought(state, column) {
+      const { among } = evaluate({ ...state, [`b.${column}`]: "" });
+      const cost = costOf(column, budgets.columns[column]);
+      const found = [];
+      for (const row of among.filter((one) => Number.isFinite(cost[one])).sort((a, b) => cost[a] - cost[b] || a - b)) {
+        if (found.length && least([found.at(-1), row], ranking) !== row) continue;
+        if (found.length && cost[found.at(-1)] === cost[row]) found.pop();
+        found.push(row);
+      }
+      return found;
+    }
+
+    // The command of one point, on the chip of a state, whether it fits it or not.
+    const exported = (state, trial, point) => command(state, { ...filters(state), family: null, oversize: true },
+      [{ column: "trial", way: "is", text: trial }, { column: "point", way: "is", text: point }], []);
 
     // The front over some objectives alone, among what is within the budgets.
     const joined = (result, named) => remembered("joined", `${result.key}${named}`, () => byTask(
       result.rivals.filter((row) => result.within[row] && isSure(result.sure, row) && named.every((c) => Number.isFinite(values[c][row]))),
       named.map((c) => costOf(c, page.objectives[c]))));
 
-    return { evaluate, joined, leftOut, cost };
+    return { evaluate, bought, exported, joined, leftOut, cost };
   }
 
   // ---- what a link may say of limits
@@ -297,5 +328,5 @@ const Budgets = (() => {
     [`b.${column}`, String(page.definition.budgets[column] ?? "")]));
   const allowed = (page) => Object.fromEntries(Object.keys(page.budgets.columns).map((column) => [`b.${column}`, isLimit]));
 
-  return { over, front, least, filter, oneOf, quoted, scale, plain, allowed, STEPS };
+  return { over, front, least, shape, LEAST, filter, oneOf, quoted, scale, plain, allowed, STEPS };
 })();

@@ -14,19 +14,15 @@ const Data = (() => {
     return new Response(new Blob([array(text, Uint8Array)]).stream().pipeThrough(new DecompressionStream("gzip"))).json();
   }
 
-  // What is wrong, in place of a page that cannot be shown.
-  function showError(text) {
-    document.querySelector("main").replaceChildren(Dom.element("p", { className: "note", role: "alert", textContent: text }));
-  }
-
   async function read() {
     const { type, textContent } = document.getElementById("data");
     try {
       return type === "application/json" ? JSON.parse(textContent) : await unpacked(textContent);
     } catch (error) {
-      showError(typeof DecompressionStream === "undefined"
+      const textContent = typeof DecompressionStream === "undefined"
         ? "This browser cannot decompress the page. Use Chrome or Edge 80, Firefox 113, Safari 16.4, or a later version."
-        : "The data of this page cannot be read; the file may be truncated. Write or copy it again.");
+        : "The data of this page cannot be read; the file may be truncated. Write or copy it again.";
+      document.querySelector("main").replaceChildren(Dom.element("p", { className: "note", role: "alert", textContent }));
       throw error;
     }
   }
@@ -52,8 +48,9 @@ const Data = (() => {
     const [first, last] = [Math.ceil(Math.log10(low) - 1e-9), Math.floor(Math.log10(high) + 1e-9)];
     const step = Math.max(1, Math.ceil((last - first + 1) / most));
     const whole = Array.from({ length: Math.max(0, Math.floor((last - first) / step) + 1) }, (_, k) => Number(`1e${first + k * step}`));
-    return whole.length > 2 || step > 1 ? whole : [1, 2, 5].flatMap((n) => Array.from({ length: last - first + 3 }, (_, k) => n * Number(`1e${first - 1 + k}`)))
-      .filter((value) => value >= low && value <= high).sort((a, b) => a - b);
+    if (whole.length > 2 || step > 1) return whole;
+    const between = (digits) => digits.flatMap((n) => Array.from({ length: last - first + 3 }, (_, k) => n * Number(`1e${first - 1 + k}`))).filter((value) => value >= low && value <= high).sort((a, b) => a - b);
+    return [[1, 2, 5], [1, 3]].map(between).find((ticks) => ticks.length <= 1.5 * most) ?? whole;
   }
 
   // An axis over numbers, or over the places of `names`: where a value lies as a share of it, the value at a share, and

@@ -2,7 +2,6 @@
 // What a page knows of one trial beyond its points: carried by the page, or requested from its server.
 const Details = (() => {
   const documents = new Map();
-  const failed = new Set(); // trials whose request failed
   let columns; // of the page that they belong to: live.js keeps the same object while no point changes
 
   // The token of a server on the network is part of the page's address.
@@ -12,31 +11,30 @@ const Details = (() => {
     return `${route}?${query}`;
   }
 
-  async function request(trial) {
-    const answer = await fetch(address("design.json", { trial }), { cache: "no-store" });
-    return answer.ok ? answer.json() : null;
+  // What a server tells, or in words `why` it does not.
+  async function ask(route, fields) {
+    try {
+      const answer = await fetch(address(route, fields), { cache: "no-store" });
+      return answer.ok ? await answer.json() : { why: await answer.text() };
+    } catch {
+      return { why: "The connection was lost." };
+    }
   }
 
   const isServed = (page) => page.tags !== undefined;
 
-  // Resolves to the document of a trial, or to null where there is none.
+  // Resolves to the document of a trial, or to null where a file has none; `why` it has none is asked for again.
   function of(page, trial) {
     if (page.columns !== columns) documents.clear();
     columns = page.columns;
     const key = String(trial);
+    const carried = page.details?.[key];
     if (!documents.has(key)) {
-      const carried = page.details?.[key];
-      failed.delete(key);
-      documents.set(key, (isServed(page) ? request(key) : carried ? Data.unpacked(carried) : Promise.resolve(null)).catch(() => {
-        documents.delete(key); // a lost connection may come back
-        failed.add(key);
-        return null;
-      }));
+      documents.set(key, isServed(page) ? ask("design.json", { trial }) : carried ? Data.unpacked(carried).catch(() => ({ why: "The details of this design cannot be read." })) : Promise.resolve(null));
+      documents.get(key).then((found) => { if (found?.why) documents.delete(key); });
     }
     return documents.get(key);
   }
 
-  const hasFailed = (trial) => failed.has(String(trial));
-
-  return { of, hasFailed, isServed, address };
+  return { of, ask, isServed, address };
 })();

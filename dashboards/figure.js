@@ -130,6 +130,45 @@ const Figure = (() => {
     return `rgb(${parts[0].map((low, i) => Math.round(low + (at - k) * (parts[1][i] - low))).join(",")})`;
   }
 
+  // ---- planes: what is drawn over two axes (Data.axis), x and y
+
+  const [LEFT, RIGHT, TOP, BELOW] = [64, 16, 20, 44]; // px beside the axes
+
+  // An axis, and where its values lie on a drawing of a size.
+  function placed(make, k, [width, height]) {
+    const [length, foot] = [k ? height - TOP - BELOW : width - LEFT - RIGHT, height - BELOW];
+    const axis = make(Math.max(2, Math.min(8, Math.floor(length / (k ? 40 : 96)))));
+    const px = (share) => (k ? foot - share * length : LEFT + share * length);
+    return { ...axis, to: (value) => px(axis.share(value)), from: (at) => axis.value((k ? foot - at : at - LEFT) / length) };
+  }
+
+  // The ticks and the titles of two axes.
+  function frame([x, y], titles, [width, height], look) {
+    const { svg } = Dom;
+    const line = (d) => svg("path", { d, stroke: look.rule, "stroke-width": 1 });
+    const word = (text, attributes) => svg("text", { fill: look.text, text, ...attributes });
+    const ticks = (axis) => axis.ticks.filter(([value]) => axis.share(value) >= -0.001 && axis.share(value) <= 1.001);
+    return [
+      ...ticks(x).flatMap(([value, text]) => [line(`M${x.to(value).toFixed(1)} ${TOP}V${height - BELOW}`), word(text, { x: x.to(value), y: height - BELOW + 16,
+        "text-anchor": "middle", class: "tick-x" })]),
+      ...ticks(y).flatMap(([value, text]) => [line(`M${LEFT} ${y.to(value).toFixed(1)}H${width - RIGHT}`), word(text, { x: LEFT - 6, y: y.to(value) + 4, "text-anchor": "end" })]),
+      word(titles[0], { x: (LEFT + width - RIGHT) / 2, y: height - 8, "text-anchor": "middle", class: "x-title" }),
+      word(titles[1], { x: -(TOP + height - BELOW) / 2, y: 14, transform: "rotate(-90)", "text-anchor": "middle", class: "y-title" }),
+    ];
+  }
+
+  // The path of what a front attains, through its points [x, y] in px from the cheap end.
+  const stairs = (points) => points.map(([x, y], k) => (k ? `H${x.toFixed(1)}V${y.toFixed(1)}` : `M${x.toFixed(1)} ${y.toFixed(1)}`)).join("");
+
+  // The knee and the gaps of a front (Budgets.shape): a word each, and the front is dashed where nobody tried. `spot` is where a row lies.
+  function shaped({ knee, gaps }, spot, look) {
+    const word = (text, x, y) => Dom.svg("text", { x, y: y - 7, "text-anchor": "middle", fill: look.text, stroke: look.page, "stroke-width": 3, "paint-order": "stroke", text });
+    return [...gaps.flatMap(([from, to]) => {
+      const [[left, y], [right]] = [spot(from), spot(to)];
+      return [Dom.svg("path", { class: "gap", d: `M${left} ${y}H${right}`, stroke: look.page, "stroke-width": 3, "stroke-dasharray": "5 5" }), word("untried", (left + right) / 2, y)];
+    }), ...(knee < 0 ? [] : [word("knee", ...spot(knee))])];
+  }
+
   // A drawing as a picture that is kept: a data address of it, or of its pixels.
   async function saved(text, [width, height], format) {
     const address = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
@@ -142,5 +181,5 @@ const Figure = (() => {
     return canvas.toDataURL("image/png");
   }
 
-  return { saved, library, style, print, recoloured, config, face, draw, fitted, heightOf, replace, brush, node, shade, STOPS, NOTATION };
+  return { EDGES: [LEFT, RIGHT, TOP, BELOW], placed, frame, stairs, shaped, saved, library, style, print, recoloured, config, face, draw, fitted, heightOf, replace, brush, node, shade, STOPS, NOTATION };
 })();

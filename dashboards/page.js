@@ -89,18 +89,18 @@
     return page.objectives[name] === "max" && numbers(name).every((value) => Number.isNaN(value) || (value >= 0 && value <= 1));
   }
 
-  // What is known of a number: its ends, and how far they are from it; null of one without an error.
-  function known(column, row) {
-    const ends = row >= 0 && Object.hasOwn(page.intervals, column) ? page.intervals[column] : null; // a column may be called __proto__
-    const value = ends && columns[column].values[row];
-    if (!ends || value === null || !(ends.low[row] || ends.high[row])) return null;
-    const [below, above] = [ends.low[row], ends.high[row]];
-    return { low: value - below, high: value + above, below, above };
+  // What is known of a number of a row or of a point: its ends, and how far they are from it; null of one without an error.
+  function known(column, of) {
+    const { row, value } = typeof of === "number" ? { row: of, value: (name) => columns[name]?.values[of] ?? null } : of;
+    const [at, se, low, high] = ["", "_se", "_low", "_high"].map((end) => value(`${column}${end}`)); // ends: of a point off the page
+    const ends = Object.hasOwn(page.intervals, column) ? page.intervals[column] : null; // a column may be called __proto__
+    const [below, above] = row >= 0 ? [ends?.low[row], ends?.high[row]] : [se ?? (low === null ? 0 : at - low), se ?? (high === null ? 0 : high - at)];
+    return at === null || !(below || above) ? null : { low: at - below, high: at + above, below, above };
   }
 
   // Whether all that is known of a number is its lower end: the upper one is more than a hundred times that.
-  function isOpen(column, row) {
-    const { low = 0, high = 0 } = known(column, row) ?? {};
+  function isOpen(column, of) {
+    const { low = 0, high = 0 } = known(column, of) ?? {};
     return low > 0 && high > OPEN * low;
   }
 
@@ -134,12 +134,12 @@
     return [...new Set(all)].filter((name) => Object.hasOwn(columns, name));
   }
 
-  function withInterval(column, row) {
-    const ends = known(column, row);
-    const [text, low, high] = [columns[column].values[row], ends?.low, ends?.high].map((value) => number(value, isShare(column)));
+  function withInterval(column, of) {
+    const ends = known(column, of);
+    const [text, low, high] = [typeof of === "number" ? columns[column].values[of] : of.value(column), ends?.low, ends?.high].map((value) => number(value, isShare(column)));
     if (!ends) return text;
     if (Math.abs(ends.below - ends.above) <= 1e-3 * ends.above) return `${text} ${error(ends.above)}`;
-    return isOpen(column, row) ? `at least ${number(ends.low)}` : `${text} (${low}–${high})`;
+    return isOpen(column, of) ? `at least ${number(ends.low)}` : `${text} (${low}–${high})`;
   }
 
   const trialName = (trial) => `Trial ${number(trial)}`;
@@ -172,17 +172,12 @@
   // A page whose energies are those at the sensor's period: one switch for every number of it.
   function atPeriod(data) {
     const { energy, instead } = data.period;
-    const renamed = (name) => (name === energy ? instead : name);
-    const swapped = (object) => Object.fromEntries(Object.entries(object ?? {}).map(([name, value]) => [renamed(name), value]));
-    const { definition: given, columns: { [energy]: flat, [instead]: paced, ...rest } } = data;
-    const front = { ...given.front, ...Object.fromEntries(["x", "y"].map((axis) => [axis, renamed(given.front[axis])])), log: given.front.log.map(renamed) };
-    const list = (names) => names && names.map(renamed);
+    const renamed = (value) => (value === energy ? instead : Array.isArray(value) ? value.map(renamed) : value && typeof value === "object"
+      ? Object.fromEntries(Object.entries(value).map(([name, inner]) => [renamed(name), renamed(inner)])) : value);
+    const { [energy]: flat, [instead]: paced, ...rest } = data.columns;
     return {
-      ...data, objectives: swapped(data.objectives), budgets: { ...data.budgets, columns: swapped(data.budgets.columns) },
+      ...data, objectives: renamed(data.objectives), definition: renamed(data.definition), budgets: { ...data.budgets, columns: renamed(data.budgets.columns) },
       columns: { ...rest, [instead]: { ...paced, label: flat.label }, [energy]: { ...flat, label: `${flat.label} flat out` } },
-      definition: {
-        ...given, front, table: list(given.table), parallel: list(given.parallel), budgets: swapped(given.budgets), sort: renamed(given.sort),
-      },
     };
   }
 
@@ -362,11 +357,20 @@
     };
   }
 
+  // The knee and the gaps of a front over two axes, of cost and of gain (budgets.js).
+  function shapeOf(line, axes, tried) {
+    const [cost, gain] = axes.map(({ column, share }, k) => {
+      const sign = (wayOf(column) ?? page.budgets.columns[column] ?? "max") === ["min", "max"][k] ? 1 : -1;
+      return (row) => sign * share(numbers(column)[row]);
+    });
+    const [, { column, share }] = axes;
+    const error = (row) => Math.abs(share(numbers(column)[row]) - share(numbers(column)[row] - (known(column, row)?.below ?? 0)));
+    return Budgets.shape(line, cost, gain, error, tried);
+  }
+
   // ---- what the page is made of
 
-  function download(name, address) {
-    element("a", { href: address, download: name }).click();
-  }
+  const download = (name, address) => element("a", { href: address, download: name }).click();
 
   // Some rows with all their columns, as a spreadsheet reads them.
   function csv(name, some) {
@@ -382,6 +386,8 @@
     download(`${fileName()}-${name}.csv`, address);
     setTimeout(() => URL.revokeObjectURL(address), 60000);
   }
+  // A report has what a view must ask its server for first.
+  const report = () => Promise.all(views.map(({ view }) => view.load?.(selection(false)))).then(() => print());
   const save = async ({ name, view }, format) => (format === "csv" ? csv(name, view.listed()) : download(`${fileName()}-${name}.${format}`, await view.image(format)));
   const fileName = () => clip(page.name, 80).replace(/[^\p{L}\p{N}_-]+/gu, "_");
 
@@ -392,9 +398,9 @@
 
   const app = {
     element, clip, number, error, known, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, title, sized, trusts, isShare, isFraction, familyName, chipName,
-      saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric,
+      report, saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric,
       distinct, numbers, categories, placed, setPoint,
-    headline, costsOf, costOf: () => engine.cost, differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),
+    headline, costsOf, shape: shapeOf, bought: (column) => engine.bought(state, column), costOf: () => engine.cost, exported: (trial, point) => engine.exported(state, trial, point), differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),
     hover: (key) => views.forEach(({ view }) => view.hover?.(key)),
   };
   const views = [...document.querySelectorAll("[data-view]")].map((root) => {
@@ -467,7 +473,7 @@
     const at = shown.chosen;
     if (at && at.row < 0 && isNamed() && !surfaces.has(`${at.key}@${state.hardware}`)) {
       Details.of(page, at.key.split(".")[0]).then((details) => {
-        const values = details && Design.valuesOf(shown, details, at.key);
+        const values = details?.tasks && Design.valuesOf(shown, details, at.key);
         if (!values || shown.state.hardware !== state.hardware) return;
         setPoint(at.key, values);
         change({});

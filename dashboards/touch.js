@@ -49,16 +49,11 @@ const Touch = (() => {
       button("to the end", end, { id: "touch-end" }), canvas, bars, meter, said);
     const node = element("div", { className: "touch" }, ask, body, why);
 
-    // What a server answers: the document, or in words why there is none.
-    async function request(of) {
-      const [trial, point] = of.split(".");
-      const answer = await fetch(Details.address("touch.json", { trial, point }), { cache: "no-store" });
-      return answer.ok ? answer.json() : { designs: { [of]: { why: await answer.text() } } };
-    }
     async function load() {
       const [of, turn] = [key, asked += 1];
-      const found = shown.page.touches ?? await request(of).catch(() => ({ designs: { [of]: { why: "The connection was lost." } } }));
-      const design = found.designs[of];
+      const [trial, point] = of.split(".");
+      const found = shown.page.touches ?? await Details.ask("touch.json", { trial, point });
+      const design = found.designs?.[of] ?? found;
       const made = design.why ? design : await machine(design, found.inputs).catch(() => ({ why: "This browser runs no WebAssembly." }));
       if (turn === asked) known = made;
     }

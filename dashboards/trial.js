@@ -17,14 +17,7 @@
   };
 
   // The first event after a time.
-  function after(t) {
-    let [low, high] = [0, events.t.length];
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (events.t[middle] > t) high = middle; else low = middle + 1;
-    }
-    return low;
-  }
+  const after = (t) => events.t.findLastIndex((one) => one <= t) + 1;
 
   let state = { moment: page.moment, playing: false, slower: 10, exaggeration: 1 };
 

@@ -6,14 +6,6 @@ const Design = (() => {
     confusion: "confusion", surface: "φ/θ", raster: "raster", recognition: "over time", first_spike: "first spike",
     histograms: "prototypes", energy: "energy", power: "power", cores: "cores", learning: "learning", bits: "bits",
   };
-  // What the figures are of: all but the raster and the surface stay as they are when φ and θ move.
-  const OF = {
-    confusion: "Answers at the end of the recording; all repeats.", energy: "An answer at the end of the recording.",
-    bits: "Answers at the end of the recording.",
-    recognition: "Answers after shorter recordings; mean of all repeats. The ring is t_c.",
-    first_spike: "Validation recordings, all repeats: median of each class, from its least to its largest time.",
-    histograms: "What the first repeat has learnt: how often each prototype of the last layer is nearest.",
-  };
   const EXPERT = ["surface", "bits", "histograms", "cores"]; // tabs that a first look does not need
   const { element, svg } = Dom;
 
@@ -87,49 +79,6 @@ const Design = (() => {
     return null;
   }
 
-  // A number of a point with its uncertainty and its unit, from its row or from what its surface told.
-  const withUnit = (app, shown, at, column) => `${app.clip(worded(app, shown, at, column), 120)}\u00a0${shown.columns[column].unit}`.trim();
-  function worded(app, { columns, objectives }, at, column) {
-    if (at.row >= 0) return app.withInterval(column, at.row);
-    const value = at.value(column);
-    const text = app.number(value, objectives.includes(column));
-    const [se, low, high] = ["se", "low", "high"].map((end) => at.value(`${column}_${end}`));
-    if (value !== null && se) return `${text} ${app.error(se)}`;
-    return value !== null && low !== null && high !== null && columns[column] ? `${text} (${app.number(low)}–${app.number(high)})` : text;
-  }
-
-  // Plotly writes numbers from Python as base64; returns them as (nested) lists.
-  const KINDS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f4: Float32Array, f8: Float64Array };
-  function listed(values) {
-    if (!values?.bdata) return Array.isArray(values) ? values : [];
-    const flat = [...Data.array(values.bdata, KINDS[values.dtype])];
-    const [rows, width] = String(values.shape ?? "").split(",").map(Number);
-    return width ? Array.from({ length: rows }, (_, k) => flat.slice(k * width, (k + 1) * width)) : flat;
-  }
-
-  // Plotly text as plain words.
-  const plain = (text) => String(text ?? "").replace(/<br>/g, " ").replace(/&lt;/g, "<").replace(/&gt;/g, ">").replace(/&amp;/g, "&");
-
-  const axisOf = (layout, trace) => plain(layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`]?.title?.text);
-
-  // What a figure shows, in words with its numbers: of a matrix what counts, of curves their ends, of bars what is written.
-  function told(tab, { data, layout }, number) {
-    const [first = {}] = data;
-    if (tab === "confusion") {
-      const names = (layout.xaxis?.ticktext ?? []).map(plain);
-      const counts = listed(first.text).map((row) => row.map(Number));
-      const right = counts.reduce((sum, row, k) => sum + row[k], 0);
-      const wrong = counts.flatMap((row, i) => row.map((n, j) => [n, i, j])).filter(([n, i, j]) => i !== j && n > 0).sort((a, b) => b[0] - a[0]);
-      const most = wrong.slice(0, 3).map(([n, i, j]) => `${names[i]} taken for ${names[j]} ${number(n)} times`);
-      return `Confusion matrix of ${counts.length} classes: ${number(right)} of ${number(counts.flat().reduce((sum, n) => sum + n, 0))} right${most.length ? `; most often wrong: ${most.join(", ")}` : ""}.`;
-    }
-    const ends = (trace) => [trace, listed(trace.y).filter(Number.isFinite)];
-    const curves = data.map(ends).filter(([, y]) => y.length).map(([trace, y]) =>
-      `${[axisOf(layout, trace), data.length > 1 && plain(trace.name)].filter(Boolean).join(" of ")} ${number(y[0], true)} to ${number(y.at(-1), true)}`);
-    const written = [...(layout.yaxis?.ticktext ?? []), ...(layout.annotations ?? []).map(({ text }) => text), ...listed(first.customdata).flat()].filter((text) => typeof text === "string");
-    return `${TABS[tab]}: ${[...curves, ...written.map(plain)].join("; ")}.`;
-  }
-
   // The figure of one tab of a design, on the hardware shown; undefined where the study recorded none. That of its own
   // precision, or else that of the network as trained: `isOwn` tells which.
   function figureOf(part, tab, hardware, pace = "flat", precision = () => null) {
@@ -174,7 +123,7 @@ const Design = (() => {
       node.hidden = columns.length === 0;
       node.replaceChildren(...columns.flatMap((column) => [
         element("dt", { textContent: shown.columns[column].label, title: column }),
-        element("dd", { textContent: withUnit(app, shown, shown.chosen, column), title: String(shown.chosen.value(column)) }),
+        element("dd", { textContent: `${clip(app.withInterval(column, shown.chosen), 120)}\u00a0${shown.columns[column].unit}`.trim(), title: String(shown.chosen.value(column)) }),
       ]));
     }
 
@@ -209,7 +158,7 @@ const Design = (() => {
       const { page, columns, chosen } = shown;
       const trial = named(shown, chosen.key)[0] ?? (columns.trial ? chosen.value("trial") : null);
       if (trial !== loaded.trial) loaded = { trial, page: null, details: trial === null ? null : undefined, text: "" };
-      if (trial === null || (loaded.page === page && loaded.details)) return;
+      if (trial === null || (loaded.page === page && loaded.details?.tasks)) return;
       const entry = loaded = { ...loaded, page };
       Details.of(page, trial).then((details) => {
         if (entry !== loaded) return; // another design was chosen meanwhile
@@ -231,20 +180,18 @@ const Design = (() => {
     function renderParts() {
       const { page, state, chosen } = shown;
       const { details } = loaded;
-      const part = details ? partOf(details, chosen.value("task")) : {};
+      const part = details?.tasks ? partOf(details, chosen.value("task")) : {};
       misfit.replaceChildren();
-      const names = details ? tabsOf(part, state.hardware, page.definition?.design).filter((name) => state.expert === "1" || state.tab === name || !EXPERT.includes(name)) : [];
+      const names = details?.tasks ? tabsOf(part, state.hardware, page.definition?.design).filter((name) => state.expert === "1" || state.tab === name || !EXPERT.includes(name)) : [];
       const open = names.includes(state.tab) ? state.tab : names[0];
       strip.hidden = names.length === 0;
       tabs.render(names, open);
       if (open) pane.setAttribute("aria-labelledby", `tab-${open}`);
       else pane.removeAttribute("aria-labelledby");
-      const [, point] = named(shown, chosen.key);
-      const verdicts = (details?.targets ?? []).filter((one) => one.point === point).map((one) => one.text);
-      notes.replaceChildren(...[...verdicts, ...(details?.notes ?? [])].map((text) => element("p", { textContent: text })));
+      notes.replaceChildren(...(details?.notes ?? []).map((text) => element("p", { textContent: text })));
       pane.setAttribute("aria-busy", String(details === undefined));
       if (details === undefined) return showText("…");
-      if (details === null) return showText(absent(page));
+      if (!details?.tasks) return showText(details?.why ?? absent(page));
       if (!open) return showText("Its runs recorded nothing to draw.");
       const surface = surfaceOf(part, named(shown, chosen.key)[1], chosen.value, state.hardware);
       const misfits = entryOf(part.misfits, state.hardware) ?? [];
@@ -255,15 +202,13 @@ const Design = (() => {
         drawn.move();
         return;
       }
-      const focused = pane.contains(document.activeElement) ? document.activeElement.dataset.name : undefined;
       const selected = new Map([...pane.querySelectorAll("select")].map((select) => [select.dataset.name, select.value]));
       const built = { surface: surfacePane, raster: rasterPane }[open] ?? figurePane;
       drawn = { key, details, ...built(part, surface, open) };
-      Figure.replace(pane, ...drawn.nodes);
+      Dom.keepFocus(pane, ({ dataset }) => dataset.name, () => Figure.replace(pane, ...drawn.nodes));
       for (const select of pane.querySelectorAll("select")) {
         if ([...select.options].some(({ value }) => value === selected.get(select.dataset.name))) select.value = selected.get(select.dataset.name);
       }
-      if (focused) pane.querySelector(`[data-name=${focused}]`)?.focus({ preventScroll: true });
       drawn.move();
       drawn.draw();
     }
@@ -279,23 +224,19 @@ const Design = (() => {
     const inBits = (value) => `${number(value("weight_bits"))} bits per weight${value("pruned_after") ? `, ${number(100 * value("pruned_after"))}\u00a0% of them removed` : ""}`;
 
     function absent(page) {
-      const isServed = Details.isServed(page);
-      if (Details.hasFailed(loaded.trial)) return isServed ? "The connection was lost before the details of this design arrived." : "The details of this design cannot be read.";
-      if (isServed) return "Nothing was recorded.";
       if (!page.budgets.results) return "This page has no details of designs.";
       const n = Object.keys(page.details ?? {}).length;
-      const carried = n ? `the details of ${app.plural(n, "design")}` : "no details of designs";
-      return `This file carries ${carried}; dse dashboard ${Budgets.quoted(page.budgets.results)} shows all.`;
+      return `This file carries ${n ? `the details of ${app.plural(n, "design")}` : "no details of designs"}; dse dashboard ${Budgets.quoted(page.budgets.results)} shows all.`;
     }
 
     // ---- figures
 
     function figurePane(part, surface, tab) {
       const figure = figureOf(part, tab, shown.state.hardware, shown.state.pace, shown.chosen.value);
-      const node = Figure.node(tab, Figure.heightOf(figure), told(tab, figure, number));
-      const quiet = (text) => (text ? [element("p", { className: "quiet", textContent: text })] : []);
+      const { words = "", note = "" } = figure.layout.meta ?? {};
+      const node = Figure.node(tab, Figure.heightOf(figure), words);
       return {
-        nodes: [node, ...quiet(OF[tab])],
+        nodes: [node, element("p", { className: "quiet", textContent: note })],
         draw: () => Figure.draw(node, figure, app.style(), Figure.fitted), move() {},
       };
     }
@@ -306,12 +247,11 @@ const Design = (() => {
     function settings(surface, known, follow) {
       const { theta, best } = surface;
       let place = -1;
-      let request = 0;
       const sliders = ["phi", "theta"].map((name) => {
         const [symbol, words] = name === "phi" ? ["φ", "φ: spikes before any decision"] : ["θ", "θ: share of spikes that decides"];
         const slider = element("input", {
           type: "range", min: 0, max: surface[name].length - 1, step: 1, disabled: surface[name].length < 2, "aria-label": words, data: { name },
-          oninput: () => aim(Number(sliders[0].slider.value) * theta.length + Number(sliders[1].slider.value)), onchange: settle,
+          oninput: () => aim(Number(sliders[0].slider.value) * theta.length + Number(sliders[1].slider.value), true), onchange: () => aim(place, false),
         });
         const out = element("output");
         return { name, slider, out, node: element("label", { title: words }, element("span", { textContent: symbol }), slider, out) };
@@ -341,29 +281,17 @@ const Design = (() => {
         return names.filter((column) => typeof known[column]?.[at] === "number").map((column) => phrase(column, known[column][at])).join(" · ");
       }
 
-      // The marks move at once; the rest of the page, once per frame.
-      function aim(at) {
+      function aim(at, moving) {
         place = at;
         show();
-        if (!request) request = requestAnimationFrame(() => choose(true));
-      }
-
-      function choose(moving) {
-        cancelAnimationFrame(request);
-        request = 0;
         const key = `${loaded.trial}.${surface.first_point + place}`;
         if (app.rowOf(key) < 0) app.setPoint(key, valuesOf(shown, loaded.details, key));
         change({ chosen: key }, moving);
       }
 
-      function settle() {
-        if (place >= 0) choose(false);
-      }
-
       return {
-        nodes: [element("div", { className: "setting" }, ...sliders.map(({ node }) => node)), summary], aim(at) { aim(at); settle(); },
+        nodes: [element("div", { className: "setting" }, ...sliders.map(({ node }) => node)), summary], aim,
         move() {
-          if (request) return; // the reader is ahead of the page
           place = placeOn(surface, named(shown, shown.chosen.key)[1]);
           show();
         },
@@ -405,7 +333,7 @@ const Design = (() => {
         const [low, most] = Data.ends(values.filter(Number.isFinite));
         const cells = values.map((value, place) => {
           const [x, y] = spot(place);
-          const choose = () => { if (isMovable()) sliders.aim(place); };
+          const choose = () => { if (isMovable()) sliders.aim(place, false); };
           return svg("rect", { x, y, width: wide - 1, height: high - 1, fill: Figure.shade(low === most ? 0.5 : (value - low) / (most - low)), on: { click: choose } },
             svg("title", { text: phrase(place) }));
         });
@@ -443,8 +371,6 @@ const Design = (() => {
       const known = surface && columnsOn(surface, shown.state.hardware);
       const sliders = known && isMovable() ? settings(surface, known, follow) : null;
       let rule = { phi: null, theta: null, after: null };
-      let moved = null; // the marks that are drawn
-      let plot = null;
       const example = () => examples[Number(select.value)];
 
       function answer() {
@@ -479,8 +405,6 @@ const Design = (() => {
           annotations: (layout.annotations ?? []).map((one) => (one.name === "theta" ? { ...one, visible, y: rule.theta ?? 0 } : one)),
         };
       }
-      const figure = () => ({ data: example().figure.data, layout: { ...example().figure.layout, ...marks() } });
-
       function describe() {
         summary.textContent = sentence();
         const { title, spikes, classes, n_steps: nSteps, step_ms: stepMs } = example();
@@ -492,17 +416,13 @@ const Design = (() => {
         const { value } = shown.chosen;
         rule = place < 0 ? { phi: value("phi"), theta: value("theta"), after: value("read_out_ms") }
           : { phi: surface.phi[Math.floor(place / surface.theta.length)], theta: surface.theta[place % surface.theta.length], after: null };
-        describe();
-        const now = marks();
-        if (!plot || JSON.stringify(now) === JSON.stringify(moved)) return;
-        moved = now;
-        Plotly.relayout(plot, Figure.recoloured(now, app.style()));
+        redraw();
       }
 
-      async function draw() {
-        node.style.height = `${Figure.heightOf(example().figure)}px`;
-        moved = marks();
-        plot = await Figure.draw(node, figure(), app.style(), Figure.fitted);
+      function draw() {
+        const { data, layout } = example().figure;
+        node.style.height = `${Figure.heightOf({ layout })}px`;
+        Figure.draw(node, { data, layout: { ...layout, ...marks() } }, app.style(), Figure.fitted);
       }
       function redraw() {
         describe();

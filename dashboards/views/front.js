@@ -2,7 +2,7 @@
 // The chart: designs over two columns, the front that joins the best, the pick, and limits that are dragged on it. A canvas
 // has the points, of which twenty thousand follow a limit; what is written and what is dragged lies over it.
 const Front = (() => {
-  const [LEFT, RIGHT, TOP, BELOW] = [64, 16, 20, 44]; // px beside the axes
+  const [LEFT, RIGHT, TOP, BELOW] = Figure.EDGES; // px beside the axes
   const ROOM = 0.03; // share of an axis beside its outermost values
   const NEAR_PX = 16; // how far from a point a pointer means it
   const FLY_MS = 450; // from one chip to another
@@ -22,16 +22,13 @@ const Front = (() => {
     // ---- places
 
     const names = () => [shown.state.x, shown.state.y];
-    function axesOf(points, [width, height]) {
+    function axesOf(points, size) {
       return names().map((column, k) => {
         const values = app.numbers(column);
         const [low, high] = points.length ? Data.ends(points.map((row) => values[row])) : [0, 1];
         const log = shown.state[`l${"xy"[k]}`] === "1" && low > 0;
-        const words = app.categories(column).map((name) => clip(name, 24));
-        const length = k ? height - TOP - BELOW : width - LEFT - RIGHT;
-        const axis = Data.axis(low, high, { log, names: app.isNumeric(column) ? [] : words, number, room: ROOM, most: Math.max(2, Math.floor(length / (k ? 56 : 96))) });
-        const px = (share) => (k ? height - BELOW - share * length : LEFT + share * length);
-        return { ...axis, column, log, to: (value) => px(axis.share(value)), from: (at) => axis.value(k ? (height - BELOW - at) / length : (at - LEFT) / length) };
+        const words = app.isNumeric(column) ? [] : app.categories(column).map((name) => clip(name, 24));
+        return { ...Figure.placed((most) => Data.axis(low, high, { log, names: words, number, room: ROOM, most }), k, size), column };
       });
     }
 
@@ -48,6 +45,7 @@ const Front = (() => {
       drawn.kinds = Uint8Array.from(drawn.points, (row) => (shown.leftOut(row) ? LEFT_OUT : !shown.within(row) ? OUTSIDE : line.has(row) ? JOINED : WITHIN));
       const [xs, ys] = values;
       drawn.line = drawn.points.filter((row) => line.has(row)).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
+      drawn.shape = app.shape(climbed(), drawn.axes, () => drawn.points.filter((_, k) => drawn.kinds[k] !== LEFT_OUT));
     }
 
     // ---- colours
@@ -164,31 +162,13 @@ const Front = (() => {
         svg("path", { d: "M-5 -5L5 5M-5 5L5 -5", stroke: look.quiet, "stroke-width": 2 }), svg("title", { text: `${clip(name, 60)}: ${clip(caption, 120)}` })));
     }
 
-    function staircase() {
-      const [xs, ys] = names().map(app.numbers);
-      const [toX, toY] = drawn.axes.map(({ to }) => to);
-      const isMin = app.wayOf(shown.state.x) === "min";
-      const path = drawn.line.map((row, k) => {
-        const [x, y] = [toX(xs[row]).toFixed(1), toY(ys[row]).toFixed(1)];
-        return k === 0 ? `M${x} ${y}` : isMin ? `H${x}V${y}` : `V${y}H${x}`;
-      }).join("");
-      return path ? [svg("path", { class: "joined", d: path, fill: "none", stroke: shown.colour ? look.text : look.palette[0], "stroke-width": 1.5 })] : [];
-    }
+    const spot = (row) => names().map((column, k) => drawn.axes[k].to(app.numbers(column)[row]));
+    // The front from its cheap end, as x has it.
+    const climbed = () => (app.wayOf(shown.state.x) === "min" ? drawn.line : [...drawn.line].reverse());
 
-    function frame() {
-      const [width, height] = drawn.size;
-      const [x, y] = drawn.axes;
-      const line = (d) => svg("path", { d, stroke: look.rule, "stroke-width": 1 });
-      const word = (text, attributes) => svg("text", { fill: look.text, text, ...attributes });
-      const inside = ([value]) => (one) => one.share(value) >= -0.001 && one.share(value) <= 1.001;
-      const ticks = (axis) => axis.ticks.filter((tick) => inside(tick)(axis));
-      return [
-        ...ticks(x).flatMap(([value, text]) => [line(`M${x.to(value).toFixed(1)} ${TOP}V${height - BELOW}`), word(text, { x: x.to(value), y: height - BELOW + 16,
-          "text-anchor": "middle", class: "tick-x" })]),
-        ...ticks(y).flatMap(([value, text]) => [line(`M${LEFT} ${y.to(value).toFixed(1)}H${width - RIGHT}`), word(text, { x: LEFT - 6, y: y.to(value) + 4, "text-anchor": "end" })]),
-        word(clip(title(x.column), 60), { x: (LEFT + width - RIGHT) / 2, y: height - 8, "text-anchor": "middle", class: "x-title" }),
-        word(clip(title(y.column), 60), { x: -(TOP + height - BELOW) / 2, y: 14, transform: "rotate(-90)", "text-anchor": "middle", class: "y-title" }),
-      ];
+    function staircase() {
+      const d = Figure.stairs(climbed().map(spot));
+      return d ? [svg("path", { class: "joined", d, fill: "none", stroke: shown.colour ? look.text : look.palette[0], "stroke-width": 1.5 })] : [];
     }
 
     // ---- limits: lines that are dragged, with a handle for the keyboard
@@ -204,7 +184,7 @@ const Front = (() => {
       const value = text === "" ? loose : Math.min(Math.max(Number(text), axis.value(0)), axis.value(1));
       const at = axis.to(value);
       if (!handles.has(column)) {
-        handles.set(column, svg("g", { tabindex: 0, role: "slider", "data-column": column, on: { pointerdown: (event) => grab(event, column), keydown: (event) => step(event, column) } }));
+        handles.set(column, svg("g", { tabindex: 0, role: "slider", "data-column": column, on: { pointerdown: (event) => grab(event, column), pointermove: (event) => drag(event, column), keydown: (event) => step(event, column) } }));
       }
       const node = handles.get(column);
       const { label, unit } = shown.columns[column];
@@ -216,7 +196,7 @@ const Front = (() => {
       })) node.setAttribute(name, value_);
       const beyond = k ? { x: LEFT, width: width - LEFT - RIGHT, ...(way === "max" ? { y: at, height: Math.max(0, height - BELOW - at) } : { y: TOP, height: Math.max(0, at - TOP) }) }
         : { y: TOP, height: height - TOP - BELOW, ...(way === "min" ? { x: at, width: Math.max(0, width - RIGHT - at) } : { x: LEFT, width: Math.max(0, at - LEFT) }) };
-      const grip = k ? { x: width - RIGHT - 26, y: at - 12 } : { x: at - 12, y: height - BELOW - 12 };
+      const grip = k ? { x: LEFT + 2, y: at - 12 } : { x: at - 12, y: height - BELOW - 25 }; // the ticks stay free
       node.replaceChildren(svg("rect", { class: "beyond", ...beyond, fill: look.quiet, opacity: text === "" ? 0 : 0.1 }),
         svg("path", { d: k ? `M${LEFT} ${at}H${width - RIGHT}` : `M${at} ${TOP}V${height - BELOW}`, stroke: look.focus, "stroke-width": text === "" ? 1 : 2,
           "stroke-dasharray": text === "" ? "2 4" : undefined }),
@@ -228,25 +208,19 @@ const Front = (() => {
     }
 
     const find = (column) => limited().find((one) => one.column === column);
-    function put(column, text) {
-      if (text !== shown.state[`b.${column}`]) app.change({ [`b.${column}`]: text });
-    }
+    const put = (column, text) => { if (text !== shown.state[`b.${column}`]) app.change({ [`b.${column}`]: text }); };
     function grab(event, column) {
       if (event.button !== 0) return;
       event.preventDefault();
       handles.get(column).focus({ preventScroll: true });
-      const moved = ({ clientX, clientY }) => {
-        const { k, way, range } = find(column);
-        const box = plane.getBoundingClientRect();
-        const steps = Budgets.scale(range, way);
-        put(column, steps.limit(steps.step(String(drawn.axes[k].from(k ? clientY - box.top : clientX - box.left)))));
-      };
-      const ended = () => {
-        removeEventListener("pointermove", moved);
-        for (const end of ["pointerup", "pointercancel"]) removeEventListener(end, ended);
-      };
-      addEventListener("pointermove", moved);
-      for (const end of ["pointerup", "pointercancel"]) addEventListener(end, ended);
+      handles.get(column).setPointerCapture(event.pointerId);
+    }
+    function drag({ clientX, clientY, pointerId }, column) {
+      if (!handles.get(column).hasPointerCapture(pointerId)) return;
+      const { k, way, range } = find(column);
+      const box = plane.getBoundingClientRect();
+      const steps = Budgets.scale(range, way);
+      put(column, steps.limit(steps.step(String(drawn.axes[k].from(k ? clientY - box.top : clientX - box.left)))));
     }
     function step(event, column) {
       const by = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10, Home: -Budgets.STEPS, End: Budgets.STEPS }[event.key];
@@ -391,7 +365,7 @@ const Front = (() => {
       const words = ({ name, symbol }) => (symbol === "ghost" ? ["before; now", ...app.differences(subject, app.point(app.keyOf(ghost)), [app.costOf()])].join(" ") : name);
       const empty = drawn.points.length ? [] : [svg("text", { x: drawn.size[0] / 2, y: drawn.size[1] / 2, "text-anchor": "middle", fill: look.quiet, "font-size": 16,
         text: shown.budgeted.noneFits ? `No design fits ${clip(shown.state.hardware ? app.chipName(shown.state.hardware) : "the chip", 40)}` : "No point has both numbers" })];
-      return [...frame(), ...band(), ...(whole ? pointNodes() : []), ...staircase(), ...cited(), ...marks().map((one) => markNode(one, words(one))), ...empty];
+      return [...Figure.frame(drawn.axes, names().map((column) => clip(title(column), 60)), drawn.size, look), ...band(), ...(whole ? pointNodes() : []), ...staircase(), ...Figure.shaped(drawn.shape, spot, look), ...cited(), ...marks().map((one) => markNode(one, words(one))), ...empty];
     }
 
     function describe() {

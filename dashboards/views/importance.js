@@ -16,10 +16,10 @@ const Importance = (() => {
       const found = page.importance.filter(isOf);
       const told = found.filter(({ r2 }) => r2 >= LITTLE);
       const label = (column, n = 40) => clip(columns[column]?.label ?? column, n);
-      const share = (one, column) => one.parameters.find((each) => each.column === column)?.importance ?? 0;
-      const parts = ({ parameters }) => parameters.reduce((sum, { importance }) => sum + Math.max(0, importance), 0) || 1;
+      const ofParameter = (one, column) => one.parameters.find((each) => each.column === column);
+      const share = (one, column) => Math.max(0, ofParameter(one, column)?.importance ?? 0) / (one.parameters.reduce((sum, { importance }) => sum + Math.max(0, importance), 0) || 1);
       const names = [...new Set(found.flatMap(({ parameters }) => parameters.map(({ column }) => column)))];
-      const weight = (column) => Math.max(0, ...told.map((one) => share(one, column) / parts(one)));
+      const weight = (column) => Math.max(0, ...told.map((one) => share(one, column)));
       const ranked = names.sort((a, b) => weight(b) - weight(a)).slice(0, MOST);
       if (!ranked.includes(parameter)) [parameter = null] = ranked;
       const choose = (column) => button(label(column, 48), () => {
@@ -28,20 +28,19 @@ const Importance = (() => {
       }, { title: `means of ${column}`, "aria-pressed": column === parameter });
       const bar = (one, column) => {
         const fill = element("span", { className: "fill" });
-        fill.style.width = `${(100 * Math.max(0, share(one, column))) / parts(one)}%`;
-        return [element("span", { className: "track" }, fill), element("small", { textContent: ` ${Math.round((100 * Math.max(0, share(one, column))) / parts(one))}\u202f%` })];
+        fill.style.width = `${100 * share(one, column)}%`;
+        return [element("span", { className: "track" }, fill), element("small", { textContent: ` ${Math.round(100 * share(one, column))}\u202f%` })];
       };
       const chart = Dom.table("Importance", [["parameter", "text"], ...told.map(({ objective }) => [label(objective)])], ranked.map((column) => [Dom.rowHead(choose(column)),
         ...told.map((one) => bar(one, column))]));
       const silent = found.filter((one) => !told.includes(one)).map(({ objective, r2 }) => `${label(objective)} (${Math.round(100 * Math.max(0, r2))}\u202f% explained)`);
-      const values = found.flatMap((one) => one.parameters.filter(({ column }) => column === parameter).flatMap(({ slices }) => slices.map(({ value }) => value)));
-      const at = (one, value) => one.parameters.find(({ column }) => column === parameter)?.slices.find((slice) => slice.value === value);
+      const slicesOf = (one) => ofParameter(one, parameter)?.slices ?? [];
       const mean = (one, value) => {
-        const slice = at(one, value);
+        const slice = slicesOf(one).find((each) => each.value === value);
         return slice ? `${number(slice.mean, app.isShare(one.objective))}${slice.se === null ? "" : ` ${app.error(slice.se)}`}` : "–";
       };
       const means = Dom.table("Means", [[label(parameter ?? ""), "text"], ...found.map(({ objective }) => [`mean ${app.title(objective)}`])],
-        [...new Set(values)].map((value) => [Dom.rowHead(clip(value, 48)), ...found.map((one) => mean(one, value))]));
+        [...new Set(found.flatMap(slicesOf).map(({ value }) => value))].map((value) => [Dom.rowHead(clip(value, 48)), ...found.map((one) => mean(one, value))]));
       Dom.keepFocus(root, ({ title }) => title, () => root.replaceChildren(element("h2", { textContent: "What matters" }),
         element("p", { className: "quiet", textContent: told.length ? "How much of what can be explained is lost without each parameter."
           : "The parameters explain too little of designs left out for a ranking." }),

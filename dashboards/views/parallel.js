@@ -28,8 +28,7 @@ const Parallel = (() => {
     root.append(element("h2", { textContent: "Parallel coordinates " }, count), scroll,
       element("p", { className: "caption", textContent: "Strong: on the front. Drag along an axis to keep a part of it, and click it to keep all. ↑ ↓: which way is better." }));
     let shown = null;
-    let made = { rows: null }; // {rows, axes, order, heights}: as long as the rows stay
-    let drawn = { front: [], rest: [] }; // places in `made.order`
+    let axes = [];
     let [look, width, gap] = [null, 0, 0];
 
     const across = (k) => LEFT + k * gap;
@@ -47,25 +46,16 @@ const Parallel = (() => {
       return [...new Set([...Object.keys(page.budgets.columns), ...objectives, ...parameters])].filter((column) => rows.some((row) => isKnown(columns[column].values[row]))).slice(0, MAX_AXES);
     }
 
-    function prepare() {
+    function axisOf(column) {
       const { columns, rows } = shown;
-      const named = columnsShown();
-      const key = named.join();
-      if (made.rows === rows && made.key === key) return;
-      const axes = named.map((column) => {
-        const { values } = columns[column];
-        const numeric = app.isNumeric(column);
-        const words = numeric ? [] : [...new Set(rows.map((row) => values[row]).filter(isKnown).map(String))].sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
-        const places = new Map(words.map((word, k) => [word, k]));
-        const [low, high] = numeric ? Data.ends(rows.map((row) => values[row]).filter((value) => typeof value === "number")) : [0, 1];
-        const axis = Data.axis(low, high, { log: numeric && Data.spansDecades(low, high), names: words, number, most: 6 });
-        const share = (value) => (!isKnown(value) ? NaN : axis.share(numeric ? value : places.get(String(value)) ?? NaN));
-        return { ...axis, column, numeric, words, share, lacks: rows.some((row) => !isKnown(values[row])) };
-      });
-      const order = shuffled(rows);
-      const heights = new Float32Array(order.length * axes.length);
-      order.forEach((row, i) => axes.forEach(({ column, share }, k) => { heights[i * axes.length + k] = heightOf(share(columns[column].values[row])); }));
-      made = { rows, key, axes, order, heights };
+      const { values } = columns[column];
+      const numeric = app.isNumeric(column);
+      const words = numeric ? [] : [...new Set(rows.map((row) => values[row]).filter(isKnown).map(String))].sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
+      const [low, high] = numeric ? Data.ends(rows.map((row) => values[row]).filter((value) => typeof value === "number")) : [0, 1];
+      const axis = Data.axis(low, high, { log: numeric && Data.spansDecades(low, high), names: words, number, most: 6 });
+      const places = new Map(words.map((word, k) => [word, k]));
+      const share = (value) => (!isKnown(value) ? NaN : axis.share(numeric ? value : places.get(String(value)) ?? NaN));
+      return { ...axis, column, numeric, words, share, lacks: rows.some((row) => !isKnown(values[row])) };
     }
 
     // ---- brushes
@@ -109,7 +99,6 @@ const Parallel = (() => {
     }
 
     function arrange() {
-      const { axes } = made;
       gap = Math.max(LEAST, axes.length > 1 ? Math.floor((width - LEFT - RIGHT) / (axes.length - 1)) : width);
       for (const node of [plane, lines, marks]) node.style.width = `${wide()}px`;
       frame.replaceChildren(...axes.map((axis, k) => {
@@ -136,56 +125,45 @@ const Parallel = (() => {
 
     // ---- lines
 
-    const wide = () => across(Math.max(0, made.axes.length - 1)) + RIGHT;
+    const wide = () => across(Math.max(0, axes.length - 1)) + RIGHT;
     const size = () => [wide(), TOP + HEIGHT + BELOW + FOOT];
     const strength = (n, most, least, at) => Math.max(least, Math.min(most, at / Math.sqrt(n)));
 
-    function layers(colours) {
-      const front = [];
-      const rest = [];
-      made.order.forEach((row, i) => (shown.onFront.has(row) && !shown.leftOut(row) && shown.within(row) ? front : rest).push(i));
-      drawn = { front, rest: rest.slice(0, DIM_LINES) };
-      return [{ kind: "rest", colour: colours.quiet, alpha: strength(drawn.rest.length, 0.25, 0.05, 1.5), places: drawn.rest }, { kind: "front", colour: colours.palette[0],
-        alpha: strength(front.length, 0.9, 0.2, 7), places: front }];
-    }
-
-    function path(brush, heights) {
+    function path(brush, value) {
+      const heights = axes.map(({ column, share }) => heightOf(share(value(column))));
       heights.forEach((y, k) => (k ? brush.lineTo(across(k), y) : brush.moveTo(across(k), y)));
       if (heights.length === 1) brush.lineTo(across(0) + 16, heights[0]);
     }
-    const at = (i) => made.heights.subarray(i * made.axes.length, (i + 1) * made.axes.length);
-    const heightsOf = ({ value }) => Float32Array.from(made.axes, ({ column, share }) => heightOf(share(value(column))));
 
     function paint() {
       const brush = Figure.brush(lines, size());
-      for (const { colour, alpha, places } of layers(look)) {
-        Object.assign(brush, { strokeStyle: colour, globalAlpha: alpha, lineWidth: 1 / (devicePixelRatio || 1) });
+      const onFront = (row) => shown.onFront.has(row) && !shown.leftOut(row) && shown.within(row);
+      const [front, others] = [shown.rows.filter(onFront), shown.rows.filter((row) => !onFront(row))];
+      const rest = shuffled(others).slice(0, DIM_LINES);
+      for (const [rows, strokeStyle, globalAlpha] of [[rest, look.quiet, strength(rest.length, 0.25, 0.05, 1.5)], [front, look.palette[0], strength(front.length, 0.9, 0.2, 7)]]) {
+        Object.assign(brush, { strokeStyle, globalAlpha, lineWidth: 1 / (devicePixelRatio || 1) });
         brush.beginPath();
-        for (const i of places) path(brush, at(i));
+        for (const row of rows) path(brush, (column) => shown.columns[column].values[row]);
         brush.stroke();
       }
+      count.textContent = `${many(front.length + rest.length)} of ${many(shown.rows.length)} lines`;
+      lines.setAttribute("aria-label", `Parallel coordinates over ${many(axes.length)} axes: ${many(front.length)} of ${app.plural(shown.rows.length, "design")} on the front. The table holds the numbers.`);
     }
 
     function paintMarks(key = null) {
       const brush = Figure.brush(marks, size());
       const { subject } = shown;
-      const some = [...(subject.key ? [[subject, 2.5]] : []), ...(key === null ? [] : [[app.point(key), 2.5]])];
-      for (const [one, thick] of some) {
-        for (const [strokeStyle, lineWidth] of [[look.page, thick + 2], [one.key === key ? look.palette[0] : look.text, thick]]) {
+      for (const one of [...(subject.key ? [subject] : []), ...(key === null ? [] : [app.point(key)])]) {
+        for (const [strokeStyle, lineWidth] of [[look.page, 4.5], [one.key === key ? look.palette[0] : look.text, 2.5]]) {
           Object.assign(brush, { strokeStyle, lineWidth });
           brush.beginPath();
-          path(brush, heightsOf(one));
+          path(brush, one.value);
           brush.stroke();
         }
       }
     }
 
-    function describe() {
-      count.textContent = `${many(drawn.front.length + drawn.rest.length)} of ${many(made.order.length)} lines`;
-      lines.setAttribute("aria-label", `Parallel coordinates over ${many(made.axes.length)} axes: ${many(drawn.front.length)} of ${app.plural(made.order.length, "design")} on the front. The table holds the numbers.`);
-    }
-
-    const hover = (key) => { if (made.rows && !root.hidden) paintMarks(key); };
+    const hover = (key) => { if (shown && !root.hidden) paintMarks(key); };
 
     // ---- drawing
 
@@ -193,11 +171,11 @@ const Parallel = (() => {
       shown = next;
       look = app.style();
       width = scroll.clientWidth || width;
-      prepare();
+      const named = columnsShown();
+      if (axes.of !== shown.rows || axes.map(({ column }) => column).join() !== named.join()) axes = Object.assign(named.map(axisOf), { of: shown.rows });
       arrange();
       paint();
       paintMarks();
-      describe();
     }
     new ResizeObserver(() => { if (shown && scroll.clientWidth && scroll.clientWidth !== width) draw(shown); }).observe(scroll);
 

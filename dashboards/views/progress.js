@@ -15,17 +15,12 @@ const Progress = (() => {
 
   const share = (done, total) => (total === null ? many(done) : `${many(done)}/${many(total)}`);
 
-  const clock = (iso) => {
-    const at = new Date(iso);
-    return at.toDateString() === new Date().toDateString() ? at.toLocaleTimeString() : at.toLocaleString();
-  };
-
   // What a study does as its server sees it, with the last that was heard of it in the reader's time.
   function stateOf({ trials, is_running: isRunning, sign }, now) {
     const isDone = trials.total !== null && trials.done >= trials.total && !trials.running;
     const heard = sign ? `last sign of life ${duration(Math.max(0, now - Date.parse(sign)) / 1000)} ago` : "";
     if (isRunning) return heard ? `running, ${heard}` : "running";
-    const at = sign ? ` at ${clock(sign)}` : "";
+    const at = sign ? ` at ${new Date(sign).toLocaleString()}` : "";
     if (isDone) return `finished${at}`;
     return isRunning === false && sign ? `stopped, last sign of life${at}` : isRunning === false ? "not running" : heard;
   }
@@ -59,7 +54,7 @@ const Progress = (() => {
     const figure = element("div", { className: "growth" }, plot, caption);
     const lists = element("div", { className: "lists" });
     root.append(element("div", { className: "body" }, figure, lists));
-    let [shown, drawn, listed] = [null, "", null];
+    let [shown, drawn] = [null, ""];
 
     const isChosen = ({ task, hardware }, { state }) =>
       (!task || !shown.columns.task || state.task === task)
@@ -96,32 +91,27 @@ const Progress = (() => {
       Figure.draw(plot, chosen(), look);
     }
 
-    const more = (n) => (n > 0 ? `, and ${many(n)} more` : "");
+    // A heading with a number, its items, and how many more there are.
+    const listOf = (n, words, items, rest, of = "") => (n ? [element("h2", { textContent: `${many(n)} ${words}` }),
+      element("ul", {}, ...items, ...(rest > 0 ? [element("li", { textContent: `${many(rest)} more${of}` })] : []))] : []);
 
     // Trials that ended alike, with their reasons; a list that was opened stays so.
     function reasons(word, count, groups) {
-      if (!count) return [];
-      const counted = groups.reduce((sum, group) => sum + group.count, 0);
-      const items = groups.map(({ reason, count: n, trials }) => element("li", {}, element("details", {},
+      const item = ({ reason, count: n, trials }) => element("li", {}, element("details", {},
         element("summary", { title: reason }, element("b", { textContent: `${many(n)} × ` }), clip(reason, 120),
           element("small", { textContent: ` trial ${trials[0]}${n > 1 ? " first" : ""}` })),
-        element("p", { textContent: `${n > 1 ? "trials" : "trial"} ${trials.join(", ")}${more(n - trials.length)}` }))));
-      if (counted < count) items.push(element("li", { textContent: `${many(count - counted)} more for other reasons` }));
-      return [element("h2", { textContent: `${many(count)} ${word}` }), element("ul", {}, ...items)];
+        element("p", { textContent: `${n > 1 ? "trials" : "trial"} ${trials.join(", ")}${n > trials.length ? `, and ${many(n - trials.length)} more` : ""}` })));
+      return listOf(count, word, groups.map(item), count - groups.reduce((sum, group) => sum + group.count, 0), " for other reasons");
     }
 
     const setting = (value) => (typeof value === "object" ? JSON.stringify(value) : number(value));
 
     function running({ trials, running: begun }) {
-      if (!trials.running) return [];
-      const heading = isLive(shown.page) ? "running, or waiting for a worker" : "begun and not finished";
-      const items = begun.map(({ trial, design }) => {
+      const item = ({ trial, design }) => {
         const text = Object.entries(design).map(([key, value]) => `${key} ${setting(value)}`).join(", ");
         return element("li", { title: text }, element("b", { textContent: `trial ${trial} ` }), clip(text, 160));
-      });
-      const rest = trials.running - begun.length;
-      if (rest > 0) items.push(element("li", { textContent: `${many(rest)} more` }));
-      return [element("h2", { textContent: `${many(trials.running)} ${heading}` }), element("ul", {}, ...items)];
+      };
+      return listOf(trials.running, isLive(shown.page) ? "running, or waiting for a worker" : "begun and not finished", begun.map(item), trials.running - begun.length);
     }
 
     function list(progress) {
@@ -138,8 +128,7 @@ const Progress = (() => {
       shown = now;
       const { progress } = shown.page;
       if (!progress || shown.moving) return;
-      if (listed !== progress) list(progress);
-      listed = progress;
+      list(progress);
       draw();
     }
 

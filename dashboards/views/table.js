@@ -3,7 +3,7 @@
 // view points.
 const Table = (() => {
   const ROWS = 50; // before all are asked for
-  const ON_PAPER = 8; // columns of a report, with a row per trial
+  const [COLUMNS_ON_PAPER, ROWS_ON_PAPER] = [8, 5]; // of a report, with a row per trial
   const SETTINGS = ["phi", "theta", "read_out_ms", "weight_bits", "pruned_after"]; // in which points of a trial differ
 
   const { element, button } = Dom;
@@ -13,7 +13,6 @@ const Table = (() => {
     const part = (name) => root.querySelector(name);
     const table = part("table");
     let shown = null;
-    let made = { page: null, key: "", lines: new Map() }; // lines of rows: a slider at work shows most of them again
 
     // Parameters in which none of some rows has a value, or all have the same, say nothing of them.
     function columnsShown(rows) {
@@ -48,7 +47,7 @@ const Table = (() => {
     }
 
     function lineFor(row, named) {
-      return element("tr", { tabIndex: 0, data: { key: app.keyOf(row) } }, ...named.map((column) => element("td", {
+      return element("tr", { tabIndex: 0, "aria-selected": String(row === shown.subject.row), data: { key: app.keyOf(row) } }, ...named.map((column) => element("td", {
         textContent: column === "trial" ? app.number(shown.columns.trial.values[row]) : withInterval(column, row), className: app.isNumeric(column) ? "" : "text",
         title: String(shown.columns[column].values[row] ?? "not measured"),
       })));
@@ -71,24 +70,14 @@ const Table = (() => {
       const { state, columns, budgeted, objectives } = shown;
       const every = sorted(isWhole() ? shown.rows : budgeted.front);
       const isPaper = app.style().paper === true;
-      const named = columnsShown(every).slice(0, isPaper ? ON_PAPER : undefined);
+      const named = columnsShown(every).slice(0, isPaper ? COLUMNS_ON_PAPER : undefined);
       const all = found(every, named);
       const isOnce = (isPaper || (state.once === "" ? isWhole() : state.once === "1")) && Boolean(columns.trial);
       const front = isOnce ? firstOfTrials(all) : all;
-      const visible = state.rows === "all" ? front : front.slice(0, ROWS);
-      const chosen = shown.subject.row;
-      const columnsKey = JSON.stringify(named);
-      if (made.page !== shown.page || made.key !== columnsKey) made = { page: shown.page, key: columnsKey, lines: new Map() };
-      const body = visible.map((row) => {
-        if (!made.lines.has(row)) made.lines.set(row, lineFor(row, named));
-        const line = made.lines.get(row);
-        line.classList.remove("pointed");
-        line.setAttribute("aria-selected", String(row === chosen));
-        return line;
-      });
+      const visible = state.rows === "all" && !isPaper ? front : front.slice(0, isPaper ? ROWS_ON_PAPER : ROWS);
       Dom.keepFocus(table, (node) => node.dataset.key ?? node.title, () => {
         table.tHead.replaceChildren(element("tr", {}, ...named.map(head)));
-        table.tBodies[0].replaceChildren(...body);
+        table.tBodies[0].replaceChildren(...visible.map((row) => lineFor(row, named)));
       });
       part("#once").checked = isOnce;
       part("label").hidden = !columns.trial || firstOfTrials(all).length === all.length;
@@ -110,11 +99,9 @@ const Table = (() => {
       });
     }
 
-    const lineOf = (key) => [...table.tBodies[0].rows].find((line) => line.dataset.key === key);
-
     function hover(key) {
       table.querySelector("tr.pointed")?.classList.remove("pointed");
-      if (key !== null) lineOf(key)?.classList.add("pointed");
+      [...table.tBodies[0].rows].find((line) => line.dataset.key === key)?.classList.add("pointed");
     }
 
     const keyAt = (event) => event.target.closest("tbody tr")?.dataset.key;

@@ -8,6 +8,7 @@ record it or if its file is damaged.
 from __future__ import annotations
 
 import functools
+import html
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,10 +22,10 @@ from dse import registry, store
 from dse.config import ConfigError
 from dse.dashboard.budgets import budget_columns
 from dse.dashboard.gather import ENERGY, INSTEAD, plain
-from dse.dashboard.verdicts import sentences
 from dse.dashboard.write import packed, plain_figure, without_template
 from dse.figures import NothingRecorded
 from dse.figures.front import numbers
+from dse.figures.labels import short
 from dse.figures.precision import BITS, PRUNED
 from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import Profile
@@ -38,6 +39,7 @@ from dse.study.results import Study
 
 if TYPE_CHECKING:
     import pandas
+    import plotly.graph_objects
 
 MOST_EXAMPLES = 6
 _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
@@ -50,13 +52,15 @@ _OF_HEADS = ("confusion", "read_out")  # files that a joint net has one of for e
 class _Tab(NamedTuple):
     """A tab of a design: which figure it is.
 
-    words: of a note where it is damaged. keys: of the figure. on_hardware: whether there is one for each.
+    words: what it is, for its text alternative, and for a note where it is damaged. note: what it is of.
+    keys: of the figure. on_hardware: whether there is one for each.
     has: whether a record is worth a tab.
     family: the only one that has it. layout, traces: what a panel of some 400 px needs otherwise.
     """
 
     figure: str
     words: str
+    note: str = ""
     keys: Mapping[str, Any] = MappingProxyType({})
     on_hardware: bool = False
     family: str = ""
@@ -66,25 +70,35 @@ class _Tab(NamedTuple):
 
 
 _ENERGY = "Energy by cause"
-_TABS = {
+_AT_END = "Answers at the end of the recording."
+TABS = {
     "bits": _Tab(
-        "precision", "Accuracy against bits", {"costs": (BITS,)}, has=lambda record: record.accuracy.size > 1
+        "precision",
+        "Accuracy against bits",
+        _AT_END,
+        {"costs": (BITS,)},
+        has=lambda record: record.accuracy.size > 1,
     ),
     "power": _Tab("power", "Power"),
     "confusion": _Tab(
         "confusion",
         "The confusion matrix",
+        f"{_AT_END} All repeats.",
         layout={"xaxis": {"tickangle": -45}},  # at other angles the last name leaves the panel
         traces={"showscale": False},
     ),
-    "recognition": _Tab("recognition", "Accuracy over time"),
-    "energy": _Tab("energy", _ENERGY, on_hardware=True),
-    "energy_at_period": _Tab("energy", _ENERGY, {"pace": "period"}, on_hardware=True),
+    "recognition": _Tab("recognition", "Accuracy over time", "Mean of all repeats. The ring is t_c."),
+    "energy": _Tab("energy", _ENERGY, _AT_END, on_hardware=True),
+    "energy_at_period": _Tab("energy", _ENERGY, _AT_END, {"pace": "period"}, on_hardware=True),
     "cores": _Tab("cores", _ENERGY, on_hardware=True),
-    "first_spike": _Tab("first_spike", "The first output spike"),
-    "histograms": _Tab("histograms", "Class histograms", {"per_row": 2}, family="hots"),
+    "first_spike": _Tab("first_spike", "The first output spike", "Median and range of each class."),
+    "histograms": _Tab(
+        "histograms", "How often each prototype is nearest", "First repeat.", {"per_row": 2}, family="hots"
+    ),
     "learning": _Tab("learning", "The learning curve"),
 }
+"""Tabs of a design that are figures, by name."""
+
 _OF_PRECISION = ("confusion", "recognition", "energy", "energy_at_period", "cores")
 
 
@@ -167,8 +181,7 @@ def gather_details(
     Returns:
         trial: its number;
         notes: one sentence for each part that cannot be read;
-        tasks: {task: figures, surfaces, examples, misfits, precisions}, each only if it was recorded;
-        targets: verdicts on targets, for each its `point` and `text`, if any bundle has them.
+        tasks: {task: figures, surfaces, examples, misfits, precisions}, each only if it was recorded.
 
         figures: by the name of their tab; `energy`, `energy_at_period` and `cores` per hardware.
         surfaces: for each precision, `phi`, `theta`, and per hardware ('' if the table names none) columns
@@ -267,9 +280,7 @@ def _document(source: _Source, trial: int) -> dict[str, Any]:
         str(task): _of_task(_Part(folder, source, str(task), of_task, runs, load), int(trial), notes)
         for task, of_task in rows.groupby("task", sort=False)
     }
-    of_targets = sentences(folder, int(trial))
-    targets = {"targets": of_targets} if of_targets else {}
-    return {"trial": int(trial), "notes": list(dict.fromkeys(notes)), "tasks": tasks, **targets}
+    return {"trial": int(trial), "notes": list(dict.fromkeys(notes)), "tasks": tasks}
 
 
 def _of_task(part: _Part, trial: int, notes: list[str]) -> dict[str, Any]:
@@ -291,7 +302,7 @@ def _of_task(part: _Part, trial: int, notes: list[str]) -> dict[str, Any]:
         misfits: dict[str, list[str]] = {}
         chips = list(map(str, at.rows["hardware"].unique())) if "hardware" in at.rows else []
         for name in tabs:
-            tab = _TABS[name]
+            tab = TABS[name]
             if tab.family and tab.family not in set(at.rows.get("family", ())):
                 continue
             for chip in chips if tab.on_hardware else [""]:
@@ -308,7 +319,7 @@ def _of_task(part: _Part, trial: int, notes: list[str]) -> dict[str, Any]:
         return figures, misfits
 
     surfaces = attempted("The decision surface", lambda: _surfaces(part.rows, part.source.limited)) or []
-    figures, misfits = drawn(part, list(_TABS))
+    figures, misfits = drawn(part, list(TABS))
     precisions = []
     if part.answered and part.source.precisions:
         trained = [run for run, _ in part.answered]
@@ -334,10 +345,49 @@ def _figure(part: _Part, tab: _Tab, trial: int, chip: str) -> tuple[Any, dict[st
     record = figure.gather(part)
     if not tab.has(record):
         raise NothingRecorded(f"too little for figure {tab.figure}")
-    drawn = figure.draw(record)
-    drawn.update_layout(tab.layout)
-    drawn.update_traces(tab.traces)
-    return record, plain_figure(drawn)
+    return record, of_tab(tab, figure.draw(record))
+
+
+def of_tab(tab: _Tab, figure: plotly.graph_objects.Figure) -> dict[str, Any]:
+    """Return the figure of a tab as JSON holds it: for a panel, with its words and its note as `meta`."""
+    figure.update_layout(tab.layout, meta={"words": _said(tab, figure), "note": tab.note})
+    figure.update_traces(tab.traces)
+    return plain_figure(figure)
+
+
+def _said(tab: _Tab, figure: plotly.graph_objects.Figure) -> str:
+    """Return what a figure shows: of a matrix what counts, of curves their ends, else what is written."""
+    layout, first = figure.layout, figure.data[0]
+    if tab.figure == "confusion":
+        names, counts = [_words(x) for x in layout.xaxis.ticktext], np.array(first.text).astype(int)
+        right, wrong = np.trace(counts), counts - np.diag(np.diag(counts))
+        most = [divmod(int(at), len(names)) for at in np.argsort(-wrong, axis=None, kind="stable")[:3]]
+        errors = [
+            f"{names[i]} taken for {names[j]} {short(int(wrong[i, j]))} times" for i, j in most if wrong[i, j]
+        ]
+        often = f"; most often wrong: {', '.join(errors)}" if errors else ""
+        return f"{tab.words} of {len(names)} classes: {right} of {counts.sum()} right{often}."
+    parts = []
+    for trace in figure.data:
+        known = () if trace.y is None else trace.y
+        y = [float(x) for x in known if isinstance(x, int | float | np.number) and np.isfinite(x)]
+        if y:
+            axis = layout[f"yaxis{(trace.yaxis or 'y')[1:]}"].title.text or ""
+            of = [_words(x) for x in (axis, trace.name if len(figure.data) > 1 else "") if x]
+            parts.append(f"{' of '.join(of)} {_in_digits(y[0])} to {_in_digits(y[-1])}".strip())
+    beside = np.ravel(first.customdata).tolist() if first.customdata is not None else []
+    written = [*(layout.yaxis.ticktext or ()), *(note.text for note in layout.annotations), *beside]
+    return f"{tab.words}: {'; '.join([*parts, *(_words(x) for x in written if isinstance(x, str))])}."
+
+
+def _words(text: str) -> str:
+    """Return plotly's text as plain words."""
+    return html.unescape(text.replace("<br>", " "))
+
+
+def _in_digits(value: float) -> str:
+    """Return a number as the page's words have it: a fraction with its zeros."""
+    return f"{value:.3f}" if 0.01 <= abs(value) < 0.9995 else short(value)
 
 
 def _surfaces(rows: pandas.DataFrame, limited: Sequence[str]) -> list[dict[str, Any]]:

@@ -1,8 +1,8 @@
 """The page of a study while it runs: a small server that only reads.
 
 `/` is the page; `/data.json` and `/progress.json` are its data, each sent again after a change (`ETag`);
-`/design.json` is the details of one trial, `/touch.json` what plays a design point, `/bundle.zip` a design
-point to download.
+`/design.json` is the details of one trial; of a design point `/touch.json` is what plays it, `/card.json` its
+model card, `/bundle.zip` it to download.
 No address names a file. Every request carries the token of the server, which the printed address holds: other
 users of this machine, and pages of others in a reader's browser, can connect too.
 """
@@ -70,6 +70,10 @@ class Site:
         """Return what plays recordings to a design point; may raise Refused. Called as `details`."""
         raise Refused(HTTPStatus.NOT_FOUND, "Designs cannot be played on this page.")
 
+    def card(self, trial: int, point: int, hardware: str) -> Page:
+        """Return the model card of a design point; may raise Refused. Called as `details`."""
+        raise Refused(HTTPStatus.NOT_FOUND, "Designs have no model cards on this page.")
+
     def bundle(self, trial: int, point: int, hardware: str) -> Download:
         """Return a design point as a file; may raise Refused. Never called concurrently."""
         raise Refused(HTTPStatus.NOT_FOUND, "Designs cannot be downloaded from this page.")
@@ -95,7 +99,7 @@ class Server(ThreadingHTTPServer):
         self.live, self.site, self.token = live, site or Site(), token or secrets.token_urlsafe(24)
         self.working = threading.Lock()  # one document or bundle at a time
         self._document = functools.lru_cache(_MOST_DOCUMENTS)(
-            lambda points, make, *numbers: as_json(getattr(self.site, make)(*numbers)).encode()
+            lambda points, make, *of: as_json(getattr(self.site, make)(*of)).encode()
         )
         try:
             family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -114,7 +118,7 @@ class Server(ThreadingHTTPServer):
         name = socket.gethostname() if bound.is_unspecified else str(bound)
         return f"http://{f'[{name}]' if ':' in name else name}:{self.server_port}/?token={self.token}"
 
-    def document(self, make: str, *numbers: int) -> bytes:
+    def document(self, make: str, *of: int | str) -> bytes:
         """Return what a method of the site tells of a trial or a point, as JSON.
 
         Raises:
@@ -122,7 +126,7 @@ class Server(ThreadingHTTPServer):
         """
         points = self.live.version().data.tag
         with self.working:
-            return self._document(points, make, *numbers)
+            return self._document(points, make, *of)
 
     def handle_error(self, request: Any, client_address: object) -> None:
         """Ignore lost connections; print any other error."""
@@ -147,6 +151,7 @@ class _Handler(BaseHTTPRequestHandler):
             "/progress.json": lambda _: self._send_document(self.server.live.version().progress),
             "/design.json": lambda fields: self._told("details", fields, "trial"),
             "/touch.json": lambda fields: self._told("touches", fields, "trial", "point"),
+            "/card.json": lambda fields: self._told("card", fields, "trial", "point", chip=True),
             "/bundle.zip": self._bundle,
         }
         self._answer(routes)
@@ -176,9 +181,10 @@ class _Handler(BaseHTTPRequestHandler):
         page = self.server.live.version().filled
         self._send("text/html", page.html.encode(), page.policy)
 
-    def _told(self, make: str, fields: Mapping[str, list[str]], *names: str) -> None:
-        numbers = (_number(fields, name) for name in names)
-        self._send("application/json", self.server.document(make, *numbers))
+    def _told(self, make: str, fields: Mapping[str, list[str]], *names: str, chip: bool = False) -> None:
+        numbers = [_number(fields, name) for name in names]
+        on = [_once(fields, "hardware")] if chip else []
+        self._send("application/json", self.server.document(make, *numbers, *on))
 
     def _bundle(self, fields: Mapping[str, list[str]]) -> None:
         trial, point, hardware = _number(fields, "trial"), _number(fields, "point"), _once(fields, "hardware")

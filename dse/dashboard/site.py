@@ -110,6 +110,18 @@ class StudySite(Site):
         with _refusing():
             return gather_touches(self._study, [row], self._request.question.hardware)
 
+    def card(self, trial: int, point: int, hardware: str) -> Page:
+        """Return the model card of a design point."""
+        from dse.dashboard.cards import gather_card
+
+        with _refusing():
+            return {"parts": gather_card(self._study, self._priced(trial, point, hardware))}
+
+    def _priced(self, trial: int, point: int, hardware: str) -> dict[str, object]:
+        """Return a design point on a chip, where points have one."""
+        is_priced = hardware or "hardware" in self._points
+        return self._row(trial=trial, point=point, **({"hardware": hardware} if is_priced else {}))
+
     def _row(self, **wanted: object) -> dict[str, object]:
         """Return the first row of the table of points with some values."""
         rows = self._points
@@ -128,8 +140,7 @@ class StudySite(Site):
         from dse.deploy import bundle
         from dse.deploy.export import export
 
-        is_priced = hardware or "hardware" in self._points
-        row = self._row(trial=trial, point=point, **({"hardware": hardware} if is_priced else {}))
+        row = self._priced(trial, point, hardware)
         name = f"trial_{trial}_point_{point}"
         if (verified := folder_of(self._study.folder, trial, point, hardware)) is not None:
             with contextlib.suppress(bundle.BundleError, OSError):  # a damaged one is made anew

@@ -67,7 +67,7 @@ def write_page(
     """Write the page of a study, by default as page.html in its folder, and return the path.
 
     It holds the details of as many designs as fit, those on the fronts first, and with `plays` what plays
-    recordings to the designs of its first cards.
+    recordings to the designs of its first cards, and the model cards of its picks.
 
     Raises:
         ConfigError: a hardware profile does not exist or is wrong.
@@ -77,16 +77,27 @@ def write_page(
     points = with_recordings(study, study.points(request.question.hardware))
     page = page_of(study, points, request) | progress_of(study.folder)
     if plays:
-        from dse.dashboard import touches  # kernels run: a page alone needs none
+        from dse.dashboard import cards, touches  # kernels run: a page alone needs none
 
         if rows := touches.shown_first(page):
             played = _of_rows(page, rows, points)
             page["touches"] = touches.gather_touches(study, played, request.question.hardware)
+            page["cards"] = cards.gather_cards(study, _of_rows(page, _picked(page, rows), points))
     least, most = _ROOM_BYTES
     room = min(most, max(least, LARGEST_BYTES - len(filled("page", page).html)))
     details = packed_details(study, points, shown_first(page), room, request.question.hardware)
     target = path or study.folder / "page.html"
     return write_filled("page", page | ({"details": details} if details else {}), target)
+
+
+def _picked(page: Mapping[str, Any], first: Sequence[int]) -> list[int]:
+    """Return some rows of a page, and the pick of each task and chip."""
+    from dse.dashboard import touches
+
+    split = [page["columns"][name]["values"] for name in ("task", "hardware") if name in page["columns"]]
+    groups = {key: row for row, key in reversed([*enumerate(zip(*split, strict=True))])}
+    picks = [row for at in groups.values() for row in touches.shown_first(page, at)[:1]]
+    return list(dict.fromkeys([*first, *picks]))
 
 
 def _of_rows(page: Mapping[str, Any], rows: Sequence[int], points: pandas.DataFrame) -> list[dict[str, Any]]:

@@ -41,10 +41,10 @@ class NotPlayed(ValueError):
     """A design cannot be played; one sentence says why."""
 
 
-def shown_first(page: Mapping[str, Any]) -> list[int]:
+def shown_first(page: Mapping[str, Any], at: int = 0) -> list[int]:
     """Return the rows that the cards of a page show when it opens: pick, most accurate, half the cost.
 
-    The rules are those of `dashboards/budgets.js`, for the first task and chip and the limits of the page.
+    The rules are those of `dashboards/budgets.js`, for its limits and the task and chip of row `at`.
     """
     columns, budgets = page["columns"], page["budgets"]
     gain, known = budgets["maximise"], set(page["columns"])
@@ -61,7 +61,7 @@ def shown_first(page: Mapping[str, Any]) -> list[int]:
     def is_within(row: int) -> bool:
         asked = page["definition"]["budgets"].items()
         limits = [(name, budgets["columns"][name], limit) for name, limit in asked]
-        chosen = all(values(name)[row] == values(name)[0] for name in ("task", "hardware") if name in known)
+        chosen = all(values(name)[row] == values(name)[at] for name in ("task", "hardware") if name in known)
         fits = row not in page["unable"] and ("fits" not in known or values("fits")[row] is not False)
         honest = "transductive" not in known or values("transductive")[row] is not True
         meets = (worth(name, way, row) <= (-x if way == "max" else x) for name, way, x in limits)

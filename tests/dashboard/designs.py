@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pandas as pd
 
+from dse.dashboard.details import TABS, of_tab
 from dse.figures.confusion import ConfusionFigure
 from dse.figures.learning import LearningFigure
 from dse.figures.progress import ProgressFigure, gather_progress
@@ -72,17 +73,20 @@ def example(title="recording 7: denim", classes=CLASSES):
     }
 
 
-def drawn(figure, *found, **files):
-    """Return a figure of a study as a page holds it."""
-    return plain(figure.draw(figure.gather(study(*found, **files))))
+def drawn(tab, figure, *found, **files):
+    """Return a figure of a study as a page holds it in a tab."""
+    made = of_tab(TABS[tab], figure.draw(figure.gather(study(*found, **files))))
+    return json.loads(json.dumps(made))
 
 
 def confusion_of(counts, classes):
-    return drawn(ConfusionFigure(trial=0), classes=classes, confusion=[{"validation": np.array(counts)}])
+    return drawn(
+        "confusion", ConfusionFigure(trial=0), classes=classes, confusion=[{"validation": np.array(counts)}]
+    )
 
 
 def learning_of(loss):
-    return drawn(LearningFigure(trial=0), history=[{"loss": np.array(loss)}])
+    return drawn("learning", LearningFigure(trial=0), history=[{"loss": np.array(loss)}])
 
 
 def details(trial=0, figures=None, **parts):

@@ -78,7 +78,7 @@ sort: 3
     path = written(tmp_path / "bad.yaml", text)
     expected = (
         ("1: unknown key 'titel'; known: title, plugins, views,", "Did you mean 'title'?"),
-        ("2: unknown views[1] 'tabel'; known: audit, chips,", "Did you mean 'table'?"),
+        ("2: unknown views[1] 'tabel'; known: audit, card, chips,", "Did you mean 'table'?"),
         ("2: views must not contain a name twice", "'front' again"),
         ("5: front.y must be another column than front.x", "'accuracy' twice"),
         ("6: unknown key 'front.z'", "known: x, y, log"),

@@ -6,9 +6,11 @@ import sys
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 
 from dse import store
 from dse.config import load_space
+from dse.dashboard.details import TABS, of_tab
 from dse.dashboard.gather import gather_page
 from dse.dashboard.write import write_filled
 from dse.deploy import bundle
@@ -218,31 +220,26 @@ def test_an_example_is_decided_by_the_setting_chosen_as_in_python(opened):
 
 def test_tabs_are_those_that_were_recorded_and_open_by_keyboard(opened):
     bare = details(1, figures={}, surfaces=[], examples=[])
-    targets = [{"point": 0, "text": "c99: faithful"}, {"point": 1, "text": "c99: approximate"}]
-    page = opened(
-        documents={0: details() | {"targets": targets}, 1: bare}, fragment="chosen=0.0&show=inside&expert=1"
-    )
+    page = opened(documents={0: details(), 1: bare}, fragment="chosen=0.0&show=inside&expert=1")
     drawn(page, "confusion")
     assert page.tab.inner_text("#design .owner") == ""
     assert tab_names(page) == ["confusion", "φ/θ", "raster", "learning"]
     assert figure_says(page) == (
-        "Confusion matrix of 2 classes: 16 of 20 right; most often wrong: "
+        "The confusion matrix of 2 classes: 16 of 20 right; most often wrong: "
         "silk & wool taken for denim 3 times, denim taken for silk & wool 1 times."
     )
-    assert page.tab.inner_text("#design .quiet >> text=c99") == "c99: faithful"
     page.tab.evaluate("window.gone = [...document.querySelectorAll('#design-pane .plot')]")
     page.tab.focus("#tab-confusion")
     page.tab.keyboard.press("ArrowLeft")
     drawn(page, "learning")
     assert page.tab.evaluate("gone.map((node) => node._fullLayout === undefined)") == [True], "purged"
-    assert figure_says(page) == "learning: loss 2 to 0.500."
+    assert figure_says(page) == "The learning curve: loss 2 to 0.500."
     assert page.tab.evaluate("document.activeElement.id") == "tab-learning"
     assert page.tab.get_attribute("#tab-learning", "aria-selected") == "true"
     assert hash_of(page)["tab"] == "learning"
     page.tab.click("#tab-surface")
     press(page, "phi", "Home")
     wait_for_ring(page, 0)
-    assert page.tab.inner_text("#design .quiet >> text=c99") == "c99: approximate", "of the point chosen"
     page.tab.evaluate("location.hash = 'chosen=1.0&show=inside'")
     pane_says(page, "nothing to draw")
     assert tab_names(page) == []
@@ -261,10 +258,12 @@ def test_figures_of_the_papers_say_their_numbers(opened):
     response = store.response_arrays(answered, np.arange(3)) | {"target": np.array([0, 0, 1])}
     lengths = {"decision_latency_ms": np.array([50.0, 100.0]), "accuracy": np.array([0.5, 0.9])}
     own = {
-        "recognition": drawn_from(RecognitionFigure(0), read_out=[lengths]),
-        "first_spike": drawn_from(FirstSpikeFigure(0), classes=CLASSES, response=[response]),
-        "histograms": {"data": [{"type": "bar", "y": [1, 1, 1]}] * 2, "layout": {"annotations": titles}},
-        "power": drawn_from(PowerFigure(0), power.assign(trial=0)),
+        "recognition": drawn_from("recognition", RecognitionFigure(0), read_out=[lengths]),
+        "first_spike": drawn_from("first_spike", FirstSpikeFigure(0), classes=CLASSES, response=[response]),
+        "histograms": of_tab(
+            TABS["histograms"], go.Figure([go.Bar(y=[1, 1, 1])] * 2, {"annotations": titles})
+        ),
+        "power": drawn_from("power", PowerFigure(0), power.assign(trial=0)),
     }
     page = opened(
         documents={0: details(figures=own, surfaces=[], examples=[])},
@@ -297,7 +296,7 @@ def test_a_server_gives_documents_and_bundles(opened):
         if (lost) throw new TypeError("lost");
         const trial = new URLSearchParams(address.split("?")[1]).get("trial");
         if (trial === "1") await new Promise((later) => { window.answer = later; });
-        return trial === "2" ? { ok: false } : new Response(window.document_0);
+        return trial === "2" ? new Response("It has none.", {status: 404}) : new Response(window.document_0);
       };"""
         + SERVED
         + "}"
@@ -310,7 +309,7 @@ def test_a_server_gives_documents_and_bundles(opened):
     page.tab.evaluate(news, json.dumps(details(0)))
     drawn(page, "confusion")
     page.tab.evaluate("location.hash = 'chosen=2.0&show=inside'")
-    pane_says(page, "Nothing was recorded.")
+    pane_says(page, "It has none.")
     page.tab.evaluate("location.hash = 'chosen=1.0&show=inside'")
     page.tab.wait_for_function(
         "document.querySelector('#design-pane').textContent === '…' && 'answer' in window"
@@ -331,8 +330,8 @@ def test_beside_its_study_the_line_that_exports_a_design_runs(shown, page_path, 
     page = gather_page(found.points(), name="real", objectives=found.objectives, results=results)
     write_filled("page", page, page_path)
     line = shown("chosen=0.3&ask=take").tab.text_content("#command")
-    assert line.startswith("python -c ")
-    line = line.replace("python", sys.executable, 1)
+    assert line.startswith("dse pick ")
+    line = line.replace("dse", f"{sys.executable} -m dse", 1)
     subprocess.run(line, shell=True, check=True, cwd=tmp_path, capture_output=True)
     record = bundle.read(tmp_path / "bundle").record
     assert (record["trial"], record["point"]) == (0, 3)

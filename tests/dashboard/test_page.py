@@ -22,7 +22,7 @@ HEARD = """() => {
   ears.observe(document.getElementById("sentence"), {childList: true, subtree: true, characterData: true});
 }"""
 AGAIN = "new Promise((next) => setTimeout(() => next(window.heard)))"
-ALL_TABS = ["Choose", "Inside", "All designs", "Run"]
+ALL_TABS = ["Choose", "Inside", "What matters", "All designs", "Run"]
 
 
 def chosen(page):
@@ -282,6 +282,7 @@ def test_readable_at_any_size_in_light_and_dark_and_on_paper(opened):
         ("ask=cheaper&show=all&expert=1", "light", (1280, 720)),
         ("ask=why&show=run&b.energy_uj=1", "dark", (1280, 720)),
         ("show=inside&expert=1", "light", (390, 844)),
+        ("show=matters", "dark", (390, 844)),
     ],
 )
 def test_axe_finds_nothing(opened, link, scheme, size):
@@ -414,7 +415,7 @@ def test_nothing_in_a_document_can_run(opened):
     n = len(HOSTILE)
     examples = [example(name, (name, "silk")) for name in HOSTILE]
     document = details(figures={"confusion": confusion_of(np.eye(n, dtype=int), HOSTILE)}, examples=examples)
-    document |= {"notes": list(HOSTILE), "targets": [{"point": 0, "text": f"c99: faithful {EVIL}"}]}
+    document |= {"notes": list(HOSTILE)}
     document["tasks"] = {HOSTILE[0]: document["tasks"]["texture"], "__proto__": {}}
     frame = table(4).assign(task=HOSTILE[0], **{HOSTILE[2]: 1.0})
     frame["encoder.kind"] = [HOSTILE[trial] for trial in frame["trial"]]

@@ -11,11 +11,13 @@ import pytest
 
 from dse import store
 from dse.dashboard import study as pages
+from dse.dashboard.cards import gather_cards, parts
 from dse.dashboard.details import gather_details
 from dse.dashboard.site import page_server
 from dse.dashboard.study import write_page
 from dse.deploy import bundle
-from dse.deploy.export import export
+from dse.deploy.card import card
+from dse.deploy.export import bundle_of, export
 from dse.deploy.verdict import Verdict
 from dse.measure.objectives.accuracy import wilson_se
 from dse.study import explore, results
@@ -47,6 +49,33 @@ def temporary(tmp_path, monkeypatch):
 
 def serving(folder):
     return served(page_server(folder, "127.0.0.1", 0))
+
+
+def test_a_card_is_that_of_the_bundle_in_parts(folder):
+    found = results.open(folder)
+    row = found.points().query("trial == 0 and point == 3").iloc[0].to_dict()
+    text = card(bundle_of(found, row), {})
+    with serving(folder) as server:
+        status, _, body = ask(server, query().replace("bundle.zip", "card.json"))
+        assert status == 200 and json.loads(body)["parts"] == parts(text)
+        assert ask(server, query(point=9999).replace("bundle.zip", "card.json"))[0] == 404
+    key = f"0.3@{row['hardware']}"
+    assert gather_cards(found, [row, row | {"trial": 99}]) == {key: parts(text)}, (
+        "none of a design that is gone"
+    )
+
+
+def test_parts_of_a_card_have_no_marks():
+    text = (
+        "# A \\[0\\]\n\nOne `word`.\n\n    dse run\n\n- x\n- **y**\n\n| | |\n| --- | --- |\n| a \\| b | c |\n"
+    )
+    assert parts(text) == [
+        ["h2", "A [0]"],
+        ["p", "One word."],
+        ["code", "dse run"],
+        ["ul", ["x", "y"]],
+        ["table", [["a | b", "c"]]],
+    ]
 
 
 def query(trial=0, point=3, hardware="loihi1_silicon"):
@@ -99,14 +128,14 @@ def test_a_bundle_whose_targets_were_run_is_shown_and_sent(folder, temporary, tm
     edited = study / "bundles" / "two" / "bundle.json"
     edited.write_text(edited.read_text().replace("approximate", "faithful"))  # by hand: not shown
     with serving(study) as server:
-        details = json.loads(ask(server, "/design.json?trial=0")[2])
+        told = json.loads(ask(server, query().replace("bundle.zip", "card.json"))[2])["parts"]
         body = ask(server, query())[2]
         others = ask(server, query(point=4))[2]
-    assert details["targets"] == [
-        {"point": 3, "text": "c99: faithful (gcc 12.2.0) on 18 recordings"},
-        {"point": 3, "text": "nir: approximate on 18 recordings, 25 % of decisions differ (leaks round)"},
-        {"point": 3, "text": "xylo: unsupported (it needs neurons of kind xylo_lif)"},
-    ]
+    assert told == parts((study / "bundles" / "one" / "README.md").read_text()), "the card of its bundle"
+    tag, (_, *verdicts) = told[-1]
+    assert tag == "table" and [row[0] for row in verdicts] == ["c99", "nir", "xylo"]
+    assert "faithful (gcc 12.2.0); all decisions and spikes of 18 recordings" in verdicts[0][2]
+    assert verdicts[2][2] == "unsupported; it needs neurons of kind xylo_lif"
     with zipfile.ZipFile(io.BytesIO(body)) as archive:
         assert archive.read("trial_0_point_3/targets/c99/dse.c") == b"int x;\n"
     with zipfile.ZipFile(io.BytesIO(others)) as archive:

@@ -105,7 +105,7 @@ def test_a_plugin_that_cannot_be_loaded_and_an_unknown_view(tmp_path):
         load(path)
     plugin, view = str(caught.value).splitlines()
     assert plugin.startswith(f"{path}:1: ")
-    assert view.startswith(f"{path}:2: unknown views[0] 'spred'; known: audit, chips, design, expert, ")
+    assert view.startswith(f"{path}:2: unknown views[0] 'spred'; known: audit, card, chips, design, expert, ")
 
 
 @pytest.mark.parametrize(
