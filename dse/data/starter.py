@@ -62,6 +62,13 @@ _NETWORK = {
     "initial_rate": 0.2,
     "whitened": "output",
 }  # that which learns on the recordings of search_spaces/headline_*.yaml
+# Of random kernels: neurons hold the level of what they add up, through resets.
+_KERNELS = {
+    "hidden": {"choice": [50, 200]},
+    **{key: value for key, value in _NETWORK.items() if key != "initial_rate"},
+    "current_decay": 0.03,
+    "voltage_decay": 1.0,
+}
 
 
 @dataclass(frozen=True)
@@ -156,13 +163,13 @@ def starter(
     n_steps, step_ms = _whole(recordings, by_name)
     n_inputs = _n_inputs(recordings, by_name)
     of_signals = any("encoder" in each for _, each in before)
-    network = _network(n_steps, n_inputs)
+    networks = _networks(n_steps, n_inputs)
     sections.append(
         (
-            "Should it spike? Plain classifiers of 8-bit integers come first, then the network; what is a\n"
+            "Should it spike? Plain classifiers of 8-bit integers come first, then networks; what is a\n"
             "choice is explored: dse describe model NAME.",
             {
-                "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), network]},
+                "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), *networks]},
                 "training": _training(max(1, round(len(known) * (1 - held_out)))),
             },
         )
@@ -179,9 +186,13 @@ def starter(
         )
     )
     if of_signals:
-        limits = ["family == 'snn' or encoder == 'quantised'"]
-        sections.append(("What does not spike reads the quantised signal alone.", {"limits": limits}))
-    n_networks = _n_designs(by_name.get("encoder", {})) * _n_designs(network)
+        limits = [
+            "family == 'snn' or family == 'kernel_snn' or encoder == 'quantised'",
+            "family != 'kernel_snn' or encoder == 'send_on_delta'",
+        ]
+        text = "What does not spike reads the quantised signal alone, random kernels that spike its changes."
+        sections.append((text, {"limits": limits}))
+    n_networks = _n_designs(by_name.get("encoder", {})) * _n_designs(networks[-1])
     if n_networks * shares.get("k", 1) > _MOST_TRAININGS:
         sections.append(
             (
@@ -336,8 +347,8 @@ def _n_inputs(recordings: Recordings, sections: Mapping[str, Any]) -> int:
     return 2 * -(-recordings.width // pool) * -(-recordings.height // pool)
 
 
-def _network(n_steps: int, n_inputs: int) -> dict[str, Any]:
-    """Return the spiking family, without memory of its inputs and with copies of them from earlier on.
+def _networks(n_steps: int, n_inputs: int) -> list[dict[str, Any]]:
+    """Return the spiking families: without memory of its inputs and with copies of them from earlier on.
 
     Copies go back by halves of the window, or by even parts of it. In short windows, which hold few spikes,
     the loss counts each for more.
@@ -347,14 +358,12 @@ def _network(n_steps: int, n_inputs: int) -> dict[str, Any]:
     parts = sorted({n_steps * k // n for k in range(n)})
     delays = [[0], *(x for x in ([halves] if halves == parts else [halves, parts]) if len(x) > 1)]
     count_scale = float(f"{max(_COUNT_SCALE, _LEAST_ODDS / n_steps):.2g}")
-    return {
-        "kind": "snn",
-        **_HIDDEN,
-        **({"input_delays": {"choice": delays}} if len(delays) > 1 else {}),
-        **_NETWORK,
-        **({"steps_per_sample": 2} if n_steps < _FEW_STEPS else {}),
-        "count_scale": count_scale,
-    }
+    short = {**({"steps_per_sample": 2} if n_steps < _FEW_STEPS else {}), "count_scale": count_scale}
+    copies = {"input_delays": {"choice": delays}} if len(delays) > 1 else {}
+    return [
+        {"kind": "kernel_snn", **_KERNELS, "input_delays": halves, **short},
+        {"kind": "snn", **_HIDDEN, **copies, **_NETWORK, **short},
+    ]
 
 
 def _rivals(n_steps: int, step_ms: float, of_signals: bool) -> list[dict[str, Any]]:

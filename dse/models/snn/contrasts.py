@@ -20,9 +20,10 @@ Source: Hassibi and Stork 1993, optimal brain surgeon, of a linear readout (REFE
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
-from typing import Any
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -38,18 +39,55 @@ NO_DRIVE = 1e-35
 """Weight of an input that does not drive a neuron: 0 would be no weight. Its square is 0 in float32."""
 _CANDIDATES = 1024  # to choose among at first, at least; four times as many as are kept, if that is more
 _ROUNDS = 4  # of candidates close to those that stayed: twice as many, or half of the first ones
-_SHARES = (
+SHARES = (
     0.02,
     0.95,
 )  # least and largest share of the time with a positive drive that lies above the threshold
 _NEAR = 0.2, 0.5  # of the share of an inhibition, and of the logarithm of the time: half the width
 _OTHER = 0.3  # of those close by, how many are inhibited by another input
-_RIDGE = 0.003  # added to the second moments of scaled counts
 _PEAK_SAMPLES = 512  # whose potentials are kept, a few at a time
 
 
+class Candidates:
+    """Neurons of which some stay, a dataclass of arrays (neuron,), `time` and `neuron` among them.
+
+    ridge: added to the second moments of scaled counts in the readout that decides which stay.
+    absent: weight of an input that does not drive a neuron; an input whose weight is 0 never does.
+    """
+
+    ridge: ClassVar[float]
+    absent: ClassVar[float]
+    time: Floats
+    neuron: Ints
+
+    @classmethod
+    @abstractmethod
+    def drawn(cls, n_inputs: int, n: int, n_neurons: int, rng: np.random.Generator) -> Self:
+        """Draw candidates of some inputs that fire."""
+
+    @abstractmethod
+    def near(self, n_inputs: int, n: int, rng: np.random.Generator) -> Self:
+        """Draw candidates that these compete with."""
+
+    @abstractmethod
+    def drive(self, j: int, drives: Drives) -> tuple[Ints, Floats]:
+        """Return which of the inputs that fire drive a candidate, and how much, in units of their means."""
+
+    @classmethod
+    def stored(cls, rows: Floats) -> Self:
+        """Return candidates from a row per field."""
+        return cls(*(row.astype(np.int64) if np.array_equal(row, np.rint(row)) else row for row in rows))
+
+    def __getitem__(self, which: Ints) -> Self:
+        return type(self)(*(getattr(self, f.name)[which] for f in fields(self)))  # type: ignore[arg-type]
+
+    def __add__(self, other: Self) -> Self:
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))  # type: ignore[arg-type]
+        return type(self)(*(np.append(*pair) for pair in pairs))
+
+
 @dataclass(frozen=True)
-class Contrasts:
+class Contrasts(Candidates):
     """What neurons compare, (neuron,) each.
 
     excited, inhibited: number of the input, among those that fire.
@@ -64,28 +102,30 @@ class Contrasts:
     time: Floats
     neuron: Ints
 
+    ridge: ClassVar[float] = 0.003
+    absent: ClassVar[float] = NO_DRIVE
+
     @classmethod
-    def drawn(cls, n_inputs: int, n: int, n_neurons: int, rng: np.random.Generator) -> Contrasts:
+    def drawn(cls, n_inputs: int, n: int, n_neurons: int, rng: np.random.Generator) -> Self:
         """Draw candidates: inputs in turn, times spread evenly on a logarithmic scale."""
         turn, excited = np.divmod(np.arange(n), n_inputs)
-        low, high = np.log(_SHARES)
+        low, high = np.log(SHARES)
         time = np.exp(low + (turn + 0.5) / -(-n // n_inputs) * (high - low))
         inhibited = _another(excited, n_inputs, rng)
         return cls(excited, inhibited, rng.random(n), time, np.arange(n) % n_neurons)
 
-    def near(self, n_inputs: int, n: int, rng: np.random.Generator) -> Contrasts:
+    def near(self, n_inputs: int, n: int, rng: np.random.Generator) -> Self:
         """Draw candidates that differ little from some of these."""
         of = self[rng.integers(self.share.size, size=n)]
         other = np.where(rng.random(n) < _OTHER, _another(of.excited, n_inputs, rng), of.inhibited)
         share = np.clip(of.share + rng.uniform(-_NEAR[0], _NEAR[0], n), 0, 1)
-        time = np.clip(of.time * np.exp(rng.uniform(-_NEAR[1], _NEAR[1], n)), *_SHARES)
-        return Contrasts(of.excited, other, share, time, of.neuron)
+        time = np.clip(of.time * np.exp(rng.uniform(-_NEAR[1], _NEAR[1], n)), *SHARES)
+        return type(self)(of.excited, other, share, time, of.neuron)
 
-    def __getitem__(self, which: Ints) -> Contrasts:
-        return Contrasts(*(getattr(self, f.name)[which] for f in fields(self)))
-
-    def __add__(self, other: Contrasts) -> Contrasts:
-        return Contrasts(*(np.append(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)))
+    def drive(self, j: int, drives: Drives) -> tuple[Ints, Floats]:
+        """Return the two inputs, or the one, and how much of each."""
+        inputs = np.array([self.excited[j], self.inhibited[j]])
+        return (inputs[:1], np.ones(1)) if inputs[0] == inputs[1] else (inputs, np.array([1, -self.share[j]]))
 
 
 def _another(inputs: Ints, n_inputs: int, rng: np.random.Generator) -> Ints:
@@ -102,16 +142,18 @@ class Choice:
     targets: (sample, output) 1 where an output stands for a label of the sample, else 0.
     price: of a spike, in squared errors of a sample.
     made: what was chosen before, as returned by `first_layer`; None: nothing yet.
+    wiring: of `Drives`.
     """
 
     run: Callable[[Floats, Population[Any]], tuple[Ints, Bools]]
     targets: Floats
     price: float
     made: Floats | None = None
+    wiring: Mapping[str, Array] = field(default_factory=dict)
 
 
 class Drives:
-    """Weights of contrasts of one layer.
+    """Weights of candidates of one layer.
 
     Args:
         rows: input spikes of a probe batch.
@@ -119,9 +161,18 @@ class Drives:
         n_neurons: how many they are.
         most_below: thresholds by which mean potentials may lie below rest, where no reset ends it; weights of
             a neuron that would lie lower are scaled down.
+        wiring: `place` and `sign` of the channels, for kernels.
     """
 
-    def __init__(self, rows: Rows, population: Population[Any], n_neurons: int, most_below: float) -> None:
+    def __init__(
+        self,
+        rows: Rows,
+        population: Population[Any],
+        n_neurons: int,
+        most_below: float,
+        wiring: Mapping[str, Array] | None = None,
+    ) -> None:
+        self.wiring = wiring or {}
         self.population, self.most_below = population, most_below
         self.gain = dc_gain(population, n_neurons)
         norm = response_norm(population, n_neurons, rows.n_steps)
@@ -131,32 +182,31 @@ class Drives:
         self.means = seen.mean(axis=0)[self.active]
         self.seen = seen[:, self.active] / self.means
 
-    def weights(self, contrasts: Contrasts) -> Floats:
+    def weights(self, candidates: Candidates) -> Floats:
         """Return weights, (input, neuron), of inputs that fire in the rows."""
-        n = contrasts.share.size
-        weights = np.full((self.n_inputs, n), NO_DRIVE)
-        for j in range(n if self.active.size else 0):
-            a, b = contrasts.excited[j], contrasts.inhibited[j]
-            share = contrasts.share[j] if b != a else 0.0
-            drive = self.seen[:, a] - share * self.seen[:, b]
+        weights = np.full((self.n_inputs, candidates.time.size), candidates.absent)
+        for j in range(candidates.time.size if self.active.size else 0):
+            inputs, shares = candidates.drive(j, self)
+            drive = np.zeros(len(self.seen))
+            for share, seen in zip(shares, self.seen.T[inputs], strict=True):
+                drive += share * seen
             above = np.sort(drive)[::-1]
-            least = above[min(int(contrasts.time[j] * np.count_nonzero(above > 0)), above.size - 1)]
+            least = above[min(int(candidates.time[j] * np.count_nonzero(above > 0)), above.size - 1)]
             unit = max(least if least > 0 else above[0], -drive.min() / self.most_below)
-            if b != a:
-                weights[self.active[b], j] = -share / (self.means[b] * unit)
-            weights[self.active[a], j] = 1 / (self.means[a] * unit)
+            weights[self.active[inputs], j] = shares / (self.means[inputs] * (unit if unit > 0 else 1.0))
         scale = np.broadcast_to(self.population.to_threshold / self.gain, self.gain.shape)
-        return np.asarray(weights * scale[contrasts.neuron])
+        return np.asarray(weights * scale[candidates.neuron])
 
 
 def first_layer(
-    drives: Drives, n_neurons: int, rng: np.random.Generator, choice: Choice
+    kind: type[Candidates], drives: Drives, n_neurons: int, rng: np.random.Generator, choice: Choice
 ) -> tuple[Floats, Population[Any], Floats]:
-    """Return the weights of a first layer, (input, neuron), its neurons, and what they compare, to be stored.
+    """Return the weights of a first layer, (input, neuron), its neurons, and which they are, to be stored.
 
-    The last is (5, neuron) float64, a row per field of `Contrasts`.
+    The last is (field, neuron) float64, a row per field of the candidates.
 
     Args:
+        kind: of candidates.
         drives: of its neurons.
         n_neurons: how many.
         rng: draws the candidates; it moves as far whether or not the choice was made before.
@@ -164,26 +214,24 @@ def first_layer(
     """
     own, size = np.random.default_rng(rng.integers(2**63)), max(1, drives.active.size)
     if choice.made is not None:
-        excited, inhibited, share, time, neuron = choice.made
-        whole = np.int64
-        stay = Contrasts(excited.astype(whole), inhibited.astype(whole), share, time, neuron.astype(whole))
+        stay = kind.stored(choice.made)
     else:
         copies = -(-max(_CANDIDATES, 4 * n_neurons) // n_neurons)
-        stay = Contrasts.drawn(size, copies * n_neurons, n_neurons, own)
+        stay = kind.drawn(size, copies * n_neurons, n_neurons, own)
         counts, out = _run(drives, stay, choice)
         for turn in range(_ROUNDS + 1):
-            kept = chosen(counts, choice.targets, n_neurons, choice.price, out)
+            kept = chosen(counts, choice.targets, n_neurons, choice.price, out, kind.ridge)
             stay, counts, out = stay[kept], counts[:, kept], out[kept]
             if turn < _ROUNDS:
                 near = stay.near(size, max(_CANDIDATES // 2, 2 * n_neurons), own)
                 fired, leaves = _run(drives, near, choice)
                 stay, counts, out = stay + near, np.hstack([counts, fired]), np.append(out, leaves)
-    stored = np.array([getattr(stay, f.name) for f in fields(stay)], np.float64)
+    stored = np.array([getattr(stay, f.name) for f in fields(stay)], np.float64)  # type: ignore[arg-type]
     return drives.weights(stay), taken(drives.population, stay.neuron), stored
 
 
-def _run(drives: Drives, contrasts: Contrasts, choice: Choice) -> tuple[Ints, Bools]:
-    return choice.run(drives.weights(contrasts), taken(drives.population, contrasts.neuron))
+def _run(drives: Drives, candidates: Candidates, choice: Choice) -> tuple[Ints, Bools]:
+    return choice.run(drives.weights(candidates), taken(drives.population, candidates.neuron))
 
 
 def mean_counts(rows: Rows, n_steps: int) -> Floats:
@@ -219,7 +267,9 @@ def run_candidates(
     return np.concatenate(counts), peaks > most_peak
 
 
-def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float, out: Bools) -> Ints:
+def chosen(
+    counts: Ints, targets: Floats, n_neurons: int, price: float, out: Bools, ridge: float = Contrasts.ridge
+) -> Ints:
     """Return which neurons stay, (n_neurons,) increasing.
 
     Args:
@@ -228,11 +278,12 @@ def chosen(counts: Ints, targets: Floats, n_neurons: int, price: float, out: Boo
         n_neurons: how many stay.
         price: of a spike, in squared errors of a sample.
         out: (candidate,) bool, those that go first, whatever they tell.
+        ridge: added to the second moments of scaled counts.
     """
     whole, n = counts.astype(np.float64), len(counts)
     totals = whole.sum(axis=0)
     scales, powers = covariance(counts)
-    powers[np.diag_indices_from(powers)] += _RIDGE
+    powers[np.diag_indices_from(powers)] += ridge
     share = targets.mean(axis=0)
     with_targets = (
         (whole.T @ targets - totals[:, None] * share) / n * scales[:, None]

@@ -111,7 +111,7 @@ class SNN(Stack):
         shared = self.sharing(n_outputs)
         stored = tuple(
             0
-            if self.pruned
+            if self.is_sparse
             else b * b * back + (a * b if number is None else int(np.count_nonzero(number >= 0)))
             for a, b, back, number in zip(sizes, sizes[1:], recurrent, shared, strict=False)
         )
@@ -129,12 +129,12 @@ class SNN(Stack):
             steps_per_sample=self.steps_per_sample,
             n_slots=max(self.input_delays) // self.steps_per_sample + 1,
         )
-        # Pruning may leave any weight at 0, training any delay at 1, and resonators are drawn.
+        # Pruning or kernels may leave any weight at 0, training any delay at 1, and resonators are drawn.
         draws = type(self.neuron).resonators.__func__ is not Neuron.resonators.__func__  # type: ignore[attr-defined]
-        is_exact = not self.pruned and self.longest_delay <= 1 and not draws
+        is_exact = not self.is_sparse and self.longest_delay <= 1 and not draws
         if self.neuron.on_chips:
             return LeastWork(least, is_exact)
-        n_weights = 0 if self.pruned else self.n_weights(n_channels, n_outputs)
+        n_weights = 0 if self.is_sparse else self.n_weights(n_channels, n_outputs)
         counted = Operations(
             macs=np.zeros(()),
             additions=np.zeros(()),

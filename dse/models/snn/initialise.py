@@ -108,7 +108,7 @@ class Start:
 
     delays: master delays, (input, neuron) float32; None where synapses have none.
     populations: the layers' neurons.
-    chosen: what a first layer of contrasts compares, as stored; None: another start.
+    chosen: which candidates a first layer is made of, as stored; None: another start.
     """
 
     feed_forward: list[Floats]
@@ -136,8 +136,8 @@ def initialise(
     8-bit rounding that would silence a layer of many inputs. An output neuron starts with weights that
     cancel over the mean input, plus a common share that is searched for the mean of its targets: outputs
     that start elsewhere are pushed as one into a silence that the loss does not leave. The first layer of
-    a start by contrasts is chosen from candidates (dse.models.snn.contrasts), and all layers of one by fan_in
-    are as drawn, whatever their rates.
+    contrasts or kernels is chosen from candidates (dse.models.snn.contrasts), and all layers of a start by
+    fan_in are as drawn, whatever their rates.
 
     Args:
         rows: probe batch of input spikes.
@@ -148,7 +148,7 @@ def initialise(
         n_heads: of the output, each with one neuron that is to fire.
         of_delays: draws delays, of synapses uniform in [0, model.max_delay], of axons in [0, 1); None: there
             are none.
-        choice: of the neurons of a start by contrasts; None: there is no such start.
+        choice: of a first layer from candidates; None: it is drawn.
     """
     populations, picked = list(populations), None
     feed_forward: list[Floats] = []
@@ -158,10 +158,11 @@ def initialise(
     sharing = model.sharing(n_outputs)
     within = within_range if model.arithmetic == "integer" else np.asarray
     for depth, n in enumerate((*model.hidden, n_outputs)):
-        is_contrasts = choice is not None and depth == 0 and model.start == "contrasts"
-        if choice is not None and is_contrasts:
-            drives = Drives(rows, populations[0], n, model.most_peak / _BURSTS)
-            contrasts, populations[0], picked = first_layer(drives, n, rng, choice)
+        kind = model.candidates if depth == 0 else None
+        is_chosen = choice is not None and kind is not None
+        if choice is not None and kind is not None:
+            drives = Drives(rows, populations[0], n, model.most_peak / _BURSTS, choice.wiring)
+            first, populations[0], picked = first_layer(kind, drives, n, rng, choice)
         population = populations[depth]
         cells = max(1, rows.n_samples * rows.n_steps)
         unit = population.to_threshold / response_norm(population, n, rows.n_steps)
@@ -176,9 +177,9 @@ def initialise(
         fixed: Floats | float = 0.0
         ring = None
         target = model.initial_rate
-        as_drawn = is_contrasts or is_fan_in
-        if is_contrasts:
-            drawn = contrasts
+        as_drawn = is_chosen or is_fan_in
+        if is_chosen:
+            drawn = first
         if depth == len(model.hidden) and not is_fan_in:
             share = np.bincount(rows.index, minlength=rows.n_inputs) / max(1, rows.index.size)
             fixed = spread * (drawn - sum_of_products(drawn.T, share))

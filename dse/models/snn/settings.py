@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import ClassVar, Literal
@@ -14,6 +14,7 @@ from dse.config.parts import KeyFault, Part, Written
 from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
+from dse.models.snn.contrasts import Candidates, Contrasts
 from dse.models.snn.quantise import FINEST
 from dse.models.snn.regions import RINGS, regions_of
 from dse.models.training import Training
@@ -21,7 +22,7 @@ from dse.neurons import LayerSpec, Neuron, cuba_lif
 from dse.neurons.fixed_point import STATE_LIMIT, STATE_SCALE
 from dse.neurons.response import dc_gain
 from dse.neurons.surrogate import Exponential, exponential
-from dse.records import Arithmetic, Floats, Ints
+from dse.records import Arithmetic, Array, Dataset, Floats, Ints
 from dse.registry import name_of, param
 
 _USUAL = 3  # that of dithered layers for which it is chosen after the training
@@ -274,8 +275,26 @@ class Stack:
         return self.threshold_exponents[-1:] == (-1,) and self.arithmetic == "integer"
 
     @property
+    def candidates(self) -> type[Candidates] | None:
+        """What the first layer is chosen from; None: it is not chosen."""
+        return Contrasts if self.start == "contrasts" else None
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether some weights are 0 in the end, as many as training shows."""
+        return bool(self.pruned)
+
+    def wiring(self, dataset: Dataset) -> Mapping[str, Array]:
+        """Return what candidates know of the channels."""
+        return {}
+
+    def schedule(self, training: Training) -> Training:
+        """Return how this network trains where all train so."""
+        return training
+
+    @property
     def most_peak(self) -> float:
-        """Thresholds that potentials of a start by contrasts are to stay within: half of a state's range."""
+        """Thresholds that potentials of a chosen layer are to stay within: half of a state's range."""
         exponent = _USUAL if self.is_free(0) else self.exponent(0)
         return max(1.0, self._range / 2.0**exponent)
 
@@ -301,8 +320,8 @@ class Stack:
         return range({"none": last + 1, "output": last, "all": 1}[self.whitened], last + 1)
 
     def check_step(self, step_ms: float) -> None:
-        """Check that contrasts can be set for neurons in input steps of this length."""
-        if self.start == "contrasts":
+        """Check that candidates can be set for neurons in input steps of this length."""
+        if self.candidates is not None:
             one = LayerSpec(1, False, self.steps_per_sample, step_ms / self.steps_per_sample)
             dc_gain(self.neuron.population(one, np.random.default_rng(0)), 1)
 
@@ -403,6 +422,7 @@ class Stack:
 
     def shares(self, training: Training) -> tuple[Hashable, ...]:
         """Return what designs must have in common to train on the same batches."""
+        training = self.schedule(training)
         return (
             *(self.has_kernel, self.input_delays, self.steps_per_sample),
             *(training.batch_size, training.output_epochs, training.input_dropout, training.augmentation),

@@ -81,7 +81,12 @@ def train(
             "the designs of a cohort must agree in input_delays, steps_per_sample, batch_size, "
             "output_epochs, input_dropout and augmentation, and in whether their neurons have a kernel"
         )
-    designs = [design._replace(model=design.model.placed(dataset.positions)) for design in designs]
+    designs = [
+        design._replace(
+            model=design.model.placed(dataset.positions), training=design.model.schedule(design.training)
+        )
+        for design in designs
+    ]
     model, training = designs[0].model, designs[0].training
     n_steps = dataset.n_steps * model.steps_per_sample
     delays = tuple(d * model.steps_per_sample for d in model.input_delays)
@@ -121,7 +126,13 @@ def train(
             layer = prepare(layer_weights(matrix, None, population), model.arithmetic)
             return contrasts.run_candidates(layer, population.to_threshold, windows, model.most_peak)
 
-        choice = contrasts.Choice(run, targets, design.model.hidden_spike_penalty, start.get("chosen"))
+        choice = contrasts.Choice(
+            run,
+            targets,
+            design.model.hidden_spike_penalty,
+            start.get("chosen"),
+            design.model.wiring(dataset),
+        )
         trainees.append(Trainee.start(number, design, probe, dataset.spikes.step_ms, heads, pool, choice))
         trainees[-1].begun |= start
         trainees[-1].lay()

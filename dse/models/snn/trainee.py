@@ -387,7 +387,7 @@ def units(weights: Floats, unit: str, scale: float, shared: Ints | None = None, 
     powers = weights**2
     counted = np.count_nonzero(powers, axis=0)
     mean = powers.mean(axis=0)
-    if (counted < len(weights)).any():  # contrasts: most begin at next to 0, and move like the others
+    if (counted < len(weights)).any():  # contrasts: most begin at next to 0; kernels: most are 0
         mean = powers.sum(axis=0) / np.maximum(counted, 1)
     return np.asarray(np.sqrt(mean), np.float32)
 

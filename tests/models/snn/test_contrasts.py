@@ -120,11 +120,13 @@ def test_rounds_lower_the_error_and_a_choice_made_before_is_kept():
             patch.setattr(contrasts, "_ROUNDS", rounds)
             draws = np.random.default_rng(1)
             matrix, population, stored = contrasts.first_layer(
-                at, 4, draws, contrasts.Choice(run, targets, 0.0)
+                contrasts.Contrasts, at, 4, draws, contrasts.Choice(run, targets, 0.0)
             )
         errors.append(error(run(matrix, population)[0], targets, np.arange(4)))
         after = np.random.default_rng(1)
-        again = contrasts.first_layer(at, 4, after, contrasts.Choice(run, targets, 0.0, stored))
+        again = contrasts.first_layer(
+            contrasts.Contrasts, at, 4, after, contrasts.Choice(run, targets, 0.0, stored)
+        )
         np.testing.assert_array_equal(again[0], matrix)
         assert after.random() == draws.random()
     assert errors[1] < errors[0] - 1e-3
