@@ -107,7 +107,7 @@ def _readable(load: Callable[[], Any]) -> Callable[[], Any]:
     def reader() -> Any:
         try:
             return load()
-        except (ImportError, AttributeError):
+        except (ImportError, AttributeError, TypeError):
             return {}
 
     return reader

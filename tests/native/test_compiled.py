@@ -57,7 +57,7 @@ def test_the_stamp_is_of_the_package_and_of_what_is_inlined(package):
     module._sources.cache_clear()
 
 
-@pytest.mark.parametrize("error", [ImportError, AttributeError])
+@pytest.mark.parametrize("error", [ImportError, AttributeError, TypeError])
 def test_an_index_that_cannot_be_read_is_empty(error):
     def load():
         raise error("a type of a module that is no more")
