@@ -336,7 +336,7 @@ def trains_in_cohorts(family: Family) -> TypeGuard[CohortFamily]:
 
 def has_rungs(family: object) -> TypeGuard[RungFamily]:
     """Return whether trainings of a family, or of a class of families, can pause: it has `fit_span`."""
-    return hasattr(family, "fit_span")
+    return callable(getattr(family, "fit_span", None))
 
 
 def placed(family: CohortFamily, positions: Ints) -> CohortFamily:

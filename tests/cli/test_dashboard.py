@@ -136,6 +136,7 @@ def test_a_page_from_before_the_first_trial_to_the_last(fake_model, chromium, tm
     written = held(write_page(results.open(folder), tmp_path / "page.html"))
     assert sorted(written.pop("details")) == ["0", "1", "2"]  # which a server sends when they are asked for
     assert len(written.pop("touches")["designs"]) > 0  # likewise
+    assert len(written.pop("cards")) > 0  # likewise
     # The server does not know the family of these tests, and so not how many designs there are.
     assert [one.pop("progress")["runs"]["done"] for one in (page, written)] == [3, 3]
     served, of_page = page.pop("notes"), written.pop("notes")
@@ -220,7 +221,7 @@ def test_a_page_definition_is_read_before_anything_else(fake_model, tmp_path, mo
     assert lines[: len(lines) - 2] == [
         "--port: applies to a served page and cannot be combined with --html"
     ] * (1 if more else 0)
-    assert lines[-2].startswith("mine.yaml:1: unknown views[0] 'tabel'; known: audit, chips, ")
+    assert lines[-2].startswith("mine.yaml:1: unknown views[0] 'tabel'; known: audit, card, chips, ")
     assert lines[-1] == "mine.yaml:2: sort must be text, got 3"
 
 

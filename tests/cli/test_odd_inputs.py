@@ -148,10 +148,10 @@ def answered(capsys, *arguments):
 def test_a_spike_counts_for_more_where_a_window_has_few_steps(n_steps, scale):
     signal, label = waves(n_steps=n_steps)
     np.savez("touch.npz", signal=signal, fabric=label)
-    *plain, network = yaml.safe_load(dse.init("touch.npz", "touch.yaml", step_ms=4).read_text())["model"][
-        "choice"
-    ]
-    assert network["count_scale"] == scale and not any("count_scale" in each for each in plain)
+    space = yaml.safe_load(dse.init("touch.npz", "touch.yaml", step_ms=4).read_text())
+    *plain, kernels, network = space["model"]["choice"]
+    assert kernels["count_scale"] == network["count_scale"] == scale
+    assert not any("count_scale" in each for each in plain)
 
 
 @pytest.mark.parametrize(("n", "races"), [(40, True), (2500, False)])

@@ -6,7 +6,7 @@ from dse.config import load_space
 from dse.study.preview import preview
 from tests.spaces import SPACE, faults_of, write_space
 
-TEACHERS = "; known: columns, kernels, linear, mlp, snn, tcn"
+TEACHERS = "; known: columns, kernel_snn, kernels, linear, mlp, snn, tcn"
 
 
 def with_sections(folder, **sections):

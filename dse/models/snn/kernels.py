@@ -99,6 +99,9 @@ class KernelSNN(SNN):
     candidates: ClassVar[type[Candidates]] = Kernels
     is_sparse: ClassVar[bool] = True
 
+    # Its epochs cost little, and begin with a choice that costs most: a pause would save nothing.
+    fit_span: ClassVar[None] = None  # type: ignore[assignment]
+
     dropout: float = param(
         0.3,
         low=0,
