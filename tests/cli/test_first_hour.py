@@ -242,7 +242,8 @@ def test_the_first_hour_on_a_bare_clone(tmp_path, monkeypatch, capsys):
         with capsys.disabled():
             print("\n| command | CPU s |\n|---|---|", *rows, sep="\n")
     trials = pd.read_parquet(desk / "results" / "touch" / "trials.parquet")
-    assert trials["family"].unique().tolist() == (["linear", "mlp", "kernels"] if whole else []) + ["snn"]
+    rivals = ["linear", "mlp", "kernels", "kernel_snn"] if whole else []
+    assert trials["family"].unique().tolist() == [*rivals, "snn"]
     assert trials.loc[trials["status"] != "excluded", "accuracy"].notna().all()
     assert json.loads((desk / "bundle" / "bundle.json").read_text())["targets"]["c99"]["kind"] == "faithful"
     monkeypatch.chdir(desk)
