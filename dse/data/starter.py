@@ -348,10 +348,10 @@ def _n_inputs(recordings: Recordings, sections: Mapping[str, Any]) -> int:
 
 
 def _networks(n_steps: int, n_inputs: int) -> list[dict[str, Any]]:
-    """Return the spiking families: without memory of its inputs and with copies of them from earlier on.
+    """Return the spiking families: random kernels, and networks that train whole.
 
-    Copies go back by halves of the window, or by even parts of it. In short windows, which hold few spikes,
-    the loss counts each for more.
+    Copies of the inputs go back by halves of the window; whole networks also have none, or even parts of it.
+    In short windows, which hold few spikes, the loss counts each for more.
     """
     n = next(n for n in (_MOST_COPIES, 4, 2, 1) if n * n_inputs <= _MOST_INPUTS or n == 1)
     halves = sorted({0, *(n_steps >> k for k in range(1, n))})

@@ -70,11 +70,9 @@ def decide(output: ArrayLike, phi: float, theta: float) -> Decisions:
     spikes = _spikes(output)
     _grid("phi", [phi], np.inf)
     _grid("theta", [theta], 1.0)
-    counts = spikes.cumsum(axis=1, dtype=np.int64)
-    total = counts.sum(axis=2)
-    confidence = counts.max(axis=2) / np.maximum(total, 1)
+    counts, total, confidence = _so_far(spikes)
     admissible = (total > phi) & (confidence >= theta)
-    decided = admissible.any(axis=1)
+    decided = np.asarray(admissible.any(axis=1))
     step = np.where(decided, admissible.argmax(axis=1), spikes.shape[1] - 1)
     return Decisions(counts[np.arange(len(spikes)), step].argmax(axis=1), step, decided)
 
@@ -345,6 +343,13 @@ def _surfaces(
     return surfaces, ends / n
 
 
+def _so_far(spikes: Array) -> tuple[Array, Array, Array]:
+    """Return S_n (n, T, class), S_T and c (n, T) after each step."""
+    counts = spikes.cumsum(axis=1, dtype=np.int64)
+    total = counts.sum(axis=2)
+    return counts, total, counts.max(axis=2) / np.maximum(total, 1)
+
+
 def _spikes(output: ArrayLike) -> Array:
     array = np.asanyarray(output)
     if array.ndim != 3 or array.dtype != np.uint8:
@@ -488,9 +493,7 @@ def right_at(output: ArrayLike, target: ArrayLike, phi: ArrayLike, theta: ArrayL
 def _right_at(spikes: Array, target: Array, phi: Array, theta: Array) -> NDArray[np.bool_]:
     """Return `right_at` of some samples: O((phi + theta) T class) of each, in plain NumPy."""
     n, n_steps, _ = spikes.shape
-    counts = spikes.cumsum(axis=1, dtype=np.int64)
-    total = counts.sum(axis=2)
-    confidence = counts.max(axis=2) / np.maximum(total, 1)
+    counts, total, confidence = _so_far(spikes)
     # Whether an answer at each step is right; step T stands for undecided samples, which answer at the last.
     answered = np.pad(counts.argmax(axis=2) == target[:, None], ((0, 0), (0, 1)), mode="edge")
     enough = np.stack([(total <= value).sum(axis=1) for value in phi], axis=1)  # the first step, or T

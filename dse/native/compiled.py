@@ -76,6 +76,9 @@ class Late:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._linked(), name)
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        return self._linked().__reduce_ex__(protocol)  # a copy is of what it stands for
+
     def _linked(self) -> Any:
         with _LINKING:
             if self._made is None:

@@ -55,6 +55,6 @@ def dc_gain(population: Population[Any], n_neurons: int) -> Floats:
             return gain
         before, n_steps = gain, 2 * n_steps
     raise ValueError(
-        "start must be uniform for neurons whose potential has no limit above rest under a constant "
-        "input, got contrasts"
+        "neurons that are chosen (start contrasts, family kernel_snn) must not have a potential that has no "
+        "limit above rest under a constant input, as without a decay"
     )

@@ -1,5 +1,7 @@
 """Compiled code is kept on disk under the sources of its package, and made anew when one of them changes."""
 
+import copy
+import pickle
 import subprocess
 import sys
 
@@ -45,6 +47,16 @@ def test_code_is_compiled_once_and_again_after_any_source_of_its_package_changed
     (package / "constants.py").write_text("FACTOR = 5.0\n")  # the file of the kernel is as it was
     assert call(package) == ["10.0"]
     assert call(package) == ["10.0", "1"]
+
+
+@pytest.mark.parametrize("name", ["call", "pickle", "copy"])
+def test_a_kernel_is_called_and_copied_before_numba_knows_it(name):
+    def twice(x):
+        return 2 * x
+
+    late = module.compiled()(twice)
+    copies = {"call": lambda x: x, "pickle": lambda x: pickle.loads(pickle.dumps(x)), "copy": copy.copy}
+    assert copies[name](late)(3) == 6 and late.__name__ == "twice"
 
 
 def test_the_stamp_is_of_the_package_and_of_what_is_inlined(package):

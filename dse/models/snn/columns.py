@@ -22,7 +22,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dse.models.snn.family import SNN
+from dse.models.snn.family import SNN, OwnFirstLayer
 from dse.models.snn.settings import Stack
 from dse.models.training import Training
 from dse.records import Ints
@@ -34,26 +34,12 @@ _SHARED_BYTES = 24
 
 @register("models", "columns")
 @dataclass(frozen=True)
-class Columns(SNN):
+class Columns(OwnFirstLayer):
     """One small spiking column per taxel, all with the same weights; W_t counts a shared weight once."""
 
     cpu_only: ClassVar[bool] = True
     hidden_layers: ClassVar[tuple[int, int]] = (0, 2)
-    recurrent: ClassVar[bool] = False  # type: ignore[misc]
-    weight_norm: ClassVar[bool] = False  # type: ignore[misc]
-    pruned: ClassVar[float] = 0.0  # type: ignore[misc]
-    prune_epoch: ClassVar[float] = 0.0  # type: ignore[misc]
-    max_delay: ClassVar[int] = 0  # type: ignore[misc]
-    max_axonal_delay: ClassVar[int] = 0  # type: ignore[misc]
-    learnt_decays: ClassVar[str] = "no"  # type: ignore[misc]
-    decay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
-    delayed_layers: ClassVar[str] = "first"  # type: ignore[misc]
-    delay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
-    regions: ClassVar[int] = 0  # type: ignore[misc]
-    start: ClassVar[Literal["uniform"]] = "uniform"  # type: ignore[misc]
     threshold_exponents: ClassVar[tuple[int, ...]] = ()  # type: ignore[misc]
-    rounding: ClassVar[Literal["nearest"]] = "nearest"  # type: ignore[misc]
-    weight_scale: ClassVar[float] = 1.0  # type: ignore[misc]
 
     features: int = param(16, low=1, doc="neurons of a column; there is a column for each taxel")
     neighbours: int = param(8, low=0, doc="taxels that a column receives beside its own, nearest first")

@@ -76,7 +76,8 @@ class Candidates:
     @classmethod
     def stored(cls, rows: Floats) -> Self:
         """Return candidates from a row per field."""
-        return cls(*(row.astype(np.int64) if np.array_equal(row, np.rint(row)) else row for row in rows))
+        pairs = zip(fields(cls), rows, strict=True)  # type: ignore[arg-type]
+        return cls(*(row.astype(np.int64) if x.type == "Ints" else row for x, row in pairs))
 
     def __getitem__(self, which: Ints) -> Self:
         return type(self)(*(getattr(self, f.name)[which] for f in fields(self)))  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -252,3 +253,23 @@ class SNN(Stack):
         per_batch = _UPDATE_NS * weights * (3 if self.weight_norm else 1) + _CALL_NS
         per_batch += _BASIS_NS * sum(a * a * padded(b) for a, b in self._whitened(n_channels, n_classes))
         return 1e-9 * training.epochs * (n_train * per_sample + batches * per_batch)
+
+
+@dataclass(frozen=True)
+class OwnFirstLayer(SNN):
+    """A spiking classifier that makes its first layer by rules of its own: keys of a free one are fixed."""
+
+    recurrent: ClassVar[bool] = False  # type: ignore[misc]
+    weight_norm: ClassVar[bool] = False  # type: ignore[misc]
+    pruned: ClassVar[float] = 0.0  # type: ignore[misc]
+    prune_epoch: ClassVar[float] = 0.0  # type: ignore[misc]
+    max_delay: ClassVar[int] = 0  # type: ignore[misc]
+    max_axonal_delay: ClassVar[int] = 0  # type: ignore[misc]
+    learnt_decays: ClassVar[str] = "no"  # type: ignore[misc]
+    decay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
+    delayed_layers: ClassVar[str] = "first"  # type: ignore[misc]
+    delay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
+    regions: ClassVar[int] = 0  # type: ignore[misc]
+    start: ClassVar[Literal["uniform"]] = "uniform"  # type: ignore[misc]
+    rounding: ClassVar[Literal["nearest"]] = "nearest"  # type: ignore[misc]
+    weight_scale: ClassVar[float] = 1.0  # type: ignore[misc]

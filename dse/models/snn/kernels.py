@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from dse.models.counts import levels
 from dse.models.snn.contrasts import SHARES, Candidates, Drives
-from dse.models.snn.family import SNN
+from dse.models.snn.family import OwnFirstLayer
 from dse.models.training import Training
 from dse.records import Array, Dataset, Floats, Ints
 from dse.registry import param, register
@@ -69,8 +69,8 @@ class Kernels(Candidates):
         places = rng.permutation(of_place.size)[: rng.integers(1, _PLACES + 1)]
         of_place[places] = rng.choice([-1.0, 1.0], places.size)
         delays = rng.permutation(of_delay.size)[: rng.integers(min(2, of_delay.size), of_delay.size + 1)]
-        of_delay[delays] = rng.uniform(-1, 1, delays.size)
-        of_delay[delays] -= of_delay[delays].mean() if delays.size > 1 else of_delay[delays] - 1
+        drawn = rng.uniform(-1, 1, delays.size)
+        of_delay[delays] = drawn - drawn.mean() if delays.size > 1 else 1.0
         weights = of_place[place[channel]] * rise[channel] * of_delay[delay] * drives.means
         inputs = np.flatnonzero(weights)
         return inputs, weights[inputs]
@@ -78,30 +78,18 @@ class Kernels(Candidates):
 
 @register("models", "kernel_snn")
 @dataclass(frozen=True)
-class KernelSNN(SNN):
+class KernelSNN(OwnFirstLayer):
     """Spiking network of random kernels, those that the labels need; its outputs alone learn."""
 
     hidden_layers: ClassVar[tuple[int, int]] = (1, 1)
-    recurrent: ClassVar[bool] = False  # type: ignore[misc]
-    weight_norm: ClassVar[bool] = False  # type: ignore[misc]
-    pruned: ClassVar[float] = 0.0  # type: ignore[misc]
-    prune_epoch: ClassVar[float] = 0.0  # type: ignore[misc]
-    max_delay: ClassVar[int] = 0  # type: ignore[misc]
-    max_axonal_delay: ClassVar[int] = 0  # type: ignore[misc]
-    learnt_decays: ClassVar[str] = "no"  # type: ignore[misc]
-    decay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
-    delayed_layers: ClassVar[str] = "first"  # type: ignore[misc]
-    delay_learning_rate: ClassVar[float] = 0.0  # type: ignore[misc]
-    regions: ClassVar[int] = 0  # type: ignore[misc]
-    start: ClassVar[Literal["uniform"]] = "uniform"  # type: ignore[misc]
-    rounding: ClassVar[Literal["nearest"]] = "nearest"  # type: ignore[misc]
-    weight_scale: ClassVar[float] = 1.0  # type: ignore[misc]
+    initial_rate: ClassVar[float] = 0.1  # type: ignore[misc]
     candidates: ClassVar[type[Candidates]] = Kernels
     is_sparse: ClassVar[bool] = True
 
     # Its epochs cost little, and begin with a choice that costs most: a pause would save nothing.
     fit_span: ClassVar[None] = None  # type: ignore[assignment]
 
+    hidden: tuple[int, ...] = param((100,), low=1, doc="kernels, one layer of them")
     dropout: float = param(
         0.3,
         low=0,

@@ -80,7 +80,7 @@ def test_an_input_alone_is_compared_with_nothing():
 
 def test_neurons_whose_potential_has_no_limit_have_no_contrasts():
     rows = pooled(rows_of(np.ones((1, 20, 3), np.uint8)), np.arange(3))
-    with pytest.raises(ValueError, match="start must be uniform for neurons whose potential has no limit"):
+    with pytest.raises(ValueError, match="a potential that has no limit"):
         contrasts.Drives(rows, cuba_lif.rounded(0.25, 0.0, 1.25), 3, np.inf)
 
 
