@@ -67,5 +67,11 @@ const Data = (() => {
     return { share, value, ticks };
   }
 
-  return { read, array, unpacked, ends, spansDecades, many, axis };
+  // A function that remembers its last answer, for as long as it is asked the same.
+  const remembering = (make, of = [], made = null) => (...asked) => {
+    if (asked.length !== of.length || asked.some((one, k) => one !== of[k])) [of, made] = [asked, make(...asked)];
+    return made;
+  };
+
+  return { read, remembering, array, unpacked, ends, spansDecades, many, axis };
 })();

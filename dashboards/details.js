@@ -1,8 +1,7 @@
 "use strict";
 // What a page knows of one trial beyond its points: carried by the page, or requested from its server.
 const Details = (() => {
-  const documents = new Map();
-  let columns; // of the page that they belong to: live.js keeps the same object while no point changes
+  const documentsOf = Data.remembering(() => new Map()); // by the columns of a page: live.js keeps them while no point changes
 
   // The token of a server on the network is part of the page's address.
   function address(route, fields) {
@@ -25,8 +24,7 @@ const Details = (() => {
 
   // Resolves to the document of a trial, or to null where a file has none; `why` it has none is asked for again.
   function of(page, trial) {
-    if (page.columns !== columns) documents.clear();
-    columns = page.columns;
+    const documents = documentsOf(page.columns);
     const key = String(trial);
     const carried = page.details?.[key];
     if (!documents.has(key)) {

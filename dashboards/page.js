@@ -318,7 +318,8 @@
     const row = values ? -1 : rowOf(key);
     return { key, row, value: (column) => (values ? values[column] : columns[column]?.values[row]) ?? null };
   }
-  const surfaces = new Map();
+  const surfaces = new Map(); // of points that are no row of the page: {column: value}
+  const setPoint = (key, values) => surfaces.set(`${key}@${state.hardware}`, values);
 
   // What points are told apart by, where the reader has not chosen.
   const ownColour = () => (state.family !== BOTH || families.length < 2 ? "" : "family");
@@ -390,11 +391,6 @@
   const report = () => Promise.all(views.map(({ view }) => view.load?.(selection(false)))).then(() => print());
   const save = async ({ name, view }, format) => (format === "csv" ? csv(name, view.listed()) : download(`${fileName()}-${name}.${format}`, await view.image(format)));
   const fileName = () => clip(page.name, 80).replace(/[^\p{L}\p{N}_-]+/gu, "_");
-
-  // Values of a point that is no row of the page; `values` is {column: value}.
-  function setPoint(key, values) {
-    surfaces.set(`${key}@${state.hardware}`, values);
-  }
 
   const app = {
     element, clip, number, error, known, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, title, sized, trusts, isShare, isFraction, familyName, chipName,
@@ -469,6 +465,7 @@
       return;
     }
     showAnswer(shown);
+    if (parent !== window) parent.postMessage({ chosen: { trial: shown.subject.value("trial"), point: shown.subject.value("point"), hardware: state.hardware } }, "*"); // a notebook listens
     // A link may name a point that is no row of the page: its trial knows it.
     const at = shown.chosen;
     if (at && at.row < 0 && isNamed() && !surfaces.has(`${at.key}@${state.hardware}`)) {

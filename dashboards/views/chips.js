@@ -5,14 +5,13 @@ const Chips = (() => {
 
   function view(root, app) {
     const { clip, title } = app;
-    let [engine, engineOf] = [null, null];
+    const engineOf = Data.remembering(Budgets.over);
 
     function draw({ page, columns, state }) {
-      if (engineOf !== page) [engine, engineOf] = [Budgets.over(page), page];
       const [gain, cost] = [page.budgets.maximise, app.costOf()];
       if (!gain) return root.replaceChildren(element("p", { textContent: "No objective is maximised, so that no chip has a pick." }));
       const headline = app.headline();
-      const found = app.lists().hardware.map((name) => ({ name, budgeted: engine.evaluate({ ...state, hardware: name }) }));
+      const found = app.lists().hardware.map((name) => ({ name, budgeted: engineOf(page).evaluate({ ...state, hardware: name }) }));
       const level = Math.min(...found.filter(({ budgeted }) => budgeted.pick >= 0).map(({ budgeted }) => columns[gain].values[budgeted.best]));
       const least = found.map(({ budgeted }) => (cost ? Budgets.least(budgeted.among.filter((row) => columns[gain].values[row] >= level), [app.numbers(cost)]) : -1));
       const lines = found.map(({ name, budgeted }, k) => {

@@ -12,18 +12,16 @@ const Parallel = (() => {
   const isKnown = (value) => value !== null && value !== undefined;
   const heightOf = (share) => TOP + (Number.isNaN(share) ? HEIGHT + BELOW : HEIGHT * (1 - Math.min(1, Math.max(0, share))));
 
-  // Rows in an order that repeats and has no rhythm, so that its first n are an even sample of them.
-  function shuffled(rows) {
-    const rank = (row) => Math.imul(row + 1, 0x9e3779b1) >>> 0;
-    return [...rows].sort((a, b) => rank(a) - rank(b));
-  }
+  // Rows are drawn in an order that repeats and has no rhythm: the first n are an even sample of them.
+  const rank = (row) => Math.imul(row + 1, 0x9e3779b1) >>> 0;
 
   function view(root, app) {
     const { number, clip, title, many, change } = app;
     const count = element("small");
-    const [lines, marks] = [element("canvas", { role: "img" }), element("canvas", { className: "marks", "aria-hidden": "true" })];
+    const lines = element("canvas", { role: "img" });
+    const [strong, marks] = ["strong", "marks"].map((className) => element("canvas", { className, "aria-hidden": "true" }));
     const frame = element("div", { className: "axes" });
-    const plane = element("div", { className: "plane" }, lines, marks, frame);
+    const plane = element("div", { className: "plane" }, lines, strong, marks, frame);
     const scroll = Dom.scroll("Axes, which scroll sideways", plane);
     root.append(element("h2", { textContent: "Parallel coordinates " }, count), scroll,
       element("p", { className: "caption", textContent: "Strong: on the front. Drag along an axis to keep a part of it, and click it to keep all. ↑ ↓: which way is better." }));
@@ -34,8 +32,7 @@ const Parallel = (() => {
     const across = (k) => LEFT + k * gap;
     const wayOf = (column) => shown.page.objectives[column] ?? shown.page.budgets.columns[column];
 
-    function columnsShown() {
-      const { page, columns, objectives, rows } = shown;
+    function columnsShown({ page, columns, objectives, rows }) {
       const defined = (page.definition?.parallel ?? []).filter((column) => columns[column]);
       if (defined.length) return defined;
       const differs = (column) => new Set(rows.map((row) => columns[column].values[row])).size > 1;
@@ -46,8 +43,7 @@ const Parallel = (() => {
       return [...new Set([...Object.keys(page.budgets.columns), ...objectives, ...parameters])].filter((column) => rows.some((row) => isKnown(columns[column].values[row]))).slice(0, MAX_AXES);
     }
 
-    function axisOf(column) {
-      const { columns, rows } = shown;
+    function axisOf(column, { columns, rows }) {
       const { values } = columns[column];
       const numeric = app.isNumeric(column);
       const words = numeric ? [] : [...new Set(rows.map((row) => values[row]).filter(isKnown).map(String))].sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
@@ -57,6 +53,8 @@ const Parallel = (() => {
       const share = (value) => (!isKnown(value) ? NaN : axis.share(numeric ? value : places.get(String(value)) ?? NaN));
       return { ...axis, column, numeric, words, share, lacks: rows.some((row) => !isKnown(values[row])) };
     }
+
+    const axesOf = Data.remembering(() => columnsShown(shown).map((column) => axisOf(column, shown)));
 
     // ---- brushes
 
@@ -100,7 +98,7 @@ const Parallel = (() => {
 
     function arrange() {
       gap = Math.max(LEAST, axes.length > 1 ? Math.floor((width - LEFT - RIGHT) / (axes.length - 1)) : width);
-      for (const node of [plane, lines, marks]) node.style.width = `${wide()}px`;
+      for (const node of [plane, lines, strong, marks]) node.style.width = `${wide()}px`;
       frame.replaceChildren(...axes.map((axis, k) => {
         const { column, lacks } = axis;
         const labels = [...axis.ticks.map(([value, text]) => [axis.words.length ? axis.share(text) : axis.share(value), text]), ...(lacks ? [[NaN, "none"]] : [])];
@@ -127,7 +125,6 @@ const Parallel = (() => {
 
     const wide = () => across(Math.max(0, axes.length - 1)) + RIGHT;
     const size = () => [wide(), TOP + HEIGHT + BELOW + FOOT];
-    const strength = (n, most, least, at) => Math.max(least, Math.min(most, at / Math.sqrt(n)));
 
     function path(brush, value) {
       const heights = axes.map(({ column, share }) => heightOf(share(value(column))));
@@ -135,18 +132,28 @@ const Parallel = (() => {
       if (heights.length === 1) brush.lineTo(across(0) + 16, heights[0]);
     }
 
+    function stroke(brush, look, values) {
+      Object.assign(brush, look).beginPath();
+      for (const value of values) path(brush, value);
+      brush.stroke();
+    }
+
+    const valuesOf = (rows) => rows.map((row) => (column) => shown.columns[column].values[row]);
+    const thin = (n, most, least, at) => ({ lineWidth: 1 / (devicePixelRatio || 1), globalAlpha: Math.max(least, Math.min(most, at / Math.sqrt(n))) });
+
+    // A sample of all lines, which stays where limits move: to draw it takes longest.
+    const paintSample = Data.remembering((_axes, rows, _gap, _ratio, strokeStyle) => {
+      const some = [...rows].sort((a, b) => rank(a) - rank(b)).slice(0, DIM_LINES);
+      stroke(Figure.brush(lines, size()), { ...thin(some.length, 0.25, 0.05, 1.5), strokeStyle }, valuesOf(some));
+      return some;
+    });
+
     function paint() {
-      const brush = Figure.brush(lines, size());
       const onFront = (row) => shown.onFront.has(row) && !shown.leftOut(row) && shown.within(row);
-      const [front, others] = [shown.rows.filter(onFront), shown.rows.filter((row) => !onFront(row))];
-      const rest = shuffled(others).slice(0, DIM_LINES);
-      for (const [rows, strokeStyle, globalAlpha] of [[rest, look.quiet, strength(rest.length, 0.25, 0.05, 1.5)], [front, look.palette[0], strength(front.length, 0.9, 0.2, 7)]]) {
-        Object.assign(brush, { strokeStyle, globalAlpha, lineWidth: 1 / (devicePixelRatio || 1) });
-        brush.beginPath();
-        for (const row of rows) path(brush, (column) => shown.columns[column].values[row]);
-        brush.stroke();
-      }
-      count.textContent = `${many(front.length + rest.length)} of ${many(shown.rows.length)} lines`;
+      const front = shown.rows.filter(onFront);
+      const others = paintSample(axes, shown.rows, gap, devicePixelRatio, look.quiet).filter((row) => !onFront(row));
+      stroke(Figure.brush(strong, size()), { ...thin(front.length, 0.9, 0.2, 7), strokeStyle: look.palette[0] }, valuesOf(front));
+      count.textContent = `${many(front.length + others.length)} of ${many(shown.rows.length)} lines`;
       lines.setAttribute("aria-label", `Parallel coordinates over ${many(axes.length)} axes: ${many(front.length)} of ${app.plural(shown.rows.length, "design")} on the front. The table holds the numbers.`);
     }
 
@@ -154,12 +161,8 @@ const Parallel = (() => {
       const brush = Figure.brush(marks, size());
       const { subject } = shown;
       for (const one of [...(subject.key ? [subject] : []), ...(key === null ? [] : [app.point(key)])]) {
-        for (const [strokeStyle, lineWidth] of [[look.page, 4.5], [one.key === key ? look.palette[0] : look.text, 2.5]]) {
-          Object.assign(brush, { strokeStyle, lineWidth });
-          brush.beginPath();
-          path(brush, one.value);
-          brush.stroke();
-        }
+        stroke(brush, { strokeStyle: look.page, lineWidth: 4.5 }, [one.value]);
+        stroke(brush, { strokeStyle: one.key === key ? look.palette[0] : look.text, lineWidth: 2.5 }, [one.value]);
       }
     }
 
@@ -171,8 +174,7 @@ const Parallel = (() => {
       shown = next;
       look = app.style();
       width = scroll.clientWidth || width;
-      const named = columnsShown();
-      if (axes.of !== shown.rows || axes.map(({ column }) => column).join() !== named.join()) axes = Object.assign(named.map(axisOf), { of: shown.rows });
+      axes = axesOf(shown.page, shown.rows);
       arrange();
       paint();
       paintMarks();

@@ -15,16 +15,16 @@ const Table = (() => {
     let shown = null;
 
     // Parameters in which none of some rows has a value, or all have the same, say nothing of them.
-    function columnsShown(rows) {
-      const { page, columns, objectives } = shown;
+    const columnsShown = Data.remembering((page, rows, expert) => {
+      const { columns, objectives } = shown;
       const defined = page.definition.table ?? [];
-      const isTold = (column) => shown.state.expert === "1" || !SETTINGS.includes(column);
+      const isTold = (column) => expert === "1" || !SETTINGS.includes(column);
       const parameters = page.design.filter(isTold).filter((column) => column === "trial" || (column !== "hardware" && new Set(rows.map((row) => columns[column].values[row])).size > 1));
       const several = ["study"].filter((column) => columns[column] && app.distinct(column).length > 1);
       const first = parameters.filter((column) => column === "trial");
       return [...new Set([...first, ...several, ...(defined.length ? app.beside(defined, false) : [...app.beside(objectives, false),
         ...SETTINGS.filter((column) => parameters.includes(column)), ...parameters])])];
-    }
+    });
 
     function order(column, way) {
       const sign = way === "ascending" ? 1 : -1;
@@ -68,9 +68,9 @@ const Table = (() => {
     const render = Dom.settled((next) => {
       shown = next;
       const { state, columns, budgeted, objectives } = shown;
-      const every = sorted(isWhole() ? shown.rows : budgeted.front);
+      const every = listed();
       const isPaper = app.style().paper === true;
-      const named = columnsShown(every).slice(0, isPaper ? COLUMNS_ON_PAPER : undefined);
+      const named = columnsShown(shown.page, isWhole() ? shown.rows : budgeted.front, state.expert).slice(0, isPaper ? COLUMNS_ON_PAPER : undefined);
       const all = found(every, named);
       const isOnce = (isPaper || (state.once === "" ? isWhole() : state.once === "1")) && Boolean(columns.trial);
       const front = isOnce ? firstOfTrials(all) : all;
@@ -115,12 +115,10 @@ const Table = (() => {
     part("#find").addEventListener("input", (event) => app.change({ find: event.target.value, rows: "" }, true));
     part("#all-rows").addEventListener("click", () => app.change({ rows: "all" }));
 
-    function sorted(some) {
-      return shown.columns[shown.state.sort] ? [...some].sort(order(shown.state.sort, shown.state.order)) : [...some];
-    }
+    const sorted = Data.remembering((columns, some, column, way) => (columns[column] ? [...some].sort(order(column, way)) : some));
 
     // What a CSV of the table holds: every row of it, in its order.
-    const listed = () => sorted(isWhole() ? shown.rows : shown.budgeted.front);
+    const listed = () => sorted(shown.columns, isWhole() ? shown.rows : shown.budgeted.front, shown.state.sort, shown.state.order);
 
     return { render, hover, listed };
   }

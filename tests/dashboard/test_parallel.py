@@ -13,8 +13,8 @@ AXIS_BOX = """(k) => {
 }"""
 
 # How opaque a canvas is at a place, within a pixel of it.
-INK = """([marks, x, y]) => {
-  const node = document.querySelectorAll("#view-parallel canvas")[marks];
+INK = """([canvas, x, y]) => {
+  const node = document.querySelectorAll("#view-parallel canvas")[canvas];
   const { left, top } = node.getBoundingClientRect();
   const { data } = node.getContext("2d").getImageData(x - left - 1, y - top - 1, 3, 3);
   return Math.max(...data.filter((_, k) => k % 4 === 3));
@@ -40,8 +40,9 @@ class View:
         left, top, height = self.tab.evaluate(AXIS_BOX, k)
         return left, top + (1 - share) * height
 
-    def ink(self, marks, at):
-        return self.tab.evaluate(INK, [marks, *at])
+    def ink(self, canvas, at):
+        """Return the opacity at a place of a canvas: 0 all lines, 1 the front, 2 what is marked."""
+        return self.tab.evaluate(INK, [canvas, *at])
 
     def brush(self, k, *shares):
         """Drag along an axis from a share to another; a single one is a click."""
@@ -87,9 +88,9 @@ def test_missing_and_unordered_values_have_their_places_and_a_row_marks_its_line
     assert view.ticks(2) == ["elm", "knn", "snn", "none"] and len(view.ticks(3)) == 2
     (x, y), (x_next, y_next) = view.spot(0, 0.5), view.spot(1, 0.0)
     middle = (x + x_next) / 2, (y + y_next) / 2
-    assert view.ink(0, middle) > 100 and view.ink(1, middle) == 0
+    assert view.ink(1, middle) > 100 and view.ink(2, middle) == 0
     page.tab.dispatch_event("#front tr[data-key='3'] td", "pointerover")  # a mouse would scroll the page
-    assert view.ink(1, middle) == 255
+    assert view.ink(2, middle) == 255
 
 
 def test_a_crowd_is_thinned_and_a_phone_scrolls(opened):
