@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import html
 from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from dse.api.front import front_of
 from dse.config import SearchSpace, load_space
 from dse.config.faults import known_names
 from dse.figures import Results, draw
+from dse.native.extras import MissingExtra
 from dse.skyline import front
 from dse.skyline.front import Skyline
 from dse.study import results
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     import pandas
     import plotly.graph_objects
 
+    from dse.api.widget import Page
     from dse.deploy.bundle import Bundle
 
 _MOST_ROWS = 10  # of the table in a notebook
@@ -152,6 +155,26 @@ class Study(results.Study):
     def plot(self) -> Plots:
         """The figures: `study.plot.front()`, `study.plot.surface(point)`, ...; dir() lists them."""
         return Plots(self)
+
+    def page(self, hardware: str | Sequence[str] = (), *, height_px: int = 900) -> Page:
+        """Return the page as a widget for notebooks; its `row` is the design point that a reader chose in it.
+
+        Args:
+            hardware: names or files of profiles to price the points on; none: the profiles of the study.
+            height_px: of the widget.
+
+        Raises:
+            MissingExtra: anywidget is not installed.
+            ConfigError: a hardware profile does not exist or is wrong.
+            TypeError: an argument of another kind.
+
+        >>> page = study.page("mcu_m4")  # and, once a reader has chosen: study.export(page.row, "bundle")
+        """
+        if find_spec("anywidget") is None:
+            raise MissingExtra("a page in a notebook needs anywidget: pip install 'dse-spiking[notebook]'")
+        from dse.api.widget import Page
+
+        return Page(self, texts(hardware, "hardware"), height_px)
 
     def to_optuna(self, storage: str | None = None) -> optuna.Study:
         """Return the trials as a study of Optuna, for its own plots and importances.
