@@ -49,7 +49,7 @@ def main() -> None:
         pd.concat(tables).to_csv(options.csv, index=False)
 
 
-WORK = ("circuit", "address_bits", "share_bits", "slot_bits")
+WORK = ("circuit", "address_bits", "share_bits", "slot_bits", "list")
 """What cells are for, as the profile counts it."""
 
 
@@ -68,7 +68,7 @@ def placed(target: Fpga, n_networks: int) -> pd.DataFrame:
         with tempfile.TemporaryDirectory() as folder:
             target.emit(form, made, Path(folder))
             report = json.loads((Path(folder) / "report.json").read_bytes())
-        work = 1, form.address_bits, form.share_bits, form.slot_bits
+        work = 1, form.address_bits, form.share_bits, form.slot_bits, form.stored.is_sparse
         rows.append(
             {"seed": seed, **dict(zip(WORK, work, strict=True)), **report, "predicted": before["cells"]}
             | {"predicted_blocks": before["memory_blocks"]}

@@ -63,7 +63,7 @@ def test_what_does_not_fit_says_by_what_and_what_would():
     assert cost(UP5K, network((48, 24, 7), [0, 0, 0])).fits
     [misfit] = cost(UP5K, network((300, 90, 3), [0, 0, 0])).misfits
     assert misfit.rule == "memory_blocks" and misfit.text == "60 blocks of memory, 30 at most"
-    assert misfit.change == "12288 weights of 8 bits, delays included, instead of 27270"
+    assert misfit.change == "12288 weights of 8 bits, what belongs to each included, instead of 27270"
     assert cost(UP5K, network((300, 12288 // 303, 3), [0, 0, 0])).fits
     [misfit] = cost(UP5K, network((3, 3000, 3), [0, 0, 0])).misfits
     assert misfit.change.startswith("fewer neurons: ")
@@ -83,11 +83,20 @@ def test_what_does_not_fit_says_by_what_and_what_would():
     assert (misfit.rule, misfit.text) == ("cells", "669 logic cells, 600 at most")
 
 
-def test_a_weight_of_0_takes_its_place_and_its_cycle():
+def test_a_row_holds_its_weights_of_0_until_lists_of_the_others_take_fewer_bits():
     whole = network((48, 24, 7), [9, 5, 1])
-    pruned = dataclasses.replace(whole, stored=(10, 5), synapses=(1.0, 1.0, 0.0))
-    assert cycles(pruned) == cycles(whole)
-    assert cost(UP5K, pruned).assumptions == cost(UP5K, whole).assumptions
+    most = dataclasses.replace(whole, stored=(900, 150), synapses=(18.75, 6.25, 0.0))
+    assert cycles(most) == cycles(whole)
+    assert cost(UP5K, most).assumptions == cost(UP5K, whole).assumptions
+    # 120 weights of 8 bits and 5 for their neuron, and where each of 79 lists begins: 2 blocks in place of 3.
+    few = dataclasses.replace(whole, stored=(96, 24), synapses=(2.0, 1.0, 0.0))
+    assert cycles(whole)[0] - cycles(few)[0] == 9 * (24 - 2 - 3) + 5 * (7 - 1 - 3)
+    blocks = [int(cost(UP5K, work).assumptions[0].split(", ")[1].split()[0]) for work in (whole, few)]
+    assert blocks[0] - blocks[1] == 1
+    many = network((12_000, 90, 3), [0, 0, 0])
+    assert not cost(UP5K, many).fits
+    [misfit] = cost(UP5K, dataclasses.replace(many, stored=(400, 90))).misfits
+    assert misfit.change.startswith("fewer channels, copies of them or neurons: ")
 
 
 def test_resonators_are_none_of_its_neurons():

@@ -56,7 +56,7 @@ class Fpga(BackEnd[Circuit]):
         """Return its cells, blocks of memory, and the most cycles of a step: everything spikes."""
         form, chip = circuit.of_form(spiking_of(bundle)), self.board.chip
         return {
-            "cells": float(round(chip.n_cells(form.address_bits, form.share_bits, form.slot_bits))),
+            "cells": float(round(chip.n_cells(form.stored, form.share_bits, form.slot_bits))),
             "memory_blocks": float(sum(chip.n_blocks(*shape) for shape in form.memories.values())),
             "most_cycles_per_step": float(form.most_cycles),
         }

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dse.deploy.form import LayerForm, Spiking, Unsupported, in_steps
-from dse.hardware.kinds.gate_array import WORD_CHANNELS, Memories, address_bits
+from dse.hardware.kinds.gate_array import LIST_CYCLES, WORD_CHANNELS, Memories, Stored
 from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import DECAY_SCALE
 from dse.records import Array, Ints
@@ -24,17 +24,23 @@ _BLOCKS = Path(__file__).parent / "blocks"
 class Circuit:
     """A network as its memories.
 
+    stored: as rows of all weights, or as lists of those that are not 0.
     weights: (n_weights,) what a spike adds, in 8-bit steps without common factors of 2: rows of the input
         copies, then of the neurons; a row of a neuron has the weights to its own layer, then to the next.
     delays: (n_weights,) steps that each acts later.
+    targets: (n_weights,) neuron that each is added to.
+    lengths: (row,) weights of each.
     keeps: (2 * neurons,) 4096 less the decays of current and potential.
     weight_bits, delay_bits, sum_bits, state_bits: of a weight, a delay, a sum of weights, a state.
     slot_bits: 2 to this power steps of sums are held.
     """
 
     form: Spiking
+    stored: Stored
     weights: Ints
     delays: Ints
+    targets: Ints
+    lengths: Ints
     keeps: Ints
     shift: int
     weight_bits: int
@@ -56,7 +62,7 @@ class Circuit:
     @property
     def address_bits(self) -> int:
         """Bits of a place among the weights."""
-        return address_bits(len(self.weights), self.form.sizes[1])
+        return self.stored.address_bits
 
     @property
     def share_bits(self) -> int:
@@ -69,7 +75,7 @@ class Circuit:
         """Words and bits of a word of every memory; what is the same in every word takes none."""
         form, n = self.form, sum(self.form.sizes[1:])
         return {
-            "weights": (len(self.weights), self.weight_bits + self.delay_bits),
+            **self.stored.memories,
             "sums": (n << self.slot_bits, self.sum_bits),
             "states": (2 * n, self.state_bits),
             "keeps": (2 * n, varying(self.keeps)),
@@ -82,10 +88,11 @@ class Circuit:
         """Clock cycles that an input step takes at most, in which everything spikes."""
         form, n = self.form, sum(self.form.sizes[1:])
         n_words = -(-form.n_channels // 16)
-        rows = zip(form.sizes[1:], _lengths(form), strict=True)
-        of_step = 5 * n + sum(size * (length + 4) for size, length in rows if length) + 8
-        of_copy = form.n_channels * (form.sizes[1] + 5) + 4 * n_words
-        return form.steps_per_sample * (of_step + n_words) + len(form.delays) * of_copy
+        inputs, neurons = np.split(self.lengths + LIST_CYCLES * self.stored.is_sparse, [form.sizes[0]])
+        sending = neurons[np.repeat(_lengths(form), form.sizes[1:]) > 0]
+        of_step = 5 * n + int((sending + 4).sum()) + 8
+        of_copies = int((inputs + 5).sum()) + len(form.delays) * 4 * n_words
+        return form.steps_per_sample * (of_step + n_words) + of_copies
 
 
 def bits(number: int) -> int:
@@ -105,7 +112,7 @@ def of_form(form: Spiking) -> Circuit:
         Unsupported: Verilog cannot hold it.
     """
     _check(form)
-    rows, delays = _rows(form)
+    rows, delays, targets, lengths = _rows(form)
     common = int(np.bitwise_or.reduce(rows)) if rows.any() else 1
     factor = (common & -common).bit_length() - 1
     reaching = [sign * _reaching(layer) for layer in form.layers for sign in (1, -1)]
@@ -116,14 +123,32 @@ def of_form(form: Spiking) -> Circuit:
     longest = max(1, 0 if of_first is None else int(of_first.max()), *(1 + int(x.max()) for x in of_others))
     bounds = [b for x in form.layers if (b := x.bounds) is not None]
     weights = rows >> factor
+    weight_bits, is_used = 1 + bits(max(int(weights.max()), ~int(weights.min()))), weights != 0
+    delays = np.where(is_used, delays, 0)
+    delay_bits = bits(int(delays.max(initial=0)))
+    stored = Stored.smallest(
+        n_all=len(weights),
+        n_used=int(is_used.sum()),
+        n_bits=weight_bits + delay_bits,
+        n_neurons=sum(form.sizes[1:]),
+        n_rows=len(lengths),
+        n_first=form.sizes[1],
+    )
+    if stored.is_sparse:
+        row = np.repeat(np.arange(len(lengths)), lengths)[is_used]
+        weights, delays, targets = weights[is_used], delays[is_used], targets[is_used]
+        lengths = np.bincount(row, minlength=len(lengths))
     return Circuit(
         form=form,
+        stored=stored,
         weights=weights,
         delays=delays,
+        targets=targets,
+        lengths=lengths,
         keeps=np.stack([_keeps(form, "decay_current"), _keeps(form, "decay_voltage")], axis=1).ravel(),
         shift=form.layers[0].unit.bit_length() - 1 + factor,
-        weight_bits=1 + bits(max(int(weights.max()), ~int(weights.min()))),
-        delay_bits=bits(int(delays.max(initial=0))),
+        weight_bits=weight_bits,
+        delay_bits=delay_bits,
         sum_bits=1 + bits(max(1, sums >> factor)),
         state_bits=1 + max(bits(max(x.first, x.second)) for x in bounds),
         slot_bits=bits(longest),
@@ -161,22 +186,26 @@ def _reaching(layer: LayerForm) -> Ints:
     return forward if layer.recurrent is None else np.concatenate([forward, in_steps(layer.recurrent)])
 
 
-def _rows(form: Spiking) -> tuple[Ints, Ints]:
-    """Return all weights in the order of the circuit, in 8-bit steps, and their delays."""
+def _rows(form: Spiking) -> tuple[Ints, Ints, Ints, Ints]:
+    """Return all weights in the order of the circuit, in 8-bit steps, their delays and targets.
+
+    Also the length of each row.
+    """
     first = form.layers[0]
-    rows, delays = [in_steps(first.weights)], [_delays(first)]
-    for layer, after in zip(form.layers, (*form.layers[1:], None), strict=True):
-        own, later = [], []
-        if layer.recurrent is not None:
-            own.append(in_steps(layer.recurrent))
-            later.append(np.zeros_like(own[0]))
-        if after is not None:
-            own.append(in_steps(after.weights))
-            later.append(_delays(after))
-        if own:
-            rows.append(np.concatenate(own, axis=1))
-            delays.append(np.concatenate(later, axis=1))
-    return np.concatenate([x.ravel() for x in rows]), np.concatenate([x.ravel() for x in delays])
+    blocks = [(in_steps(first.weights), _delays(first), 0)]
+    ends = np.cumsum(form.sizes[1:]).tolist()
+    for layer, after, end in zip(form.layers, (*form.layers[1:], None), ends, strict=True):
+        nothing = np.zeros((layer.n_neurons, 0), np.int64)
+        own = nothing if layer.recurrent is None else in_steps(layer.recurrent)
+        next_, later = (nothing, nothing) if after is None else (in_steps(after.weights), _delays(after))
+        weights, delays = np.hstack([own, next_]), np.hstack([np.zeros_like(own), later])
+        blocks.append((weights, delays, end - own.shape[1]))
+    columns = [np.broadcast_to(begin + np.arange(x.shape[1]), x.shape) for x, _, begin in blocks]
+    weights, delays, targets = (
+        np.concatenate([x.ravel() for x in of])
+        for of in ([x for x, *_ in blocks], [x for _, x, _ in blocks], columns)
+    )
+    return weights, delays, targets, np.concatenate([np.full(len(x), x.shape[1]) for x, *_ in blocks])
 
 
 def _lengths(form: Spiking) -> list[int]:
@@ -190,10 +219,13 @@ def _delays(layer: LayerForm) -> Ints:
 
 
 def write(circuit: Circuit, folder: Path) -> None:
-    """Write the Verilog of a circuit into a folder: its blocks, parameters.vh, weights.hex, keeps.hex."""
+    """Write the Verilog of a circuit into a folder: its blocks, parameters.vh, and memories as .hex."""
     for name in BLOCKS:
         shutil.copyfile(_BLOCKS / name, folder / name)
     words = circuit.weights & ((1 << circuit.weight_bits) - 1) | circuit.delays << circuit.weight_bits
+    if circuit.stored.is_sparse:
+        words |= circuit.targets << circuit.weight_bits + circuit.delay_bits
+        _write_hex(folder / "rows.hex", np.cumsum([0, *circuit.lengths]))
     _write_hex(folder / "weights.hex", words)
     _write_hex(folder / "keeps.hex", circuit.keeps)
     text = "// The numbers of this network.\n" + "".join(f"localparam {x};\n" for x in _parameters(circuit))
@@ -220,6 +252,8 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "N_CHANNELS": form.n_channels,
         "N_COPIES": len(form.delays),
         "N_WEIGHTS": len(circuit.weights),
+        "IS_SPARSE": int(circuit.stored.is_sparse),
+        "N_ROWS": len(circuit.lengths),
         "NEURON_BITS": neuron_bits,
         "LAYER_BITS": max(1, bits(len(sizes) - 1)),
         "COPY_BITS": max(1, bits(len(form.delays) - 1)),
@@ -235,7 +269,7 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "STATE_BITS": circuit.state_bits,
         "SHIFT": circuit.shift,
         "ADDRESS_BITS": circuit.address_bits,
-        "NEURON_ROWS": form.sizes[0] * sizes[0],
+        "NEURON_ROWS": form.sizes[0] * (1 if circuit.stored.is_sparse else sizes[0]),
         "LAST_NETWORK_STEP": form.network_steps - 1,
         "OUTPUT_BITS": max(1, bits(sizes[-1] - 1)),
         "FIRST_OUTPUT": rule.first,

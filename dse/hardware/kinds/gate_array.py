@@ -8,10 +8,12 @@ words of 16 channels; s_0 input spikes, s_l spikes of layer l, n_1 and f_l weigh
              + s_0 (n_1 + 3 + scan_cycles) + sum over layers l with f_l > 0 of s_l (f_l + 3)
 
 Exact but for the words and the places in them: these are hidden while weights are added up. A weight of 0 is
-added like any other. A step that takes longer than its period is slow, no misfit.
+added like any other, unless a network has so many that lists of the others take fewer bits (`Stored`): then
+n_1 and f_l are means over these, and a spike takes 3 cycles more. A step that takes longer than its period is
+slow, no misfit.
 
 Cells of a circuit hardly depend on the network: cell costs are fitted to placed circuits (benchmarks.cells).
-Blocks of memory follow from words and their bits; weights of 0 are held like any other. Before training some
+Blocks of memory follow from words and their bits. Before training some
 bits are taken as they mostly are: states have 26; weights of fewer than 8 bits have 2 more, as scales of
 layers differ; a sum of f weights has 3 fewer than f of the largest; delays fill their bits. The target counts
 those of the trained network. Two multipliers are all that any circuit takes.
@@ -27,6 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -36,6 +39,8 @@ from dse.records import Floats, Workload
 from dse.registry import register
 
 _NEURON_CYCLES, _ROW_CYCLES = 5, 3
+LIST_CYCLES = 3
+"""More of a spike whose weights are a list."""
 WORD_CHANNELS = 16
 """Channels whose spikes lie in one word."""
 _STATE_BITS, _KEEP_BITS, _COUNT_BITS, _SHARE_BITS = 26, 12, 12, 12
@@ -48,10 +53,54 @@ _FEWER = {
     "keeps": "fewer neurons: {} are for decays",
     "inputs": "fewer channels or shorter input delays: {} are for input spikes",
     "counts": "fewer outputs: {} are for counts",
+    "lists": "fewer channels, copies of them or neurons: {} are for where the weights of each begin",
 }
 
 Memories = Mapping[str, tuple[int, int]]
 """Words and bits of a word, by what a memory holds."""
+
+
+@dataclass(frozen=True)
+class Stored:
+    """How a circuit holds its weights: rows of all, or lists of those that are not 0.
+
+    n_words, n_bits: of what is held. n_lists: of lists; 0: rows.
+    address_bits: of a place among the weights, or of a list, and of one beyond the last word of channels.
+    """
+
+    n_words: int
+    n_bits: int
+    n_lists: int
+    address_bits: int
+
+    @classmethod
+    def smallest(
+        cls, *, n_all: int, n_used: int, n_bits: int, n_neurons: int, n_rows: int, n_first: int
+    ) -> Self:
+        """Return what takes fewer bits.
+
+        Args:
+            n_all: weights.
+            n_used: those of them that are not 0.
+            n_bits: of a weight and its delay.
+            n_neurons: of all layers.
+            n_rows: neurons and copies of input channels.
+            n_first: neurons of the first layer.
+        """
+        rows = cls(n_all, n_bits, 0, (n_all + WORD_CHANNELS * n_first).bit_length())
+        place_bits = max(n_used, n_rows + WORD_CHANNELS).bit_length()
+        lists = cls(max(1, n_used), n_bits + n_neurons.bit_length(), n_rows, place_bits)
+        return min(rows, lists, key=lambda x: sum(words * width for words, width in x.memories.values()))
+
+    @property
+    def is_sparse(self) -> bool:
+        return self.n_lists > 0
+
+    @property
+    def memories(self) -> Memories:
+        """Words and bits of a word of its memories."""
+        begins = {"lists": (self.n_lists + 1, self.address_bits)} if self.is_sparse else {}
+        return {"weights": (self.n_words, self.n_bits), **begins}
 
 
 @register("hardware.kinds", "gate_array")
@@ -69,6 +118,7 @@ class GateArray(Profile):
     address_cells: Number = figure("1", "more per bit of a place among the weights")
     share_cells: Number = figure("1", "more per bit of what confidence compares")
     slot_cells: Number = figure("1", "more per bit of the number of a step whose sums are held")
+    list_cells: Number = figure("1", "more where weights are lists of those that are not 0")
     word_cycles: Number = figure("1", "cycles per word of 16 channels and input step")
     scan_cycles: Number = figure("1", "cycles until an input spike is found in its word")
     cell_pj: Number = figure("pJ", "dynamic energy per cycle of computing and cell, memories included")
@@ -78,8 +128,8 @@ class GateArray(Profile):
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
-        bits = address_bits(sum(load.dense), load.sizes[1]), _SHARE_BITS, _slot_bits(load)
-        cells, mhz = _cells(figures, *bits), self.clock_mhz.value
+        work = _stored(load), _SHARE_BITS, _slot_bits(load)
+        cells, mhz = _cells(figures, *work), self.clock_mhz.value
         cycles = _cycles(load, figures)
         static_mw = figures["leakage_mw"] + mhz * 1e-3 * (
             figures["clock_pj"] + cells * figures["cell_clock_pj"]
@@ -90,7 +140,7 @@ class GateArray(Profile):
             time_ns=np.sum(list(cycles.values()), axis=0)[..., None, :] * (1e3 / mhz),
             static_mw=static_mw,
             idle_mw=static_mw,
-            placement=self._placement(load, round(self.n_cells(*bits))),
+            placement=self._placement(load, round(self.n_cells(*work))),
         )
 
     @property
@@ -98,15 +148,15 @@ class GateArray(Profile):
         """Cycles of a time of computing, such as `Cost.hardware_latency_ms`."""
         return self.clock_mhz.value * 1e3
 
-    def n_cells(self, address_bits: int, share_bits: int, slot_bits: int) -> float:
+    def n_cells(self, stored: Stored, share_bits: int, slot_bits: int) -> float:
         """Return the cells of a circuit.
 
         Args:
-            address_bits: of a place among the weights.
+            stored: how it holds its weights.
             share_bits: of the products that confidence compares.
             slot_bits: of the number of a step whose sums are held.
         """
-        return float(_cells(self.ends, address_bits, share_bits, slot_bits)[0])
+        return float(_cells(self.ends, stored, share_bits, slot_bits)[0])
 
     def n_blocks(self, words: int, n_bits: int) -> int:
         """Return the blocks that words of some bits take; the last words may lie in another shape."""
@@ -135,7 +185,7 @@ class GateArray(Profile):
             n_weights, n_bits = memories["weights"]
             fits = (n for n in range(0, n_weights, _ROUGHLY) if self.n_blocks(n, n_bits) <= left)
             n = max(fits, default=0)
-            change = f"{n} weights of {n_bits} bits, delays included, instead of {n_weights}"
+            change = f"{n} weights of {n_bits} bits, what belongs to each included, instead of {n_weights}"
         return Misfit("memory_blocks", f"{total} blocks of memory, {most} at most", change)
 
     def _placement(self, load: Workload, n_cells: int) -> Placement:
@@ -146,23 +196,14 @@ class GateArray(Profile):
         return Placement((1,), tuple(misfits), assumptions=(assumption,))
 
 
-def address_bits(n_weights: int, n_first: int) -> int:
-    """Return the bits of a place among the weights, and of one beyond the last word of input channels.
-
-    Args:
-        n_weights: all weights, those that are 0 included.
-        n_first: neurons of the first layer.
-    """
-    return (n_weights + WORD_CHANNELS * n_first).bit_length()
-
-
-def _cells(figures: Figures, address_bits: int, share_bits: int, slot_bits: int) -> Floats:
+def _cells(figures: Figures, stored: Stored, share_bits: int, slot_bits: int) -> Floats:
     """Return the cells of a circuit, (D...)."""
     return np.asarray(
         figures["circuit_cells"]
-        + address_bits * figures["address_cells"]
+        + stored.address_bits * figures["address_cells"]
         + share_bits * figures["share_cells"]
         + slot_bits * figures["slot_cells"]
+        + stored.is_sparse * figures["list_cells"]
     )
 
 
@@ -170,16 +211,36 @@ def _slot_bits(load: Workload) -> int:
     return max(1, load.delay_bits)
 
 
+def _weight_bits(load: Workload) -> int:
+    """Return the bits of a weight before training."""
+    return max(load.weight_bits, min(_MOST_WEIGHT_BITS, load.weight_bits + _SCALE_BITS))
+
+
+def _used(load: Workload) -> tuple[int, ...]:
+    """Return the weights into each layer that are not 0."""
+    return load.dense if load.stored is None else load.stored
+
+
+def _stored(load: Workload) -> Stored:
+    return Stored.smallest(
+        n_all=sum(load.dense),
+        n_used=sum(_used(load)),
+        n_bits=_weight_bits(load) + load.delay_bits,
+        n_neurons=sum(load.sizes[1:]),
+        n_rows=sum(load.sizes),
+        n_first=load.sizes[1],
+    )
+
+
 def _memories(load: Workload) -> Memories:
     """Return the memories of a network before it is trained."""
     n = sum(load.sizes[1:])
-    most_inputs = max(of_layer // size for of_layer, size in zip(load.dense, load.sizes[1:], strict=True))
+    most_inputs = max(of_layer // size for of_layer, size in zip(_used(load), load.sizes[1:], strict=True))
     n_words = -(-load.sizes[0] // load.copies // WORD_CHANNELS)
     of_input = max(1, (load.n_slots - 1).bit_length()) + max(1, (n_words - 1).bit_length())
-    weight_bits = max(load.weight_bits, min(_MOST_WEIGHT_BITS, load.weight_bits + _SCALE_BITS))
     return {
-        "weights": (sum(load.dense), weight_bits + load.delay_bits),
-        "sums": (n << _slot_bits(load), max(2, weight_bits + most_inputs.bit_length() - _SPARE_BITS)),
+        **_stored(load).memories,
+        "sums": (n << _slot_bits(load), max(2, _weight_bits(load) + most_inputs.bit_length() - _SPARE_BITS)),
         "states": (2 * n, _STATE_BITS),
         "keeps": (2 * n, _KEEP_BITS),
         "inputs": (1 << of_input, WORD_CHANNELS),
@@ -191,7 +252,11 @@ def _cycles(load: Workload, figures: Figures) -> dict[str, Floats]:
     """Return the cycles per count by cause, (D..., F)."""
     copies, parts = load.copies, load.steps_per_sample
     n_words = -(-load.sizes[0] // copies // WORD_CHANNELS)
-    of_spike = [length + _ROW_CYCLES if length else 0.0 for length in load.fan_out]
+    reached: tuple[float, ...] = load.fan_out
+    row_cycles = _ROW_CYCLES
+    if _stored(load).is_sparse:
+        reached, row_cycles = load.synapses or load.fan_out, _ROW_CYCLES + LIST_CYCLES
+    of_spike = [n + row_cycles if most else 0.0 for n, most in zip(reached, load.fan_out, strict=True)]
     step, spike = per_count(load, step=1.0), per_count(load, spike=of_spike)
     input_spike = per_count(load, spike=[1.0, *(0.0 for _ in load.sizes[1:])])
     words = (copies * n_words + copies * (parts - 1) / 2) / parts

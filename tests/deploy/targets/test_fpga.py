@@ -32,15 +32,23 @@ def needs_tools():
         pytest.skip(f"{error}, or `make peers`")
 
 
-def one_of_each(rng, n_steps=30):
-    """Return a recurrent network of two hidden layers with input copies, delays and two steps per sample."""
+def one_of_each(rng, n_steps=30, share=1.0):
+    """Return a recurrent network of two hidden layers with input copies, delays and two steps per sample.
+
+    share: of its weights that are not 0.
+    """
     layers = []
+
+    def weights(mean, deviation, shape):
+        all_of_them = rng.normal(mean, deviation / share, shape)
+        return np.where(rng.random(shape) < share, all_of_them, 0).astype(np.float32)
+
     for n_in, n in ((20, 9), (9, 5), (5, 3)):
         decays = rng.integers(200, 3000, (2, n)).astype(np.int32)
         layers.append(
             Layer(
-                rng.normal(0.3, 1, (n, n_in)).astype(np.float32),
-                None if n == 3 else rng.normal(0, 0.5, (n, n)).astype(np.float32),
+                weights(0.3, 1, (n, n_in)),
+                None if n == 3 else weights(0, 0.5, (n, n)),
                 parameters_of(cuba_lif.Population(*decays, 40)),
                 delay=rng.integers(0, 6, (n, n_in)).astype(np.int8),
             )
@@ -114,6 +122,23 @@ def test_spikes_and_decisions_equal(number, tmp_path):
     value, low, high = predicted_cycles(made.fitted, reference)
     simulated = verdict.figures["cycles_per_step"] * reference.dataset.n_steps * len(fired)
     assert low <= simulated <= high and value == pytest.approx(simulated, rel=0.05)
+
+
+def test_lists_of_few_weights_give_the_same_spikes(tmp_path):
+    rng = np.random.default_rng(5)
+    made, fired = one_of_each(rng, share=0.2), recordings(rng)
+    form = circuit.of_form(spiking_of(made))
+    assert form.stored.is_sparse and len(form.weights) == np.count_nonzero(form.weights)
+    assert 0 in form.lengths  # a spike that meets nothing
+    written(made, tmp_path)
+    reference = nets.reference(made, fired)
+    verdict = TARGET.verify(made, tmp_path, reference)
+    assert verdict.kind == "faithful" and sum(map(len, reference.fired)) > 100, verdict.reason
+    assert form.most_cycles >= verdict.figures["cycles_of_longest_step"]
+    value, low, high = predicted_cycles(made.fitted, reference)
+    simulated = verdict.figures["cycles_per_step"] * reference.dataset.n_steps * len(fired)
+    assert low <= simulated <= high  # dense input is found sooner than the value says
+    assert value == pytest.approx(simulated, rel=0.15)
 
 
 def test_windows_that_break_off_and_spikes_that_do_not_count(tmp_path):

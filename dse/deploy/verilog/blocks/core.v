@@ -27,7 +27,7 @@ module core (
     reg [2:0] state = CLEAR;
     reg [NEURON_BITS-1:0] at = 0;     // neuron
     reg [LAYER_BITS-1:0] layer = 0;   // of it
-    reg [ADDRESS_BITS-1:0] row = 0;   // first weight that a spike of it meets
+    reg [ADDRESS_BITS-1:0] row = 0;   // first weight that a spike of it meets, or the number of its list
     reg [STEP_BITS-1:0] now = 0;      // network step
     reg [PART_BITS-1:0] part = 0;     // of the input step
     reg [SLOT_BITS-1:0] clearing = 0;
@@ -56,7 +56,7 @@ module core (
     inputs #(
         .N_CHANNELS(N_CHANNELS), .WORD_BITS(WORD_BITS), .SAMPLE_BITS(SAMPLE_BITS), .N_COPIES(N_COPIES),
         .COPY_BITS(COPY_BITS), .LAGS(LAGS), .LAG_PARTS(LAG_PARTS), .PART_BITS(PART_BITS),
-        .ADDRESS_BITS(ADDRESS_BITS), .ROW(FIRST_LENGTH)
+        .ADDRESS_BITS(ADDRESS_BITS), .ROW(IS_SPARSE ? 1 : FIRST_LENGTH)
     ) of_channels (
         .clk(clk), .push(push && ready), .channel(channel), .pushing(pushing), .run(state == INPUT), .part(part),
         .idle(idle), .sends(input_sends), .row(input_row), .done(input_done), .clear(state == CLEAR),
@@ -65,7 +65,8 @@ module core (
 
     arrivals #(
         .NEURON_BITS(NEURON_BITS), .SLOT_BITS(SLOT_BITS), .SUM_BITS(SUM_BITS), .WEIGHT_BITS(WEIGHT_BITS),
-        .DELAY_BITS(DELAY_BITS), .ADDRESS_BITS(ADDRESS_BITS), .N_WEIGHTS(N_WEIGHTS), .N_NEURONS(N_NEURONS)
+        .DELAY_BITS(DELAY_BITS), .ADDRESS_BITS(ADDRESS_BITS), .N_WEIGHTS(N_WEIGHTS), .N_NEURONS(N_NEURONS),
+        .IS_SPARSE(IS_SPARSE), .N_ROWS(N_ROWS)
     ) of_sums (
         .clk(clk), .send(input_sends || sends), .row(sends ? row : input_row),
         .first(sends ? FIRST[NEURON_BITS*layer +: NEURON_BITS] : {NEURON_BITS{1'b0}}),
@@ -117,7 +118,7 @@ module core (
                 if (sends) state <= SEND;
                 if (state == UPDATE ? done && !sends : idle) begin  // the next neuron
                     at <= is_last ? 0 : at + 1'b1;
-                    row <= is_last ? NEURON_ROWS : row + length;
+                    row <= is_last ? NEURON_ROWS : row + (IS_SPARSE ? 1'b1 : length);
                     if (is_last_of_layer) layer <= is_last ? 0 : layer + 1'b1;
                     state <= UPDATE;
                     if (is_last) begin
