@@ -84,6 +84,8 @@ class KernelSNN(OwnFirstLayer):
     hidden_layers: ClassVar[tuple[int, int]] = (1, 1)
     initial_rate: ClassVar[float] = 0.1  # type: ignore[misc]
     candidates: ClassVar[type[Candidates]] = Kernels
+    hidden_spike_penalty: ClassVar[float] = 0.0  # type: ignore[misc]
+    tau_grad: ClassVar[float] = 0.03  # type: ignore[misc]
     is_sparse: ClassVar[bool] = True
 
     # Its epochs cost little, and begin with a choice that costs most: a pause would save nothing.
