@@ -62,6 +62,7 @@ READ = {
     "reproduce": ("{bundle}", 2),
     "export": ("{bundle} --target c99", 2),
     "init": ("{data} --label label --step-ms 10 --out first.yaml", 0),
+    "example": ("", 0),
     "prepare": ("braille {root} --out prepared", 2),
     "describe": ("hardware {root}/mine.py", 2),
     "simulate": ("{root}/mine.py", 2),

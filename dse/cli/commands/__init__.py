@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 GROUPS = {
-    "begin": ("init", "prepare"),
+    "begin": ("example", "init", "prepare"),
     "search": ("audit", "check", "doctor", "enqueue", "run"),
     "choose": ("dashboard", "figure", "pick", "report", "skyline"),
     "deploy": ("evaluate", "export", "measure", "reproduce", "stream", "verify"),

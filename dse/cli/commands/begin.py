@@ -1,13 +1,15 @@
-"""Commands that begin: a first search space for recordings, and public recordings."""
+"""Commands that begin: the example study, a first search space for recordings, and public recordings."""
 
 from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import dse
 from dse.cli.answer import Answer, listing, wrapped
 from dse.cli.asking import answered, is_person
 from dse.cli.signature import Amount, number
@@ -17,6 +19,27 @@ from dse.text import one_line
 
 if TYPE_CHECKING:
     from dse.data.look import Look
+
+
+# Inside a wheel, and in a clone.
+_EXAMPLES = [Path(dse.__file__).parent / "_example", Path(dse.__file__).parents[1] / "results" / "example"]
+
+
+def example(*, results: str = "results") -> Answer:
+    """Put the example study, which the documentation reads, into a folder.
+
+    Args:
+        results (DIR): folder for studies (default: results).
+    """
+    from dse import store
+
+    folder = Path(results) / "example"
+    if folder.exists():
+        raise store.StoreError(f"{folder}: exists; choose another folder with --results, or remove it")
+    shipped = next(path for path in _EXAMPLES if path.is_dir())
+    with store.published(folder) as new:
+        shutil.copytree(shipped, new, ignore=shutil.ignore_patterns(".lock"), dirs_exist_ok=True)
+    return Answer([{"study": str(folder)}], text=f"{folder}\nnext: dse dashboard {shlex.quote(str(folder))}")
 
 
 def init(
