@@ -84,8 +84,8 @@ def simulated_once():
     simulated, played = tools.simulated, {}
 
     def once(board, folder, windows):
-        files = [(folder / name).read_bytes() for name in sorted(("core.v", "parameters.vh", "weights.hex"))]
-        key = (*files, np.concatenate(windows).tobytes())
+        files = sorted(x for x in folder.iterdir() if x.suffix in (".v", ".vh", ".hex"))
+        key = (*(x.read_bytes() for x in files), np.concatenate(windows).tobytes())
         if key not in played:
             played[key] = simulated(board, folder, windows)
         return played[key]
