@@ -7,6 +7,7 @@ Commands read results/example of this checkout: their CPU seconds, and the files
 from __future__ import annotations
 
 import ast
+import functools
 import json
 import os
 import resource
@@ -50,9 +51,15 @@ def modules(package: Path) -> dict[str, ast.Module]:
     return trees
 
 
+@functools.cache
+def nodes(tree: ast.Module) -> list[ast.AST]:
+    """Return all nodes of a syntax tree: a walk takes longer than all that is asked of them."""
+    return list(ast.walk(tree))
+
+
 def imports(tree: ast.Module, names: set[str]) -> Iterator[str]:
     """Yield the modules of the package that a module imports, inside functions and for type checkers too."""
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.ImportFrom) and node.module:
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
@@ -67,7 +74,7 @@ def named_by_strings(name: str, tree: ast.Module, names: set[str]) -> Iterator[t
 
     A package's own name, as for its data files, is left out.
     """
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             module = node.value.partition(":")[0]
             if module in names and module != "dse" and not f"{name}.".startswith(f"{module}."):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.structure import circles, imports, modules, named_by_strings, rooms_of
+from benchmarks.structure import circles, imports, modules, named_by_strings, nodes, rooms_of
 
 PACKAGE = Path(__file__).resolve().parent.parent / "dse"
 PROJECT = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text())
@@ -107,7 +107,7 @@ def test_code_is_run_in_one_place(trees):
     found = {
         name
         for name, tree in trees.items()
-        for node in ast.walk(tree)
+        for node in nodes(tree)
         if isinstance(node, ast.Call)
         and (getattr(node.func, "id", "") in risky or getattr(node.func, "attr", "") in risky - {"eval"})
     }

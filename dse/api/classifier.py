@@ -51,9 +51,9 @@ class Classifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc] # scikit
         random_state: seed of the study.
 
     >>> rng = np.random.default_rng(1)
-    >>> y = np.tile(["denim", "silk"], 20)
+    >>> y = np.tile(["denim", "silk"], 10)
     >>> turn = np.where(y == "denim", 0.1, 0.6)[:, None, None] * np.arange(50)
-    >>> X = np.sin(turn + rng.normal(size=(40, 2, 1)))
+    >>> X = np.sin(turn + rng.normal(size=(20, 2, 1)))
     >>> small = {"model": {"kind": "snn", "hidden": 5}, "training.epochs": 20}
     >>> classifier = dse.Classifier(budget="n_weights <= 100", chip="mcu_m4", settings=small)
     >>> classifier.fit(X, y).score(X, y) > 0.8

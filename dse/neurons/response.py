@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -33,11 +35,20 @@ def response_norm(population: Population[Any], n_neurons: int, n_steps: int) -> 
 
 def constant_response(population: Population[Any], n_neurons: int, n_steps: int) -> Floats:
     """Return the potential after so many steps of a constant input of 1, no neuron firing, (neuron,)."""
+    return _per_unit(next(itertools.islice(_potentials(population, n_neurons), n_steps - 1, None)))
+
+
+def _potentials(population: Population[Any], n_neurons: int) -> Iterator[Floats]:
+    """Yield the potential without input and with a small constant one, step after step, (2, neuron)."""
     calculus = NumpyCalculus("ideal")
     state, drive = population.initial_state((2, n_neurons), calculus), np.zeros((2, n_neurons))
     drive[1] = _IMPULSE
-    for _ in range(n_steps):
+    while True:
         state, potential, _ = population.step(state, drive, calculus)
+        yield potential
+
+
+def _per_unit(potential: Floats) -> Floats:
     return np.asarray((potential[1] - potential[0]) / _IMPULSE, np.float64)
 
 
@@ -48,12 +59,13 @@ def dc_gain(population: Population[Any], n_neurons: int) -> Floats:
         ValueError: it has no limit, or none above rest.
     """
     before: Floats = np.zeros(n_neurons)
-    n_steps = 64
-    while n_steps <= _LONGEST:
-        gain = constant_response(population, n_neurons, n_steps)
-        if (gain > 0).all() and np.allclose(gain, before, rtol=1e-6, atol=0):
-            return gain
-        before, n_steps = gain, 2 * n_steps
+    potentials = itertools.islice(_potentials(population, n_neurons), _LONGEST)
+    for n_steps, potential in enumerate(potentials, 1):
+        if n_steps >= 64 and n_steps.bit_count() == 1:  # 64, 128, 256, ...
+            gain = _per_unit(potential)
+            if (gain > 0).all() and np.allclose(gain, before, rtol=1e-6, atol=0):
+                return gain
+            before = gain
     raise ValueError(
         "neurons that are chosen (start contrasts, family kernel_snn) must not have a potential that has no "
         "limit above rest under a constant input, as without a decay"

@@ -8,7 +8,7 @@ from dse.audit import Material
 from dse.records import Dataset, Spikes
 
 N_CLASSES, N_CHANNELS, N_STEPS, ROOM = 3, 12, 64, 8
-REPEATS = 2  # of each condition in training, and in validation
+REPEATS = 1  # of each condition in training, and in validation
 FORCES, SPEEDS = 4, 5
 
 

@@ -36,6 +36,7 @@ def test_clean_recordings_are_read_wherever_the_window_lies():
 def test_what_a_frame_of_many_channels_knows_is_read_from_its_regions(monkeypatch):
     """Single channels tell little: logistic regression on 16 bins of each reads 0.742, nearest 0.425."""
     monkeypatch.setattr(readers, "N_TREES", 200)
+    monkeypatch.setattr(planted, "REPEATS", 2)
     material = planted.by_rate_of_regions(0)
     assert material.best.reader == readers.TREES and material.best.accuracy > 0.85
     again = dataclasses.replace(material)
@@ -73,7 +74,8 @@ def test_regions_are_cells_of_the_frame_and_few_channels_are_their_own():
         (planted.by_order, "identity: trial", "blocks of trial", set()),
     ],
 )
-def test_a_planted_shortcut_is_found(made, name, remedy, others):
+def test_a_planted_shortcut_is_found(made, name, remedy, others, monkeypatch):
+    monkeypatch.setattr(planted, "REPEATS", 1 + (made is planted.by_order))  # which needs an order to see
     audit = audit_of(made)
     assert audit[name].shortcut, audit[name]
     assert remedy in audit[name].remedy

@@ -22,7 +22,7 @@ from tests.faults import raced
 from tests.study.test_crash import ROOT
 from tests.waiting import PATIENCE_S, until
 
-KILLS = 4
+KILLS = 4  # of a study; fewer where faults are few
 SIGNALS = (
     ("coordinator", signal.SIGKILL),
     ("worker", signal.SIGKILL),
@@ -138,7 +138,7 @@ def test_killed_at_every_moment_of_a_race(tmp_path, tmp_path_factory, server, n_
         folder.mkdir()
         raced.write(folder, name)
         kept = {}
-        for _ in range(KILLS):
+        for _ in range(KILLS if n_faults >= 100 else KILLS // 2):
             kill = drawn(rng, moments, seconds=3.0)
             code, told = server.run(folder, kill), (folder / "told").read_text()
             about = f"study {number} ({name}), {kill}: exit {code}\n{told}"

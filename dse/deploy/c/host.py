@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -29,20 +30,25 @@ class RunFailed(RuntimeError):
     """A compiler or a program failed, in one line."""
 
 
-def compiler() -> list[str]:
-    """Return the command of a C compiler: $CC, one of the system, or that of ziglang.
+_OF_SYSTEM = {"cc": ("CC", ("cc", "gcc", "clang")), "c++": ("CXX", ("c++", "g++", "clang++"))}
+
+
+def compiler(language: Literal["cc", "c++"] = "cc") -> list[str]:
+    """Return the command of a compiler of C or C++: $CC or $CXX, one of the system, or that of ziglang.
 
     Raises:
         NoCompiler: there is none.
     """
-    if os.environ.get("CC"):
-        return os.environ["CC"].split()
-    for name in ("cc", "gcc", "clang"):
+    variable, names = _OF_SYSTEM[language]
+    if os.environ.get(variable):
+        return os.environ[variable].split()
+    for name in names:
         if (path := shutil.which(name)) is not None:
             return [path]
     if importlib.util.find_spec("ziglang") is not None:
-        return [sys.executable, "-m", "ziglang", "cc"]
-    raise NoCompiler("no C compiler: install gcc or clang, or pip install 'dse-spiking[targets]'")
+        return [sys.executable, "-m", "ziglang", language]
+    what = language.replace("cc", "C").upper()
+    raise NoCompiler(f"no {what} compiler: install gcc or clang, or pip install 'dse-spiking[targets]'")
 
 
 def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
@@ -65,9 +71,9 @@ def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
 _FOR_SIZE = "-Os"
 
 
-def compiler_version() -> str:
+def compiler_version(language: Literal["cc", "c++"] = "cc") -> str:
     """Return the name and version of the compiler, such as gcc 12.2.0."""
-    command = compiler()
+    command = compiler(language)
     told = _answer(command, "--version")
     line, *others = told.splitlines() or [Path(command[0]).name]
     numbers = re.findall(r"\d+\.\d+(?:\.\d+)*", line)

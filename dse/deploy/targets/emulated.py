@@ -30,7 +30,7 @@ from dse.deploy.targets.emulator import MOST_FLASH_BYTES, Core, Machine, Program
 from dse.hardware.profile import load
 from dse.records import Array, Ints
 
-_MEMORY = Path(__file__).parent / "memory"
+MEMORY = Path(__file__).parent / "memory"
 _APART = 16
 """Recordings over which the instructions of single functions are counted."""
 
@@ -119,7 +119,7 @@ class Emulated(InC):
         """Return the C in a folder, with replay.c to drive it, compiled for the core."""
         with tempfile.TemporaryDirectory() as place:
             sources, all_options = host.driven(folder, Path(place), *options)
-            return compiled(sources, self.core, f"-isystem{_MEMORY}", *all_options)
+            return compiled(sources, self.core, f"-isystem{MEMORY}", *all_options)
 
     def inferred(
         self, folder: Path, reference: Reference, steps: Ints | None = None, *options: str

@@ -21,6 +21,7 @@ from dse.deploy.c.replay import Executed, Recorded
 from dse.deploy.reference import Reference
 from dse.deploy.run import TargetError
 from dse.deploy.targets.c99 import InC
+from dse.deploy.targets.emulated import MEMORY
 from dse.deploy.targets.emulator import missing
 from dse.records import Ints
 from dse.registry import register
@@ -30,12 +31,12 @@ _CALLED = 16
 _HOSTILE = 2
 """Of the windows that no sensor gives (`replay.hostile`), those that it is given too."""
 _FLAGS = ("-std=c99", "-Os")
-_PROGRAM = ("-target", "wasm32-wasi", *_FLAGS)
 # Without a C library, which ziglang would compile for half a minute at its first use.
-_MODULE = (
-    *("-target", "wasm32-freestanding", *_FLAGS),
-    *("-Wl,--no-entry", "-Wl,--export=__heap_base", "-Wl,--strip-all"),
-)
+_BARE = ("-target", "wasm32-freestanding", *_FLAGS)
+_NO_ENTRY = ("-Wl,--no-entry", "-Wl,--strip-all")
+_MODULE = (*_BARE, *_NO_ENTRY, "-Wl,--export=__heap_base")
+_IN_MEMORY = ("memory_in", "memory_n_in", "memory_read", "memory_out", "memory_n_out")  # of memory/stdio.h
+_PROGRAM = (*_BARE, *_NO_ENTRY, "-Dmain=replay", *(f"-Wl,--export={x}" for x in ("replay", *_IN_MEMORY)))
 _CALLS = {replay.INIT: "init", replay.RESET: "reset", replay.STEP: "step"}
 _MOST_FUEL = 2**62
 _NEEDED = {"ziglang": "cross-compiler", "wasmtime": "run time"}
@@ -78,7 +79,7 @@ class Wasm(InC):
         with tempfile.TemporaryDirectory() as place:
             sources, options = host.driven(folder, Path(place), "-DDSE_TRACE", *recorded.options)
             program = Path(place) / "replay.wasm"
-            _built(sources, program, *_PROGRAM, *options)
+            _built(sources, program, f"-isystem{MEMORY}", *_PROGRAM, *options)
             played = replay.parsed(_replayed(program, recorded.commands or replay.of_spikes(reference)))
         _, prefix = host.classifier_in(folder)
         windows = [*replay.of_spikes(reference)[:_CALLED], *replay.hostile(form)[:_HOSTILE]]
@@ -92,7 +93,7 @@ class Wasm(InC):
             "instructions_of_longest_step": float(longest),
         }
         versions = tuple(f"{name} {importlib.metadata.version(name)}" for name in _NEEDED)
-        return Executed(played, figures, f"{versions[0]}, {' '.join(_PROGRAM)}", versions)
+        return Executed(played, figures, f"{versions[0]}, {' '.join(_BARE)}", versions)
 
 
 def _check() -> None:
@@ -117,22 +118,29 @@ def _replayed(program: Path, commands: Sequence[Ints]) -> Ints:
     """Return what a program of replay.c writes of recordings, int32."""
     import wasmtime
 
-    engine, system = wasmtime.Engine(), wasmtime.WasiConfig()
-    store, linker = wasmtime.Store(engine), wasmtime.Linker(engine)
-    stdin, stdout = program.with_suffix(".in"), program.with_suffix(".out")
-    stdin.write_bytes(np.concatenate(commands).astype(np.int32).tobytes())
-    system.stdin_file, system.stdout_file = str(stdin), str(stdout)
-    store.set_wasi(system)
-    linker.define_wasi()
-    exports: Any = linker.instantiate(store, wasmtime.Module.from_file(engine, str(program))).exports(store)
-    try:
-        exports["_start"](store)
-    except wasmtime.ExitTrap as end:
-        if end.code:
-            raise TargetError(f"the program failed: exit code {end.code}") from None
-    except wasmtime.WasmtimeError as error:
-        raise TargetError(f"the program failed: {error}") from None
-    return np.frombuffer(stdout.read_bytes(), np.int32)
+    store = wasmtime.Store()
+    loaded = wasmtime.Module.from_file(store.engine, str(program))
+    exports: Any = wasmtime.Instance(store, loaded, []).exports(store)
+    memory, at = exports["memory"], {name: exports[name].value(store) for name in _IN_MEMORY}
+
+    def write(name: str, numbers: Ints) -> None:
+        memory.write(store, numbers.astype("<i4").tobytes(), at[name])
+
+    def read(name: str, n: int) -> Ints:
+        return np.frombuffer(memory.read(store, at[name], at[name] + 4 * n), "<i4")
+
+    written = []
+    for of_window in commands:
+        write("memory_in", of_window)
+        for name, value in (("memory_n_in", len(of_window)), ("memory_read", 0), ("memory_n_out", 0)):
+            write(name, np.array([value]))
+        try:
+            if code := exports["replay"](store):
+                raise TargetError(f"the program failed: exit code {code}")
+        except wasmtime.Trap as trap:
+            raise TargetError(f"the program failed: {trap.message.splitlines()[-1].strip()}") from None
+        written.append(read("memory_out", int(read("memory_n_out", 1)[0])))
+    return np.concatenate(written)
 
 
 def _called(module: Path, prefix: str, commands: Sequence[Ints]) -> tuple[Ints, Ints, int]:

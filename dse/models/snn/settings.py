@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
@@ -26,6 +27,12 @@ from dse.records import Arithmetic, Array, Dataset, Floats, Ints
 from dse.registry import name_of, param
 
 _USUAL = 3  # that of dithered layers for which it is chosen after the training
+
+
+@functools.lru_cache(1000)
+def _check_potential(neuron: Neuron, layer: LayerSpec) -> None:
+    """Check that the potential of a neuron has a limit: once, as every reading of a search space asks."""
+    dc_gain(neuron.population(layer, np.random.default_rng(0)), layer.n_neurons)
 
 
 @dataclass(frozen=True)
@@ -323,7 +330,7 @@ class Stack:
         """Check that candidates can be set for neurons in input steps of this length."""
         if self.candidates is not None:
             one = LayerSpec(1, False, self.steps_per_sample, step_ms / self.steps_per_sample)
-            dc_gain(self.neuron.population(one, np.random.default_rng(0)), 1)
+            _check_potential(self.neuron, one)  # type: ignore[arg-type]  # components are frozen
 
     @classmethod
     def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:

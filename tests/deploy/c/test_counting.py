@@ -1,5 +1,6 @@
 """Classifiers of counts as C: the answers of the engine, in the memory that was stated."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -33,8 +34,10 @@ from tests.spaces import RASTER, sections
 pytestmark = nets.needs_compiler
 
 
+@functools.cache
 def fitted(model, read_out_ms=None, rises=None):
     """Return the bundle of a trained classifier, and what it answers to recordings it was not trained on."""
+    rises = None if rises is None else np.array(rises)
     if isinstance(model, TCN):
         pytest.importorskip("torch")
     data = dataset(n_samples=120, n_steps=40, n_channels=9)
@@ -144,7 +147,7 @@ def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
     ],
 )
 def test_what_reads_the_level_of_digits(model, tmp_path):
-    made, reference = fitted(model, rises=np.array([300, -300, *[1, -2, 4] * 2, -70]))
+    made, reference = fitted(model, rises=(300, -300, *[1, -2, 4] * 2, -70))
     C99().write(made, tmp_path)
     assert C99().verify(made, tmp_path, reference).kind == "faithful"
 

@@ -21,7 +21,7 @@ from dse.recordings import RecordingError
 from tests.deploy.c import nets
 from tests.deploy.c.test_counting import fitted
 from tests.deploy.c.test_sketch import of, touches
-from tests.deploy.targets.test_c99 import N_NETS, SAMPLES, answers_of_main, network
+from tests.deploy.targets.test_c99 import NETS, SAMPLES, answers_of_main, network
 from tests.spaces import sections
 
 pytestmark = nets.needs_compiler
@@ -158,7 +158,7 @@ def test_before_any_step_nothing_is_decided(made, tmp_path):
 
 def test_counts_are_those_that_the_answer_was_made_from(tmp_path):
     n_undecided = 0
-    for number in range(N_NETS):
+    for number in NETS:
         made, fired = nets.case(number)
         plan, reference = plan_of(made), nets.reference(made, fired)
         if plan.rule.joint or number % 2:

@@ -1,7 +1,7 @@
 // The host of top.v: sends bytes over the serial port and reads what comes back, in the simulated circuit.
 //
-// in: the length of a bit in hundredths of a clock cycle, 4 bytes, little-endian; then numbers of two bytes,
-//     the high one first. out: for 65534 and 65535 the byte that comes back, and the light of the board.
+// in: transmissions: the length of a bit in hundredths of a clock cycle, and how many numbers follow, 4 bytes
+//     each, little-endian; then numbers of two bytes, the high one first. out: for 65534 and 65535 the byte that comes back, and the light of the board.
 #include "top.cc"
 #include <cstdint>
 #include <cstdio>
@@ -52,25 +52,24 @@ static int receive()
 
 int main()
 {
-    int32_t hundredths;
-    int high, low;
-    if (fread(&hundredths, sizeof hundredths, 1, stdin) != 1) {
-        return 2;
-    }
-    bit = hundredths;
+    int32_t head[2];
     top.p_rx.set<bool>(true);
     wait_until(200000);
-    while ((high = getchar()) != EOF && (low = getchar()) != EOF) {
-        send(high);
-        send(low);
-        if ((high << 8 | low) >= 65534) {
-            const int byte = receive();
-            if (byte < 0) {
-                fputs("error: no byte comes back\n", stderr);
-                return 3;
+    while (fread(head, sizeof head, 1, stdin) == 1) {
+        bit = head[0];
+        for (int k = 0; k < head[1]; k++) {
+            const int high = getchar(), low = getchar();
+            send(high);
+            send(low);
+            if ((high << 8 | low) >= 65534) {
+                const int byte = receive();
+                if (byte < 0) {
+                    fputs("error: no byte comes back\n", stderr);
+                    return 3;
+                }
+                putchar(byte);
+                putchar(top.p_led.get<bool>());
             }
-            putchar(byte);
-            putchar(top.p_led.get<bool>());
         }
     }
     return 0;

@@ -15,11 +15,11 @@ SPACE = """\
 study: adaptive
 seed: 1
 plugins: [adaptive.py]
-data: {kind: scene, scene: quickstart}
+data: {kind: scene, scene: touch.yaml}
 task: {target: texture}
 split:
   train: {repetition: [0, 1, 2, 3]}
-  validation: {repetition: [14]}
+  validation: {repetition: [4]}
 preprocessing: {bin_ms: 10, pool: 20, pool_threshold: 3, polarity: merge}
 model:
   kind: snn
@@ -45,6 +45,9 @@ def run(*arguments, capsys):
 @pytest.mark.slow
 def test_a_users_neuron_goes_from_a_file_to_a_bundle(torch, tmp_path, capsys):
     shutil.copy(Path(__file__).parents[2] / "plugins" / "adaptive.py", tmp_path)
+    scene = tmp_path / "touch.yaml"
+    quickstart = shipped_folder("search_spaces") / "scenes" / "quickstart.yaml"
+    scene.write_text(quickstart.read_text(encoding="utf-8").replace("trials: 20", "trials: 5"))
     space = tmp_path / "adaptive.yaml"
     space.write_text(SPACE, encoding="utf-8")
     results = tmp_path / "results" / "adaptive"
@@ -63,7 +66,6 @@ def test_a_users_neuron_goes_from_a_file_to_a_bundle(torch, tmp_path, capsys):
     # The bundle answers the scene's recordings; on those of the validation part it has the recorded accuracy.
     validation = dse.open(results).dataset(int(str(picked["trial"]))).validation
     (tmp_path / "adaptive.py").unlink()  # the bundle has its own copy
-    scene = shipped_folder("search_spaces") / "scenes" / "quickstart.yaml"
     answers = run("evaluate", tmp_path / "bundle", "--data", scene, "--each", capsys=capsys)
     correct = [answers[i]["answer"] == answers[i]["true"] for i in validation]
     assert np.mean(correct) == picked["accuracy"]
