@@ -41,7 +41,7 @@ def test_data_is_inside(wheel):
     assert "dse/_search_spaces/scenes/quickstart.yaml" in names
     assert "dse/hardware/profiles/loihi1_silicon.yaml" in names
     assert {"dse/_datasets/icub.py", "dse/_datasets/braille.npy"} <= names
-    assert {f"dse/_example/{name}" for name in ("study.sqlite", "points.parquet")} <= names
+    assert {f"dse/_results/example/{name}" for name in ("study.sqlite", "points.parquet")} <= names
     assert {"dse/scene/sensors.yaml", "dse/scene/textures.yaml"} <= names
 
 

@@ -409,6 +409,8 @@ class _Looking:
         if self.options.signal is None and events["t"] and events["x"] and "offsets" in shapes:
             return self._events({key: name for key, name in events.items() if name is not None}, vectors)
         signal = self.options.signal or _largest(shapes)
+        if not shapes:
+            raise self._refuse("the file holds no arrays")
         if signal is None or signal not in shapes:
             raise self._refuse(f"no array of recordings ({_some(list(shapes))}); --signal NAME names it")
         shape, vectors = shapes[signal], {name: n for name, n in vectors.items() if name != signal}

@@ -327,7 +327,11 @@ def _document(folder: Path) -> _Document:
     try:
         path = checks.file_in(folder, _DOCUMENT)
     except ValueError as error:
-        raise BundleError(f"{folder / _DOCUMENT}: cannot be read: {error}") from None
+        no_bundle = (
+            f"{folder}: is not the folder of a bundle: there is no {_DOCUMENT}; dse pick --export writes one"
+        )
+        is_there = (folder / _DOCUMENT).exists()
+        raise BundleError(f"{folder / _DOCUMENT}: {error}" if is_there else no_bundle) from None
     if path.stat().st_size > checks.MOST_DOCUMENT_BYTES:
         raise ValueError(f"must have at most {checks.MOST_DOCUMENT_BYTES} bytes, got {path.stat().st_size}")
     content = store.read_json(path)  # it holds a checksum of its own

@@ -121,6 +121,11 @@ class SendOnDelta(Deltas):
     )
     means: tuple[float, ...] = fixed((), doc="fitted: of each channel, for start mean")
 
+    def __post_init__(self) -> None:
+        """Check what one value alone cannot say."""
+        if not self.thresholds:
+            raise ValueError("thresholds must hold at least one threshold, got []")
+
 
 class _Running:
     """Send-on-delta within one recording; it holds the levels sent last."""

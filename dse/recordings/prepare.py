@@ -100,6 +100,18 @@ def sets() -> dict[str, PublicSet]:
     return {name: one() for name, one in registry.known("datasets").items()}
 
 
+def named(name: str) -> PublicSet:
+    """Return a public set.
+
+    Raises:
+        RecordingError: there is none of this name.
+    """
+    known = sets()
+    if name not in known:
+        raise RecordingError(f"unknown set '{name}'; known: {', '.join(known)}")
+    return known[name]
+
+
 def prepare(name: str, source: Path, out: Path) -> list[Written]:
     """Convert a public set and write its files with their data cards, the one that search spaces read first.
 
@@ -113,10 +125,7 @@ def prepare(name: str, source: Path, out: Path) -> list[Written]:
             already there and another; then nothing is written.
         OSError: the result cannot be written.
     """
-    known = sets()
-    if name not in known:
-        raise RecordingError(f"unknown set '{name}'; known: {', '.join(known)}")
-    public = known[name]
+    public = named(name)
     needs = f"{name} needs {', '.join(public.files)} of {public.origin}"
     if not source.is_dir():
         raise RecordingError(f"{source}: is no folder; {needs}")

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import dse
 from dse.cli.answer import Answer, listing, wrapped
 from dse.cli.asking import answered, is_person
 from dse.cli.signature import Amount, number
@@ -21,10 +20,6 @@ if TYPE_CHECKING:
     from dse.data.look import Look
 
 
-# Inside a wheel, and in a clone.
-_EXAMPLES = [Path(dse.__file__).parent / "_example", Path(dse.__file__).parents[1] / "results" / "example"]
-
-
 def example(*, results: str = "results") -> Answer:
     """Put the example study, which the documentation reads, into a folder.
 
@@ -32,13 +27,18 @@ def example(*, results: str = "results") -> Answer:
         results (DIR): folder for studies (default: results).
     """
     from dse import store
+    from dse.config.locate import shipped_folder
 
     folder = Path(results) / "example"
     if folder.exists():
         raise store.StoreError(f"{folder}: exists; choose another folder with --results, or remove it")
-    shipped = next(path for path in _EXAMPLES if path.is_dir())
     with store.published(folder) as new:
-        shutil.copytree(shipped, new, ignore=shutil.ignore_patterns(".lock"), dirs_exist_ok=True)
+        shutil.copytree(
+            shipped_folder("results") / "example",
+            new,
+            ignore=shutil.ignore_patterns(".lock"),
+            dirs_exist_ok=True,
+        )
     return Answer([{"study": str(folder)}], text=f"{folder}\nnext: dse dashboard {shlex.quote(str(folder))}")
 
 
@@ -128,6 +128,7 @@ def prepare(set: str | None = None, source: Path | None = None, *, out: Path | N
             for name, one in preparing.sets().items()
         ]
         return Answer(rows, all_rows=True)
+    preparing.named(set)
     if source is None:
         raise RecordingError(f"prepare {set} needs SOURCE, the folder with the authors' files")
     folder = out or os.environ.get("DSE_DATA")
