@@ -10,7 +10,7 @@ few that it has. Which candidates stay is found as in `dse.models.snn.contrasts`
 
 Neurons whose current decays slowly and whose voltage decays at once (`voltage_decay` 1) hold the level that
 rises add up to, and a reset forgets nothing: their spikes count the steps with a level above a threshold, as
-features of random kernels do. Few recordings teach a readout of such counts more than weights of a layer.
+features of random kernels do. Few recordings may teach a readout of such counts more than weights of a layer.
 Source: [Dempster et al., MiniRocket in REFERENCES.md], of the signal itself and without spikes.
 """
 
