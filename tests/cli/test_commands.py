@@ -249,7 +249,7 @@ def test_skyline_of_several_tables_and_of_a_study(results, table, capsys):
         (["skyline", "{table}x"], "no such file"),
         (["pick", "{table}", "--budget", "n_weight<=3"], "Did you mean 'n_weights'?"),
         (["pick", "{table}", "--export", "bundle"], "only a design of a study's folder can be exported"),
-        (["evaluate", "{table}", "--data", "x.npz"], "cannot be read"),
+        (["evaluate", "{table}", "--data", "x.npz"], "no bundle.json"),
         (["dashboard", "{table}"], "is not the folder of a study"),
         (["describe", "modle"], "unknown section 'modle'; known: "),
         (["describe", "model", "snm"], "Did you mean 'snn'?"),
