@@ -465,7 +465,7 @@
       return;
     }
     showAnswer(shown);
-    if (parent !== window) parent.postMessage({ chosen: { trial: shown.subject.value("trial"), point: shown.subject.value("point"), hardware: state.hardware } }, "*"); // a notebook listens
+    if (parent !== window) parent.postMessage({ chosen: { trial: shown.subject.value("trial"), point: shown.subject.value("point"), task: columns.task ? state.task : "", hardware: state.hardware } }, "*"); // a notebook listens
     // A link may name a point that is no row of the page: its trial knows it.
     const at = shown.chosen;
     if (at && at.row < 0 && isNamed() && !surfaces.has(`${at.key}@${state.hardware}`)) {

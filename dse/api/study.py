@@ -170,6 +170,9 @@ class Study(results.Study):
 
         >>> page = study.page("mcu_m4")  # and, once a reader has chosen: study.export(page.row, "bundle")
         """
+        given: object = height_px
+        if not isinstance(given, int) or given < 1:
+            raise TypeError(f"height_px must be an integer >= 1, got {height_px!r}")
         if find_spec("anywidget") is None:
             raise MissingExtra("a page in a notebook needs anywidget: pip install 'dse-spiking[notebook]'")
         from dse.api.widget import Page

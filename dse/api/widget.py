@@ -26,7 +26,7 @@ class Page(anywidget.AnyWidget):
     """The page of a study; `row` is the design point that it shows, which `study.export` takes.
 
     Attributes:
-        chosen: trial, point and hardware of what the page shows; empty before it has been drawn.
+        chosen: trial, point, task and hardware of what the page shows; empty before it has been drawn.
     """
 
     # A frame with an address of its own, in which a page may keep its state.

@@ -31,7 +31,7 @@ def test_a_reader_chooses_in_the_page_and_the_notebook_exports_it(new_tab, tmp_p
     tab.evaluate(_HOST, [page._esm, {"html": page.html, "height_px": page.height_px}])
     tab.wait_for_function("window.saved.length > 0")  # the pick, as the page opens
     page.chosen = tab.evaluate("window.saved.at(-1)")
-    assert page.row["trial"] == page.chosen["trial"] and page.row["hardware"] == page.chosen["hardware"]
+    assert {name: page.row[name] for name in ("trial", "point", "task", "hardware")} == page.chosen
     frame = tab.frame_locator("iframe")
     frame.locator("#front tbody tr[aria-selected=false]").first.click()
     is_other = "at => saved.at(-1).trial !== at.trial || saved.at(-1).point !== at.point"
@@ -50,6 +50,12 @@ def test_a_reader_chooses_in_the_page_and_the_notebook_exports_it(new_tab, tmp_p
     page.chosen = {"trial": 99, "point": 0}
     with pytest.raises(StoreError, match="has no more"):
         _ = page.row
+
+
+@pytest.mark.parametrize("height_px", ["tall", 0, 1.5])
+def test_a_height_is_a_number_of_pixels(height_px):
+    with pytest.raises(TypeError, match="height_px"):
+        dse.open(EXAMPLE).page(height_px=height_px)
 
 
 def test_without_the_library_one_line_says_what_to_install(monkeypatch):

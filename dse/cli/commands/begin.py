@@ -33,12 +33,8 @@ def example(*, results: str = "results") -> Answer:
     if folder.exists():
         raise store.StoreError(f"{folder}: exists; choose another folder with --results, or remove it")
     with store.published(folder) as new:
-        shutil.copytree(
-            shipped_folder("results") / "example",
-            new,
-            ignore=shutil.ignore_patterns(".lock"),
-            dirs_exist_ok=True,
-        )
+        made_here = shutil.ignore_patterns(".lock", "page.html", "checkpoints")  # in a clone
+        shutil.copytree(shipped_folder("results") / "example", new, ignore=made_here)
     return Answer([{"study": str(folder)}], text=f"{folder}\nnext: dse dashboard {shlex.quote(str(folder))}")
 
 

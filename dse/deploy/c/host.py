@@ -47,7 +47,7 @@ def compiler(language: Literal["cc", "c++"] = "cc") -> list[str]:
             return [path]
     if importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", language]
-    what = language.replace("cc", "C").upper()
+    what = {"cc": "C", "c++": "C++"}[language]
     raise NoCompiler(f"no {what} compiler: install gcc or clang, or pip install 'dse-spiking[targets]'")
 
 

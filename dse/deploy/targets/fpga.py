@@ -1,6 +1,6 @@
 """Field-programmable gate arrays: a network as Verilog, simulated bit by bit, placed and routed.
 
-core.v and its blocks   the network; parameters.vh, weights.hex, keeps.hex: its numbers and memories
+core.v and its blocks   the network; parameters.vh and the .hex beside it: its numbers and memories
 top.v, top.pcf or .lpf  the network behind a serial port, its pins on a board
 top.bin or .bit         what configures the chip
 report.json             cells, blocks of memory, multipliers, the fastest clock: of place and route

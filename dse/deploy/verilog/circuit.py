@@ -60,11 +60,6 @@ class Circuit:
         return max(1, bits(-(-self.form.n_channels // WORD_CHANNELS) - 1))
 
     @property
-    def address_bits(self) -> int:
-        """Bits of a place among the weights."""
-        return self.stored.address_bits
-
-    @property
     def share_bits(self) -> int:
         """Bits of the products that confidence compares."""
         confidence, total = self.form.rule.confidence, self.form.network_steps * self.form.rule.n
@@ -124,6 +119,7 @@ def of_form(form: Spiking) -> Circuit:
     bounds = [b for x in form.layers if (b := x.bounds) is not None]
     weights = rows >> factor
     weight_bits, is_used = 1 + bits(max(int(weights.max()), ~int(weights.min()))), weights != 0
+    is_used[0] |= not is_used.any()  # a memory has a word
     delays = np.where(is_used, delays, 0)
     delay_bits = bits(int(delays.max(initial=0)))
     stored = Stored.smallest(
@@ -187,25 +183,23 @@ def _reaching(layer: LayerForm) -> Ints:
 
 
 def _rows(form: Spiking) -> tuple[Ints, Ints, Ints, Ints]:
-    """Return all weights in the order of the circuit, in 8-bit steps, their delays and targets.
-
-    Also the length of each row.
-    """
+    """Return all weights, delays and targets, and the length of each row, as in `Circuit`."""
     first = form.layers[0]
-    blocks = [(in_steps(first.weights), _delays(first), 0)]
+    blocks = [_block(in_steps(first.weights), _delays(first), 0)]
     ends = np.cumsum(form.sizes[1:]).tolist()
     for layer, after, end in zip(form.layers, (*form.layers[1:], None), ends, strict=True):
         nothing = np.zeros((layer.n_neurons, 0), np.int64)
         own = nothing if layer.recurrent is None else in_steps(layer.recurrent)
         next_, later = (nothing, nothing) if after is None else (in_steps(after.weights), _delays(after))
         weights, delays = np.hstack([own, next_]), np.hstack([np.zeros_like(own), later])
-        blocks.append((weights, delays, end - own.shape[1]))
-    columns = [np.broadcast_to(begin + np.arange(x.shape[1]), x.shape) for x, _, begin in blocks]
-    weights, delays, targets = (
-        np.concatenate([x.ravel() for x in of])
-        for of in ([x for x, *_ in blocks], [x for _, x, _ in blocks], columns)
-    )
+        blocks.append(_block(weights, delays, end - own.shape[1]))
+    weights, delays, targets = (np.concatenate([x.ravel() for x in of]) for of in zip(*blocks, strict=True))
     return weights, delays, targets, np.concatenate([np.full(len(x), x.shape[1]) for x, *_ in blocks])
+
+
+def _block(weights: Ints, delays: Ints, begin: int) -> tuple[Ints, Ints, Ints]:
+    """Return rows of weights to the neurons from one on: weights, delays, targets, (row, neuron) each."""
+    return weights, delays, np.broadcast_to(begin + np.arange(weights.shape[1]), weights.shape)
 
 
 def _lengths(form: Spiking) -> list[int]:
@@ -225,7 +219,7 @@ def write(circuit: Circuit, folder: Path) -> None:
     words = circuit.weights & ((1 << circuit.weight_bits) - 1) | circuit.delays << circuit.weight_bits
     if circuit.stored.is_sparse:
         words |= circuit.targets << circuit.weight_bits + circuit.delay_bits
-        _write_hex(folder / "rows.hex", np.cumsum([0, *circuit.lengths]))
+        _write_hex(folder / "lists.hex", np.cumsum([0, *circuit.lengths]))
     _write_hex(folder / "weights.hex", words)
     _write_hex(folder / "keeps.hex", circuit.keeps)
     text = "// The numbers of this network.\n" + "".join(f"localparam {x};\n" for x in _parameters(circuit))
@@ -253,7 +247,7 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "N_COPIES": len(form.delays),
         "N_WEIGHTS": len(circuit.weights),
         "IS_SPARSE": int(circuit.stored.is_sparse),
-        "N_ROWS": len(circuit.lengths),
+        "N_LISTS": len(circuit.lengths),
         "NEURON_BITS": neuron_bits,
         "LAYER_BITS": max(1, bits(len(sizes) - 1)),
         "COPY_BITS": max(1, bits(len(form.delays) - 1)),
@@ -268,8 +262,8 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "SUM_BITS": circuit.sum_bits,
         "STATE_BITS": circuit.state_bits,
         "SHIFT": circuit.shift,
-        "ADDRESS_BITS": circuit.address_bits,
-        "NEURON_ROWS": form.sizes[0] * (1 if circuit.stored.is_sparse else sizes[0]),
+        "ADDRESS_BITS": circuit.stored.address_bits,
+        "NEURON_LISTS": form.sizes[0] * (1 if circuit.stored.is_sparse else sizes[0]),
         "LAST_NETWORK_STEP": form.network_steps - 1,
         "OUTPUT_BITS": max(1, bits(sizes[-1] - 1)),
         "FIRST_OUTPUT": rule.first,

@@ -9,14 +9,14 @@ words of 16 channels; s_0 input spikes, s_l spikes of layer l, n_1 and f_l weigh
 
 Exact but for the words and the places in them: these are hidden while weights are added up. A weight of 0 is
 added like any other, unless a network has so many that lists of the others take fewer bits (`Stored`): then
-n_1 and f_l are means over these, and a spike takes 3 cycles more. A step that takes longer than its period is
-slow, no misfit.
+n_1 and f_l are means over these, and a spike takes 3 cycles more, but where its list is empty. A step that
+takes longer than its period is slow, no misfit.
 
 Cells of a circuit hardly depend on the network: cell costs are fitted to placed circuits (benchmarks.cells).
-Blocks of memory follow from words and their bits. Before training some
-bits are taken as they mostly are: states have 26; weights of fewer than 8 bits have 2 more, as scales of
-layers differ; a sum of f weights has 3 fewer than f of the largest; delays fill their bits. The target counts
-those of the trained network. Two multipliers are all that any circuit takes.
+Blocks of memory follow from words and their bits. Before training some bits are taken as they mostly are:
+states have 26; weights of fewer than 8 bits have 2 more, as scales of layers differ; a sum of f weights has 3
+fewer than f of the largest; delays fill their bits. The target counts those of the trained network. Two
+multipliers are all that any circuit takes.
 
 Energy: leakage and the clock flow at any time, as nothing stops the clock between steps; what is dynamic is
 that of a cell per cycle of computing, with its share of the memories that are read.
@@ -89,7 +89,7 @@ class Stored:
         """
         rows = cls(n_all, n_bits, 0, (n_all + WORD_CHANNELS * n_first).bit_length())
         place_bits = max(n_used, n_rows + WORD_CHANNELS).bit_length()
-        lists = cls(max(1, n_used), n_bits + n_neurons.bit_length(), n_rows, place_bits)
+        lists = cls(n_used, n_bits + n_neurons.bit_length(), n_rows, place_bits)
         return min(rows, lists, key=lambda x: sum(words * width for words, width in x.memories.values()))
 
     @property

@@ -165,6 +165,15 @@ def test_lists_of_few_weights_give_the_same_spikes(tmp_path):
     assert value == pytest.approx(simulated, rel=0.15)
 
 
+def test_a_network_whose_weights_are_all_0_is_silent(tmp_path):
+    rng = np.random.default_rng(6)
+    made, fired = one_of_each(rng, share=1e-9), recordings(rng)
+    written(made, tmp_path)
+    reference = nets.reference(made, fired)
+    assert not sum(map(len, reference.fired))
+    assert TARGET.verify(made, tmp_path, reference).kind == "faithful"
+
+
 def test_windows_that_break_off_and_spikes_that_do_not_count(tmp_path):
     rng = np.random.default_rng(2)
     made, fired = one_of_each(rng), recordings(rng)

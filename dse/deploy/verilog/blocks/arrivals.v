@@ -1,11 +1,11 @@
 // What arrives at each neuron in this step and the next ones: sums of weights, a slot per step.
 //
 // A row of weights is added in as many cycles, and 3 more until `idle`, each weight its delay later than `next_slot`.
-// `row` is the place of its first weight, for neurons from `first` on. Or IS_SPARSE: its number; rows.hex has where
+// `row` is the place of its first weight, for neurons from `first` on. Or IS_SPARSE: its number; lists.hex has where
 // each begins, a weight names its neuron, and 3 cycles more go by.
 module arrivals #(
     parameter NEURON_BITS = 1, SLOT_BITS = 1, SUM_BITS = 8, WEIGHT_BITS = 8, DELAY_BITS = 0, ADDRESS_BITS = 1,
-              N_WEIGHTS = 1, N_NEURONS = 1, IS_SPARSE = 0, N_ROWS = 1
+              N_WEIGHTS = 1, N_NEURONS = 1, IS_SPARSE = 0, N_LISTS = 1
 ) (
     input wire clk,
     input wire send,
@@ -46,8 +46,8 @@ module arrivals #(
     wire [NEURON_BITS-1:0] length_, target_read;
     generate
         if (IS_SPARSE) begin : of_lists
-            (* ram_style = "block" *) reg [ADDRESS_BITS-1:0] begins [0:N_ROWS];
-            initial $readmemh("rows.hex", begins);
+            (* ram_style = "block" *) reg [ADDRESS_BITS-1:0] begins [0:N_LISTS];
+            initial $readmemh("lists.hex", begins);
             reg [ADDRESS_BITS-1:0] number = 0, from_ = 0, end_ = 0;
             reg [2:0] waits = 0;
             always @(posedge clk) begin

@@ -66,7 +66,7 @@ module core (
     arrivals #(
         .NEURON_BITS(NEURON_BITS), .SLOT_BITS(SLOT_BITS), .SUM_BITS(SUM_BITS), .WEIGHT_BITS(WEIGHT_BITS),
         .DELAY_BITS(DELAY_BITS), .ADDRESS_BITS(ADDRESS_BITS), .N_WEIGHTS(N_WEIGHTS), .N_NEURONS(N_NEURONS),
-        .IS_SPARSE(IS_SPARSE), .N_ROWS(N_ROWS)
+        .IS_SPARSE(IS_SPARSE), .N_LISTS(N_LISTS)
     ) of_sums (
         .clk(clk), .send(input_sends || sends), .row(sends ? row : input_row),
         .first(sends ? FIRST[NEURON_BITS*layer +: NEURON_BITS] : {NEURON_BITS{1'b0}}),
@@ -107,7 +107,7 @@ module core (
             WIPE: if (wiped) state <= IDLE;
             IDLE: begin
                 layer <= 0;
-                row <= NEURON_ROWS;
+                row <= NEURON_LISTS;
                 part <= 0;
                 if (clear) state <= CLEAR;
                 else if (step && in_window && !pushing) state <= INPUT;
@@ -118,7 +118,7 @@ module core (
                 if (sends) state <= SEND;
                 if (state == UPDATE ? done && !sends : idle) begin  // the next neuron
                     at <= is_last ? 0 : at + 1'b1;
-                    row <= is_last ? NEURON_ROWS : row + (IS_SPARSE ? 1'b1 : length);
+                    row <= is_last ? NEURON_LISTS : row + (IS_SPARSE ? 1'b1 : length);
                     if (is_last_of_layer) layer <= is_last ? 0 : layer + 1'b1;
                     state <= UPDATE;
                     if (is_last) begin
