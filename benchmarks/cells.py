@@ -1,10 +1,11 @@
 """Cells of gate arrays: synthesised, placed and routed for random networks, beside what was predicted before.
 
-    python -m benchmarks.cells [--test 20] [--fit 0] [--csv FILE]
+    python -m benchmarks.cells [--test 20] [--fit 0] [--csv FILE] [--encoders]
 
 Networks are those of `benchmarks.instructions`; those that a chip cannot hold are passed over. With `--fit`,
 the costs that the profiles quote are fitted anew to so many further networks (least squares
-of relative errors), and the others are predicted by these too. The tools are of the extra `fpga`.
+of relative errors), and the others are predicted by these too. With `--encoders`, it prints instead the cells
+that encoders of samples add to one network, beside what is predicted. The tools are of the extra `fpga`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import argparse
 import itertools
 import json
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +22,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmarks.instructions import network
-from dse.deploy.form import Unsupported
+from dse.deploy.form import Unsupported, send_on_delta_form, spiking_of
 from dse.deploy.targets.fpga import Ecp5, Fpga, Ice40
+from dse.deploy.verilog import circuit
+from dse.deploy.verilog.circuit import Circuit
+from dse.encoders.quantised import Quantised
+from dse.encoders.send_on_delta import SendOnDelta
 
 
 def main() -> None:
@@ -30,7 +36,12 @@ def main() -> None:
     parser.add_argument("--test", type=int, default=20, help="networks to predict")
     parser.add_argument("--fit", type=int, default=0, help="networks of the fit, after those to predict")
     parser.add_argument("--csv", type=Path, help="file for a row per network and chip")
+    parser.add_argument("--encoders", action="store_true", help="what encoders of samples take")
     options = parser.parse_args()
+    if options.encoders:
+        for target in (Ice40(), Ecp5()):
+            print(with_encoders(target).to_string(index=False), flush=True)
+        return
     tables = []
     for target in (Ice40(), Ecp5()):
         table = placed(target, options.test + options.fit)
@@ -47,6 +58,48 @@ def main() -> None:
         tables.append(table)
     if options.csv:
         pd.concat(tables).to_csv(options.csv, index=False)
+
+
+ENCODERS = (
+    SendOnDelta((1.0, 4.0, 16.0)),
+    SendOnDelta((0.5, 2.25), polarity="merged"),
+    SendOnDelta((2.7, 6.0), reference="value"),
+    SendOnDelta((1.5, 4.0), start="mean", means=(0.0,) * 4),
+    SendOnDelta(tuple(2.0**k for k in range(8))),
+    Quantised(step=0.5, digits=4, start="mean", means=(0.0,) * 4),
+    Quantised(step=0.125, digits=7),
+)
+"""Of four sensors."""
+
+
+def with_encoders(target: Fpga) -> pd.DataFrame:
+    """Return a row per encoder that a network gets: the cells and blocks that it adds, and as predicted."""
+    made = next(made for k in itertools.count() if not target.refusal(made := network(k)[0]))
+    bare = circuit.of_form(spiking_of(made))
+
+    def report(form: Circuit) -> dict[str, float]:
+        with tempfile.TemporaryDirectory() as folder:
+            target.emit(form, made, Path(folder))
+            return dict(json.loads((Path(folder) / "report.json").read_bytes()))
+
+    before, chip, rows = report(bare), target.board.chip, []
+    for encoder in ENCODERS:
+        form = replace(bare, encoder=send_on_delta_form(encoder, 4))
+        after = report(form)
+        blocks = chip.n_blocks(*form.memories["levels"])
+        rows.append(
+            {
+                "chip": target.profile,
+                "bits": form.level_bits,
+                "cells": after["cells"] - before["cells"],
+                "predicted": form.level_bits * chip.level_cells.value,
+                "blocks": after["memory_blocks"] - before["memory_blocks"],
+                "predicted_blocks": blocks,
+                "clock_mhz": after["clock_mhz"],
+                "encoder": encoder,
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 WORK = ("circuit", "address_bits", "share_bits", "slot_bits", "list")

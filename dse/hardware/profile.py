@@ -24,7 +24,7 @@ from dse.config.parts import KeyFault, Written
 from dse.config.settings import Schedule
 from dse.config.space import SearchSpace
 from dse.config.values import Report, echo, read_fields, read_object
-from dse.config.yaml_lines import Document, Raw, parse
+from dse.config.yaml_lines import Document, Raw, dump, parse
 from dse.hardware.plan import Misfit, NotApplicable, Plan
 from dse.records import Floats, Operations, Workload
 from dse.registry import param
@@ -336,12 +336,25 @@ class _About:
     programmable: bool = param(False, doc="whether its neurons run programs, so that it runs resonators")
 
 
+_OWN = ("name", "doc", "label")
+"""Keys that a profile does not take over from the one that it is like."""
+
+
 def _profile(document: Document, text: str) -> Profile | None:
     """Return the profile of a file, or None after reporting everything that is wrong."""
     data, report = document.data, document.report
     if not isinstance(data, dict):
         report((), f"a profile must be a mapping of names to numbers, got {echo(data)}")
         return None
+    if (like := data.get("like")) is not None:
+        if not isinstance(like, str) or like not in names():
+            report(("like",), f"unknown hardware profile {echo(like)}; {known_names(str(like), names())}")
+            return None
+        base = parse(_packaged(like).text, like).data
+        assert isinstance(base, dict)
+        own = {key: value for key, value in data.items() if key != "like"}
+        data = {key: value for key, value in base.items() if key not in _OWN} | own
+        text = dump(data)
     cls = _kind(data, report)
     if cls is None:
         return None

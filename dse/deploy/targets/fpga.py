@@ -5,7 +5,8 @@ top.v, top.pcf or .lpf  the network behind a serial port, its pins on a board
 top.bin or .bit         what configures the chip
 report.json             cells, blocks of memory, multipliers, the fastest clock: of place and route
 
-The core is simulated on the input spikes of recordings: all spikes of all layers, all decisions, and clock
+The core is simulated on the samples of recordings, if they are whole and the core encodes them, else on their
+input spikes: all spikes of all layers, all decisions, and clock
 cycles. Nothing ran on a chip.
 """
 
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -27,7 +28,7 @@ from dse.deploy.targets import BackEnd, Engine
 from dse.deploy.verilog import circuit, tools
 from dse.deploy.verilog.circuit import Circuit
 from dse.deploy.verilog.tools import Board
-from dse.records import Ints
+from dse.records import Ints, Signals
 from dse.registry import register
 
 _REPORT = "report.json"
@@ -47,16 +48,19 @@ class Fpga(BackEnd[Circuit]):
     def form(self, bundle: Bundle) -> Circuit:
         """Return the network as the memories of a circuit."""
         network_in(bundle, "Verilog holds")
-        form = circuit.of_form(spiking_of(bundle))
-        if misfit := self.board.chip.misfit(form.memories):
+        form, chip = circuit.of_form(spiking_of(bundle)), self.board.chip
+        if form.encoder is not None and chip.misfit(form.memories):
+            form = replace(form, encoder=None)
+        if misfit := chip.misfit(form.memories):
             raise Unsupported(f"it takes {misfit}")
         return form
 
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its cells, blocks of memory, and the most cycles of a step: everything spikes."""
-        form, chip = circuit.of_form(spiking_of(bundle)), self.board.chip
+        form, chip = self.form(bundle), self.board.chip
+        n_cells = chip.n_cells(form.stored, form.share_bits, form.slot_bits)
         return {
-            "cells": float(round(chip.n_cells(form.stored, form.share_bits, form.slot_bits))),
+            "cells": float(round(n_cells + form.level_bits * chip.level_cells.value)),
             "memory_blocks": float(sum(chip.n_blocks(*shape) for shape in form.memories.values())),
             "most_cycles_per_step": float(form.most_cycles),
         }
@@ -69,20 +73,35 @@ class Fpga(BackEnd[Circuit]):
         (folder / _REPORT).write_text(f"{report}\n", encoding="utf-8")
 
     def engines(self, form: Circuit, bundle: Bundle, folder: Path, reference: Reference) -> Iterator[Engine]:
-        """Run the core in simulation on the input spikes of all recordings.
+        """Run the core in simulation on the samples of all recordings, or on their input spikes.
 
-        Figures beside the report: clock cycles per input step, mean and longest, and the share of the step
-        that the longest takes at the clock of the board.
+        Figures beside the report: clock cycles per input step, mean and longest, those that encode samples
+        in the mean, and the share of the step that the longest takes at the clock of the board.
         """
-        played = tools.simulated(self.board, folder, replay.of_spikes(reference))
-        all_cycles, longest = played.counts.sum(axis=0)[0], float(played.counts[:, 1].max(initial=0))
+        samples = _samples(form, reference)
+        sensors = 0 if samples is None or form.encoder is None else form.encoder.n_sensors
+        played = tools.simulated(self.board, folder, samples or replay.of_spikes(reference), sensors)
+        n_steps, longest = reference.n_recordings * reference.dataset.n_steps, played.counts[:, 2]
+        of_network, of_samples, _ = played.counts.sum(axis=0) / max(1, n_steps)
         figures = {
             **json.loads((folder / _REPORT).read_bytes()),
-            "cycles_per_step": all_cycles / max(1, reference.n_recordings * reference.dataset.n_steps),
-            "cycles_of_longest_step": longest,
-            "share_of_step": longest / (self.board.clock_mhz * 1e3 * form.form.step_ms),
+            "cycles_per_step": of_network,
+            **({"cycles_of_samples": of_samples} if sensors else {}),
+            "cycles_of_longest_step": float(longest.max(initial=0)),
+            "share_of_step": longest.max(initial=0) / (self.board.clock_mhz * 1e3 * form.form.step_ms),
         }
-        yield Engine(tools.versions(self.board), run_of(played, form, reference), figures)
+        has_same_input = not sensors or replay.same_input(played, reference)
+        run = run_of(played, form, reference)
+        yield Engine(tools.versions(self.board), run, figures, has_same_input=has_same_input)
+
+
+def _samples(form: Circuit, reference: Reference) -> list[Ints] | None:
+    """Return the commands that push samples, where the circuit encodes them and they are whole."""
+    if form.encoder is None or not isinstance(reference.inputs, Signals):
+        return None
+    values, most = reference.inputs.values, 1 << (circuit.SAMPLE_BITS - 1)
+    is_whole = (values == np.rint(values)).all() and (values >= -most).all() and (values < most).all()
+    return replay.of_recordings(reference, form.form).commands if is_whole else None
 
 
 def run_of(played: replay.Played, form: Circuit, reference: Reference) -> Run:
@@ -94,7 +113,7 @@ def run_of(played: replay.Played, form: Circuit, reference: Reference) -> Run:
 def _of_layers(spikes: Ints, sizes: tuple[int, ...]) -> list[Ints]:
     """Return the spikes of each layer, given those of all neurons."""
     begins = np.cumsum([0, *sizes[1:]])
-    recording, step, neuron = spikes[:, [0, 2, 3]].T
+    recording, step, neuron = spikes[spikes[:, 1] == 1][:, [0, 2, 3]].T
     layer = np.searchsorted(begins, neuron, "right") - 1
     numbered = np.stack([recording, step, neuron - begins[layer]], axis=1)
     return [numbered[layer == k] for k in range(len(sizes) - 1)]

@@ -9,14 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from dse.deploy.form import LayerForm, Spiking, Unsupported, in_steps
+from dse.deploy.form import LayerForm, SendOnDeltaForm, Spiking, Unsupported, in_steps
 from dse.hardware.kinds.gate_array import LIST_CYCLES, WORD_CHANNELS, Memories, Stored
 from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import DECAY_SCALE
 from dse.records import Array, Ints
 
-BLOCKS = ("arrivals.v", "core.v", "decision.v", "inputs.v", "neurons.v", "top.v", "uart.v")
-_MOST_CLASSES, _MOST_STATE_BITS, _MOST_CHANNELS = 254, 32, 65533
+BLOCKS = ("arrivals.v", "core.v", "decision.v", "encoder.v", "inputs.v", "neurons.v", "top.v", "uart.v")
+_MOST_CLASSES, _MOST_STATE_BITS, _MOST_CHANNELS = 254, 32, 65532
+SAMPLE_BITS = 16
+_MOST_THRESHOLDS, _CYCLES_PER_THRESHOLD = 32, 6
+_NONE = SendOnDeltaForm(1, (1.0,), (1,), 0, "step", merged=False)
+"""Where there is no encoder."""
 _BLOCKS = Path(__file__).parent / "blocks"
 
 
@@ -33,6 +37,7 @@ class Circuit:
     keeps: (2 * neurons,) 4096 less the decays of current and potential.
     weight_bits, delay_bits, sum_bits, state_bits: of a weight, a delay, a sum of weights, a state.
     slot_bits: 2 to this power steps of sums are held.
+    encoder: makes the input spikes of samples; None: spikes alone are taken.
     """
 
     form: Spiking
@@ -48,6 +53,7 @@ class Circuit:
     sum_bits: int
     state_bits: int
     slot_bits: int
+    encoder: SendOnDeltaForm | None = None
 
     @property
     def sample_bits(self) -> int:
@@ -58,6 +64,11 @@ class Circuit:
     def word_bits(self) -> int:
         """2 to this power words of 16 channels are held of an input step."""
         return max(1, bits(-(-self.form.n_channels // WORD_CHANNELS) - 1))
+
+    @property
+    def level_bits(self) -> int:
+        """Bits of a level of the encoder; 0: there is none."""
+        return 0 if self.encoder is None else SAMPLE_BITS + self.encoder.shift
 
     @property
     def share_bits(self) -> int:
@@ -76,7 +87,16 @@ class Circuit:
             "keeps": (2 * n, varying(self.keeps)),
             "inputs": (1 << (self.sample_bits + self.word_bits), 16),
             "counts": (1 << max(1, bits(form.sizes[-1] - 1)), bits(form.network_steps)),
+            **self._levels,
         }
+
+    @property
+    def _levels(self) -> Memories:
+        """Memories of the encoder."""
+        if self.encoder is None:
+            return {}
+        per_sensor = self.encoder.n_levels + bool(self.encoder.first)
+        return {"levels": (per_sensor * self.encoder.n_sensors, self.level_bits)}
 
     @property
     def most_cycles(self) -> int:
@@ -87,7 +107,10 @@ class Circuit:
         sending = neurons[np.repeat(_lengths(form), form.sizes[1:]) > 0]
         of_step = 5 * n + int((sending + 4).sum()) + 8
         of_copies = int((inputs + 5).sum()) + len(form.delays) * 4 * n_words
-        return form.steps_per_sample * (of_step + n_words) + of_copies
+        of_samples = 0
+        if self.encoder is not None:
+            of_samples = self.encoder.n_sensors * (_CYCLES_PER_THRESHOLD * self.encoder.n_thresholds + 4)
+        return form.steps_per_sample * (of_step + n_words) + of_copies + of_samples
 
 
 def bits(number: int) -> int:
@@ -148,7 +171,19 @@ def of_form(form: Spiking) -> Circuit:
         sum_bits=1 + bits(max(1, sums >> factor)),
         state_bits=1 + max(bits(max(x.first, x.second)) for x in bounds),
         slot_bits=bits(longest),
+        encoder=_encoder(form),
     )
+
+
+def _encoder(form: Spiking) -> SendOnDeltaForm | None:
+    """Return the encoder of a network, if it is send-on-delta in integers that a sample of 16 bits moves."""
+    encoder = form.encoder
+    if not isinstance(encoder, SendOnDeltaForm) or encoder.whole is None or encoder.rule == "level":
+        return None
+    half = 1 << (SAMPLE_BITS + encoder.shift - 1)  # no level lies farther from 0, and no threshold
+    begins = [abs(x) * 2**encoder.shift for x in encoder.first]
+    are_few = encoder.n_thresholds <= _MOST_THRESHOLDS
+    return encoder if are_few and max(encoder.whole) < half and max(begins, default=0) < half else None
 
 
 def _check(form: Spiking) -> None:
@@ -222,6 +257,9 @@ def write(circuit: Circuit, folder: Path) -> None:
         _write_hex(folder / "lists.hex", np.cumsum([0, *circuit.lengths]))
     _write_hex(folder / "weights.hex", words)
     _write_hex(folder / "keeps.hex", circuit.keeps)
+    if circuit.encoder is not None and circuit.encoder.first:
+        begins = np.asarray(circuit.encoder.first) * 2**circuit.encoder.shift
+        _write_hex(folder / "begins.hex", begins.astype(np.int64) & ((1 << circuit.level_bits) - 1))
     text = "// The numbers of this network.\n" + "".join(f"localparam {x};\n" for x in _parameters(circuit))
     (folder / "parameters.vh").write_text(text, encoding="utf-8")
 
@@ -232,7 +270,7 @@ def _write_hex(path: Path, words: Array) -> None:
 
 def _parameters(circuit: Circuit) -> Iterable[str]:
     """Yield name and value of every parameter."""
-    form, rule = circuit.form, circuit.form.rule
+    form, rule, encoder = circuit.form, circuit.form.rule, circuit.encoder or _NONE
     sizes, confidence, per_sample = form.sizes[1:], rule.confidence, form.steps_per_sample
     n, neuron_bits, total = sum(sizes), bits(sum(sizes)), form.network_steps * rule.n
     ends = np.cumsum(sizes).tolist()
@@ -275,6 +313,17 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "NUMERATOR": confidence.numerator,
         "DENOMINATOR": confidence.denominator,
         "LAST_STEP": rule.last,
+        "HAS_ENCODER": int(circuit.encoder is not None),
+        "N_SENSORS": encoder.n_sensors,
+        "SENSOR_BITS": max(1, bits(encoder.n_sensors - 1)),
+        "N_THRESHOLDS": encoder.n_thresholds,
+        "N_LEVELS": encoder.n_levels,
+        "PLACE_BITS": bits((encoder.n_levels + bool(encoder.first)) * encoder.n_sensors),
+        "SAMPLE_SHIFT": encoder.shift,
+        "FOLLOWS": int(encoder.rule == "value"),
+        "IS_SHARED": int(encoder.rule == "digits"),
+        "HAS_BEGINS": int(bool(encoder.first)),
+        "IS_MERGED": int(encoder.merged),
     }
     yield from (f"{name} = {number}" for name, number in numbers.items())
     yield f"[{neuron_bits - 1}:0] FIRST_LENGTH = {sizes[0]}"
@@ -285,6 +334,7 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "THRESHOLD": (circuit.state_bits, [layer.threshold for layer in form.layers]),
         "LAGS": (circuit.sample_bits, [delay // per_sample for delay in form.delays]),
         "LAG_PARTS": (part_bits, [delay % per_sample for delay in form.delays]),
+        "THRESHOLDS": (SAMPLE_BITS + encoder.shift + 1, list(encoder.whole or ())),
     }
     for name, (width, values) in vectors.items():
         listed = ", ".join(f"{width}'d{value}" for value in reversed(values))

@@ -123,21 +123,34 @@ def placed(board: Board, folder: Path) -> Mapping[str, float]:
     return taken | {"clock_mhz": round(min(x["achieved"] for x in report["fmax"].values()), 2)}
 
 
-def simulated(board: Board, folder: Path, commands: Sequence[Ints]) -> replay.Played:
+def simulated(board: Board, folder: Path, commands: Sequence[Ints], sensors: int = 0) -> replay.Played:
     """Run commands in the core whose Verilog lies in a folder.
+
+    Args:
+        board: whose tools simulate.
+        folder: with the Verilog.
+        commands: of each window.
+        sensors: samples of a step, in commands that push them.
 
     Returns:
         Spikes of layer 1: of all neurons, counted through all layers; as `counts` the clock cycles of all
-        steps of a window, and of the longest.
+        steps of a window, of its samples, and of the longest step with its samples.
     """
     numbers = np.concatenate([np.zeros(0, np.int32), *commands]).astype(np.int32)
     blocks = [x for x in BLOCKS if x not in _OF_BOARD]
-    written = run_simulation(board, folder, "core", blocks, _REPLAY, numbers.tobytes())
+    options = (f"-DSENSORS={sensors}",)
+    written = run_simulation(board, folder, "core", blocks, _REPLAY, numbers.tobytes(), options)
     return replay.parsed(np.frombuffer(written, np.int32))
 
 
 def run_simulation(
-    board: Board, folder: Path, top: str, blocks: Sequence[str], driver: Path, given: bytes
+    board: Board,
+    folder: Path,
+    top: str,
+    blocks: Sequence[str],
+    driver: Path,
+    given: bytes,
+    options: Sequence[str] = (),
 ) -> bytes:
     """Return what a program writes that drives a simulated module.
 
@@ -148,6 +161,7 @@ def run_simulation(
         blocks: files of Verilog that are read.
         driver: C++ that includes TOP.cc, as yosys writes it.
         given: what the program reads.
+        options: of the compiler.
     """
     python = check(board)
     script = f"read_verilog {' '.join(blocks)}; hierarchy -top {top}; write_cxxrtl {top}.cc"
@@ -158,7 +172,7 @@ def run_simulation(
         source = shutil.copyfile(driver, place / driver.name)
         # A memory is also read where nobody uses the word, beyond its end: no fault of the circuit.
         flags = ("-std=c++14", "-O1", "-w", "-DNDEBUG", "-I", str(_headers(python)))
-        compiler = (*host.compiler("c++"), *flags, str(source), "-o", "driver")
+        compiler = (*host.compiler("c++"), *flags, *options, str(source), "-o", "driver")
         _done(compiler, place, "the compiler of the simulation")
         return _done([str(place / "driver")], place, "the simulation", given)
 

@@ -119,6 +119,7 @@ class GateArray(Profile):
     share_cells: Number = figure("1", "more per bit of what confidence compares")
     slot_cells: Number = figure("1", "more per bit of the number of a step whose sums are held")
     list_cells: Number = figure("1", "more where weights are lists of those that are not 0")
+    level_cells: Number = figure("1", "more per bit of a level, where samples are encoded")
     word_cycles: Number = figure("1", "cycles per word of 16 channels and input step")
     scan_cycles: Number = figure("1", "cycles until an input spike is found in its word")
     cell_pj: Number = figure("pJ", "dynamic energy per cycle of computing and cell, memories included")

@@ -2,13 +2,16 @@
 
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dse.deploy.bundle import Input
 from dse.deploy.c import host, replay
 from dse.deploy.form import spiking_of
+from dse.deploy.reference import of_recordings
 from dse.deploy.run import TargetError
 from dse.deploy.targets.fpga import Ecp5, Ice40
 from dse.deploy.verilog import circuit, tools
@@ -18,10 +21,12 @@ from dse.models.snn.respond import respond
 from dse.neurons import cuba_lif, parameters_of
 from dse.records import Layer, Network
 from tests.deploy.c import nets
+from tests.deploy.targets.test_c99 import SAMPLES, network
+from tests.spaces import sections
 
 TARGET = Ice40()
 HOST = Path(__file__).parent / "serial_host.cc"
-END, BEGIN = 65534, 65535
+SAMPLE, START, END, BEGIN = 65532, 65533, 65534, 65535
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -83,11 +88,11 @@ def simulated_once():
     """Simulate the same Verilog on the same windows once: a compiler of C++ takes longer than all else."""
     simulated, played = tools.simulated, {}
 
-    def once(board, folder, windows):
+    def once(board, folder, windows, sensors=0):
         files = sorted(x for x in folder.iterdir() if x.suffix in (".v", ".vh", ".hex"))
-        key = (*(x.read_bytes() for x in files), np.concatenate(windows).tobytes())
+        key = (*(x.read_bytes() for x in files), np.concatenate(windows).tobytes(), sensors)
         if key not in played:
-            played[key] = simulated(board, folder, windows)
+            played[key] = simulated(board, folder, windows, sensors)
         return played[key]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -174,6 +179,74 @@ def test_a_network_whose_weights_are_all_0_is_silent(tmp_path):
     assert TARGET.verify(made, tmp_path, reference).kind == "faithful"
 
 
+def sensed(folder, encoder, window):
+    """Return a bundle of four sensors with an encoder, and its reference on four recordings of samples."""
+    rng, lengths = np.random.default_rng(2), [25, 40, 31, 60]
+    signal = np.concatenate([np.rint(np.cumsum(rng.normal(0, 3, (n, 4)), axis=0)) for n in lengths])
+    signal[3], signal[30] = 32767, -32768  # as far apart as samples can be
+    np.savez(folder / "touch.npz", signal=signal, offsets=np.concatenate([[0], np.cumsum(lengths)]))
+    design = sections(
+        {
+            **SAMPLES,
+            "data": {**SAMPLES["data"], "offsets": "offsets"},
+            "window": window,
+            "encoder": {"kind": "send_on_delta", **encoder},
+        }
+    )
+    if design.encoder.learns:
+        design = replace(design, encoder=replace(design.encoder, means=(1.5, -3.0, 0.0, 12.0)))
+    taken = Input("samples", 4, 0, 0, window["n_steps"], nets.STEP_MS)
+    made = nets.bundle(network(design.encoder.n_channels(4)), window["n_steps"], phi=3.0, theta=0.4)
+    made = replace(made, sections=design, input=taken)
+    return made, of_recordings(made, folder / "touch.npz")
+
+
+@pytest.mark.parametrize(
+    ("encoder", "window"),
+    [
+        ({"thresholds": [1, 4, 16]}, {"n_steps": 20, "at": "middle"}),
+        ({"thresholds": [0.5, 2.25], "polarity": "merged"}, {"n_steps": 25, "at": "start"}),
+        ({"thresholds": [2.7, 6], "reference": "value"}, {"n_steps": 12, "at": "contact_onset"}),
+        ({"thresholds": [1.5, 4], "start": "mean"}, {"n_steps": 25, "at": "start"}),
+        (
+            {"kind": "quantised", "step": 0.5, "digits": 4, "start": "mean"},
+            {"n_steps": 20, "at": "middle"},
+        ),
+    ],
+)
+def test_samples_are_encoded_as_by_the_engine(encoder, window, tmp_path):
+    made, reference = sensed(tmp_path, encoder, window)
+    (folder := tmp_path / "verilog").mkdir()
+    written(made, folder)
+    form = TARGET.form(made)
+    assert form.encoder is not None and 16 <= form.level_bits <= 18
+    verdict = TARGET.verify(made, folder, reference)
+    assert verdict.kind == "faithful" and verdict.n_recordings == 4, verdict.reason
+    assert len(reference.spikes_in) and all(map(len, reference.fired))
+    figures = verdict.figures
+    a_sample = figures["cycles_of_samples"] / 4
+    assert 3 * form.encoder.n_thresholds < a_sample < 6 * form.encoder.n_thresholds + 4
+    assert figures["cycles_of_longest_step"] <= form.most_cycles
+    # An encoder that differs does not pass.
+    text = (folder / "encoder.v").read_text().replace("before + by", "before + by + 1")
+    (folder / "encoder.v").write_text(text.replace("? x :", "? 0 :"))
+    assert TARGET.verify(made, folder, reference).kind != "faithful"
+
+
+def test_what_the_circuit_cannot_encode_comes_as_spikes(tmp_path):
+    window = {"n_steps": 20, "at": "start"}
+    for encoder in ({"reference": "level"}, {"thresholds": [1 / 3]}, {"thresholds": [40_000]}):
+        made, _ = sensed(tmp_path, encoder, window)
+        assert TARGET.form(made).encoder is None
+    made, reference = sensed(tmp_path, {"thresholds": [1, 4]}, window)
+    assert TARGET.form(made).encoder is not None
+    real = replace(reference, inputs=replace(reference.inputs, values=reference.inputs.values + 0.5))
+    (folder := tmp_path / "verilog").mkdir()
+    written(made, folder)
+    verdict = TARGET.verify(made, folder, real)
+    assert verdict.kind == "faithful" and "cycles_of_samples" not in verdict.figures, verdict.reason
+
+
 def test_windows_that_break_off_and_spikes_that_do_not_count(tmp_path):
     rng = np.random.default_rng(2)
     made, fired = one_of_each(rng), recordings(rng)
@@ -230,6 +303,26 @@ def test_the_serial_port_answers_as_the_engine(tmp_path):
     read = tools.run_simulation(TARGET.board, tmp_path, "top", circuit.BLOCKS, HOST, b"".join(slow_and_fast))
     bytes_and_lights = np.frombuffer(read, np.uint8).reshape(-1, 2)
     assert bytes_and_lights.tolist() == expected + expected[1:]
+
+
+def test_samples_come_over_the_serial_port(tmp_path):
+    made, reference = sensed(tmp_path, {"thresholds": [1, 4, 16]}, {"n_steps": 20, "at": "start"})
+    (folder := tmp_path / "verilog").mkdir()
+    written(made, folder)
+    numbers, expected = [], []
+    begins = reference.inputs.offsets[:-1].astype(int)
+    for begin, label, time_ms, is_sure in zip(
+        begins, reference.label, reference.time_ms, reference.decided, strict=True
+    ):
+        numbers += [START, BEGIN]
+        expected.append([255, 0])
+        for step, samples in enumerate(reference.inputs.values[begin : begin + 20].astype(int), 1):
+            numbers += [x for sample in samples for x in (SAMPLE, sample % 65536)] + [END]
+            expected.append([label, is_sure] if step * nets.STEP_MS >= time_ms else [255, 0])
+    assert len({label for label, _ in expected}) > 2
+    sent = struct.pack("<ii", 1200, len(numbers)) + np.asarray(numbers, ">u2").tobytes()
+    read = tools.run_simulation(TARGET.board, folder, "top", circuit.BLOCKS, HOST, sent)
+    assert np.frombuffer(read, np.uint8).reshape(-1, 2).tolist() == expected
 
 
 def test_what_fails_or_is_missing_is_one_line(tmp_path, monkeypatch):

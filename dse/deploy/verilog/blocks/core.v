@@ -3,15 +3,23 @@
 // A network step takes 5 cycles per neuron, and one per weight that a spike meets. Strobes, taken while `ready`:
 //   clear   a window begins: all states are 0
 //   push    `channel` spikes in this input step; pushed twice it spikes once
+//   sense   `sample` is that of the next sensor in this input step, where the circuit encodes samples
+//   start   a recording begins: the next sample is its first
 //   step    the input step is complete: its network steps run
-// `spiked` tells every spike of a neuron, in `network_step`; neurons are counted through all layers.
+// `spiked` tells every spike of a neuron, in `network_step`, and `encodes` every one of a channel that samples make;
+// neurons are counted through all layers.
 module core (
     input wire clk,
     input wire clear,
     input wire push,
     input wire [15:0] channel,
+    input wire sense,
+    input wire [15:0] sample,
+    input wire start,
     input wire step,
     output wire ready,
+    output wire encodes,
+    output wire [15:0] encoded,
     output wire spiked,
     output wire [15:0] neuron,
     output wire [31:0] network_step,
@@ -39,26 +47,44 @@ module core (
     wire is_output = layer == N_LAYERS - 1;
     wire in_window = now <= LAST_NETWORK_STEP;
 
-    wire pushing, input_sends, input_done, wiped, idle, done, fires, taking;
+    wire pushing, encoding, input_sends, input_done, wiped, idle, done, fires, taking;
     wire [ADDRESS_BITS-1:0] input_row;
     wire [OUTPUT_BITS-1:0] best;
     wire [STEP_BITS-1:0] steps;
     wire signed [SUM_BITS-1:0] arrived;
     wire sends = spiked && length != 0;
 
-    assign ready = state == IDLE && !pushing;
+    assign ready = state == IDLE && !pushing && !encoding;
     assign spiked = done && fires;
     assign neuron = at;
     assign network_step = now;
     assign answer = best;
     assign answered_after = steps;
 
+    generate
+        if (HAS_ENCODER) begin : of_samples
+            encoder #(
+                .N_SENSORS(N_SENSORS), .SENSOR_BITS(SENSOR_BITS), .N_THRESHOLDS(N_THRESHOLDS),
+                .SAMPLE_SHIFT(SAMPLE_SHIFT), .THRESHOLDS(THRESHOLDS), .PLACE_BITS(PLACE_BITS), .N_LEVELS(N_LEVELS),
+                .FOLLOWS(FOLLOWS), .IS_SHARED(IS_SHARED), .HAS_BEGINS(HAS_BEGINS), .IS_MERGED(IS_MERGED)
+            ) of_sensors (
+                .clk(clk), .start(start && ready), .sense(sense && ready), .sample(sample), .pushing(pushing),
+                .push(encodes), .channel(encoded), .busy(encoding)
+            );
+        end else begin : of_spikes
+            assign encodes = 0;
+            assign encoded = 0;
+            assign encoding = 0;
+        end
+    endgenerate
+
     inputs #(
         .N_CHANNELS(N_CHANNELS), .WORD_BITS(WORD_BITS), .SAMPLE_BITS(SAMPLE_BITS), .N_COPIES(N_COPIES),
         .COPY_BITS(COPY_BITS), .LAGS(LAGS), .LAG_PARTS(LAG_PARTS), .PART_BITS(PART_BITS),
         .ADDRESS_BITS(ADDRESS_BITS), .ROW(IS_SPARSE ? 1 : FIRST_LENGTH)
     ) of_channels (
-        .clk(clk), .push(push && ready), .channel(channel), .pushing(pushing), .run(state == INPUT), .part(part),
+        .clk(clk), .push(push && ready || encodes), .channel(encodes ? encoded : channel), .pushing(pushing),
+        .run(state == INPUT), .part(part),
         .idle(idle), .sends(input_sends), .row(input_row), .done(input_done), .clear(state == CLEAR),
         .wipe(state == WIPE), .all(now == 0), .wiped(wiped)
     );

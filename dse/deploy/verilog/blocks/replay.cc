@@ -1,14 +1,15 @@
 // Runs commands from stdin in the simulated core and writes what came of them: numbers of 32 bits.
 //
-// in, out: as of replay.c, but that layer is 1 and neurons are counted through all layers; and instead of the
-//          counts of outputs come the clock cycles of all steps of the window, and of the longest
+// in, out: as of replay.c, but that a layer other than the input is 1 and neurons are counted through all layers; and
+//          instead of the counts of outputs come the clock cycles of all steps of the window, of its samples, and of
+//          the longest step with its samples. SENSORS: samples of a step.
 #include "core.cc"
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
 #include <vector>
 
-enum { INIT, RESET, STEP, SPIKE, ANSWER = 7 };
+enum { INIT, RESET, STEP, SPIKE, SAMPLE, ANSWER = 7 };
 
 static cxxrtl_design::p_core core;
 static std::vector<int32_t> written;
@@ -21,6 +22,9 @@ static bool tick()
     const bool ready = core.p_ready.get<bool>();
     if (core.p_spiked.get<bool>()) {
         written.insert(written.end(), {1, core.p_network__step.get<int32_t>(), core.p_neuron.get<int32_t>()});
+    }
+    if (core.p_encodes.get<bool>()) {
+        written.insert(written.end(), {0, core.p_network__step.get<int32_t>(), core.p_encoded.get<int32_t>()});
     }
     core.p_clk.set<bool>(true);
     core.step();
@@ -43,7 +47,8 @@ template <class Signal> static int32_t strobe(Signal &signal)
 int main()
 {
     std::vector<int32_t> commands;
-    int32_t number, all = 0, longest = 0;
+    int32_t number, all = 0, longest = 0, sampling = 0, samples = 0;
+    size_t window = 0; // where what it has written begins
     while (fread(&number, sizeof number, 1, stdin) == 1) {
         commands.push_back(number);
     }
@@ -51,16 +56,31 @@ int main()
     }
     for (size_t i = 0; i < commands.size(); i++) {
         switch (commands[i]) {
+        case INIT:
+            strobe(core.p_start);
+            break;
         case RESET:
             strobe(core.p_clear);
-            all = longest = 0;
+            if (SENSORS) { // what samples before the window have made
+                written.resize(window);
+            }
+            all = longest = sampling = samples = 0;
             break;
         case STEP: {
             const int32_t cycles = strobe(core.p_step);
             all += cycles;
-            longest = std::max(longest, cycles);
+            longest = std::max(longest, cycles + sampling);
+            sampling = 0;
             break;
         }
+        case SAMPLE:
+            for (int k = 0; k < SENSORS; k++) {
+                core.p_sample.set<uint32_t>(uint32_t(commands[++i]) & 0xFFFF);
+                const int32_t cycles = strobe(core.p_sense);
+                sampling += cycles;
+                samples += cycles;
+            }
+            break;
         case SPIKE:
             core.p_channel.set<uint32_t>(uint32_t(commands[++i]));
             strobe(core.p_push);
@@ -69,7 +89,8 @@ int main()
             const bool answered = core.p_answered.get<bool>();
             const int32_t label = answered ? core.p_answer.get<int32_t>() : -1;
             const int32_t steps = core.p_answered__after.get<int32_t>();
-            written.insert(written.end(), {-1, label, steps, core.p_confident.get<bool>(), 2, all, longest});
+            written.insert(written.end(), {-1, label, steps, core.p_confident.get<bool>(), 3, all, samples, longest});
+            window = written.size();
             break;
         }
         default:
