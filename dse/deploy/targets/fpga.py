@@ -107,7 +107,9 @@ def _samples(form: Circuit, reference: Reference) -> list[Ints] | None:
 def run_of(played: replay.Played, form: Circuit, reference: Reference) -> Run:
     """Return what the simulated core did as a run."""
     fired = _of_layers(played.spikes, form.form.sizes)
-    return Run(played.label, played.steps * reference.step_ms, played.confident, fired)
+    is_none = bool(form.form.rule.joint) & (played.label == circuit.NO_CLASS)
+    label = np.where(is_none, -1, played.label)
+    return Run(label, played.steps * reference.step_ms, played.confident, fired)
 
 
 def _of_layers(spikes: Ints, sizes: tuple[int, ...]) -> list[Ints]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from dse.records import Array, Ints
 
 BLOCKS = ("arrivals.v", "core.v", "decision.v", "encoder.v", "inputs.v", "neurons.v", "top.v", "uart.v")
 _MOST_CLASSES, _MOST_STATE_BITS, _MOST_CHANNELS = 254, 32, 65532
+NO_CLASS = 254
+"""Answer of several heads whose combination is no class."""
 SAMPLE_BITS = 16
 _MOST_THRESHOLDS, _CYCLES_PER_THRESHOLD = 32, 6
 _NONE = SendOnDeltaForm(1, (1.0,), (1,), 0, "step", merged=False)
@@ -87,6 +90,7 @@ class Circuit:
             "keeps": (2 * n, varying(self.keeps)),
             "inputs": (1 << (self.sample_bits + self.word_bits), 16),
             "counts": (1 << max(1, bits(form.sizes[-1] - 1)), bits(form.network_steps)),
+            **({"joint": (len(form.rule.joint), 8)} if form.rule.joint else {}),
             **self._levels,
         }
 
@@ -198,12 +202,10 @@ def _check(form: Spiking) -> None:
         if (n_bits := bits(max(layer.bounds.first, layer.bounds.second)) + 1) > _MOST_STATE_BITS:
             text = f"states of layer {layer.k} may take {n_bits} bits within the window"
             raise Unsupported(f"{text}, and Verilog has {_MOST_STATE_BITS}: choose larger decays")
-    if form.rule.joint:
-        raise Unsupported("Verilog answers for one head, and this network for several")
     if form.n_channels > _MOST_CHANNELS:
         raise Unsupported(f"Verilog numbers {_MOST_CHANNELS} channels, got {form.n_channels}")
-    if form.sizes[-1] > _MOST_CLASSES:
-        raise Unsupported(f"Verilog answers with one of {_MOST_CLASSES} classes, got {form.sizes[-1]}")
+    if (n := max(form.rule.joint) + 1 if form.rule.joint else form.sizes[-1]) > _MOST_CLASSES:
+        raise Unsupported(f"Verilog answers with one of {_MOST_CLASSES} classes, got {n}")
 
 
 def _keeps(form: Spiking, decay: str) -> Ints:
@@ -260,6 +262,8 @@ def write(circuit: Circuit, folder: Path) -> None:
     if circuit.encoder is not None and circuit.encoder.first:
         begins = np.asarray(circuit.encoder.first) * 2**circuit.encoder.shift
         _write_hex(folder / "begins.hex", begins.astype(np.int64) & ((1 << circuit.level_bits) - 1))
+    if joint := circuit.form.rule.joint:
+        _write_hex(folder / "joint.hex", np.where(np.asarray(joint) < 0, NO_CLASS, joint))
     text = "// The numbers of this network.\n" + "".join(f"localparam {x};\n" for x in _parameters(circuit))
     (folder / "parameters.vh").write_text(text, encoding="utf-8")
 
@@ -277,7 +281,7 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
     begins = [0, *ends]
     loops = [layer.recurrent is not None for layer in form.layers]
     firsts = [a if loop else min(b, n - 1) for a, b, loop in zip(begins, ends, loops, strict=False)]
-    part_bits = max(1, bits(per_sample - 1))
+    part_bits, output_bits = max(1, bits(per_sample - 1)), max(1, bits(sizes[-1] - 1))
     numbers = {
         "N_NEURONS": n,
         "N_LAYERS": len(sizes),
@@ -303,7 +307,7 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "ADDRESS_BITS": circuit.stored.address_bits,
         "NEURON_LISTS": form.sizes[0] * (1 if circuit.stored.is_sparse else sizes[0]),
         "LAST_NETWORK_STEP": form.network_steps - 1,
-        "OUTPUT_BITS": max(1, bits(sizes[-1] - 1)),
+        "OUTPUT_BITS": output_bits,
         "FIRST_OUTPUT": rule.first,
         "END_OUTPUT": rule.first + rule.n,
         "IS_EARLY": int(rule.least_total is not None),
@@ -313,6 +317,9 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "NUMERATOR": confidence.numerator,
         "DENOMINATOR": confidence.denominator,
         "LAST_STEP": rule.last,
+        "N_HEADS": len(rule.parts),
+        "HEAD_BITS": max(1, bits(len(rule.parts) - 1)),
+        "N_JOINT": max(1, len(rule.joint)),
         "HAS_ENCODER": int(circuit.encoder is not None),
         "N_SENSORS": encoder.n_sensors,
         "SENSOR_BITS": max(1, bits(encoder.n_sensors - 1)),
@@ -334,6 +341,9 @@ def _parameters(circuit: Circuit) -> Iterable[str]:
         "THRESHOLD": (circuit.state_bits, [layer.threshold for layer in form.layers]),
         "LAGS": (circuit.sample_bits, [delay // per_sample for delay in form.delays]),
         "LAG_PARTS": (part_bits, [delay % per_sample for delay in form.delays]),
+        "HEAD_FIRST": (output_bits, [first for first, _ in rule.parts]),
+        "HEAD_LAST": (output_bits, [first + n - 1 for first, n in rule.parts]),
+        "STRIDES": (16, [math.prod(n for _, n in rule.parts[k + 1 :]) for k in range(len(rule.parts))]),
         "THRESHOLDS": (SAMPLE_BITS + encoder.shift + 1, list(encoder.whole or ())),
     }
     for name, (width, values) in vectors.items():

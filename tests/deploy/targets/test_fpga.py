@@ -19,7 +19,7 @@ from dse.hardware.cost import cost
 from dse.measure.run import load_of
 from dse.models.snn.respond import respond
 from dse.neurons import cuba_lif, parameters_of
-from dse.records import Layer, Network
+from dse.records import Head, Layer, Network
 from tests.deploy.c import nets
 from tests.deploy.targets.test_c99 import SAMPLES, network
 from tests.spaces import sections
@@ -37,7 +37,7 @@ def needs_tools():
         pytest.skip(f"{error}, or `make peers`")
 
 
-def one_of_each(rng, n_steps=30, share=1.0):
+def one_of_each(rng, n_steps=30, share=1.0, n_outputs=3):
     """Return a recurrent network of two hidden layers with input copies, delays and two steps per sample.
 
     share: of its weights that are not 0.
@@ -48,12 +48,12 @@ def one_of_each(rng, n_steps=30, share=1.0):
         all_of_them = rng.normal(mean, deviation / share, shape)
         return np.where(rng.random(shape) < share, all_of_them, 0).astype(np.float32)
 
-    for n_in, n in ((20, 9), (9, 5), (5, 3)):
+    for n_in, n in ((20, 9), (9, 5), (5, n_outputs)):
         decays = rng.integers(200, 3000, (2, n)).astype(np.int32)
         layers.append(
             Layer(
                 weights(0.3, 1, (n, n_in)),
-                None if n == 3 else weights(0, 0.5, (n, n)),
+                None if n == n_outputs else weights(0, 0.5, (n, n)),
                 parameters_of(cuba_lif.Population(*decays, 40)),
                 delay=rng.integers(0, 6, (n, n_in)).astype(np.int8),
             )
@@ -245,6 +245,28 @@ def test_what_the_circuit_cannot_encode_comes_as_spikes(tmp_path):
     written(made, folder)
     verdict = TARGET.verify(made, folder, real)
     assert verdict.kind == "faithful" and "cycles_of_samples" not in verdict.figures, verdict.reason
+
+
+def test_heads_answer_together(tmp_path):
+    rng = np.random.default_rng(3)
+    made, fired = one_of_each(rng, n_outputs=6), np.concatenate([recordings(rng) for _ in range(5)])
+    pairs = np.array([(a, b) for a in range(2) for b in range(4)])[1:]  # the first combination is no class
+    heads = tuple(
+        Head(name, tuple(f"{name} {k}" for k in range(size)), pairs[:, h])
+        for h, (name, size) in enumerate((("shape", 2), ("speed", 4)))
+    )
+    made = replace(made, heads=heads, classes=tuple(map(str, range(7))), phi=None, theta=None)
+    written(made, tmp_path)
+    reference = nets.reference(made, fired)
+    assert -1 in reference.label and len(set(reference.label)) > 3
+    verdict = TARGET.verify(made, tmp_path, reference)
+    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired), verdict.reason
+    # One head of the two alone, whose outputs are not the first.
+    alone = replace(made, head="speed", phi=2.0, theta=0.5)
+    (folder := tmp_path / "alone").mkdir()
+    written(alone, folder)
+    verdict = TARGET.verify(alone, folder, nets.reference(alone, fired))
+    assert verdict.kind == "faithful", verdict.reason
 
 
 def test_windows_that_break_off_and_spikes_that_do_not_count(tmp_path):

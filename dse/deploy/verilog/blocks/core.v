@@ -49,7 +49,6 @@ module core (
 
     wire pushing, encoding, input_sends, input_done, wiped, idle, done, fires, taking;
     wire [ADDRESS_BITS-1:0] input_row;
-    wire [OUTPUT_BITS-1:0] best;
     wire [STEP_BITS-1:0] steps;
     wire signed [SUM_BITS-1:0] arrived;
     wire sends = spiked && length != 0;
@@ -58,7 +57,6 @@ module core (
     assign spiked = done && fires;
     assign neuron = at;
     assign network_step = now;
-    assign answer = best;
     assign answered_after = steps;
 
     generate
@@ -113,11 +111,12 @@ module core (
     decision #(
         .OUTPUT_BITS(OUTPUT_BITS), .STEP_BITS(STEP_BITS), .SHARE_BITS(SHARE_BITS), .FIRST_OUTPUT(FIRST_OUTPUT),
         .END_OUTPUT(END_OUTPUT), .IS_EARLY(IS_EARLY), .TOTAL_BITS(TOTAL_BITS), .LEAST_TOTAL(LEAST_TOTAL),
-        .NUMERATOR(NUMERATOR), .DENOMINATOR(DENOMINATOR), .LAST_STEP(LAST_STEP)
+        .NUMERATOR(NUMERATOR), .DENOMINATOR(DENOMINATOR), .LAST_STEP(LAST_STEP), .N_HEADS(N_HEADS),
+        .HEAD_BITS(HEAD_BITS), .HEAD_FIRST(HEAD_FIRST), .HEAD_LAST(HEAD_LAST), .STRIDES(STRIDES), .N_JOINT(N_JOINT)
     ) of_answer (
         .clk(clk), .decide(state == DECIDE), .network_step(now), .updated(done && is_output), .spiked(spiked),
         .clear(state == CLEAR), .cleared(at[OUTPUT_BITS-1:0]), .answered(answered), .confident(confident),
-        .answer(best), .answered_after(steps)
+        .answer(answer), .answered_after(steps)
     );
 
     always @(posedge clk) begin

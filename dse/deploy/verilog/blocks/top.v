@@ -3,7 +3,8 @@
 //   0 to 65531   this channel spikes in the input step
 //   65532        the next number is the sample of the next sensor, -32768 to 32767 in two's complement
 //   65533        a recording begins: the next sample is its first
-//   65534        the input step is complete; comes back: a byte, the class, or 255 while there is none
+//   65534        the input step is complete; comes back: a byte, the class, 255 while there is none, or
+//                254 for a combination of several heads that is no class
 //   65535        a window begins; comes back: 255
 //
 // It sends the next number after it has read what comes back.
