@@ -13,7 +13,7 @@ from dse.config.contracts import Source
 from dse.config.faults import known_names
 from dse.config.locate import find_space, names_a_file
 from dse.config.parts import FAMILIES, Part, Written
-from dse.config.sections import SECTIONS, SETTINGS, front_end
+from dse.config.resolved import SECTIONS, SETTINGS, front_end
 from dse.config.space import DecisionGrid, SearchSpace
 from dse.config.values import INVALID, Report, construct, echo, read
 from dse.config.yaml_lines import Document, Raw, override, plain_document, read_document

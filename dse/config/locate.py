@@ -60,11 +60,6 @@ def shipped_profiles() -> dict[str, Path]:
     return yaml_files(_PACKAGE / "hardware" / "profiles")
 
 
-def hardware_names() -> list[str]:
-    """Return the names of the hardware profiles of the package."""
-    return list(shipped_profiles())
-
-
 def names_a_file(name: str) -> bool:
     """Return whether a file or a folder can have a name, on every system."""
     return bool(name.strip(". ")) and name.isprintable() and not set(name) & _NOT_IN_FILE_NAMES

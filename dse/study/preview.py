@@ -14,8 +14,8 @@ import numpy as np
 
 from dse import dataset, registry
 from dse.config import SearchSpace
-from dse.config.chips import chips
 from dse.config.contracts import check_channels, placed, trains_in_cohorts
+from dse.config.parts import chips
 from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Evaluation
 from dse.config.yaml_lines import Path as Keys

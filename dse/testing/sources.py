@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dse.config.contracts import Recordings, Source
-from dse.config.sections import front_end
+from dse.config.resolved import front_end
 from dse.records import Rasters, Signals
 from dse.testing.expect import expect, expect_component
 
