@@ -353,10 +353,10 @@ def target_name(target: Raw, *, joint: bool) -> str:
     return ("+" if joint else "|").join(target_columns(target))
 
 
-def target_columns(target: Raw) -> list[str]:
+def target_columns(target: Raw) -> tuple[str, ...]:
     """Return the columns of a target, as it is read or as an axis holds it."""
     entries = target if isinstance(target, tuple | list) else (target,)
-    return [str(x["column"] if isinstance(x, Mapping) else getattr(x, "column", x)) for x in entries]
+    return tuple(str(x["column"] if isinstance(x, Mapping) else getattr(x, "column", x)) for x in entries)
 
 
 def read_fixed(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:

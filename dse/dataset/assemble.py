@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dse.config.parts import target_columns
 from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Target, Window
 from dse.dataset import cache, encoding
@@ -32,7 +33,7 @@ from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, Source
 from dse.recordings.doubts import Used, doubts, drawn, guard, shortcuts, silent_windows
 from dse.recordings.splits import folds, leak, split, untrained, without
-from dse.recordings.targets import heads, in_use, target, target_columns
+from dse.recordings.targets import heads, in_use, target
 from dse.recordings.windows import chosen, cut
 from dse.records import Array, Bools, Dataset, Ints, Signals, Spikes
 from dse.store import heads_document

@@ -138,7 +138,8 @@ def _glitches(of: Used) -> Iterator[str]:
     some = values[:: max(1, values.size // _MOST_VALUES)]
     low, high = np.percentile(some, (1, 99), axis=0)
     widest = (high - low).max()  # a channel may be touched seldom, and then as others are
-    for channel, distance in enumerate(_distances(values, low, high)):
+    farthest = np.maximum(values.max(axis=0) - high, low - values.min(axis=0))
+    for channel, distance in enumerate(farthest):
         if distance > _FAR * widest > 0:
             row = int(
                 np.maximum(values[:, channel] - high[channel], low[channel] - values[:, channel]).argmax()
@@ -149,11 +150,6 @@ def _glitches(of: Used) -> Iterator[str]:
                 f"recording {i}, and 98 % of its samples lie in {low[channel]:g} to {high[channel]:g}; if "
                 "the sensor failed there, leave the recording out of the data or of the split"
             )
-
-
-def _distances(values: Floats, low: Floats, high: Floats) -> Floats:
-    """Return by how much the farthest sample of each channel lies outside of its range, (channel,)."""
-    return np.asarray(np.maximum(values.max(axis=0) - high, low - values.min(axis=0)))
 
 
 _CHECKS: tuple[Callable[[Used], Iterator[str]], ...] = (_labels, _axes, _lengths, _glitches)

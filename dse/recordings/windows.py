@@ -192,19 +192,16 @@ def with_crops(data: Dataset, n: int) -> Dataset:
     source = np.repeat(data.train, [len(x) for x in starts])
     begin = np.concatenate([np.zeros(0, np.int64), *starts])
     more = len(source)
+    names = ("start", "start_low", "start_high", "room_low", "room_high")
+    placed = {name: getattr(data, name) for name in names}
     zeros = np.zeros(more, np.int32)
-    room = None if data.room_low is None else np.concatenate([data.room_low, zeros])
-    room_high = None if data.room_high is None else np.concatenate([data.room_high, zeros])
+    placed = {name: np.concatenate([x, zeros]) for name, x in placed.items() if x is not None}
     return dataclasses.replace(
         data,
         spikes=_appended(data.spikes, source, begin, data.n_steps),
         target=np.concatenate([data.target, data.target[source]]),
-        start=np.concatenate([data.start, zeros]),
-        start_low=np.concatenate([data.start_low, zeros]),
-        start_high=np.concatenate([data.start_high, zeros]),
         train=len(data.target) + np.arange(more),
-        room_low=room,
-        room_high=room_high,
+        **placed,
     )
 
 

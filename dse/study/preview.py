@@ -15,7 +15,7 @@ import numpy as np
 from dse import dataset, registry
 from dse.config import SearchSpace
 from dse.config.contracts import check_channels, placed, trains_in_cohorts
-from dse.config.parts import chips
+from dse.config.parts import chips, target_columns
 from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Evaluation
 from dse.config.yaml_lines import Path as Keys
@@ -26,7 +26,7 @@ from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, doubts, splits
 from dse.recordings.files import locate
 from dse.recordings.splits import split
-from dse.recordings.targets import heads, in_use, target, target_columns
+from dse.recordings.targets import heads, in_use, target
 from dse.recordings.windows import chosen, cut, place, signal_onset
 from dse.records import Array, Events, Ints, Rasters, Signals
 from dse.registry import Plugin
