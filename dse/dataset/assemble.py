@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,10 +32,10 @@ from dse.dataset.parts import (
 from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, Source
 from dse.recordings.doubts import Used, doubts, drawn, guard, shortcuts, silent_windows
-from dse.recordings.splits import folds, leak, split, untrained, without
-from dse.recordings.targets import heads, in_use, target
+from dse.recordings.splits import Labelled, in_turn, leak, without
+from dse.recordings.targets import target
 from dse.recordings.windows import chosen, cut
-from dse.records import Array, Bools, Dataset, Ints, Signals, Spikes
+from dse.records import Bools, Dataset, Ints, Signals, Spikes
 from dse.store import heads_document
 
 _ROUNDING = 0.1  # share of spikes that the rounding of levels may move
@@ -99,8 +99,8 @@ def split_of(recordings: Recordings, design: Sections) -> tuple[Ints, Ints, Ints
     Raises:
         RecordingError: the split does not fit the recordings.
     """
-    codes, classes = target(recordings.columns, design.task.target)
-    return split(recordings.columns, codes, classes, design.split)
+    of = Labelled.of(recordings.columns, design.task, design.split)
+    return of.train, of.validation, of.test
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,21 +126,20 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     recordings, positions = _read(design.data, making.base, design.window)
     task = design.task
     guard(target_columns(task.target), design.split.columns())
-    codes, classes = target(recordings.columns, task.target)
-    train, validation, test = split(recordings.columns, codes, classes, design.split)
-    reasons = [leak(recordings.columns, design.split, train, validation, test, design.window)]
-    if making.only is not None:
-        train, validation, test = (part[np.isin(part, making.only)] for part in (train, validation, test))
-    used = np.zeros(len(codes), dtype=bool)
-    used[np.concatenate([train, validation, test])] = True
-    codes, classes = in_use(codes, classes, used)
-    out = _folds(recordings.columns, design, codes, classes, train, validation)
+    of = Labelled.of(recordings.columns, task, design.split, making.only)
+    codes, classes, train, validation, test = of.codes, of.classes, of.train, of.validation, of.test
+    reasons = [leak(of, design.split, design.window)]
+    out: list[LeftOut] = []
+    if design.evaluation is not None and design.left_out is None:
+        out, faults = in_turn(of, design.evaluation.groups)
+        if faults:
+            raise RecordingError("\n".join(faults))
     left_out, held = design.left_out, test
     if left_out is not None:  # with the spikes of the whole
         train, validation, held = without(recordings.columns, left_out, train, validation)
-    joint = heads(recordings.columns, task.target, codes) if task.joint else ()
+    joint = of.heads
     fitted = cropped(recordings, design, train, making.progress)
-    sources, targets = [_Read(recordings, positions, used)], [codes]
+    sources, targets = [_Read(recordings, positions, of.used)], [codes]
     if design.test is not None and making.only is None:
         if len(test):
             raise RecordingError(
@@ -163,18 +162,14 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
         for trap in shortcuts(stored.lengths, stored.levels, labels_of, train, validation, what, follow)
     ]
     if left_out is None:
-        of = Used(
-            recordings, codes, classes, np.flatnonzero(used), stored.n_steps, positions, " and ".join(seen)
-        )
         n_spikes = np.diff(stored.spikes.row_offsets[:: stored.spikes.n_steps])
-        traps += [*doubts(of), *silent_windows(n_spikes[of.used])]
+        traps += doubts(Used(recordings, of, stored.n_steps, positions, " and ".join(seen)))
+        traps += silent_windows(n_spikes[np.flatnonzero(of.used)])
     reasons.append(fitted.reads_labels)
     shifts = None if left_out is not None or design.evaluation is None else design.evaluation.shifts
     if shifts is not None:
         jitter = design.window.jitter_steps if jitter_steps is None else jitter_steps
-        traps += shifts_described(
-            stored.start, (stored.low, stored.high), codes, classes, validation, shifts, jitter
-        )
+        traps += shifts_described(of, stored.start, (stored.low, stored.high), shifts, jitter)
     left_out_in_turn = [{"column": x.column, "values": list(x.values)} for x in out]
     meta = Meta(
         name, list(classes), fitted.fitted_since(design), [*stored.notes, *traps], heads_document(joint),
@@ -204,28 +199,6 @@ def _binned(spikes: Spikes) -> Ints:
     cell = row // spikes.n_steps * bins + row % spikes.n_steps * bins // spikes.n_steps
     n_cells = n_rows // spikes.n_steps * bins * spikes.n_channels
     return np.bincount(cell * spikes.n_channels + spikes.channel, minlength=n_cells)
-
-
-def _folds(
-    columns: Mapping[str, Array],
-    design: Sections,
-    codes: Ints,
-    classes: tuple[str, ...],
-    train: Ints,
-    validation: Ints,
-) -> list[LeftOut]:
-    """Return the folds that the evaluation of a design leaves out in turn; none for one that is left out."""
-    if design.evaluation is None or design.left_out is not None:
-        return []
-    out = [
-        fold
-        for of_column in design.evaluation.groups
-        for fold in folds(columns, of_column, codes, train, validation)
-    ]
-    faults = [untrained(columns, fold, codes, classes, train, validation) for fold in out]
-    if any(faults):
-        raise RecordingError("\n".join(filter(None, faults)))
-    return out
 
 
 def _spikes(
