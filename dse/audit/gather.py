@@ -113,7 +113,7 @@ def material(
         split_columns=sections.split.columns(),
         window=sections.window,
         levels=levels,
-        leak=dataset.transductive(folder),
+        leak=dataset.read_meta(folder).transductive,
         reads_labels=bool(sections.reads_labels),
     )
 

@@ -87,17 +87,15 @@ def arguments_of(function: Callable[..., Any]) -> dict[str, Argument]:
             continue
         if parameter.kind is parameter.VAR_KEYWORD:
             of_each: dict[str, str] = extra[0]()
-            found |= {own: Argument(Key(hint, Rule(), _same), True, "", doc) for own, doc in of_each.items()}
+            found |= {
+                own: Argument(Key(hint, Rule(), lambda: None), True, "", doc) for own, doc in of_each.items()
+            }
             continue
         [rule] = [x for x in extra if isinstance(x, Rule)] or [Rule()]
-        default = parameter.default
-        key = Key(hint, rule, None if default is parameter.empty else functools.partial(_same, default))
+        is_required = parameter.default is parameter.empty
+        key = Key(hint, rule, None if is_required else functools.partial(getattr, parameter, "default"))
         found[name] = Argument(key, parameter.kind is parameter.KEYWORD_ONLY, *docs[name])
     return found
-
-
-def _same(value: Any = None) -> Any:
-    return value
 
 
 def _parameters(function: Callable[..., Any]) -> Iterator[tuple[str, Any, list[Any], inspect.Parameter]]:

@@ -84,7 +84,7 @@ def _space(document: Document, source: Path, check_data: bool) -> SearchSpace | 
     if plugins is None:
         return None  # whatever names its components would be at fault
     study = _study(data.get("study", "study" if str(source) == _IN_PYTHON else source.stem), report)
-    seed = _seed(data.get("seed", 0), report)
+    seed = read(data.get("seed", 0), int, Rule(low=0), ("seed",), report)
     sections = _parts(data, report)
     if check_data and "data" in sections:
         for section, message in _data_faults(sections, data["data"], source.parent):
@@ -240,8 +240,3 @@ def _study(raw: Raw, report: Report) -> str:
         text = f"study must have at most {_LONGEST_NAME} bytes, as it names a folder, got"
         report(("study",), f"{text} {len(str(name).encode())}")
     return str(name)
-
-
-def _seed(raw: Raw, report: Report) -> int:
-    seed = read(raw, int, Rule(doc="", low=0), ("seed",), report)
-    return 0 if seed is INVALID else int(seed)

@@ -168,10 +168,6 @@ class Sections:
         k_fold = dataclasses.replace(self.split.k_fold, fold=fold)
         return dataclasses.replace(self, split=dataclasses.replace(self.split, k_fold=k_fold))
 
-    def without(self, left_out: LeftOut) -> Self:
-        """Return the design with some groups left out of training."""
-        return dataclasses.replace(self, left_out=left_out)
-
     def with_fitted(self, fitted: Mapping[str, Mapping[str, Raw]]) -> Self:
         """Return the design with keys of `preprocessing` and `encoder` that were fitted to recordings.
 

@@ -246,13 +246,9 @@ def read(look: Look, base: Path) -> Recordings:
     Raises:
         RecordingError: anything wrong with the file.
     """
-    keys = {key: _frozen(value) for key, value in look.data.items() if key != "kind"}
+    keys = {key: tuple(x) if isinstance(x, list) else x for key, x in look.data.items() if key != "kind"}
     source: Source = registry.known("recordings")[look.data["kind"]](**keys)
     return source.read(base)
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _yaml(out: Path, assumed: Sequence[str], sections: Sequence[tuple[str, Mapping[str, Any]]]) -> str:

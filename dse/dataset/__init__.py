@@ -14,9 +14,8 @@ from dse.dataset.assemble import load_or_prepare as load_or_prepare
 from dse.dataset.assemble import prepare as prepare
 from dse.dataset.assemble import recordings as recordings
 from dse.dataset.assemble import split_of as split_of
-from dse.dataset.assemble import transductive as transductive
-from dse.dataset.assemble import warnings as warnings
 from dse.dataset.files import load as load
+from dse.dataset.files import read_meta as read_meta
 from dse.dataset.keys import dataset_key as dataset_key
 from dse.dataset.keys import same_spikes as same_spikes
 from dse.dataset.shifts import has_room as has_room

@@ -51,15 +51,6 @@ class _Read:
     used: Bools
 
 
-@dataclasses.dataclass(frozen=True)
-class _Labels:
-    """Labels that an encoder may learn from: codes (n,) of the data's recordings, and training indices."""
-
-    codes: Ints
-    n_classes: int
-    train: Ints
-
-
 def prepare(
     design: Sections,
     base: Path,
@@ -137,6 +128,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     left_out, held = design.left_out, test
     if left_out is not None:  # with the spikes of the whole
         train, validation, held = without(recordings.columns, left_out, train, validation)
+        of = dataclasses.replace(of, train=train, validation=validation)
     joint = of.heads
     fitted = cropped(recordings, design, train, making.progress)
     sources, targets = [_Read(recordings, positions, of.used)], [codes]
@@ -150,8 +142,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
         targets.append(_codes_of(other, task.target, classes, "the test file"))
         test = len(codes) + np.arange(len(targets[1]))
     test = test if left_out is None else held
-    labels = _Labels(codes, len(classes), train)
-    name, fitted, spikes = _spikes(sources, fitted, labels, making)
+    name, fitted, spikes = _spikes(sources, fitted, of, making)
     stored = read_spikes(spikes)
     seen = {head.name: head.of_class[codes] for head in joint}
     seen = seen or {" and ".join(target_columns(task.target)): codes}
@@ -202,7 +193,7 @@ def _binned(spikes: Spikes) -> Ints:
 
 
 def _spikes(
-    sources: Sequence[_Read], design: Sections, labels: _Labels, making: _Making
+    sources: Sequence[_Read], design: Sections, of: Labelled, making: _Making
 ) -> tuple[str, Sections, Path]:
     """Return the key of the spikes, the design with its encoder fitted, and the folder of the spikes.
 
@@ -220,7 +211,7 @@ def _spikes(
         write_spikes(parts, folder, making.threads, making.progress)
 
     if isinstance(first, Signals):
-        design = _learnt_from_signals(first, design, used[0], labels)
+        design = _learnt_from_signals(first, design, used[0], of)
     if design.encoder is None or isinstance(first, Signals):
         name = spikes_key(design, making.base, used)
         return name, design, cache.made(making.root, name, fill)
@@ -229,9 +220,7 @@ def _spikes(
     encoder = design.encoder
     if encoder.learns:
         stored = read_spikes(cache.made(making.root, bare, fill))
-        encoder = encoding.learnt_from_spikes(
-            encoder, stored, used[0], labels.codes, labels.n_classes, labels.train
-        )
+        encoder = encoding.learnt_from_spikes(encoder, stored, used[0], of)
         design = dataclasses.replace(design, encoder=encoder)
 
     def fill_encoded(folder: Path) -> None:
@@ -243,15 +232,12 @@ def _spikes(
     return name, design, cache.made(making.root, name, fill_encoded)
 
 
-def _learnt_from_signals(signals: Signals, design: Sections, used: Bools, labels: _Labels) -> Sections:
+def _learnt_from_signals(signals: Signals, design: Sections, used: Bools, of: Labelled) -> Sections:
     if design.encoder is None or not design.encoder.learns:
         return design
     (start, _, _, n_steps), levels = place_signals(signals, design.window, used)
     shown = seen_by_encoder(signals, design.window, levels)
-    encoder = encoding.learnt(
-        design.encoder, shown, start, n_steps, labels.codes, labels.n_classes, labels.train
-    )
-    return dataclasses.replace(design, encoder=encoder)
+    return dataclasses.replace(design, encoder=encoding.learnt(design.encoder, shown, start, n_steps, of))
 
 
 def find(root: Path, key: str) -> Dataset | None:
@@ -297,16 +283,6 @@ def load_or_prepare(design: Sections, base: Path, folder: Path, threads: int = 1
     return dataset
 
 
-def warnings(folder: Path) -> list[str]:
-    """Return the warnings about the recordings of a prepared data set."""
-    return read_meta(folder).warnings
-
-
-def transductive(folder: Path) -> str:
-    """Return why an evaluation on a prepared data set has seen its own answers; '' if it has not."""
-    return read_meta(folder).transductive
-
-
 def lengths(folder: Path) -> Ints:
     """Return (n,) steps of the recordings of a prepared data set, without those of a test file."""
     return np.asarray(read_spikes(folder.parent / read_meta(folder).spikes).lengths)
@@ -341,7 +317,7 @@ def build(
     """
     with tempfile.TemporaryDirectory() as folder:
         prepared = prepare(design, base, Path(folder), threads, progress)
-        return load(prepared), warnings(prepared)  # what is mapped stays when its file is gone
+        return load(prepared), read_meta(prepared).warnings  # what is mapped stays when its file is gone
 
 
 class New(NamedTuple):
