@@ -66,12 +66,21 @@ def place(
     return np.where(used, start, 0), np.where(used, low, 0), np.where(used, high, 0), n_steps
 
 
-def signal_onset(signals: Signals, threshold: float) -> Ints:
-    """Return (n,) the first step where any channel differs from its first sample by `threshold`, or -1."""
-    onset = np.full(signals.n_recordings, -1, dtype=np.int64)
-    for i in range(signals.n_recordings):
-        values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
-        moved = (np.abs(values - values[0]) >= threshold).any(axis=1)
+def onset(recordings: Signals | Rasters, window: Window) -> Ints | None:
+    """Return (n,) the first step of contact, -1 where there is none; None: no window begins there.
+
+    That is where a channel differs from its first sample by the threshold, or a step has so many spikes.
+    """
+    if window.at != "contact_onset":
+        return None
+    if isinstance(recordings, Rasters):
+        counts = np.diff(recordings.spikes.row_offsets).reshape(recordings.lengths.size, -1)
+        enough = counts >= window.onset_threshold
+        return np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
+    onset = np.full(recordings.n_recordings, -1, dtype=np.int64)
+    for i in range(recordings.n_recordings):
+        values = recordings.values[recordings.offsets[i] : recordings.offsets[i + 1]]
+        moved = (np.abs(values - values[0]) >= window.onset_threshold).any(axis=1)
         if moved.any():
             onset[i] = moved.argmax()
     return onset

@@ -27,7 +27,7 @@ from dse.recordings import RecordingError, Recordings, doubts
 from dse.recordings.files import locate
 from dse.recordings.splits import Labelled, in_turn, split
 from dse.recordings.targets import heads, in_use, target
-from dse.recordings.windows import chosen, cut, place, signal_onset
+from dse.recordings.windows import chosen, cut, onset, place
 from dse.records import Events, Ints, Rasters, Signals
 from dse.registry import Plugin
 from dse.search.space import corners, design_at, n_designs_of_each
@@ -326,21 +326,9 @@ def _of_labels_and_windows(design: Sections, look: _Look) -> Iterator[Refusal]:
         )
     if isinstance(recordings, Signals | Rasters):
         try:
-            place(design.window, recordings.lengths, used, _onset(design, recordings))
+            place(design.window, recordings.lengths, used, onset(recordings, design.window))
         except RecordingError as error:
             yield Refusal(("window", "n_steps"), str(error))
-
-
-def _onset(design: Sections, recordings: Signals | Rasters) -> Ints | None:
-    """Return the first step of contact of each recording, where windows begin there."""
-    window = design.window
-    if window.at != "contact_onset":
-        return None
-    if isinstance(recordings, Signals):
-        return signal_onset(recordings, window.onset_threshold)
-    spikes = recordings.spikes
-    enough = np.diff(spikes.row_offsets).reshape(recordings.lengths.size, -1) >= window.onset_threshold
-    return np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
 
 
 def _shapes(look: _Look) -> Iterator[tuple[Sections, Shape]]:
@@ -422,11 +410,9 @@ def _of_shifts(first: Sections, evaluation: Evaluation, recordings: Recordings, 
     """Return what is worth saying about moved windows; of events nothing, whose lengths are not known yet."""
     if evaluation.shifts is None or not isinstance(recordings, Signals | Rasters):
         return []
-    window, onset = first.window, None
-    if window.at == "contact_onset":
-        if isinstance(recordings, Rasters):
-            return []
-        onset = signal_onset(recordings, window.onset_threshold)
+    window = first.window
+    if window.at == "contact_onset" and isinstance(recordings, Rasters):
+        return []
     wide = replace(window, jitter_steps=max(window.jitter_steps, evaluation.reach))
-    start, low, high, _ = place(wide, recordings.lengths, of.used, onset)
+    start, low, high, _ = place(wide, recordings.lengths, of.used, onset(recordings, window))
     return shifts_described(of, start, (low, high), evaluation.shifts, window.jitter_steps)
