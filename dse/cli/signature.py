@@ -28,7 +28,6 @@ from dse.registry import Rule
 
 _LINE = re.compile(r"^( *)(\w+)(?: \(([^)]*)\))?: (.*(?:\n\1 +\S.*)*)", re.MULTILINE)
 
-Positive = Annotated[int, Rule(low=1)]
 Count = Annotated[int | None, Rule(low=1)]
 """A number of things, from 1."""
 Amount = Annotated[float | None, Rule(low=0)]

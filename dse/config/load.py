@@ -11,7 +11,7 @@ from dse import registry
 from dse.config import names, parts, search
 from dse.config.contracts import Source
 from dse.config.faults import known_names
-from dse.config.locate import find_space, names_a_file
+from dse.config.locate import find_file, names_a_file, shipped_spaces
 from dse.config.parts import FAMILIES, Part, Written
 from dse.config.resolved import SECTIONS, SETTINGS, front_end
 from dse.config.space import DecisionGrid, SearchSpace
@@ -60,7 +60,7 @@ def load_space(
         source = Path(_IN_PYTHON)
         document = override(plain_document(path_or_name, _IN_PYTHON), overrides or {})
     else:
-        source = find_space(str(path_or_name))
+        source = find_file(str(path_or_name), shipped_spaces(), "search space")
         document = read_document(source, overrides or {})
     space = _space(document, source, check_data) if document.data or not document.faults else None
     document.check()

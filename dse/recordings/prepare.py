@@ -144,7 +144,11 @@ def prepare(name: str, source: Path, out: Path) -> list[Written]:
     written = []
     for target, arrays in sorted(targets.items(), key=lambda item: item[0] != main):
         published = digest(arrays) == public.digest if target == main else None
-        _write(target, arrays)
+        if not target.exists():
+            buffer = io.BytesIO()
+            np.savez_compressed(buffer, **dict(arrays))  # type: ignore[arg-type]
+            with atomic(target) as temporary:
+                temporary.write_bytes(buffer.getvalue())
         card = data_card(name, public, target, arrays, sources, published)
         with atomic(target.with_name(f"{target.name}{CARD}")) as temporary:
             temporary.write_text(json.dumps(card, indent=1) + "\n", encoding="utf-8")
@@ -213,15 +217,6 @@ def data_card(
         ],
         "sameAsPublishedResults": published,
     }
-
-
-def _write(target: Path, arrays: Mapping[str, Array]) -> None:
-    if target.exists():
-        return
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **dict(arrays))  # type: ignore[arg-type]
-    with atomic(target) as temporary:
-        temporary.write_bytes(buffer.getvalue())
 
 
 def _holds(path: Path, arrays: Mapping[str, Array]) -> bool:
