@@ -228,8 +228,8 @@ def _print_table(answer: Answer) -> None:
         _print_grid(shown, side_by_side, needed, width, groups)
     else:
         left_out = []
-        texts = [[(name, _text(row, name)) for name in columns] for row in shown]
-        print("\n\n".join(listing([pair for pair in pairs if pair[1]], width) for pairs in texts))
+        pairs = [[(name, _text(row, name)) for name in columns] for row in shown]
+        print("\n\n".join(listing([pair for pair in row if pair[1]], width) for row in pairs))
     if len(shown) < len(rows):
         which = "those that add most to the front" if answer.best else "evenly spaced"
         text = f"{len(shown)} of {len(rows)} rows, {which}; --format csv prints all"
