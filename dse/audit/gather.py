@@ -13,6 +13,7 @@ from dse import dataset
 from dse.audit import position
 from dse.audit.material import Levels, Material
 from dse.config import SearchSpace
+from dse.config.parts import target_columns
 from dse.config.resolved import Sections
 from dse.config.settings import Window
 from dse.config.space import Design
@@ -20,7 +21,6 @@ from dse.config.values import echo
 from dse.dataset.parts import Progress, encoded_without, place_signals, silent
 from dse.recordings import RecordingError, trials_of
 from dse.recordings.doubts import MOST, drawn
-from dse.recordings.targets import target_columns
 from dse.records import Bools, Rasters, Signals
 from dse.search.space import corners
 
@@ -113,7 +113,7 @@ def material(
         split_columns=sections.split.columns(),
         window=sections.window,
         levels=levels,
-        leak=dataset.transductive(folder),
+        leak=dataset.read_meta(folder).transductive,
         reads_labels=bool(sections.reads_labels),
     )
 

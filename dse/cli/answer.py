@@ -228,7 +228,8 @@ def _print_table(answer: Answer) -> None:
         _print_grid(shown, side_by_side, needed, width, groups)
     else:
         left_out = []
-        _print_records(shown, columns, width)
+        pairs = [[(name, _text(row, name)) for name in columns] for row in shown]
+        print("\n\n".join(listing([pair for pair in row if pair[1]], width) for row in pairs))
     if len(shown) < len(rows):
         which = "those that add most to the front" if answer.best else "evenly spaced"
         text = f"{len(shown)} of {len(rows)} rows, {which}; --format csv prints all"
@@ -328,12 +329,6 @@ def _print_grid(
     for values, part in itertools.groupby(rows, lambda row: [_text(row, name) for name in groups]):
         console.print(Text(", ".join(values), style="bold"))
         print_part(list(part), False)
-
-
-def _print_records(rows: Sequence[Row], columns: Sequence[str], width: int) -> None:
-    """Print a row's values below each other, and an empty line between rows."""
-    texts = [[(name, _text(row, name)) for name in columns] for row in rows]
-    print("\n\n".join(listing([pair for pair in pairs if pair[1]], width) for pairs in texts))
 
 
 def _wrap(text: str, width: int, subsequent_indent: str = "") -> list[str]:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from dse import registry
 from dse.cli import glossary
 from dse.config.bounds import BOUNDS
-from dse.config.locate import hardware_names, is_hardware_file
+from dse.config.locate import is_hardware_file, shipped_profiles
 from dse.config.parts import COMPONENTS, WITH_AXES
-from dse.config.sections import SECTIONS, SETTINGS
+from dse.config.resolved import SECTIONS, SETTINGS
 from dse.config.values import Key, bounds, echo, expected, keys_of
 from dse.registry import rule_of
 
@@ -88,7 +88,7 @@ def names(section: str) -> list[Texts]:
     if section == "hardware":
         from dse.hardware.profile import load
 
-        return [{"name": name, "doc": load(name).doc} for name in hardware_names()]
+        return [{"name": name, "doc": load(name).doc} for name in shipped_profiles()]
     if section == "boards":
         from dse.deploy.boards import BOARDS
 

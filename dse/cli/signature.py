@@ -28,11 +28,12 @@ from dse.registry import Rule
 
 _LINE = re.compile(r"^( *)(\w+)(?: \(([^)]*)\))?: (.*(?:\n\1 +\S.*)*)", re.MULTILINE)
 
-Positive = Annotated[int, Rule(low=1)]
 Count = Annotated[int | None, Rule(low=1)]
 """A number of things, from 1."""
 Amount = Annotated[float | None, Rule(low=0)]
 Texts = tuple[str, ...]
+Argument = tuple[Key, bool, str, str]
+"""An argument, whether it is an option, what help calls its value ('': by its type), and its meaning."""
 
 _SHARED = """
     bundle: folder written by `dse pick --export`.
@@ -58,15 +59,6 @@ class Without(tuple[str, ...]):
     """Fields of a dataclass that are no arguments: `Annotated[Question, Without(["by"])]`."""
 
 
-class Argument(typing.NamedTuple):
-    """An argument of a command; is_named: an option; metavar: what help calls its value, '': by its type."""
-
-    key: Key
-    is_named: bool
-    metavar: str
-    doc: str
-
-
 def summary(function: Callable[..., Any]) -> str:
     """Return the first sentence of a command's docstring, as `dse --help` prints it."""
     text = " ".join((inspect.getdoc(function) or "").partition("\n\n")[0].split()).removesuffix(".")
@@ -83,21 +75,17 @@ def arguments_of(function: Callable[..., Any]) -> dict[str, Argument]:
         if dataclasses.is_dataclass(hint):
             for own, key in _fields(hint, extra).items():
                 metavar, doc = docs.get(own, ("", key.rule.doc))
-                found[own] = Argument(key, True, metavar, doc)
+                found[own] = key, True, metavar, doc
             continue
         if parameter.kind is parameter.VAR_KEYWORD:
             of_each: dict[str, str] = extra[0]()
-            found |= {own: Argument(Key(hint, Rule(), _same), True, "", doc) for own, doc in of_each.items()}
+            found |= {own: (Key(hint, Rule(), lambda: None), True, "", doc) for own, doc in of_each.items()}
             continue
         [rule] = [x for x in extra if isinstance(x, Rule)] or [Rule()]
-        default = parameter.default
-        key = Key(hint, rule, None if default is parameter.empty else functools.partial(_same, default))
-        found[name] = Argument(key, parameter.kind is parameter.KEYWORD_ONLY, *docs[name])
+        is_required = parameter.default is parameter.empty
+        key = Key(hint, rule, None if is_required else functools.partial(getattr, parameter, "default"))
+        found[name] = key, parameter.kind is parameter.KEYWORD_ONLY, *docs[name]
     return found
-
-
-def _same(value: Any = None) -> Any:
-    return value
 
 
 def _parameters(function: Callable[..., Any]) -> Iterator[tuple[str, Any, list[Any], inspect.Parameter]]:

@@ -11,9 +11,9 @@ from dse import registry
 from dse.config import names, parts, search
 from dse.config.contracts import Source
 from dse.config.faults import known_names
-from dse.config.locate import find_space, names_a_file
+from dse.config.locate import find_file, names_a_file, shipped_spaces
 from dse.config.parts import FAMILIES, Part, Written
-from dse.config.sections import SECTIONS, SETTINGS, front_end
+from dse.config.resolved import SECTIONS, SETTINGS, front_end
 from dse.config.space import DecisionGrid, SearchSpace
 from dse.config.values import INVALID, Report, construct, echo, read
 from dse.config.yaml_lines import Document, Raw, override, plain_document, read_document
@@ -60,7 +60,7 @@ def load_space(
         source = Path(_IN_PYTHON)
         document = override(plain_document(path_or_name, _IN_PYTHON), overrides or {})
     else:
-        source = find_space(str(path_or_name))
+        source = find_file(str(path_or_name), shipped_spaces(), "search space")
         document = read_document(source, overrides or {})
     space = _space(document, source, check_data) if document.data or not document.faults else None
     document.check()
@@ -84,7 +84,7 @@ def _space(document: Document, source: Path, check_data: bool) -> SearchSpace | 
     if plugins is None:
         return None  # whatever names its components would be at fault
     study = _study(data.get("study", "study" if str(source) == _IN_PYTHON else source.stem), report)
-    seed = _seed(data.get("seed", 0), report)
+    seed = read(data.get("seed", 0), int, Rule(low=0), ("seed",), report)
     sections = _parts(data, report)
     if check_data and "data" in sections:
         for section, message in _data_faults(sections, data["data"], source.parent):
@@ -240,8 +240,3 @@ def _study(raw: Raw, report: Report) -> str:
         text = f"study must have at most {_LONGEST_NAME} bytes, as it names a folder, got"
         report(("study",), f"{text} {len(str(name).encode())}")
     return str(name)
-
-
-def _seed(raw: Raw, report: Report) -> int:
-    seed = read(raw, int, Rule(doc="", low=0), ("seed",), report)
-    return 0 if seed is INVALID else int(seed)

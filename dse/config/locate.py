@@ -50,19 +50,9 @@ def shipped_spaces() -> dict[str, Path]:
     return yaml_files(shipped_folder("search_spaces"))
 
 
-def find_space(path_or_name: str) -> Path:
-    """Return the file of a search space given by path or by the name of a shipped one."""
-    return find_file(path_or_name, shipped_spaces(), "search space")
-
-
 def shipped_profiles() -> dict[str, Path]:
     """Return the hardware profiles of the package, by name."""
     return yaml_files(_PACKAGE / "hardware" / "profiles")
-
-
-def hardware_names() -> list[str]:
-    """Return the names of the hardware profiles of the package."""
-    return list(shipped_profiles())
 
 
 def names_a_file(name: str) -> bool:

@@ -10,7 +10,7 @@ from dse import registry
 from dse.config.axes import Axis
 from dse.config.expressions import ExpressionError, column_names, condition_fault, parse
 from dse.config.faults import known_names
-from dse.config.locate import hardware_names, is_hardware_file
+from dse.config.locate import is_hardware_file, shipped_profiles
 from dse.config.parts import Part
 from dse.config.values import Report, echo
 from dse.config.yaml_lines import Raw
@@ -33,7 +33,7 @@ def hardware(raw: Raw, report: Report, base: Path) -> tuple[str, ...]:
             text = "must be a file, relative to the search space; there is none"
             report(("hardware", index), f"hardware '{name}' {text}")
     files = filter(is_hardware_file, texts)
-    return _each_once("hardware", texts, [*hardware_names(), *files], report)
+    return _each_once("hardware", texts, [*shipped_profiles(), *files], report)
 
 
 def targets(raw: Raw, report: Report) -> tuple[str, ...]:

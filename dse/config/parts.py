@@ -9,16 +9,16 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path as Folder
-from typing import Any
+from typing import Any, NamedTuple
 
 from dse import registry
 from dse.config.axes import Axis, is_axis, parse_axis
-from dse.config.chips import Chip, chips
 from dse.config.faults import known_names
+from dse.config.locate import is_hardware_file, shipped_profiles
 from dse.config.values import (
     INVALID,
     Hint,
@@ -36,7 +36,7 @@ from dse.config.values import (
     read_fields,
     read_object,
 )
-from dse.config.yaml_lines import Path, Raw
+from dse.config.yaml_lines import Path, Raw, parse
 from dse.registry import Rule, elsewhere, rule_of
 
 COMPONENTS = {"data": "recordings", "encoder": "encoders", "model": "models"}
@@ -146,6 +146,38 @@ class Part:
         kind = {"kind": self.kind} if self.kind else {}
         axes = {axis.place[1]: axis.to_plain() for axis in self.axes.values()}
         return kind | {key: plain(value) for key, value in self.values.items()} | axes
+
+
+class Chip(NamedTuple):
+    """A profile of section `hardware`: its place there, its name, what its file holds, its kind."""
+
+    place: int
+    name: str
+    profile: Mapping[str, Raw]
+    kind: Any
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether its neurons cannot be programmed."""
+        return self.profile.get("programmable") is not True and not self.kind.any_neuron
+
+
+def chips(names: Sequence[str], base: Folder) -> Iterator[Chip]:
+    """Yield the chips whose profile is found and whose kind is known.
+
+    Args:
+        names: hardware profiles, or their files.
+        base: folder of the search space, which files are relative to.
+    """
+    kinds = registry.known("hardware.kinds")
+    for index, name in enumerate(names):
+        path = base / name if is_hardware_file(name) else shipped_profiles().get(name)
+        if path is None or not path.is_file():
+            continue
+        profile = parse(path.read_text(encoding="utf-8"), name).data
+        kind = kinds.get(str(profile.get("kind"))) if isinstance(profile, dict) else None
+        if isinstance(profile, dict) and kind is not None:
+            yield Chip(index, name, profile, kind)
 
 
 @dataclass(frozen=True)
@@ -321,10 +353,10 @@ def target_name(target: Raw, *, joint: bool) -> str:
     return ("+" if joint else "|").join(target_columns(target))
 
 
-def target_columns(target: Raw) -> list[str]:
+def target_columns(target: Raw) -> tuple[str, ...]:
     """Return the columns of a target, as it is read or as an axis holds it."""
     entries = target if isinstance(target, tuple | list) else (target,)
-    return [str(x["column"] if isinstance(x, Mapping) else getattr(x, "column", x)) for x in entries]
+    return tuple(str(x["column"] if isinstance(x, Mapping) else getattr(x, "column", x)) for x in entries)
 
 
 def read_fixed(value: Raw, hint: Hint, rule: Rule, path: Path, report: Report) -> Any:

@@ -1,8 +1,13 @@
-"""A resolved design as typed objects: the sections data .. training."""
+"""The sections of a search space: the class of each, and those of one design as typed objects.
+
+`data`, `encoder` and `model` hold one component of a package, named by `kind`; the other sections
+are one dataclass each (`dse.config.settings`), whose fields are the keys. Components are imported on request.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
@@ -10,13 +15,61 @@ from typing import Self
 from dse.config import parts
 from dse.config.contracts import PLACES, Encoder, Family, Source
 from dse.config.faults import ConfigError, Fault
-from dse.config.sections import SECTIONS, SETTINGS
-from dse.config.settings import Evaluation, Preprocessing, Split, Task, Training, Window
+from dse.config.search import Search
+from dse.config.settings import (
+    Decision,
+    Evaluation,
+    ExecutionSettings,
+    Precision,
+    Preprocessing,
+    Schedule,
+    Split,
+    Task,
+    Training,
+    Window,
+)
 from dse.config.values import Report, Values, dotted, plain, read_object, refuse
 from dse.config.yaml_lines import Path as Keys
 from dse.config.yaml_lines import Raw
+from dse.records import FrontEnd
 
+SETTINGS: Mapping[str, type] = {
+    "task": Task,
+    "window": Window,
+    "split": Split,
+    "evaluation": Evaluation,
+    "preprocessing": Preprocessing,
+    "training": Training,
+    "decision": Decision,
+    "precision": Precision,
+    "schedule": Schedule,
+    "execution": ExecutionSettings,
+    "search": Search,
+}
+# In the order of a file; `test` holds keys of `data`; `hardware`, `targets`, `objectives` are lists of
+# names, `limits` is one of conditions.
+SECTIONS = (
+    *("data", "task", "window", "split", "evaluation", "test", "preprocessing", "encoder", "model"),
+    *("training", "decision", "precision", "hardware", "schedule", "targets", "objectives", "limits"),
+    *("search", "execution"),
+)
 _FITTED = ("preprocessing", "encoder")
+
+
+def front_end(source: type[Source]) -> FrontEnd | None:
+    """Return the section that the recordings of a source require; None for spikes.
+
+    Signals require an encoder, and events preprocessing. Spikes, and events once they are counted, may have
+    an encoder as well.
+
+    Raises:
+        TypeError: the annotation of `read` names recordings of several kinds.
+    """
+    hint = typing.get_type_hints(source.read)["return"]
+    sections: set[FrontEnd | None] = {kind.front_end for kind in typing.get_args(hint) or (hint,)}
+    if len(sections) > 1:
+        raise TypeError(f"{source.__name__}.read must return recordings of one kind, got {hint}")
+    return sections.pop()
 
 
 @dataclass(frozen=True)
@@ -114,10 +167,6 @@ class Sections:
             raise ValueError("a design without split.k_fold has no folds")
         k_fold = dataclasses.replace(self.split.k_fold, fold=fold)
         return dataclasses.replace(self, split=dataclasses.replace(self.split, k_fold=k_fold))
-
-    def without(self, left_out: LeftOut) -> Self:
-        """Return the design with some groups left out of training."""
-        return dataclasses.replace(self, left_out=left_out)
 
     def with_fitted(self, fitted: Mapping[str, Mapping[str, Raw]]) -> Self:
         """Return the design with keys of `preprocessing` and `encoder` that were fitted to recordings.

@@ -14,10 +14,10 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from dse import registry
 from dse.config.load import REQUIRED
-from dse.config.locate import hardware_names
+from dse.config.locate import shipped_profiles
 from dse.config.parts import COMPONENTS, FAMILIES, WITH_AXES
+from dse.config.resolved import SECTIONS, SETTINGS
 from dse.config.search import AUTO
-from dse.config.sections import SECTIONS, SETTINGS
 from dse.config.values import Hint, is_list, keys_of
 from dse.registry import Rule
 
@@ -40,10 +40,12 @@ def json_schema() -> Schema:
     ]
     # A choice of components repeats what each may hold, so the schema says that once.
     one = {name: sections[name] for name in FAMILIES}
-    sections |= {name: {"anyOf": [_reference(name), _families(name)]} for name in FAMILIES}
+    for name in FAMILIES:
+        reference = {"$ref": f"#/$defs/{name}"}
+        sections[name] = {"anyOf": [reference, _choice(reference)]}
     sections["objectives"] = _listed({"enum": objectives})
     profile_file = {"type": "string", "pattern": r"\.ya?ml$"}
-    sections["hardware"] = _listed({"anyOf": [{"enum": hardware_names()}, profile_file]})
+    sections["hardware"] = _listed({"anyOf": [{"enum": list(shipped_profiles())}, profile_file]})
     sections["targets"] = _listed({"enum": list(registry.known("targets"))})
     sections["limits"] = _listed({"type": "string"})
     sections["search"]["properties"]["sampler"]["enum"].insert(0, AUTO)
@@ -75,16 +77,6 @@ def schema_text() -> str:
     return "{\n" + ",\n".join(texts) + "\n}"
 
 
-def _reference(name: str) -> Schema:
-    return {"$ref": f"#/$defs/{name}"}
-
-
-def _families(name: str) -> Schema:
-    """Return the form of a section that is a choice of components."""
-    choice = {"choice": {"type": "array", "items": _reference(name), "minItems": 1}}
-    return {"type": "object", "properties": choice, "required": ["choice"], "additionalProperties": False}
-
-
 def _section(name: str) -> Schema:
     if name not in COMPONENTS and name != "test":
         return _object(SETTINGS[name], axes=name in WITH_AXES, listed=name == "decision")
@@ -113,24 +105,24 @@ def _object(cls: type, *, axes: bool = False, listed: bool = False) -> Schema:
         if rule.doc:
             schema = {**schema, "description": rule.doc + (f" ({rule.unit})" if rule.unit else "")}
         properties[name] = schema
-    required = [name for name, key in keys_of(cls).items() if key.default is None]
-    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+    return _mapping(properties, [name for name, key in keys_of(cls).items() if key.default is None])
 
 
 def _axes(schema: Schema) -> list[Schema]:
     """Return the two forms of an axis of such values."""
     number = {"type": "number"}
-    choice = {"choice": {"type": "array", "items": schema, "minItems": 1}}
     span = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
-    return [
-        {"type": "object", "properties": choice, "required": ["choice"], "additionalProperties": False},
-        {
-            "type": "object",
-            "properties": {"range": span, "step": number, "log": {"type": "boolean"}},
-            "required": ["range"],
-            "additionalProperties": False,
-        },
-    ]
+    keys = {"range": span, "step": number, "log": {"type": "boolean"}}
+    return [_choice(schema), _mapping(keys, ["range"])]
+
+
+def _choice(schema: Schema) -> Schema:
+    return _mapping({"choice": {"type": "array", "items": schema, "minItems": 1}}, ["choice"])
+
+
+def _mapping(properties: Schema, required: list[str]) -> Schema:
+    """Return the schema of a mapping without other keys."""
+    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
 
 
 def _value(hint: Hint, rule: Rule) -> Schema:
@@ -143,10 +135,7 @@ def _value(hint: Hint, rule: Rule) -> Schema:
         return {"anyOf": [_value(option, rule) for option in args]}
     if is_list(hint):
         inner = [argument for argument in args if argument is not Ellipsis]
-        element = _value(inner[0], rule) if inner else {}
-        return {
-            "anyOf": [element, {"type": "array", "items": element}]
-        }  # one value is short for a list of one
+        return _listed(_value(inner[0], rule) if inner else {})  # one value is short for a list of one
     if dataclasses.is_dataclass(origin):
         return _object(typing.cast(type, origin))
     if isinstance(origin, type) and issubclass(origin, Mapping):

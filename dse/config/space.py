@@ -13,11 +13,10 @@ import numpy as np
 from dse.config.axes import Axis, Branching, branchings, n_combinations
 from dse.config.contracts import Source
 from dse.config.parts import Part, target_name
-from dse.config.resolved import Sections
+from dse.config.resolved import SECTIONS, Sections
 from dse.config.search import Search
-from dse.config.sections import SECTIONS
 from dse.config.settings import Evaluation, ExecutionSettings, Precision, Reach, Schedule, Split
-from dse.config.values import Values, as_tuple, echo, plain
+from dse.config.values import Values, echo, plain
 from dse.config.yaml_lines import Raw, dump
 from dse.registry import Plugin
 
@@ -155,7 +154,7 @@ class SearchSpace:
             raise ValueError(f"a design must have the axes {sorted(axes)}, got {sorted(design)}")
         varied: dict[str, Values] = {}
         for name, axis in axes.items():
-            value = as_tuple(design[name])  # lists in a design that went through JSON
+            value = plain(design[name])  # lists in a design that went through JSON
             if not axis.contains(value):
                 text = f"must be on its axis {axis.to_plain()}, got {echo(value)}"
                 raise ValueError(f"design: {name} {text}")

@@ -200,14 +200,10 @@ def _keys_of_any(
             alike = before.default and key.default and before.default() == key.default()
             keys[own] = dataclasses.replace(
                 before,
-                default=before.default if alike else _each_its_own,
+                default=before.default if alike else lambda: INVALID,
                 others=before.others if key.rule == before.rule else (*before.others, key.rule),
             )
     return keys
-
-
-def _each_its_own() -> Any:
-    return INVALID
 
 
 def read_object(
@@ -237,12 +233,8 @@ def read_object(
         also: further keys, which somebody else reads.
     """
     values, good = read_fields(cls, value, path, report, read_one, also=also)
-    return _constructed(cls, values, path, report) if good else None
-
-
-def _constructed(cls: type[T], values: Values, path: Path, report: Report) -> T | None:
     try:
-        return construct(cls, values)
+        return construct(cls, values) if good else None
     except ValueError as error:
         report(*blamed(str(error), values, path))
         return None
@@ -376,15 +368,8 @@ def _hints(cls: type) -> dict[str, Hint]:
 
 def _default(field: dataclasses.Field[Any]) -> Callable[[], Any] | None:
     if field.default is not dataclasses.MISSING:
-        return lambda: as_tuple(field.default)
+        return lambda: field.default
     return None if field.default_factory is dataclasses.MISSING else field.default_factory
-
-
-def as_tuple(value: Raw) -> Any:
-    """Return a list and the lists in it, or in a mapping, as tuples, as `read` does."""
-    if isinstance(value, Mapping):
-        return {key: as_tuple(element) for key, element in value.items()}
-    return tuple(map(as_tuple, value)) if isinstance(value, list | tuple) else value
 
 
 def _holds_dataclass(hint: Hint) -> bool:

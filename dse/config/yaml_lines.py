@@ -148,26 +148,23 @@ def parse(text: str, name: str) -> Document:
     if len(text) > MOST_YAML_BYTES:
         document.faults.append(Fault(name, 1, f"must have at most {MOST_YAML_BYTES} bytes, got {len(text)}"))
         return document
+    line = 1
     try:
         node = _compose(text)
+        data = {} if node is None else _value(node, (), document, name)
+        return Document(data, document.places, document.faults)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        problem = " ".join(filter(None, (error.context, error.problem)))
-        document.faults.append(Fault(name, mark.line + 1 if mark else 1, f"not valid YAML: {problem}"))
-        return document
+        line = mark.line + 1 if mark else 1
+        problem = " ".join(filter(None, ("not valid YAML:", error.context, error.problem)))
     except yaml.reader.ReaderError as error:
-        line = text.count("\n", 0, error.position) + 1
-        document.faults.append(Fault(name, line, f"not valid YAML: {error.reason}"))
-        return document
+        line, problem = text.count("\n", 0, error.position) + 1, f"not valid YAML: {error.reason}"
     except RecursionError:
-        document.faults.append(Fault(name, 1, f"not valid YAML: nested more than {_DEEPEST} levels deep"))
-        return document
-    try:
-        data = {} if node is None else _value(node, (), document, name)
+        problem = f"not valid YAML: nested more than {_DEEPEST} levels deep"
     except _TooManyError as error:
-        text = f"has more than {MOST_YAML_VALUES} values here; an alias counts with all that it names"
-        return Document({}, {(): (name, 1)}, [Fault(name, int(str(error)), text)])
-    return Document(data, document.places, document.faults)
+        line = int(str(error))
+        problem = f"has more than {MOST_YAML_VALUES} values here; an alias counts with all that it names"
+    return Document({}, {(): (name, 1)}, [Fault(name, line, problem)])
 
 
 # Base loaders resolve nothing, so quoted and plain scalars can be told apart below.

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dse.config.faults import ConfigError, Fault, known_names
+from dse.config.locate import shipped_folder, yaml_files
 from dse.config.values import Report, dotted, echo, read_fields
 from dse.config.yaml_lines import Document, read_document
 from dse.config.yaml_lines import Path as Keys
-from dse.dashboard.sources import sources
 from dse.dashboard.views import view_names
 from dse.registry import PluginError, fixed, load_plugin
 
@@ -76,7 +76,7 @@ class Definition:
 
 def shipped_definitions() -> dict[str, Path]:
     """Return the page definitions that come with the package (in a clone: `dashboards/`), by name."""
-    return {path.stem: path for path in sorted(sources().glob("*.yaml"))}
+    return yaml_files(shipped_folder("dashboards"))
 
 
 def load(name: str | Path = DEFAULT) -> Definition:

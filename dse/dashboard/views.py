@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import ClassVar, Protocol
 
 from dse import registry
-from dse.dashboard.sources import sources
+from dse.config.locate import shipped_folder
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -53,7 +53,7 @@ def view_sources(names: list[str]) -> list[ViewSource]:
 
 
 def _shipped() -> list[Path]:
-    return sorted((sources() / "views").glob("*.js"))
+    return sorted((shipped_folder("dashboards") / "views").glob("*.js"))
 
 
 def _of_plugin(name: str, view: type[View]) -> ViewSource:

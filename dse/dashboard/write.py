@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse.dashboard.sources import sources
+from dse.config.locate import shipped_folder
 from dse.dashboard.views import view_sources
 from dse.store import atomic
 
@@ -65,7 +65,7 @@ def filled(template: str, page: Mapping[str, Any], *, live: bool = False) -> Fil
         page: data for its script, as plain values that JSON can hold; `name` is the title.
         live: whether the page asks its server for changes (`dashboards/live.js`).
     """
-    folder = sources()
+    folder = shipped_folder("dashboards")
     plotly = gzip.decompress((folder / PLOTLY).read_bytes()).decode()
     views = view_sources(page["definition"]["views"]) if template == "page" else []
     scripts = [

@@ -70,6 +70,22 @@ _KERNELS = {
     "voltage_decay": 1.0,
 }
 
+_Commented = dict[str, dict[str, Any]]
+"""Comment -> the sections that follow it in the file."""
+_ENCODER = (
+    "Signals become spikes where they change by a threshold, in their unit, or the binary digits of\n"
+    "their changes, which add up to the signal: dse describe encoder."
+)
+_MODEL = (
+    "Should it spike? Plain classifiers of 8-bit integers come first, then networks; what is a\n"
+    "choice is explored: dse describe model NAME."
+)
+_HARDWARE = (
+    "Chips to compute energy and latency for: dse describe hardware. All run on the processor, networks on\n"
+    "the other. Goals are accuracy, few weights and little energy unless `objectives` names others."
+)
+_LIMITS = "What does not spike reads the quantised signal alone, random kernels that spike its changes."
+
 
 @dataclass(frozen=True)
 class Starter:
@@ -141,65 +157,45 @@ def starter(
     split = _split(columns, label, group, assumed)
     n_classes = len(np.unique(columns[label]))
     assumed.insert(0, f"'{label}' is predicted: {n_classes} classes")
-    sections: list[tuple[str, dict[str, Any]]] = [
-        (
-            "Where the recordings are and how they are read: dse describe data " + str(look.data["kind"]),
-            {"data": dict(look.data)},
-        ),
-        (
-            "What is predicted; other label columns: "
-            f"{', '.join(x for x in columns if x != label) or 'none'}.",
-            {"task": {"target": label}},
-        ),
-        ("Which recordings train, validate and test: dse describe split.", {"split": split}),
-    ]
+    others = ", ".join(x for x in columns if x != label) or "none"
+    kind = look.data["kind"]
+    sections: _Commented = {
+        f"Where the recordings are and how they are read: dse describe data {kind}": {
+            "data": dict(look.data)
+        },
+        f"What is predicted; other label columns: {others}.": {"task": {"target": label}},
+        "Which recordings train, validate and test: dse describe split.": {"split": split},
+    }
     known = _for_training(split, columns)
     (shares,) = split.values() if len(split) == 1 else ({},)
     tested = share if isinstance(share := shares.get("test"), float) else 0.0
     held_out = tested + ((1 - tested) / shares["k"] if "k" in shares else shares.get("validation", 0.0))
     before = _front_end(recordings, columns[label], known, assumed)
-    sections += before
-    by_name = {name: keys for _, each in before for name, keys in each.items()}
+    sections |= before
+    by_name = {name: keys for each in before.values() for name, keys in each.items()}
     n_steps, step_ms = _whole(recordings, by_name)
     n_inputs = _n_inputs(recordings, by_name)
-    of_signals = any("encoder" in each for _, each in before)
+    of_signals = "encoder" in by_name
     networks = _networks(n_steps, n_inputs)
-    sections.append(
-        (
-            "Should it spike? Plain classifiers of 8-bit integers come first, then networks; what is a\n"
-            "choice is explored: dse describe model NAME.",
-            {
-                "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), *networks]},
-                "training": _training(max(1, round(len(known) * (1 - held_out)))),
-            },
-        )
-    )
-    sections.append(
-        (
-            "Chips to compute energy and latency for: dse describe hardware. All run on the processor, "
-            "networks on\n"
-            "the other. Goals are accuracy, few weights and little energy unless `objectives` names others.",
-            {
-                "hardware": ["mcu_m4", "loihi1_silicon"],
-                "objectives": ["accuracy:max", "n_weights:min", "energy_uj:min"],
-            },
-        )
-    )
+    sections[_MODEL] = {
+        "model": {"choice": [*_rivals(n_steps, step_ms, of_signals), *networks]},
+        "training": _training(max(1, round(len(known) * (1 - held_out)))),
+    }
+    sections[_HARDWARE] = {
+        "hardware": ["mcu_m4", "loihi1_silicon"],
+        "objectives": ["accuracy:max", "n_weights:min", "energy_uj:min"],
+    }
     if of_signals:
-        limits = [
-            "family == 'snn' or family == 'kernel_snn' or encoder == 'quantised'",
-            "family != 'kernel_snn' or encoder == 'send_on_delta'",
-        ]
-        text = "What does not spike reads the quantised signal alone, random kernels that spike its changes."
-        sections.append((text, {"limits": limits}))
+        sections[_LIMITS] = {
+            "limits": [
+                "family == 'snn' or family == 'kernel_snn' or encoder == 'quantised'",
+                "family != 'kernel_snn' or encoder == 'send_on_delta'",
+            ]
+        }
     n_networks = _n_designs(by_name.get("encoder", {})) * _n_designs(networks[-1])
     if n_networks * shares.get("k", 1) > _MOST_TRAININGS:
-        sections.append(
-            (
-                "Networks that fall behind after these shares of their epochs stop: dse describe search.",
-                {"search": {"racing": {"rungs": [0.2, 0.5], "eta": 3}}},
-            )
-        )
+        text = "Networks that fall behind after these shares of their epochs stop: dse describe search."
+        sections[text] = {"search": {"racing": {"rungs": [0.2, 0.5], "eta": 3}}}
     said = (*look.assumed, *assumed, *recordings.notes())
     return Starter(_yaml(out, said, sections), label, said)
 
@@ -246,16 +242,12 @@ def read(look: Look, base: Path) -> Recordings:
     Raises:
         RecordingError: anything wrong with the file.
     """
-    keys = {key: _frozen(value) for key, value in look.data.items() if key != "kind"}
+    keys = {key: tuple(x) if isinstance(x, list) else x for key, x in look.data.items() if key != "kind"}
     source: Source = registry.known("recordings")[look.data["kind"]](**keys)
     return source.read(base)
 
 
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _yaml(out: Path, assumed: Sequence[str], sections: Sequence[tuple[str, Mapping[str, Any]]]) -> str:
+def _yaml(out: Path, assumed: Sequence[str], sections: _Commented) -> str:
     study, file = out.stem, shlex.quote(out.name)
     lines = [
         *_schema_line(out.absolute().parent),
@@ -269,7 +261,7 @@ def _yaml(out: Path, assumed: Sequence[str], sections: Sequence[tuple[str, Mappi
         f"study: {study if re.fullmatch(_PLAIN, study) else json.dumps(study, ensure_ascii=False)}",
         "seed: 1",
     ]
-    for comment, section in sections:
+    for comment, section in sections.items():
         lines += ["", *(f"# {line}" for line in comment.splitlines()), dump(section).rstrip()]
     lines += [
         "",
@@ -483,17 +475,15 @@ def _parts(values: Array) -> dict[str, str]:
 # ---- windows, and what makes spikes
 
 
-def _front_end(
-    recordings: Recordings, labels: Array, known: Array, assumed: list[str]
-) -> list[tuple[str, dict[str, Any]]]:
+def _front_end(recordings: Recordings, labels: Array, known: Array, assumed: list[str]) -> _Commented:
     """Return the sections window, preprocessing and encoder."""
     if isinstance(recordings, Rasters):
-        return []
+        return {}
     if not isinstance(recordings, Signals):
         return _of_events(recordings, assumed)
     if (recordings.values == recordings.values[:1]).all():
         raise RecordingError("signals must change, but every channel has one value in all recordings")
-    sections: list[tuple[str, dict[str, Any]]] = []
+    sections: _Commented = {}
     shortest, longest = int(recordings.lengths.min()), int(recordings.lengths.max())
     n_steps = min(longest, _MOST_STEPS)
     if shortest < longest or n_steps < longest:
@@ -508,7 +498,7 @@ def _front_end(
             )
         else:
             assumed.append(f"{text}, from the middle of each recording")
-        sections.append((f"{text}: dse describe window.", {"window": window}))
+        sections[f"{text}: dse describe window."] = {"window": window}
     ranges = channel_ranges(recordings)
     unit = float(np.median(ranges[ranges > 0])) if (ranges > 0).any() else 1.0
     theta, quantised = float(f"{0.05 * unit:.2g}"), _quantised(recordings, unit)
@@ -526,10 +516,6 @@ def _front_end(
     if (ranges == 0).any():
         assumed.append(f"{int((ranges == 0).sum())} of {len(ranges)} channels hardly ever change")
     common: dict[str, Any] = {}
-    comment = (
-        "Signals become spikes where they change by a threshold, in their unit, or the binary digits of\n"
-        "their changes, which add up to the signal: dse describe encoder."
-    )
     if (accuracy := _of_levels(recordings, labels, known)) is not None:
         common["start"] = {"choice": ["sample", "mean"]}
         assumed.append(
@@ -540,7 +526,7 @@ def _front_end(
         {"kind": "send_on_delta", "thresholds": [theta, 4 * theta], **common},
         {"kind": "quantised", **quantised, **common},
     ]
-    return [*sections, (comment, {"encoder": {"choice": encoders}})]
+    return sections | {_ENCODER: {"encoder": {"choice": encoders}}}
 
 
 def _quantised(signals: Signals, unit: float) -> dict[str, Any]:
@@ -577,7 +563,7 @@ def channel_ranges(signals: Signals) -> Array:
     return np.asarray(np.median(ends[:, 1] - ends[:, 0], axis=0))
 
 
-def _of_events(recordings: Any, assumed: list[str]) -> list[tuple[str, dict[str, Any]]]:
+def _of_events(recordings: Any, assumed: list[str]) -> _Commented:
     """Return the sections for events: bins, pools and a window that the shortest recording has."""
     lengths_ms = []
     for i in range(recordings.n_recordings):
@@ -597,7 +583,7 @@ def _of_events(recordings: Any, assumed: list[str]) -> list[tuple[str, dict[str,
         f"windows have {n_steps} bins of {bin_ms:g} ms, as long as the shortest recording ({shortest:g} ms)"
     )
     assumed.append(text)
-    return [
-        (f"{text}: dse describe window.", {"window": {"n_steps": n_steps, "at": "start"}}),
-        ("Events become spikes: dse describe preprocessing.", {"preprocessing": preprocessing}),
-    ]
+    return {
+        f"{text}: dse describe window.": {"window": {"n_steps": n_steps, "at": "start"}},
+        "Events become spikes: dse describe preprocessing.": {"preprocessing": preprocessing},
+    }

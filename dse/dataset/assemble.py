@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from dse.config.parts import target_columns
 from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Target, Window
 from dse.dataset import cache, encoding
@@ -31,10 +32,10 @@ from dse.dataset.parts import (
 from dse.dataset.shifts import shifts_described
 from dse.recordings import RecordingError, Recordings, Source
 from dse.recordings.doubts import Used, doubts, drawn, guard, shortcuts, silent_windows
-from dse.recordings.splits import folds, leak, split, untrained, without
-from dse.recordings.targets import heads, in_use, target, target_columns
+from dse.recordings.splits import Labelled, in_turn, leak, without
+from dse.recordings.targets import target
 from dse.recordings.windows import chosen, cut
-from dse.records import Array, Bools, Dataset, Ints, Signals, Spikes
+from dse.records import Bools, Dataset, Ints, Signals, Spikes
 from dse.store import heads_document
 
 _ROUNDING = 0.1  # share of spikes that the rounding of levels may move
@@ -48,15 +49,6 @@ class _Read:
     recordings: Recordings
     positions: Ints | None
     used: Bools
-
-
-@dataclasses.dataclass(frozen=True)
-class _Labels:
-    """Labels that an encoder may learn from: codes (n,) of the data's recordings, and training indices."""
-
-    codes: Ints
-    n_classes: int
-    train: Ints
 
 
 def prepare(
@@ -98,8 +90,8 @@ def split_of(recordings: Recordings, design: Sections) -> tuple[Ints, Ints, Ints
     Raises:
         RecordingError: the split does not fit the recordings.
     """
-    codes, classes = target(recordings.columns, design.task.target)
-    return split(recordings.columns, codes, classes, design.split)
+    of = Labelled.of(recordings.columns, design.task, design.split)
+    return of.train, of.validation, of.test
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,21 +117,21 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
     recordings, positions = _read(design.data, making.base, design.window)
     task = design.task
     guard(target_columns(task.target), design.split.columns())
-    codes, classes = target(recordings.columns, task.target)
-    train, validation, test = split(recordings.columns, codes, classes, design.split)
-    reasons = [leak(recordings.columns, design.split, train, validation, test, design.window)]
-    if making.only is not None:
-        train, validation, test = (part[np.isin(part, making.only)] for part in (train, validation, test))
-    used = np.zeros(len(codes), dtype=bool)
-    used[np.concatenate([train, validation, test])] = True
-    codes, classes = in_use(codes, classes, used)
-    out = _folds(recordings.columns, design, codes, classes, train, validation)
+    of = Labelled.of(recordings.columns, task, design.split, making.only)
+    codes, classes, train, validation, test = of.codes, of.classes, of.train, of.validation, of.test
+    reasons = [leak(of, design.split, design.window)]
+    out: list[LeftOut] = []
+    if design.evaluation is not None and design.left_out is None:
+        out, faults = in_turn(of, design.evaluation.groups)
+        if faults:
+            raise RecordingError("\n".join(faults))
     left_out, held = design.left_out, test
     if left_out is not None:  # with the spikes of the whole
         train, validation, held = without(recordings.columns, left_out, train, validation)
-    joint = heads(recordings.columns, task.target, codes) if task.joint else ()
+        of = dataclasses.replace(of, train=train, validation=validation)
+    joint = of.heads
     fitted = cropped(recordings, design, train, making.progress)
-    sources, targets = [_Read(recordings, positions, used)], [codes]
+    sources, targets = [_Read(recordings, positions, of.used)], [codes]
     if design.test is not None and making.only is None:
         if len(test):
             raise RecordingError(
@@ -150,8 +142,7 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
         targets.append(_codes_of(other, task.target, classes, "the test file"))
         test = len(codes) + np.arange(len(targets[1]))
     test = test if left_out is None else held
-    labels = _Labels(codes, len(classes), train)
-    name, fitted, spikes = _spikes(sources, fitted, labels, making)
+    name, fitted, spikes = _spikes(sources, fitted, of, making)
     stored = read_spikes(spikes)
     seen = {head.name: head.of_class[codes] for head in joint}
     seen = seen or {" and ".join(target_columns(task.target)): codes}
@@ -162,18 +153,14 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
         for trap in shortcuts(stored.lengths, stored.levels, labels_of, train, validation, what, follow)
     ]
     if left_out is None:
-        of = Used(
-            recordings, codes, classes, np.flatnonzero(used), stored.n_steps, positions, " and ".join(seen)
-        )
         n_spikes = np.diff(stored.spikes.row_offsets[:: stored.spikes.n_steps])
-        traps += [*doubts(of), *silent_windows(n_spikes[of.used])]
+        traps += doubts(Used(recordings, of, stored.n_steps, positions, " and ".join(seen)))
+        traps += silent_windows(n_spikes[np.flatnonzero(of.used)])
     reasons.append(fitted.reads_labels)
     shifts = None if left_out is not None or design.evaluation is None else design.evaluation.shifts
     if shifts is not None:
         jitter = design.window.jitter_steps if jitter_steps is None else jitter_steps
-        traps += shifts_described(
-            stored.start, (stored.low, stored.high), codes, classes, validation, shifts, jitter
-        )
+        traps += shifts_described(of, stored.start, (stored.low, stored.high), shifts, jitter)
     left_out_in_turn = [{"column": x.column, "values": list(x.values)} for x in out]
     meta = Meta(
         name, list(classes), fitted.fitted_since(design), [*stored.notes, *traps], heads_document(joint),
@@ -205,30 +192,8 @@ def _binned(spikes: Spikes) -> Ints:
     return np.bincount(cell * spikes.n_channels + spikes.channel, minlength=n_cells)
 
 
-def _folds(
-    columns: Mapping[str, Array],
-    design: Sections,
-    codes: Ints,
-    classes: tuple[str, ...],
-    train: Ints,
-    validation: Ints,
-) -> list[LeftOut]:
-    """Return the folds that the evaluation of a design leaves out in turn; none for one that is left out."""
-    if design.evaluation is None or design.left_out is not None:
-        return []
-    out = [
-        fold
-        for of_column in design.evaluation.groups
-        for fold in folds(columns, of_column, codes, train, validation)
-    ]
-    faults = [untrained(columns, fold, codes, classes, train, validation) for fold in out]
-    if any(faults):
-        raise RecordingError("\n".join(filter(None, faults)))
-    return out
-
-
 def _spikes(
-    sources: Sequence[_Read], design: Sections, labels: _Labels, making: _Making
+    sources: Sequence[_Read], design: Sections, of: Labelled, making: _Making
 ) -> tuple[str, Sections, Path]:
     """Return the key of the spikes, the design with its encoder fitted, and the folder of the spikes.
 
@@ -246,7 +211,7 @@ def _spikes(
         write_spikes(parts, folder, making.threads, making.progress)
 
     if isinstance(first, Signals):
-        design = _learnt_from_signals(first, design, used[0], labels)
+        design = _learnt_from_signals(first, design, used[0], of)
     if design.encoder is None or isinstance(first, Signals):
         name = spikes_key(design, making.base, used)
         return name, design, cache.made(making.root, name, fill)
@@ -255,9 +220,7 @@ def _spikes(
     encoder = design.encoder
     if encoder.learns:
         stored = read_spikes(cache.made(making.root, bare, fill))
-        encoder = encoding.learnt_from_spikes(
-            encoder, stored, used[0], labels.codes, labels.n_classes, labels.train
-        )
+        encoder = encoding.learnt_from_spikes(encoder, stored, used[0], of)
         design = dataclasses.replace(design, encoder=encoder)
 
     def fill_encoded(folder: Path) -> None:
@@ -269,15 +232,12 @@ def _spikes(
     return name, design, cache.made(making.root, name, fill_encoded)
 
 
-def _learnt_from_signals(signals: Signals, design: Sections, used: Bools, labels: _Labels) -> Sections:
+def _learnt_from_signals(signals: Signals, design: Sections, used: Bools, of: Labelled) -> Sections:
     if design.encoder is None or not design.encoder.learns:
         return design
     (start, _, _, n_steps), levels = place_signals(signals, design.window, used)
     shown = seen_by_encoder(signals, design.window, levels)
-    encoder = encoding.learnt(
-        design.encoder, shown, start, n_steps, labels.codes, labels.n_classes, labels.train
-    )
-    return dataclasses.replace(design, encoder=encoder)
+    return dataclasses.replace(design, encoder=encoding.learnt(design.encoder, shown, start, n_steps, of))
 
 
 def find(root: Path, key: str) -> Dataset | None:
@@ -323,16 +283,6 @@ def load_or_prepare(design: Sections, base: Path, folder: Path, threads: int = 1
     return dataset
 
 
-def warnings(folder: Path) -> list[str]:
-    """Return the warnings about the recordings of a prepared data set."""
-    return read_meta(folder).warnings
-
-
-def transductive(folder: Path) -> str:
-    """Return why an evaluation on a prepared data set has seen its own answers; '' if it has not."""
-    return read_meta(folder).transductive
-
-
 def lengths(folder: Path) -> Ints:
     """Return (n,) steps of the recordings of a prepared data set, without those of a test file."""
     return np.asarray(read_spikes(folder.parent / read_meta(folder).spikes).lengths)
@@ -367,7 +317,7 @@ def build(
     """
     with tempfile.TemporaryDirectory() as folder:
         prepared = prepare(design, base, Path(folder), threads, progress)
-        return load(prepared), warnings(prepared)  # what is mapped stays when its file is gone
+        return load(prepared), read_meta(prepared).warnings  # what is mapped stays when its file is gone
 
 
 class New(NamedTuple):

@@ -6,6 +6,7 @@ are shown to it a few at a time, but those that it learns from all at once.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,21 +14,14 @@ import numpy as np
 from dse.config.contracts import Encoder
 from dse.dataset.files import Stored
 from dse.dataset.parts import NO_ROWS, Part, Rows, refusals, rows_of
+from dse.recordings.splits import Labelled
 from dse.records import Bools, Ints, Signals, Spikes
 
 # Of signals that are shown to an encoder at a time; one recording may be more.
 _DENSE_BYTES = 2**24
 
 
-def learnt(
-    encoder: Encoder,
-    signals: Signals,
-    first: Ints,
-    n_steps: int,
-    codes: Ints,
-    n_classes: int,
-    train: Ints,
-) -> Encoder:
+def learnt(encoder: Encoder, signals: Signals, first: Ints, n_steps: int, of: Labelled) -> Encoder:
     """Return an encoder fitted to training recordings; unchanged if it learns nothing.
 
     Labels of other recordings are shown to an encoder that says it is transductive, and to no other.
@@ -37,41 +31,35 @@ def learnt(
         signals: the recordings.
         first: (n,) first step of the evaluated windows.
         n_steps: length of the windows.
-        codes: (n,) classes, -1 where a recording is in no part of the split.
-        n_classes: number of classes.
-        train: indices of the training recordings.
+        of: labels of the recordings.
 
     Raises:
         RecordingError: the encoder cannot learn from them.
     """
     if not encoder.learns:
         return encoder
-    shown = codes
+    shown = of.codes
     if not encoder.transductive:
-        shown = np.full_like(codes, -1)
-        shown[train] = codes[train]
+        shown = np.full_like(of.codes, -1)
+        shown[of.train] = of.codes[of.train]
     with refusals():
-        return encoder.fitted(signals, first, n_steps, shown, n_classes, train)
+        return encoder.fitted(signals, first, n_steps, shown, len(of.classes), of.train)
 
 
-def learnt_from_spikes(
-    encoder: Encoder, stored: Stored, used: Bools, codes: Ints, n_classes: int, train: Ints
-) -> Encoder:
+def learnt_from_spikes(encoder: Encoder, stored: Stored, used: Bools, of: Labelled) -> Encoder:
     """Return what `learnt` returns, for recordings that are spikes.
 
     Args:
         encoder: of section `encoder`.
         stored: spikes of the recordings, and perhaps of a test file behind them.
         used: (n,) bool, recordings that have a window.
-        codes: (n,) classes.
-        n_classes: number of classes.
-        train: indices of the training recordings.
+        of: labels of the recordings.
     """
-    chosen = np.flatnonzero(used) if encoder.transductive else train
+    chosen = np.flatnonzero(used) if encoder.transductive else of.train
     lengths = _lengths(stored, np.isin(np.arange(len(stored.start)), chosen))
     signals = as_signals(stored.spikes, chosen, lengths[chosen])
-    of_train = np.flatnonzero(np.isin(chosen, train))
-    return learnt(encoder, signals, stored.start[chosen], stored.n_steps, codes[chosen], n_classes, of_train)
+    some = dataclasses.replace(of, codes=of.codes[chosen], train=np.flatnonzero(np.isin(chosen, of.train)))
+    return learnt(encoder, signals, stored.start[chosen], stored.n_steps, some)
 
 
 def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:

@@ -91,12 +91,10 @@ def sources(design: Sections, base: Path) -> dict[str, dict[str, Raw]]:
     keys: dict[str, dict[str, Raw]] = {"data": {}, "test": {}}
     for name, source in (("data", design.data), ("test", design.test)):
         if source is not None:
-            settings = {
-                key: value
-                for key, value in sections[name].items()
-                if key not in PLACES and (key not in _ADDED["data"] or value is not None)
+            settings = _hashed("data", {"data": sections[name]})
+            keys[name] = {k: x for k, x in settings.items() if k not in PLACES} | {
+                "file": source.content(base)
             }
-            keys[name] = settings | {"file": source.content(base)}
     return keys
 
 

@@ -19,7 +19,7 @@ from dse.config.settings import Preprocessing, Window
 from dse.preprocessing import Pooling
 from dse.recordings import EventSource, RecordingError, Recordings, trials_of
 from dse.recordings.pooling import pooling
-from dse.recordings.windows import mean_levels, place, signal_onset, without_mean
+from dse.recordings.windows import mean_levels, onset, place, without_mean
 from dse.records import Array, Bools, Floats, Ints, Rasters, Signals, Spikes
 
 Result = TypeVar("Result")
@@ -186,11 +186,7 @@ def _check_sections(recordings: Recordings, design: Sections) -> None:
 
 def _of_rasters(rasters: Rasters, window: Window, used: Bools, positions: Ints) -> Part:
     spikes, lengths = rasters.spikes, rasters.lengths
-    onset = None
-    if window.at == "contact_onset":
-        enough = np.diff(spikes.row_offsets).reshape(lengths.size, -1) >= window.onset_threshold
-        onset = np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
-    start, low, high, n_steps = place(window, lengths, used, onset)
+    start, low, high, n_steps = place(window, lengths, used, onset(rasters, window))
     return Part(
         start, low, high, n_steps, spikes.n_steps, positions, spikes.step_ms, lengths, None,
         lambda threads: rows_of(spikes), first=np.zeros_like(low),
@@ -201,8 +197,7 @@ def place_signals(
     signals: Signals, window: Window, used: Array
 ) -> tuple[tuple[Array, Array, Array, int], Array]:
     """Return what `place` finds for sampled recordings, and the mean (n, channel) of each over its window."""
-    onset = signal_onset(signals, window.onset_threshold) if window.at == "contact_onset" else None
-    placement = place(window, signals.lengths, used, onset)
+    placement = place(window, signals.lengths, used, onset(signals, window))
     return placement, mean_levels(signals, placement[0], placement[3])
 
 
@@ -270,7 +265,7 @@ def _of_events(
     progress: Progress,
 ) -> Part:
     simulated = trials_of(source)
-    t0_us, lengths, onset = np.zeros((3, source.n_recordings), dtype=np.int64)
+    t0_us, lengths, contact = np.zeros((3, source.n_recordings), dtype=np.int64)
     if simulated is not None:
         lengths[:] = pooling.n_bins(simulated.duration_us)
     if simulated is None or window.at == "contact_onset":
@@ -283,7 +278,7 @@ def _of_events(
         for done, surveyed in enumerate(in_order(survey, chosen, threads if simulated else 1)):
             i = chosen[done]
             progress(f"reading data: {done + 1} of {len(chosen)} recordings")
-            onset[i] = surveyed.onset_bin
+            contact[i] = surveyed.onset_bin
             if simulated is None:
                 if not surveyed.n_events:
                     raise RecordingError(f"recording {i} must have events, got none")
@@ -293,7 +288,7 @@ def _of_events(
                         f"recording {i} must last at most {MOST_STEPS} steps of {pooling.bin_us} us, first "
                         f"event to last, got {surveyed.n_bins}"
                     )
-    start, low, high, n_steps = place(window, lengths, used, onset)
+    start, low, high, n_steps = place(window, lengths, used, contact)
     n_kept = np.where(used, high - low + n_steps, 0)
     # The rate floor needs the bins that are kept; a simulated raster does not know which they are.
     plain = dataclasses.replace(pooling, rate_floor_hz=0.0)

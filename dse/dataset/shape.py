@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from dse.config.resolved import Sections
 from dse.dataset.parts import pool_positions, pooling_of
 from dse.recordings import Recordings
-from dse.recordings.splits import split
-from dse.recordings.targets import heads, in_use, target
+from dse.recordings.splits import Labelled
 from dse.records import Dataset, Ints, Rasters, Signals
 
 
@@ -47,12 +44,8 @@ def announced(design: Sections, recordings: Recordings, of_file: Ints | None) ->
     Raises:
         RecordingError: the recordings do not fit the task or the split.
     """
-    codes, classes = target(recordings.columns, design.task.target)
-    used = np.zeros(len(codes), dtype=bool)
-    used[np.concatenate(split(recordings.columns, codes, classes, design.split))] = True
-    codes, classes = in_use(codes, classes, used)
-    joint = heads(recordings.columns, design.task.target, codes) if design.task.joint else ()
-    n_outputs = sum(len(head.classes) for head in joint) or len(classes)
+    of = Labelled.of(recordings.columns, design.task, design.split)
+    n_outputs = sum(len(head.classes) for head in of.heads) or len(of.classes)
     settings, encoder = design.preprocessing, design.encoder
     if isinstance(recordings, Signals | Rasters):
         assert of_file is not None  # only events have addresses instead

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dse.recordings import RecordingError
+from dse.recordings.splits import Labelled
 from dse.records import Bools, Dataset, Ints
 
 
@@ -34,28 +35,21 @@ def shifted(dataset: Dataset, steps: int) -> Dataset:
 
 
 def shifts_described(
-    start: Ints,
-    room: tuple[Ints, Ints],
-    codes: Ints,
-    classes: tuple[str, ...],
-    validation: Ints,
-    shifts: Sequence[int],
-    jitter_steps: int,
+    of: Labelled, start: Ints, room: tuple[Ints, Ints], shifts: Sequence[int], jitter_steps: int
 ) -> list[str]:
     """Return what is worth saying about moved windows, one sentence each.
 
     Args:
+        of: labels; validation recordings are evaluated.
         start: (n,) first step of the evaluated windows.
         room: (n,) lowest and highest first step that a recording has room for.
-        codes: (n,) classes.
-        classes: their names.
-        validation: indices of the recordings that are evaluated.
         shifts: in steps.
         jitter_steps: how far training windows move.
 
     Raises:
         RecordingError: no recording has room for every shift.
     """
+    codes, validation = of.codes, of.validation
     fits = np.all([_fits(start, *room, steps)[validation] for steps in shifts], axis=0)
     if not fits.any():
         back, ahead = ((start - room[0])[validation].max(), (room[1] - start)[validation].max())
@@ -72,7 +66,7 @@ def shifts_described(
         )
     if not fits.all():
         lacking = np.setdiff1d(codes[validation], codes[validation][fits])
-        names = ", ".join(f"'{classes[code]}'" for code in lacking)
+        names = ", ".join(f"'{of.classes[code]}'" for code in lacking)
         none = f"; none is of class {names}" if lacking.size else ""
         sentences.append(
             f"evaluation.shifts: {fits.sum()} of {fits.size} validation recordings have room for every "

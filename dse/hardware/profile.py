@@ -17,10 +17,9 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 
 from dse import registry, seeds
-from dse.config.chips import Chip
 from dse.config.faults import ConfigError, Fault, known_names
-from dse.config.locate import hardware_names, names_a_file, shipped_profiles
-from dse.config.parts import KeyFault, Written
+from dse.config.locate import names_a_file, shipped_profiles
+from dse.config.parts import Chip, KeyFault, Written
 from dse.config.settings import Schedule
 from dse.config.space import SearchSpace
 from dse.config.values import Report, echo, read_fields, read_object
@@ -234,7 +233,7 @@ class Profile(ABC):
 
 def names() -> list[str]:
     """Return the names of the shipped profiles."""
-    return hardware_names()
+    return list(shipped_profiles())
 
 
 def kinds() -> dict[str, type[Profile]]:

@@ -16,18 +16,12 @@ With `every_event` there is no counting: each event is a spike of every pool tha
 time.
 """
 
-from dse.preprocessing.pins import count_pixels, pin_rectangle
-from dse.preprocessing.pools import END_OF_TIME_US, Pooling
-from dse.preprocessing.streaming import Survey, pool, pool_events, survey, without_quiet
-
-__all__ = [
-    "END_OF_TIME_US",
-    "Pooling",
-    "Survey",
-    "count_pixels",
-    "pin_rectangle",
-    "pool",
-    "pool_events",
-    "survey",
-    "without_quiet",
-]
+from dse.preprocessing.pins import count_pixels as count_pixels
+from dse.preprocessing.pins import pin_rectangle as pin_rectangle
+from dse.preprocessing.pools import END_OF_TIME_US as END_OF_TIME_US
+from dse.preprocessing.pools import Pooling as Pooling
+from dse.preprocessing.streaming import Survey as Survey
+from dse.preprocessing.streaming import pool as pool
+from dse.preprocessing.streaming import pool_events as pool_events
+from dse.preprocessing.streaming import survey as survey
+from dse.preprocessing.streaming import without_quiet as without_quiet

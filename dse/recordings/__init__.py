@@ -8,22 +8,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Protocol, cast
 
-from dse.config.contracts import PLACES, EventSource, Recordings, Source
+from dse.config.contracts import PLACES as PLACES
+from dse.config.contracts import EventSource as EventSource
+from dse.config.contracts import Recordings as Recordings
+from dse.config.contracts import Source as Source
 from dse.records import Ints
 from dse.text import one_line
 
 if TYPE_CHECKING:
     from dse.preprocessing import Pooling
-
-__all__ = [
-    "PLACES",
-    "EventSource",
-    "RecordingError",
-    "Recordings",
-    "Simulated",
-    "Source",
-    "trials_of",
-]
 
 
 class RecordingError(ValueError):

@@ -8,6 +8,7 @@ Nothing is unpickled; every fault is one RecordingError line.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import re
@@ -15,7 +16,7 @@ import subprocess
 import sys
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Literal
 
@@ -66,13 +67,19 @@ def described(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
     """Return the shape and the type of every array; see `headers`. Columns of a table are float64."""
     if is_table(path):
         return {str(x): ((-1,), np.dtype(np.float64)) for x in read_table(path, None, head=True).columns}
-    if (kind := _kind(path)) == "npy":
-        array = _guarded(path, lambda: np.load(path, mmap_mode="r", allow_pickle=False))
-        return {ONE: (array.shape, array.dtype)}
-    if kind == "npz":
-        found: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = _guarded(path, lambda: _npz_headers(path))
-        return found
-    loaded = _guarded(path, lambda: _hdf5(path, None, only_shapes=True)) if kind == "hdf5" else load(path)
+    kind = _kind(path)
+    with _readable(path):
+        if kind == "npy":
+            array = np.load(path, mmap_mode="r", allow_pickle=False)
+            return {ONE: (array.shape, array.dtype)}
+        if kind == "npz":
+            found = {}
+            with zipfile.ZipFile(path) as archive:
+                for member in archive.namelist():
+                    with archive.open(member) as stream:
+                        found[member.removesuffix(".npy")] = _read_header(stream)
+            return found
+        loaded = _hdf5(path, None, only_shapes=True) if kind == "hdf5" else _matlab(path, None)
     return {name: (_shape_of(array), array.dtype) for name, array in loaded.items()}
 
 
@@ -87,18 +94,18 @@ def load(path: Path, names: Iterable[str] | None = None) -> dict[str, Array]:
         RecordingError: the file is unreadable, a name is not in it, or an array needs pickle.
     """
     chosen = None if names is None else list(dict.fromkeys(names))
-    kind = "table" if is_table(path) else _kind(path)
-    if kind == "table":
+    if is_table(path):
         table = read_table(path, None if chosen is None else [x for x in chosen if x in column_names(path)])
         values = {str(name): table[name].to_numpy() for name in table.columns}
-    elif kind == "npz":
+    elif (kind := _kind(path)) == "npz":
         known = headers(path)
         values = {name: _npz_member(path, name) for name in chosen or known if name in known}
-    elif kind == "npy":
-        values = {ONE: _guarded(path, lambda: np.load(path, allow_pickle=False))}
     else:
-        read = _hdf5 if kind == "hdf5" else _matlab
-        values = _guarded(path, lambda: read(path, chosen))
+        with _readable(path):
+            if kind == "npy":
+                values = {ONE: np.load(path, allow_pickle=False)}
+            else:
+                values = (_hdf5 if kind == "hdf5" else _matlab)(path, chosen)
     for name in chosen or ():
         if name not in values:
             raise RecordingError(missing(path, name, headers(path)))
@@ -124,10 +131,12 @@ def _kind(path: Path) -> str:
     return "hdf5" if is_hdf5 else "matlab"
 
 
-def _guarded(path: Path, read: Any, part: str = "") -> Any:
-    """Return what a function reads of a file; what it raises becomes one sentence."""
+@contextlib.contextmanager
+def _readable(path: Path, part: str = "") -> Iterator[None]:
+    """Turn what reading a file, or an array of it, raises into one sentence."""
     try:
-        return read()
+        yield
+        return
     except RecordingError:
         raise
     except Exception as error:  # readers of damaged files raise anything
@@ -155,15 +164,6 @@ def _shape_of(array: Array) -> tuple[int, ...]:
 # ---- .npz
 
 
-def _npz_headers(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
-    with zipfile.ZipFile(path) as archive:
-        found = {}
-        for member in archive.namelist():
-            with archive.open(member) as stream:
-                found[member.removesuffix(".npy")] = _read_header(stream)
-        return found
-
-
 def _read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Return shape and type of an array from the header of its .npy; the stream is at its values then."""
     version = npy.read_magic(stream)
@@ -176,28 +176,22 @@ def _read_header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 def _npz_member(path: Path, name: str) -> Array:
     """Return an array that is as large as its header declares, and not far larger than it is stored."""
-
-    def read() -> Array:
-        with np.load(path, allow_pickle=False) as archive:
-            member = archive.zip.getinfo(f"{name}.npy")
-            with archive.zip.open(member) as stream:
-                shape, dtype = _read_header(stream)
-                n_bytes = member.file_size - stream.tell()
-            if not dtype.hasobject and math.prod(shape) * dtype.itemsize > n_bytes:
-                raise RecordingError(
-                    f"{path.name}: array '{name}' declares {dtype} of shape {shape}, but holds {n_bytes} "
-                    "bytes"
-                )
-            if n_bytes > max(UNCOMPRESSED_BYTES, MOST_COMPRESSION * member.compress_size):
-                raise RecordingError(
-                    f"{path.name}: array '{name}' must be at most {MOST_COMPRESSION} times as large as it is "
-                    f"stored, got {n_bytes} bytes in {member.compress_size}"
-                )
-            values: Array = archive[name]
-            return values
-
-    array: Array = _guarded(path, read, name)
-    return array
+    with _readable(path, name), np.load(path, allow_pickle=False) as archive:
+        member = archive.zip.getinfo(f"{name}.npy")
+        with archive.zip.open(member) as stream:
+            shape, dtype = _read_header(stream)
+            n_bytes = member.file_size - stream.tell()
+        if not dtype.hasobject and math.prod(shape) * dtype.itemsize > n_bytes:
+            raise RecordingError(
+                f"{path.name}: array '{name}' declares {dtype} of shape {shape}, but holds {n_bytes} bytes"
+            )
+        if n_bytes > max(UNCOMPRESSED_BYTES, MOST_COMPRESSION * member.compress_size):
+            raise RecordingError(
+                f"{path.name}: array '{name}' must be at most {MOST_COMPRESSION} times as large as it is "
+                f"stored, got {n_bytes} bytes in {member.compress_size}"
+            )
+        values: Array = archive[name]
+    return values
 
 
 # ---- MATLAB and HDF5

@@ -14,6 +14,7 @@ import numpy as np
 
 from dse import seeds
 from dse.recordings import RecordingError, Recordings
+from dse.recordings.splits import Labelled
 from dse.records import Floats, Ints, Signals
 
 _MISSING = ("", "nan", "none", "null", "na", "n/a")
@@ -28,14 +29,11 @@ _LARGEST_SE = 0.1
 class Used:
     """Recordings of a split as doubts are about.
 
-    codes: (n,) classes. n_steps: length of the windows. positions: (channel, 3), None of events.
-    used: indices of the recordings of all parts. name: of the target.
+    n_steps: length of the windows. positions: (channel, 3), None of events. name: of the target.
     """
 
     recordings: Recordings
-    codes: Ints
-    classes: tuple[str, ...]
-    used: Ints
+    labels: Labelled
     n_steps: int | None
     positions: Ints | None
     name: str
@@ -81,13 +79,13 @@ def silent_windows(n_spikes: Ints) -> list[str]:
 
 def _labels(of: Used) -> Iterator[str]:
     names: dict[str, list[str]] = {}
-    for name in of.classes:
+    for name in of.labels.classes:
         names.setdefault(name.strip().casefold(), []).append(name)
     for alike in names.values():
         if len(alike) > 1:
             known = " and ".join(map(repr, alike))
             yield f"{of.name}: classes {known} differ only in case or blanks; rename one if they are the same"
-    for name in of.classes:
+    for name in of.labels.classes:
         if name.strip().casefold() in _MISSING:
             yield (
                 f"{of.name}: class {name!r} reads like a missing label; leave its recordings out of the data "
@@ -99,7 +97,7 @@ def _axes(of: Used) -> Iterator[str]:
     signals = of.recordings
     if not isinstance(signals, Signals) or of.positions is None or np.ptp(of.positions[:, 1]):
         return
-    longest = int(signals.lengths[of.used].max())
+    longest = int(signals.lengths[of.labels.used].max())
     if longest < signals.n_channels:
         yield (
             f"recordings have {longest} steps of {signals.n_channels} channels; if these are {longest} "
@@ -109,17 +107,17 @@ def _axes(of: Used) -> Iterator[str]:
 
 
 def _lengths(of: Used) -> Iterator[str]:
-    signals = of.recordings
+    signals, labels = of.recordings, of.labels
     if not isinstance(signals, Signals):
         return
-    lengths = signals.lengths[of.used]
+    lengths = signals.lengths[labels.used]
     median, shortest = float(np.median(lengths)), int(lengths.min())
     if of.n_steps in (None, shortest) and shortest < _SHORT * median:
-        i = int(of.used[lengths.argmin()])
+        i = int(np.flatnonzero(labels.used)[lengths.argmin()])
         n = np.count_nonzero(lengths < _SHORT * median)
         others = f", as {n - 1} others are shorter than half of that" if n > 1 else ""
         yield (
-            f"recording {i} (class '{of.classes[of.codes[i]]}') has {shortest} steps, the median is "
+            f"recording {i} (class '{labels.classes[labels.codes[i]]}') has {shortest} steps, the median is "
             f"{median:g}{others}; all windows are as short as it: leave it out of the data or of the split, "
             "and raise window.n_steps"
         )
@@ -138,7 +136,8 @@ def _glitches(of: Used) -> Iterator[str]:
     some = values[:: max(1, values.size // _MOST_VALUES)]
     low, high = np.percentile(some, (1, 99), axis=0)
     widest = (high - low).max()  # a channel may be touched seldom, and then as others are
-    for channel, distance in enumerate(_distances(values, low, high)):
+    farthest = np.maximum(values.max(axis=0) - high, low - values.min(axis=0))
+    for channel, distance in enumerate(farthest):
         if distance > _FAR * widest > 0:
             row = int(
                 np.maximum(values[:, channel] - high[channel], low[channel] - values[:, channel]).argmax()
@@ -149,11 +148,6 @@ def _glitches(of: Used) -> Iterator[str]:
                 f"recording {i}, and 98 % of its samples lie in {low[channel]:g} to {high[channel]:g}; if "
                 "the sensor failed there, leave the recording out of the data or of the split"
             )
-
-
-def _distances(values: Floats, low: Floats, high: Floats) -> Floats:
-    """Return by how much the farthest sample of each channel lies outside of its range, (channel,)."""
-    return np.asarray(np.maximum(values.max(axis=0) - high, low - values.min(axis=0)))
 
 
 _CHECKS: tuple[Callable[[Used], Iterator[str]], ...] = (_labels, _axes, _lengths, _glitches)

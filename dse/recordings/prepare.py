@@ -82,17 +82,6 @@ _CONTEXT = {
 _TYPES = {"b": "sc:Boolean", "i": "sc:Integer", "u": "sc:Integer", "f": "sc:Float", "U": "sc:Text"}
 
 
-@dataclass(frozen=True)
-class Written:
-    """A file of a converted set.
-
-    published: whether it is that of the published results; None: no search space reads it.
-    """
-
-    path: Path
-    published: bool | None
-
-
 def sets() -> dict[str, PublicSet]:
     """Return the public sets by name: those of `datasets/`, and of plugins."""
     for script in sorted(shipped_folder("datasets").glob("*.py")):
@@ -112,13 +101,16 @@ def named(name: str) -> PublicSet:
     return known[name]
 
 
-def prepare(name: str, source: Path, out: Path) -> list[Written]:
+def prepare(name: str, source: Path, out: Path) -> dict[Path, bool | None]:
     """Convert a public set and write its files with their data cards, the one that search spaces read first.
 
     Args:
         name: of `sets`.
         source: folder with the authors' files.
         out: folder of recordings.
+
+    Returns:
+        File -> whether it is that of the published results; None: no search space reads it.
 
     Raises:
         RecordingError: no such set, a file is missing or holds something else, or a file of the result is
@@ -141,14 +133,18 @@ def prepare(name: str, source: Path, out: Path) -> list[Written]:
         if target.exists() and not _holds(target, arrays):
             raise RecordingError(f"{target}: is another file than is made from {source}; move it away first")
     sources = {os.path.relpath(path, source): checksum(path) for path in converted.sources}
-    written = []
+    written: dict[Path, bool | None] = {}
     for target, arrays in sorted(targets.items(), key=lambda item: item[0] != main):
         published = digest(arrays) == public.digest if target == main else None
-        _write(target, arrays)
+        if not target.exists():
+            buffer = io.BytesIO()
+            np.savez_compressed(buffer, **dict(arrays))  # type: ignore[arg-type]
+            with atomic(target) as temporary:
+                temporary.write_bytes(buffer.getvalue())
         card = data_card(name, public, target, arrays, sources, published)
         with atomic(target.with_name(f"{target.name}{CARD}")) as temporary:
             temporary.write_text(json.dumps(card, indent=1) + "\n", encoding="utf-8")
-        written.append(Written(target, published))
+        written[target] = published
     return written
 
 
@@ -213,15 +209,6 @@ def data_card(
         ],
         "sameAsPublishedResults": published,
     }
-
-
-def _write(target: Path, arrays: Mapping[str, Array]) -> None:
-    if target.exists():
-        return
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **dict(arrays))  # type: ignore[arg-type]
-    with atomic(target) as temporary:
-        temporary.write_bytes(buffer.getvalue())
 
 
 def _holds(path: Path, arrays: Mapping[str, Array]) -> bool:

@@ -109,7 +109,4 @@ def sparse(raster: Array, step_ms: float, where: str) -> Spikes:
         raise RecordingError(
             f"{where} must be 0 or 1, got {raster[i, t, c]} in recording {i}, step {t}, channel {c}"
         )
-    rows = np.count_nonzero(raster, axis=2).ravel()
-    offsets = np.concatenate([[0], np.cumsum(rows)]).astype(np.int64)
-    n_steps, n_channels = raster.shape[1:]
-    return Spikes(offsets, np.nonzero(raster)[2].astype(np.int32), n_steps, n_channels, step_ms)
+    return Spikes.of_dense(raster, step_ms)

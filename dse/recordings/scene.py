@@ -10,13 +10,13 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from dse.config.faults import ConfigError, known_names
-from dse.recordings import RecordingError
-from dse.records import Array, Block, FrontEnd, Ints
+from dse.recordings import RecordingError, Simulated
+from dse.records import Array, Block, Ints
 from dse.registry import fixed, register
 from dse.scene.checks import half_width_px
 from dse.scene.load import find_scene, load_scene
@@ -29,7 +29,7 @@ COLUMNS = ("texture", "profile", "speed_mm_s", "force_n", "randomised_force", "r
 
 
 @dataclass(frozen=True)
-class Trials:
+class Trials(Simulated):
     """The trials of a scene as recordings; recording i is trial i.
 
     columns: texture (name), profile (label of the motion), speed_mm_s (its highest speed, before the trial's
@@ -38,8 +38,6 @@ class Trials:
     """
 
     scene: Scene
-    front_end: ClassVar[FrontEnd | None] = "preprocessing"
-    simulated: ClassVar[bool] = True
 
     @property
     def width(self) -> int:

@@ -251,20 +251,17 @@ class FileSource(ABC):
 
     def with_columns_found(self, base: Path) -> Self:
         """Return the component with only the label columns that its file, or that of the labels, holds."""
+        known: arrays.Shapes = {}
+        changes: dict[str, Any] = {}
         try:
             known = arrays.headers(locate(self.labels or self.file, base))
         except RecordingError:
             if self.labels is None:
                 raise
-            return self._with({}, labels=None)
+            changes["labels"] = None
         columns = {column: name for column, name in self.columns.items() if name in known}
-        return self._with(columns)
-
-    def _with(self, columns: Mapping[str, str], **changes: Any) -> Self:
-        """Return the component with other label columns."""
-        if self._codes():
-            names = {column: name for column, name in self._codes().items() if column in columns}
-            changes["class_names"] = names
+        if codes := self._codes():
+            changes["class_names"] = {column: name for column, name in codes.items() if column in columns}
         return dataclasses.replace(self, columns=columns, **changes)
 
     def content(self, base: Path) -> str:

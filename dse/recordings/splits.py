@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,10 +12,11 @@ import numpy as np
 from dse import seeds
 from dse.config.faults import known_names
 from dse.config.resolved import LeftOut
-from dse.config.settings import CUT_COLUMNS, Groups, KFold, Split, Stratified, Window
+from dse.config.settings import CUT_COLUMNS, Groups, KFold, Split, Stratified, Task, Window
 from dse.config.yaml_lines import Raw
 from dse.recordings import RecordingError
-from dse.records import Array, Bools, Ints
+from dse.recordings.targets import heads, in_use, target
+from dse.records import Array, Bools, Head, Ints
 
 ORIGINAL, NUMBER = CUT_COLUMNS
 """Columns of windows that were cut: the number of the recording that each is from, and its own within it."""
@@ -38,7 +40,7 @@ def split(
         RecordingError: unknown column or value, parts that overlap or are empty, a class that is too
             small to divide or is missing from train, a group in two parts.
     """
-    of = _Labelled(columns, codes, classes)
+    of = _ToSplit(columns, codes, classes)
     if settings.stratified is not None:
         part = of.drawn(settings.stratified)
     elif settings.k_fold is not None:
@@ -64,7 +66,7 @@ def split(
 
 
 @dataclass(frozen=True)
-class _Labelled:
+class _ToSplit:
     """Recordings to split: label columns, each (n,), codes (n,) of the target and the names of its classes.
 
     A part is 0 (train), 1 (validation) or 2 (test).
@@ -222,33 +224,81 @@ def shared_reach(window: Window) -> int:
     return ((window.cut_steps or 1) - 1) // (window.every_steps or window.cut_steps or 1)
 
 
-def leak(
-    columns: Mapping[str, Array],
-    settings: Split,
-    train: Ints,
-    validation: Ints,
-    test: Ints,
-    window: Window,
-) -> str:
+@dataclass(frozen=True)
+class Labelled:
+    """Recordings as they are labelled and split.
+
+    columns: label columns, each (n,).
+    task: what is predicted.
+    classes: names of the classes that recordings of some part have.
+    codes: (n,) class of every recording; -1 where it is none of these.
+    train, validation, test: recordings of each part, rising.
+    """
+
+    columns: Mapping[str, Array]
+    task: Task
+    codes: Ints
+    classes: tuple[str, ...]
+    train: Ints
+    validation: Ints
+    test: Ints
+
+    @classmethod
+    def of(
+        cls, columns: Mapping[str, Array], task: Task, settings: Split, only: Ints | None = None
+    ) -> Labelled:
+        """Return the labels of recordings with label columns, each (n,).
+
+        Args:
+            columns: label columns.
+            task: what is predicted.
+            settings: how to split.
+            only: recordings that the parts are limited to; None: all.
+
+        Raises:
+            RecordingError: as of `target` and `split`.
+        """
+        codes, classes = target(columns, task.target)
+        parts = split(columns, codes, classes, settings)
+        if only is not None:
+            train, validation, test = (part[np.isin(part, only)] for part in parts)
+            parts = train, validation, test
+        used = np.isin(np.arange(len(codes)), np.concatenate(parts))
+        return cls(columns, task, *in_use(codes, classes, used), *parts)
+
+    @functools.cached_property
+    def used(self) -> Bools:
+        """Which recordings are in some part, (n,)."""
+        parts = np.concatenate([self.train, self.validation, self.test])
+        return np.asarray(np.isin(np.arange(len(self.codes)), parts))
+
+    @functools.cached_property
+    def heads(self) -> tuple[Head, ...]:
+        """The parts of a joint target; none of another.
+
+        Raises:
+            RecordingError: as of `targets.heads`.
+        """
+        return heads(self.columns, self.task.target, self.codes) if self.task.joint else ()
+
+
+def leak(of: Labelled, settings: Split, window: Window) -> str:
     """Return a sentence if windows in two parts share steps of one recording, else nothing.
 
     A model answers steps that it was trained on from memory. Windows of one recording that share no step are
     separate samples.
 
     Args:
-        columns: label columns; `recording` and `window` say what a window was cut from (`windows.cut`).
+        of: its columns `recording` and `window` say what a window was cut from (`windows.cut`).
         settings: how it was split.
-        train: indices of one part.
-        validation: indices of another.
-        test: indices of the third.
         window: how recordings were cut.
     """
     if window.cut_steps is None:
         return ""
     reach = shared_reach(window)
     # One number per window, so that windows share steps where numbers are at most `reach` apart.
-    number = columns[ORIGINAL] * (columns[NUMBER].max(initial=0) + reach + 1) + columns[NUMBER]
-    parts = {"train": train, "validation": validation, "test": test}
+    number = of.columns[ORIGINAL] * (of.columns[NUMBER].max(initial=0) + reach + 1) + of.columns[NUMBER]
+    parts = {name: getattr(of, name) for name in _NAMES}
     for one, other in itertools.combinations(parts, 2):
         known, queried = np.sort(number[parts[one]]), number[parts[other]]
         at = np.searchsorted(known, queried - reach)
@@ -311,21 +361,19 @@ def without(
     return train[~held[train]], validation[~held[validation]], validation[held[validation]]
 
 
-def untrained(
-    columns: Mapping[str, Array],
-    left_out: LeftOut,
-    codes: Ints,
-    classes: tuple[str, ...],
-    train: Ints,
-    validation: Ints,
-) -> str:
-    """Return a sentence if a fold's absence leaves a class untrained; '' if not."""
-    rest, _, _ = without(columns, left_out, train, validation)
-    lacking = np.setdiff1d(codes[train], codes[rest])
-    if not lacking.size:
-        return ""
-    names = ", ".join(f"'{classes[code]}'" for code in lacking)
-    return (
-        f"evaluation.leave_out: without {left_out.column} {left_out.name} there is no training recording of "
-        f"class {names}"
-    )
+def in_turn(of: Labelled, groups: Sequence[Groups]) -> tuple[list[LeftOut], list[str]]:
+    """Return the folds of some label columns, and a sentence for each whose absence leaves a class untrained.
+
+    Raises:
+        RecordingError: as of `folds`.
+    """
+    out = [x for column in groups for x in folds(of.columns, column, of.codes, of.train, of.validation)]
+    faults = []
+    for one in out:
+        rest, _, _ = without(of.columns, one, of.train, of.validation)
+        if lacking := [f"'{of.classes[code]}'" for code in np.setdiff1d(of.codes[of.train], of.codes[rest])]:
+            faults.append(
+                f"evaluation.leave_out: without {one.column} {one.name} there is no training recording of "
+                f"class {', '.join(lacking)}"
+            )
+    return out, faults

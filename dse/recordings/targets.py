@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dse.config.faults import known_names
+from dse.config.parts import target_columns
 from dse.config.settings import Column, Target
 from dse.recordings import RecordingError
 from dse.records import Array, Bools, Head, Ints
@@ -62,11 +63,6 @@ def heads(columns: Mapping[str, Array], task_target: Target, codes: Ints) -> tup
         present, of_class = np.unique(codes_of_part[used[first]], return_inverse=True)
         parts.append(Head(name, tuple(classes[i] for i in present), of_class.astype(np.int64)))
     return tuple(parts)
-
-
-def target_columns(task_target: Target) -> tuple[str, ...]:
-    """Return the columns of a target."""
-    return tuple(x.column if isinstance(x, Column) else x for x in _parts(task_target))
 
 
 def _parts(task_target: Target) -> tuple[str | Column, ...]:

@@ -66,12 +66,21 @@ def place(
     return np.where(used, start, 0), np.where(used, low, 0), np.where(used, high, 0), n_steps
 
 
-def signal_onset(signals: Signals, threshold: float) -> Ints:
-    """Return (n,) the first step where any channel differs from its first sample by `threshold`, or -1."""
-    onset = np.full(signals.n_recordings, -1, dtype=np.int64)
-    for i in range(signals.n_recordings):
-        values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
-        moved = (np.abs(values - values[0]) >= threshold).any(axis=1)
+def onset(recordings: Signals | Rasters, window: Window) -> Ints | None:
+    """Return (n,) the first step of contact, -1 where there is none; None: no window begins there.
+
+    That is where a channel differs from its first sample by the threshold, or a step has so many spikes.
+    """
+    if window.at != "contact_onset":
+        return None
+    if isinstance(recordings, Rasters):
+        counts = np.diff(recordings.spikes.row_offsets).reshape(recordings.lengths.size, -1)
+        enough = counts >= window.onset_threshold
+        return np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
+    onset = np.full(recordings.n_recordings, -1, dtype=np.int64)
+    for i in range(recordings.n_recordings):
+        values = recordings.values[recordings.offsets[i] : recordings.offsets[i + 1]]
+        moved = (np.abs(values - values[0]) >= window.onset_threshold).any(axis=1)
         if moved.any():
             onset[i] = moved.argmax()
     return onset
@@ -192,19 +201,16 @@ def with_crops(data: Dataset, n: int) -> Dataset:
     source = np.repeat(data.train, [len(x) for x in starts])
     begin = np.concatenate([np.zeros(0, np.int64), *starts])
     more = len(source)
+    names = ("start", "start_low", "start_high", "room_low", "room_high")
+    placed = {name: getattr(data, name) for name in names}
     zeros = np.zeros(more, np.int32)
-    room = None if data.room_low is None else np.concatenate([data.room_low, zeros])
-    room_high = None if data.room_high is None else np.concatenate([data.room_high, zeros])
+    placed = {name: np.concatenate([x, zeros]) for name, x in placed.items() if x is not None}
     return dataclasses.replace(
         data,
         spikes=_appended(data.spikes, source, begin, data.n_steps),
         target=np.concatenate([data.target, data.target[source]]),
-        start=np.concatenate([data.start, zeros]),
-        start_low=np.concatenate([data.start_low, zeros]),
-        start_high=np.concatenate([data.start_high, zeros]),
         train=len(data.target) + np.arange(more),
-        room_low=room,
-        room_high=room_high,
+        **placed,
     )
 
 

@@ -14,8 +14,8 @@ from dse import store
 from dse.audit import AuditRow
 from dse.config import ConfigError, Sections
 from dse.config.contracts import PLACES, Family, Source
+from dse.config.parts import target_columns
 from dse.config.values import plain
-from dse.recordings.targets import target_columns
 from dse.records import Array
 from dse.study import precision
 from dse.study.results import Study

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 
 from dse.config.axes import Axis, n_combinations
 from dse.config.space import Design, SearchSpace
-from dse.config.values import as_tuple
+from dse.config.values import plain
 from dse.config.yaml_lines import Raw
 
 
@@ -114,7 +114,7 @@ def position(axis: Axis, value: object) -> int:
     Raises:
         ValueError: it is none of them.
     """
-    sought = as_tuple(value)
+    sought = plain(value)
     for place, known in enumerate(axis.values or ()):
         if known == sought and isinstance(known, bool) == isinstance(sought, bool):
             return place

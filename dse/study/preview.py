@@ -14,8 +14,8 @@ import numpy as np
 
 from dse import dataset, registry
 from dse.config import SearchSpace
-from dse.config.chips import chips
 from dse.config.contracts import check_channels, placed, trains_in_cohorts
+from dse.config.parts import chips, target_columns
 from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Evaluation
 from dse.config.yaml_lines import Path as Keys
@@ -23,12 +23,12 @@ from dse.config.yaml_lines import error_of
 from dse.dataset import cache
 from dse.dataset.shape import Shape, announced
 from dse.dataset.shifts import shifts_described
-from dse.recordings import RecordingError, Recordings, doubts, splits
+from dse.recordings import RecordingError, Recordings, doubts
 from dse.recordings.files import locate
-from dse.recordings.splits import split
-from dse.recordings.targets import heads, in_use, target, target_columns
-from dse.recordings.windows import chosen, cut, place, signal_onset
-from dse.records import Array, Events, Ints, Rasters, Signals
+from dse.recordings.splits import Labelled, in_turn, split
+from dse.recordings.targets import heads, in_use, target
+from dse.recordings.windows import chosen, cut, onset, place
+from dse.records import Events, Ints, Rasters, Signals
 from dse.registry import Plugin
 from dse.search.space import corners, design_at, n_designs_of_each
 from dse.study.workers import Workers
@@ -162,9 +162,8 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     look = _Look(space)
     recordings = look.cut(first)
     codes, classes = target(recordings.columns, first.task.target)
-    if first.task.joint:
-        heads(recordings.columns, first.task.target, codes)
-    parts = split(recordings.columns, codes, classes, first.split)
+    of = Labelled.of(recordings.columns, first.task, first.split)
+    parts = of.train, of.validation, of.test
     if isinstance(recordings, Events):
         for i in sorted(itertools.chain(*parts)):
             if recordings.offsets[i] == recordings.offsets[i + 1]:
@@ -175,16 +174,11 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
     row |= _of_evaluation(space, first, recordings)
     if notes := recordings.notes():
         row["repairs"] = notes
-    used = np.zeros(len(codes), bool)
-    used[np.concatenate(parts)] = True
     k_fold = first.split.k_fold
     name = " and ".join(target_columns(first.task.target))
-    labels = in_use(codes, classes, used)
     row["doubts"] = said = [
         *doubts.few(len(parts[1]), 1 if k_fold is None else k_fold.k),
-        *doubts.doubts(
-            doubts.Used(recordings, *labels, np.flatnonzero(used), first.window.n_steps, look.positions, name)
-        ),
+        *doubts.doubts(doubts.Used(recordings, of, first.window.n_steps, look.positions, name)),
         *_without_spikes(space, recordings, look.positions, parts[0]),
     ]
     row |= _excluded(space, look.shape)
@@ -332,21 +326,9 @@ def _of_labels_and_windows(design: Sections, look: _Look) -> Iterator[Refusal]:
         )
     if isinstance(recordings, Signals | Rasters):
         try:
-            place(design.window, recordings.lengths, used, _onset(design, recordings))
+            place(design.window, recordings.lengths, used, onset(recordings, design.window))
         except RecordingError as error:
             yield Refusal(("window", "n_steps"), str(error))
-
-
-def _onset(design: Sections, recordings: Signals | Rasters) -> Ints | None:
-    """Return the first step of contact of each recording, where windows begin there."""
-    window = design.window
-    if window.at != "contact_onset":
-        return None
-    if isinstance(recordings, Signals):
-        return signal_onset(recordings, window.onset_threshold)
-    spikes = recordings.spikes
-    enough = np.diff(spikes.row_offsets).reshape(recordings.lengths.size, -1) >= window.onset_threshold
-    return np.where(enough.any(axis=1), enough.argmax(axis=1), -1)
 
 
 def _shapes(look: _Look) -> Iterator[tuple[Sections, Shape]]:
@@ -408,15 +390,11 @@ def _of_evaluation(space: SearchSpace, first: Sections, recordings: Recordings) 
     folds: list[LeftOut] = []
     faults: dict[str, None] = {}
     for design in corners(space, ("task",), _MOST_TASKS):
-        codes, classes = target(recordings.columns, space.resolve(design).task.target)
-        train, validation, test = split(recordings.columns, codes, classes, first.split)
+        of = Labelled.of(recordings.columns, space.resolve(design).task, first.split)
         try:
-            columns = recordings.columns
-            folds = [y for x in evaluation.groups for y in splits.folds(columns, x, codes, train, validation)]
-            lost = (splits.untrained(columns, x, codes, classes, train, validation) for x in folds)
-            faults |= dict.fromkeys(filter(None, lost))
-            used = np.concatenate([train, validation, test])
-            sentences += _of_shifts(first, evaluation, recordings, used, validation, codes, classes)
+            folds, lost = in_turn(of, evaluation.groups)
+            faults |= dict.fromkeys(lost)
+            sentences += _of_shifts(first, evaluation, recordings, of)
         except RecordingError as error:
             faults[str(error)] = None
     if faults:
@@ -428,25 +406,13 @@ def _of_evaluation(space: SearchSpace, first: Sections, recordings: Recordings) 
     return row
 
 
-def _of_shifts(
-    first: Sections,
-    evaluation: Evaluation,
-    recordings: Recordings,
-    used: Ints,
-    validation: Ints,
-    codes: Ints,
-    classes: tuple[str, ...],
-) -> list[str]:
+def _of_shifts(first: Sections, evaluation: Evaluation, recordings: Recordings, of: Labelled) -> list[str]:
     """Return what is worth saying about moved windows; of events nothing, whose lengths are not known yet."""
     if evaluation.shifts is None or not isinstance(recordings, Signals | Rasters):
         return []
-    window, onset = first.window, None
-    if window.at == "contact_onset":
-        if isinstance(recordings, Rasters):
-            return []
-        onset = signal_onset(recordings, window.onset_threshold)
+    window = first.window
+    if window.at == "contact_onset" and isinstance(recordings, Rasters):
+        return []
     wide = replace(window, jitter_steps=max(window.jitter_steps, evaluation.reach))
-    mask: Array = np.isin(np.arange(recordings.n_recordings), used)
-    start, low, high, _ = place(wide, recordings.lengths, mask, onset)
-    room = low, high
-    return shifts_described(start, room, codes, classes, validation, evaluation.shifts, window.jitter_steps)
+    start, low, high, _ = place(wide, recordings.lengths, of.used, onset(recordings, window))
+    return shifts_described(of, start, (low, high), evaluation.shifts, window.jitter_steps)

@@ -9,7 +9,7 @@ from dse.config import SearchSpace
 from dse.config.axes import Axis
 from dse.config.faults import known_names
 from dse.config.space import Design
-from dse.config.values import as_tuple, echo
+from dse.config.values import echo, plain
 from dse.config.yaml_lines import Document, Raw, read_document
 from dse.seeds import design_key
 from dse.store import Book, back_up, explained
@@ -33,7 +33,7 @@ def axis_value(axis: Axis, written: object) -> tuple[Raw] | None:
     Returns:
         The value, alone in a tuple; None if it is not on the axis.
     """
-    value = as_tuple(written)
+    value = plain(written)
     if axis.values is not None:
         if axis.is_list and isinstance(value, tuple) and len(value) == 1 and value not in axis.values:
             value = value[0]  # a list of one may stand as its element

@@ -613,7 +613,8 @@ class Runs:
         for member in dict.fromkeys(members):
             if data.failure(member) is None:
                 sections = data.sections[member]
-                without = [sections.without(x) for x in dataset.left_out(self._cache / data.keys[member])]
+                left_out = dataset.left_out(self._cache / data.keys[member])
+                without = [dataclasses.replace(sections, left_out=x) for x in left_out]
                 folds[member] = tuple(
                     jobs.Fold(x, self._cache / dataset.dataset_key(x, base)) for x in without
                 )
@@ -731,7 +732,7 @@ class Runs:
 
     def _warn(self, keys: Iterable[str]) -> None:
         """Print the warnings about data sets once, and store them with the study."""
-        warnings = [text for key in sorted(keys) for text in dataset.warnings(self._cache / key)]
+        warnings = [text for key in sorted(keys) for text in dataset.read_meta(self._cache / key).warnings]
         for text in dict.fromkeys(warnings):
             if text not in self._warned:
                 self._warned.add(text)

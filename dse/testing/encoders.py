@@ -25,8 +25,7 @@ def check_encoder(encoder: Encoder, signals: Signals | None = None, *, causal: b
     Raises:
         AssertionError: what it violates.
     """
-    expect_component(encoder)
-    name = type(encoder).__name__
+    name = expect_component(encoder)
     signals = small.signals() if signals is None else signals
     n = signals.n_recordings
     first, length = np.arange(n) % 3, np.full(n, 12)

@@ -21,17 +21,20 @@ def expect(condition: object, text: str) -> None:
         raise AssertionError(text)
 
 
-def expect_component(component: object) -> None:
-    """Check what every component is: a frozen dataclass whose keys say what they mean, and that pickles."""
+def expect_component(component: object) -> str:
+    """Return the name of a component's class, after checking what every component is.
+
+    It is a frozen dataclass whose keys say what they mean, and pickles.
+    """
     cls: Any = type(component)
+    name: str = cls.__name__
     parameters: Any = getattr(cls, "__dataclass_params__", None)
-    expect(parameters is not None and parameters.frozen, f"{cls.__name__} must be a frozen dataclass")
+    expect(parameters is not None and parameters.frozen, f"{name} must be a frozen dataclass")
     for field in dataclasses.fields(cls):
-        expect(
-            rule_of(field).doc or not field.init, f"key {cls.__name__}.{field.name} must say what it means"
-        )
-    expect((cls.__doc__ or "").strip(), f"{cls.__name__} must have a docstring: `dse describe` prints it")
-    expect(pickle.dumps(component), f"{cls.__name__} must pickle: workers get copies")
+        expect(rule_of(field).doc or not field.init, f"key {name}.{field.name} must say what it means")
+    expect((cls.__doc__ or "").strip(), f"{name} must have a docstring: `dse describe` prints it")
+    expect(pickle.dumps(component), f"{name} must pickle: workers get copies")
+    return name
 
 
 def same(first: Any, second: Any) -> bool:

@@ -46,8 +46,7 @@ def check_family(family: Family, dataset: Dataset | None = None, training: Train
     Raises:
         AssertionError: what it violates.
     """
-    expect_component(family)
-    name = type(family).__name__
+    name = expect_component(family)
     expect(
         isinstance(family, CohortFamily) or not trains_in_cohorts(family),
         f"{name} has `fit_cohort` and must have the other methods of `CohortFamily` too",

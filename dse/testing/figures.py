@@ -26,8 +26,7 @@ def check_figure(figure: Figure[Any], results: Results | None = None) -> None:
     """
     import plotly.graph_objects as go
 
-    expect_component(figure)
-    name = type(figure).__name__
+    name = expect_component(figure)
     study = SmallStudy() if results is None else results
     record = figure.gather(study)
     expect(

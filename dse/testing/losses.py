@@ -18,8 +18,7 @@ def check_loss(loss: Loss) -> None:
     Raises:
         AssertionError: what it violates.
     """
-    expect_component(loss)
-    name = type(loss).__name__
+    name = expect_component(loss)
     expect(hash(loss) is not None, f"{name} must be hashable")
     for n_steps in (1, 2, 40):
         lengths = loss.lengths(n_steps)

@@ -21,8 +21,7 @@ def check_neuron(neuron: Neuron) -> None:
     Raises:
         AssertionError: what it violates.
     """
-    expect_component(neuron)
-    name = type(neuron).__name__
+    name = expect_component(neuron)
     cls = neuron.Populations
     expect(
         dataclasses.is_dataclass(cls) and cls.__dataclass_params__.frozen,  # type: ignore[attr-defined]

@@ -32,8 +32,7 @@ def check_objective(objective: Objective[Any]) -> None:
     Raises:
         AssertionError: what it violates.
     """
-    expect_component(objective)
-    name = type(objective).__name__
+    name = expect_component(objective)
     expect(objective.needs in get_args(Needs), f"{name}.needs must be one of {', '.join(get_args(Needs))}")
     expect(objective.columns, f"{name}.columns must declare one or more columns")
     for column in objective.columns:

@@ -23,8 +23,7 @@ def check_sampler(sampler: Any) -> None:
     Raises:
         AssertionError: what it violates.
     """
-    expect_component(sampler)
-    name = type(sampler).__name__
+    name = expect_component(sampler)
     expect(
         hasattr(sampler, "conditional") and hasattr(sampler, "requires"),
         f"{name} must inherit `SamplerSettings`, which declares `conditional` and `requires`",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dse.config.contracts import Recordings, Source
-from dse.config.sections import front_end
+from dse.config.resolved import front_end
 from dse.records import Rasters, Signals
 from dse.testing.expect import expect, expect_component
 
@@ -22,8 +22,7 @@ def check_source(source: Source, base: Path) -> None:
     Raises:
         AssertionError: what it violates.
     """
-    expect_component(source)
-    name = type(source).__name__
+    name = expect_component(source)
     faults = source.check(base)
     expect(faults == [], f"{name}.check must find no fault in sound recordings, got {faults}")
     content = source.content(base)

@@ -39,8 +39,7 @@ def check_target(
     Raises:
         AssertionError: what it violates.
     """
-    expect_component(target)
-    name = type(target).__name__
+    name = expect_component(target)
     expect(not dataclasses.fields(target), f"{name} must have no keys")  # type: ignore[arg-type]
     for key in ("label", "use"):
         expect(getattr(target, key, ""), f"{name}.{key} must be a text")

@@ -12,7 +12,7 @@ import pytest
 
 from dse.cli import main
 from dse.cli.commands import GROUP_OF
-from dse.config.sections import SECTIONS
+from dse.config.resolved import SECTIONS
 from dse.hardware.counter import MeasuredPower
 from dse.study import explore
 from dse.study.results import Study

@@ -2,7 +2,7 @@ import pytest
 import yaml
 
 from dse.config import ConfigError, load_space, names
-from dse.config.locate import hardware_names, is_hardware_file
+from dse.config.locate import is_hardware_file, shipped_profiles
 from dse.config.schema import json_schema
 from dse.config.search import automatic
 from tests.spaces import write_space
@@ -55,7 +55,7 @@ def test_the_schema_knows_names_and_files():
     element, listed = json_schema()["properties"]["hardware"]["anyOf"]
     assert listed == {"type": "array", "items": element}
     names, file = element["anyOf"]
-    assert names["enum"] == hardware_names()
+    assert names["enum"] == list(shipped_profiles())
     assert file == {"type": "string", "pattern": r"\.ya?ml$"}
     assert [is_hardware_file(name) for name in ("mine.yaml", "../x.yml", "op_4.6_0.9")] == [True, True, False]
 

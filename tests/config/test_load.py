@@ -12,7 +12,7 @@ import yaml
 
 from dse import registry
 from dse.config import ConfigError, SearchSpace, Sections, load_space, shipped_spaces
-from dse.config.sections import front_end
+from dse.config.resolved import front_end
 from dse.config.settings import Task, Training
 from dse.recordings import EventSource
 from dse.recordings.scene import Trials

@@ -5,8 +5,8 @@ import json
 from dse import registry
 from dse.config.locate import shipped_folder, shipped_spaces
 from dse.config.parts import COMPONENTS, FAMILIES, WITH_AXES
+from dse.config.resolved import SECTIONS, SETTINGS
 from dse.config.schema import json_schema
-from dse.config.sections import SECTIONS, SETTINGS
 from dse.registry import rule_of
 from tests.installed import needs_papers
 

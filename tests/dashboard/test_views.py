@@ -6,8 +6,8 @@ import pytest
 
 from dse import registry
 from dse.config.faults import ConfigError
+from dse.config.locate import shipped_folder
 from dse.dashboard.definition import load
-from dse.dashboard.sources import sources
 from dse.dashboard.views import ViewError, view_names, view_sources
 from tests.dashboard.page import Page
 from tests.page_data import OBJECTIVES, points, write_page
@@ -58,7 +58,7 @@ def definition(folder, script=repr(SCRIPT), views="[spread, table]"):  # noqa: B
 
 
 def test_every_file_is_a_view():
-    assert view_names() == sorted(path.stem for path in (sources() / "views").glob("*.js"))
+    assert view_names() == sorted(path.stem for path in (shipped_folder("dashboards") / "views").glob("*.js"))
     assert set(load("study").views or ()) == set(view_names())
     for view in view_sources([]):
         assert f"Views.{view.name} = " in view.script

@@ -3,7 +3,7 @@ import re
 
 from plotly.offline import get_plotlyjs_version
 
-from dse.dashboard.sources import sources
+from dse.config.locate import shipped_folder
 from dse.dashboard.write import PLOTLY
 from tests.page_data import OBJECTIVES, held, points, write_page
 
@@ -33,5 +33,5 @@ def test_hostile_text_stays_data(tmp_path):
 
 
 def test_the_page_draws_with_the_plotly_that_makes_the_figures():
-    script = gzip.decompress((sources() / PLOTLY).read_bytes()).decode()
+    script = gzip.decompress((shipped_folder("dashboards") / PLOTLY).read_bytes()).decode()
     assert f"plotly.js (strict - minified) v{get_plotlyjs_version()}\n" in script[:200]

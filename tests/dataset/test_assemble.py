@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dse.config import ConfigError
-from dse.dataset import cache, load, transductive
+from dse.dataset import cache, load, read_meta
 from dse.recordings import RecordingError
 from tests.dataset.plain import build, build_for, dense, prepare
 from tests.encoders.plain import send_on_delta
@@ -319,7 +319,7 @@ def test_pieces_of_one_recording_in_two_parts_are_said_to_leak(folder, kind):
     for group in (None, "recording"):
         design = PIECES | {"split": {kind: {**rule, "group": group}}}
         prepared = prepare(design, folder, folder / "cache")
-        data, found[group] = load(prepared), transductive(prepared)
+        data, found[group] = load(prepared), read_meta(prepared).transductive
     assert "are in train and in validation" in found[None]
     assert found["recording"] == ""
     n = (LENGTHS - 12) // 6 + 1

@@ -13,9 +13,9 @@ import pytest
 
 from dse import preprocessing, registry
 from dse.config.settings import Preprocessing
-from dse.dataset import cache, find, load, stages, warnings
+from dse.dataset import cache, find, load, read_meta, stages
 from dse.dataset.encoding import as_signals
-from dse.dataset.files import read_meta, write_spikes
+from dse.dataset.files import write_spikes
 from dse.dataset.parts import Part, Rows, in_order
 from dse.recordings import RecordingError
 from dse.recordings.pooling import pooling
@@ -374,7 +374,7 @@ def test_a_crop_is_fitted_to_training_recordings_and_recorded(tmp_path):
     cache.tidy(tmp_path)
     prepared = prepare(PINS, Path(), tmp_path)
     data, used = load(prepared), as_prepared(PINS, prepared)
-    assert warnings(prepared) == ["recording 1 was repaired"]
+    assert read_meta(prepared).warnings == ["recording 1 was repaired"]
     assert used.preprocessing == Preprocessing(bin_ms=1.0, crop=(4, 4, 4, 4))
     assert used.data == sections(PINS).data
     assert data.spikes.n_channels == 2 * 16

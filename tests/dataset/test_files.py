@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dse.config import Sections
-from dse.dataset import as_prepared, load, transductive, warnings
+from dse.dataset import as_prepared, load, read_meta
 from dse.dataset.files import Meta, read_spikes, write_dataset, write_spikes
 from dse.recordings import RecordingError
 from dse.records import Dataset, Head, Spikes
@@ -48,7 +48,7 @@ def test_a_data_set_comes_back_mapped_and_read_only(tmp_path):
     found = load(tmp_path / "key")
     same(DATASET, found)
     assert isinstance(found.spikes.channel, np.memmap) and not found.spikes.channel.flags.writeable
-    assert warnings(tmp_path / "key") == ["too easy"]
+    assert read_meta(tmp_path / "key").warnings == ["too easy"]
 
 
 def test_sources_are_laid_end_to_end_with_rows_for_the_longest(tmp_path):
@@ -97,7 +97,7 @@ def test_heads_and_reasons_come_back(tmp_path):
     same(dataclasses.replace(DATASET, heads=()), dataclasses.replace(load(tmp_path / "key"), heads=()))
     [found] = load(tmp_path / "key").heads
     same(head, found)
-    assert transductive(tmp_path / "key") == "reads"
+    assert read_meta(tmp_path / "key").transductive == "reads"
     design = Sections.from_plain({**DESIGN, "encoder": {"kind": "levels"}}, "a design")
     prepared = as_prepared(design, tmp_path / "key")
     assert prepared.encoder == Levels(peeks=True, levels=((1.5, 2.0), (0.0, -1.0)))

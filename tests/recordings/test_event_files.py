@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse.config.sections import front_end
+from dse.config.resolved import front_end
 from dse.recordings import RecordingError, event_files, files
 from dse.recordings.event_files import EventFiles
 

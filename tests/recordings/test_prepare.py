@@ -94,9 +94,9 @@ def shipped(shared_data, name):
 
 def made_from(name, source, tmp_path):
     """Convert; return the path that search spaces read, and assert that it is as in the published results."""
-    written = prepare(name, source, tmp_path / "data")
-    assert written[0].published and written[0].path == tmp_path / "data" / sets()[name].file
-    return written[0].path
+    path, published = next(iter(prepare(name, source, tmp_path / "data").items()))
+    assert published and path == tmp_path / "data" / sets()[name].file
+    return path
 
 
 def test_a_taxel_is_a_place_of_the_patch_and_its_card_has_all_checksums(tmp_path, capsys):
@@ -146,13 +146,13 @@ def test_slides_are_ordered_by_what_their_names_say_and_the_third_repetition_sta
     (slides / "zero-calibration.csv").write_text("not a slide\n")
     slide(board, "Board2mm_F150_V-5mmps_0.csv", 5, np.ones((2, 16)), proximity=[8, 9])
     written = prepare("fabric_slide", tmp_path, tmp_path / "out")
-    assert [one.path.name for one in written] == [
+    assert [path.name for path in written] == [
         "fabric_slide_train_val.npz",
         "fabric_slide_test.npz",
         "gratings_board.npz",
     ]
-    assert [one.published for one in written] == [False, None, None]
-    made, rest, gratings = (np.load(one.path) for one in written)
+    assert list(written.values()) == [False, None, None]
+    made, rest, gratings = map(np.load, written)
     assert made["class_names"].tolist() == ["Canvas", "Denim"] and made["label"].tolist() == [0, 1, 1]
     assert made["velocity_mm_s"].tolist() == [10, -100, -20] and made["force_setting"].tolist() == [
         90,
@@ -191,8 +191,8 @@ def test_grasps_are_ordered_by_number_in_both_parts(tmp_path):
     for part, number, label in (("train", 10, 3), ("train", 2, 5), ("test", 0, 35)):
         spikes[number, 1, 9] = 1
         grasp(tmp_path, part, number, label, spikes)
-    (written,) = prepare("evtouch", tmp_path / "Ev-Objects", tmp_path / "out")  # either folder
-    made = np.load(written.path)
+    (path,) = prepare("evtouch", tmp_path / "Ev-Objects", tmp_path / "out")  # either folder
+    made = np.load(path)
     assert made["split"].tolist() == ["train", "train", "test"] and made["label"].tolist() == [5, 3, 35]
     assert made["source_index"].tolist() == [2, 10, 0] and made["shape"].tolist() == [3, 39, 2, 250]
     unpacked = np.unpackbits(made["spikes_packed"], axis=-1)[..., :250]
@@ -219,7 +219,7 @@ def test_a_letter_of_several_draws_is_one_and_unknown_ones_are_a_file_of_their_o
     script = sys.modules[type(sets()["braille"]).__module__]
     monkeypatch.setattr(script, "__file__", str(tmp_path / "braille.py"))
     source = draws(tmp_path / "source", spikes, labels, held)
-    known, rest = (np.load(one.path) for one in prepare("braille", source, tmp_path / "out"))
+    known, rest = map(np.load, prepare("braille", source, tmp_path / "out"))
     assert known["label"].tolist() == [6, 0] and known["split"].tolist() == ["train", "val"]
     assert rest["label"].tolist() == [4] and rest["split"].tolist() == ["test"]
     assert (np.unpackbits(rest["spikes_packed"], axis=1)[0] == spikes[0]).all()

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.config.settings import KFold, LeaveOut, Split, Stratified, Window
-from dse.recordings.splits import leak, split
+from dse.config.settings import KFold, LeaveOut, Split, Stratified, Task, Window
+from dse.recordings import splits
+from dse.recordings.splits import Labelled, split
 
 COLUMNS = {
     "repetition": np.array([0, 1, 2, 0, 1, 2], dtype=np.int8),
@@ -155,6 +156,11 @@ def test_a_drawn_split_can_keep_groups_whole(seed):
     for one, other in itertools.combinations(drawn, 2):
         assert not set(groups[one]) & set(groups[other])
     assert abs(len(drawn[1]) / len(codes) - 0.2) < 0.15 > abs(len(drawn[2]) / len(codes) - 0.2)
+
+
+def leak(columns, settings, train, validation, test, window):
+    codes = np.zeros(len(columns.get("window", train)), int)
+    return splits.leak(Labelled(columns, Task("a"), codes, ("a",), train, validation, test), settings, window)
 
 
 def columns_of(*n_windows):

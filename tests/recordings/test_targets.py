@@ -1,7 +1,8 @@
 import numpy as np
 
+from dse.config.parts import target_columns
 from dse.config.settings import Column
-from dse.recordings.targets import heads, target, target_columns
+from dse.recordings.targets import heads, target
 
 COLUMNS = {
     "fabric": np.array(["silk", "wool", "silk", "wool"]),

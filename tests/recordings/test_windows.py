@@ -13,8 +13,8 @@ from dse.recordings.windows import (
     crop_starts,
     cut,
     mean_levels,
+    onset,
     place,
-    signal_onset,
     with_crops,
     without_mean,
 )
@@ -62,9 +62,9 @@ def test_every_crop_lies_in_its_recording(lengths, n_steps, jitter, at):
     assert (start - low <= jitter).all() and (high - start <= jitter).all()
 
 
-def test_signal_onset_compares_with_the_first_sample():
-    assert signal_onset(SIGNALS, 3.0).tolist() == [2, -1]
-    assert signal_onset(SIGNALS, 1.0).tolist() == [1, 1]
+def test_onset_compares_with_the_first_sample():
+    assert onset(SIGNALS, Window(at="contact_onset", onset_threshold=3.0)).tolist() == [2, -1]
+    assert onset(SIGNALS, Window(at="contact_onset", onset_threshold=1.0)).tolist() == [1, 1]
 
 
 def test_levels_are_means_over_the_window_and_can_be_removed():

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from dse import registry, store
-from dse.dashboard.sources import sources
+from dse.config.locate import shipped_folder
 from dse.encoders.threshold import Threshold
 from dse.hardware import profile
 from dse.records import Array, Parameters
@@ -171,7 +171,9 @@ def test_every_kind_of_chip_has_a_profile():
     assert {type(profile.load(name)) for name in profile.names()} == set(profile.kinds().values())
 
 
-@pytest.mark.parametrize("path", sorted((sources() / "views").glob("*.js")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted((shipped_folder("dashboards") / "views").glob("*.js")), ids=lambda path: path.stem
+)
 def test_view(path):
     check_view(path.stem, path)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import keyword
 from collections.abc import Callable
 from typing import Any
 
@@ -23,5 +22,5 @@ GROUP_OF = {name: group for group, names in GROUPS.items() for name in names}
 def function_of(name: str) -> Callable[..., Any]:
     """Return the function of a command; only the module of its group is imported."""
     module = importlib.import_module(f"{__name__}.{GROUP_OF[name]}")
-    function: Callable[..., Any] = getattr(module, f"{name}_" if keyword.iskeyword(name) else name)
+    function: Callable[..., Any] = getattr(module, name)
     return function

@@ -132,5 +132,5 @@ def prepare(set: str | None = None, source: Path | None = None, *, out: Path | N
         raise RecordingError("prepare needs --out DIR, or DSE_DATA, the folder of recordings")
     written = preparing.prepare(set, source, Path(folder))
     answers = {True: "yes", False: "no, other recordings", None: "in no search space"}
-    rows = [{"file": str(one.path), "as in the published results": answers[one.published]} for one in written]
+    rows = [{"file": str(path), "as in the published results": answers[x]} for path, x in written.items()]
     return Answer(rows)

@@ -34,11 +34,6 @@ _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
 _UNNAMED = "DVS128"  # files without the chip's name are older than the DAVIS
 
 
-def chip_frame(chip: str) -> tuple[int, int] | None:
-    """Return the width and height of a chip, None if it is not known."""
-    return next((size for names, size in _CHIPS.items() if re.fullmatch(names, chip.lower())), None)
-
-
 def read_version(file: BinaryIO, name: str, version: str) -> None:
     """Read the first line, which must be of that version."""
     must, line = f"#!AER-DAT{version}", file.readline(32)
@@ -117,6 +112,7 @@ def _read_header_2(path: Path) -> tuple[str | None, int]:
 
 
 def _size(chip: str, name: str) -> tuple[int, int]:
-    if (size := chip_frame(chip)) is None:
+    size = next((size for names, size in _CHIPS.items() if re.fullmatch(names, chip.lower())), None)
+    if size is None:
         raise RecordingError(f"{name}: the header's AEChip must be a DVS128 or a DAVIS, got '{chip}'")
     return size

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from dse.config.sections import front_end
+from dse.config.resolved import front_end
 from dse.recordings.scene import SceneTrials
 from dse.report import ReportError
 from dse.report.designs import StudyTask, described, sections_of, tasks_of
