@@ -32,8 +32,6 @@ Count = Annotated[int | None, Rule(low=1)]
 """A number of things, from 1."""
 Amount = Annotated[float | None, Rule(low=0)]
 Texts = tuple[str, ...]
-Argument = tuple[Key, bool, str, str]
-"""An argument, whether it is an option, what help calls its value ('': by its type), and its meaning."""
 
 _SHARED = """
     bundle: folder written by `dse pick --export`.
@@ -59,6 +57,15 @@ class Without(tuple[str, ...]):
     """Fields of a dataclass that are no arguments: `Annotated[Question, Without(["by"])]`."""
 
 
+class Argument(typing.NamedTuple):
+    """An argument of a command; is_named: an option; metavar: what help calls its value, '': by its type."""
+
+    key: Key
+    is_named: bool
+    metavar: str
+    doc: str
+
+
 def summary(function: Callable[..., Any]) -> str:
     """Return the first sentence of a command's docstring, as `dse --help` prints it."""
     text = " ".join((inspect.getdoc(function) or "").partition("\n\n")[0].split()).removesuffix(".")
@@ -75,16 +82,18 @@ def arguments_of(function: Callable[..., Any]) -> dict[str, Argument]:
         if dataclasses.is_dataclass(hint):
             for own, key in _fields(hint, extra).items():
                 metavar, doc = docs.get(own, ("", key.rule.doc))
-                found[own] = key, True, metavar, doc
+                found[own] = Argument(key, True, metavar, doc)
             continue
         if parameter.kind is parameter.VAR_KEYWORD:
             of_each: dict[str, str] = extra[0]()
-            found |= {own: (Key(hint, Rule(), lambda: None), True, "", doc) for own, doc in of_each.items()}
+            found |= {
+                own: Argument(Key(hint, Rule(), lambda: None), True, "", doc) for own, doc in of_each.items()
+            }
             continue
         [rule] = [x for x in extra if isinstance(x, Rule)] or [Rule()]
         is_required = parameter.default is parameter.empty
         key = Key(hint, rule, None if is_required else functools.partial(getattr, parameter, "default"))
-        found[name] = key, parameter.kind is parameter.KEYWORD_ONLY, *docs[name]
+        found[name] = Argument(key, parameter.kind is parameter.KEYWORD_ONLY, *docs[name])
     return found
 
 
