@@ -76,8 +76,8 @@ def write(
             why = f"column '{column}' {look.refused[column]}; " if column in look.refused else ""
             text = f"{option} {column}: {why}must be a label column of {name}; there are {known}"
             raise RecordingError(text)
-    first = starter.starter(look, place, recordings, label, group)
-    write_text(place, first.text)
+    text, assumed = starter.starter(look, place, recordings, label, group)
+    write_text(place, text)
     try:
         row = {"file": str(place), **preview(load_space(place, check_data=True))}
     except (ConfigError, RecordingError):
@@ -85,7 +85,7 @@ def write(
         raise
     doubts = row.pop("doubts", [])
     assert isinstance(doubts, list)  # as `preview` has it
-    return First(place, row, (*first.assumed, *doubts), recordings.n_recordings)
+    return First(place, row, (*assumed, *doubts), recordings.n_recordings)
 
 
 def init(

@@ -9,7 +9,6 @@ import re
 import shlex
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -87,18 +86,6 @@ _HARDWARE = (
 _LIMITS = "What does not spike reads the quantised signal alone, random kernels that spike its changes."
 
 
-@dataclass(frozen=True)
-class Starter:
-    """A first search space.
-
-    text: the YAML file. label: what it predicts. assumed: what was guessed and chosen, one sentence each.
-    """
-
-    text: str
-    label: str
-    assumed: tuple[str, ...]
-
-
 def label_of(look: Look, recordings: Recordings) -> str:
     """Return the column that most probably is the label.
 
@@ -136,8 +123,8 @@ def starter(
     recordings: Recordings,
     label: str,
     group: str | None = None,
-) -> Starter:
-    """Return a search space that trains on the recordings of a look.
+) -> tuple[str, tuple[str, ...]]:
+    """Return a YAML file that trains on the recordings of a look, and what was guessed and chosen for it.
 
     Args:
         look: at a file, with the sampling period that signals and spikes need.
@@ -197,7 +184,7 @@ def starter(
         text = "Networks that fall behind after these shares of their epochs stop: dse describe search."
         sections[text] = {"search": {"racing": {"rungs": [0.2, 0.5], "eta": 3}}}
     said = (*look.assumed, *assumed, *recordings.notes())
-    return Starter(_yaml(out, said, sections), label, said)
+    return _yaml(out, said, sections), said
 
 
 def check_classes(values: Array, label: str) -> None:

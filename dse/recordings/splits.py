@@ -247,13 +247,7 @@ class Labelled:
     def of(
         cls, columns: Mapping[str, Array], task: Task, settings: Split, only: Ints | None = None
     ) -> Labelled:
-        """Return the labels of recordings with label columns, each (n,).
-
-        Args:
-            columns: label columns.
-            task: what is predicted.
-            settings: how to split.
-            only: recordings that the parts are limited to; None: all.
+        """Return the labels of recordings; `only`: those that the parts are limited to, None: all.
 
         Raises:
             RecordingError: as of `target` and `split`.

@@ -6,13 +6,11 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from dse.config.settings import Task
 from dse.config.values import plain
 from dse.dataset import cache, load
 from dse.dataset.encoding import encoded, learnt
 from dse.dataset.files import Stored, read_meta
-from dse.recordings import RecordingError
-from dse.recordings.splits import Labelled
+from dse.recordings import RecordingError, splits
 from dse.records import Signals, Spikes
 from tests.dataset.encoders import Counting, Levels, encoders  # noqa: F401
 from tests.dataset.plain import as_prepared, build, build_for, dense, entries, prepare
@@ -227,10 +225,8 @@ def test_a_test_file_is_encoded_as_the_data(folder, kind):
 
 def test_a_class_without_training_recordings():
     signals = Signals(np.ones((6, 2), np.float32), np.array([0, 2, 4, 6]), 1.0, {})
-    first = np.zeros(3, dtype=np.int64)
-    codes, none = np.array([0, 2, 1]), np.zeros(0, int)
-    labels = Labelled({}, Task("a"), codes, ("a", "b", "c"), np.array([0, 1]), none, none)
-    encoder = learnt(Levels(), signals, first, 2, labels)
+    labels = splits.Labelled({}, None, np.array([0, 2, 1]), ("a", "b", "c"), np.array([0, 1]), None, None)
+    encoder = learnt(Levels(), signals, np.zeros(3, np.int64), 2, labels)
     assert encoder.levels == ((1.0, 1.0), (1e9, 1e9), (1.0, 1.0))
     assert json.loads(json.dumps(plain(encoder))) == {
         "peeks": False, "levels": [[1, 1], [1e9, 1e9], [1, 1]]

@@ -146,12 +146,11 @@ def test_slides_are_ordered_by_what_their_names_say_and_the_third_repetition_sta
     (slides / "zero-calibration.csv").write_text("not a slide\n")
     slide(board, "Board2mm_F150_V-5mmps_0.csv", 5, np.ones((2, 16)), proximity=[8, 9])
     written = prepare("fabric_slide", tmp_path, tmp_path / "out")
-    assert [path.name for path in written] == [
-        "fabric_slide_train_val.npz",
-        "fabric_slide_test.npz",
-        "gratings_board.npz",
+    assert [(path.name, published) for path, published in written.items()] == [
+        ("fabric_slide_train_val.npz", False),
+        ("fabric_slide_test.npz", None),
+        ("gratings_board.npz", None),
     ]
-    assert list(written.values()) == [False, None, None]
     made, rest, gratings = map(np.load, written)
     assert made["class_names"].tolist() == ["Canvas", "Denim"] and made["label"].tolist() == [0, 1, 1]
     assert made["velocity_mm_s"].tolist() == [10, -100, -20] and made["force_setting"].tolist() == [

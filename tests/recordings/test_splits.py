@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.config.settings import KFold, LeaveOut, Split, Stratified, Task, Window
+from dse.config.settings import KFold, LeaveOut, Split, Stratified, Window
 from dse.recordings import splits
 from dse.recordings.splits import Labelled, split
 
@@ -159,8 +159,7 @@ def test_a_drawn_split_can_keep_groups_whole(seed):
 
 
 def leak(columns, settings, train, validation, test, window):
-    codes = np.zeros(len(columns.get("window", train)), int)
-    return splits.leak(Labelled(columns, Task("a"), codes, ("a",), train, validation, test), settings, window)
+    return splits.leak(Labelled(columns, None, None, (), train, validation, test), settings, window)
 
 
 def columns_of(*n_windows):

@@ -91,14 +91,6 @@ def signals(lengths, n_channels=2):
     )
 
 
-def sparse(raster, step_ms=2.0):
-    """Spikes of a dense (sample, step, channel) array."""
-    _, n_steps, n_channels = raster.shape
-    counts = raster.sum(axis=2).ravel()
-    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    return Spikes(offsets, np.nonzero(raster)[2].astype(np.int32), n_steps, n_channels, step_ms)
-
-
 @given(
     lengths=st.lists(st.integers(1, 20), min_size=1, max_size=5),
     cut_steps=st.integers(1, 6),
@@ -133,7 +125,7 @@ def test_cutting_rasters_is_the_loop(shape, cut_steps, every, rate):
     cut_steps = min(cut_steps, shape[1])
     raster = np.random.default_rng(1).random(shape) < rate
     windows = cut(
-        Rasters(sparse(raster), {"label": np.arange(shape[0])}),
+        Rasters(Spikes.of_dense(raster, 2.0), {"label": np.arange(shape[0])}),
         Window(cut_steps=cut_steps, every_steps=every),
     )
     expected = [
@@ -141,7 +133,7 @@ def test_cutting_rasters_is_the_loop(shape, cut_steps, every, rate):
         for i in range(shape[0])
         for start in range(0, shape[1] - cut_steps + 1, every or cut_steps)
     ]
-    whole = sparse(np.array([window for _, window in expected]))
+    whole = Spikes.of_dense(np.array([window for _, window in expected]), 2.0)
     for name in ("row_offsets", "channel"):
         one, other = getattr(windows.spikes, name), getattr(whole, name)
         assert np.array_equal(one, other) and one.dtype == other.dtype

@@ -171,11 +171,9 @@ def test_every_kind_of_chip_has_a_profile():
     assert {type(profile.load(name)) for name in profile.names()} == set(profile.kinds().values())
 
 
-@pytest.mark.parametrize(
-    "path", sorted((shipped_folder("dashboards") / "views").glob("*.js")), ids=lambda path: path.stem
-)
-def test_view(path):
-    check_view(path.stem, path)
+@pytest.mark.parametrize("at", sorted(shipped_folder("dashboards").glob("views/*.js")), ids=lambda x: x.stem)
+def test_view(at):
+    check_view(at.stem, at)
 
 
 @needs_papers
