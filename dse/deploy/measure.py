@@ -15,7 +15,8 @@ from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.counting import code_of
 from dse.deploy.form import Unsupported
-from dse.deploy.reference import Reference, of_recordings
+from dse.deploy.reference import Reference, of_recordings, of_spikes
+from dse.deploy.run import TargetError
 from dse.deploy.sources import Recording, by_step, recordings_of
 from dse.deploy.stream import Spiking, Stream, Windows
 from dse.deploy.targets.c99 import C99
@@ -69,19 +70,23 @@ def measure(bundle: Bundle, data_file: str | None = None, rest_s: float = 5.0) -
         BundleError: the bundle cannot run on a stream, or not on such recordings.
         RecordingError: the recordings do not fit.
     """
-    reference = None if data_file is None else of_recordings(bundle, data_file)
+    if data_file is None:
+        taken = Stream(bundle).input
+        shape = _WINDOWS, taken.n_steps, bundle.fitted.n_channels
+        reference = of_spikes(bundle, np.random.default_rng(0).random(shape) < SPIKE_RATE, taken.step_ms)
+    else:
+        reference = of_recordings(bundle, data_file)
     return [_of_stream(bundle, reference, rest_s), _of_c(bundle, reference, rest_s)]
 
 
-def _of_stream(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
-    taken, inputs = Stream(bundle).input, None if reference is None else reference.inputs
-    if reference is None or inputs is None:
-        windows = _random_windows(bundle) if reference is None else _windows_of_spikes(reference)
+def _of_stream(bundle: Bundle, reference: Reference, rest_s: float) -> Times:
+    if reference.inputs is None:
+        windows = _windows_of_spikes(reference)
         recordings = [Recording([*map(Spiking, spikes)], Windows("once")) for spikes in windows]
     else:
         recordings = [
-            x._replace(items=list(by_step(x.items, taken.step_ms)))
-            for x in recordings_of(inputs, reference.first_step)
+            x._replace(items=list(by_step(x.items, reference.dataset.spikes.step_ms)))
+            for x in recordings_of(reference.inputs, reference.first_step)
         ]
     _timed(bundle, recordings[:1])  # compiles
     steps, inferences = _timed(bundle, recordings)
@@ -95,19 +100,6 @@ def _windows_of_spikes(reference: Reference) -> list[list[Ints]]:
     borders = np.searchsorted(row, np.arange(1, n * n_steps))
     of_rows = np.split(np.ascontiguousarray(reference.spikes_in[:, 2]), borders)
     return [of_rows[i * n_steps : (i + 1) * n_steps] for i in range(n)]
-
-
-def _random_windows(bundle: Bundle) -> list[list[Ints]]:
-    """Return the same of random windows."""
-    assert bundle.input is not None  # a stream has refused
-    rng, n_channels = np.random.default_rng(0), bundle.fitted.n_channels
-    return [
-        [
-            np.flatnonzero(rng.random(n_channels) < SPIKE_RATE).astype(np.int32)
-            for _ in range(bundle.input.n_steps)
-        ]
-        for _ in range(_WINDOWS)
-    ]
 
 
 def _timed(bundle: Bundle, recordings: Sequence[Recording]) -> tuple[Floats, Floats]:
@@ -145,18 +137,11 @@ def _priced(engine: str, steps: Floats, inferences: Floats, work: Callable[[], i
     return Times(engine, steps, inferences, energy_uj, power.reason)
 
 
-def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
+def _of_c(bundle: Bundle, reference: Reference, rest_s: float) -> Times:
     none = np.zeros(0)
     try:
-        plan = code_of(bundle)
-        recorded = replay.Recorded() if reference is None else replay.of_recordings(reference, plan)
-        commands = recorded.commands
-        if commands is None and reference is not None:
-            commands = replay.of_spikes(reference)
-        elif commands is None:
-            windows = _random_windows(bundle)
-            counts = [np.array([len(x) for x in window]) for window in windows]
-            commands = [replay.of_window(n, np.concatenate(x)) for n, x in zip(counts, windows, strict=True)]
+        recorded = replay.of_recordings(reference, code_of(bundle))
+        commands = recorded.commands or replay.of_spikes(reference)
         with tempfile.TemporaryDirectory() as temporary:
             C99().write(bundle, Path(temporary) / "c")
             options = "-O2", "-DDSE_TIMES", *recorded.options
@@ -176,7 +161,7 @@ def _of_c(bundle: Bundle, reference: Reference | None, rest_s: float) -> Times:
                 lambda: len(_played(program, commands, repetitions)),
                 rest_s,
             )
-    except (Unsupported, host.NoCompiler, host.RunFailed) as error:
+    except (Unsupported, TargetError) as error:
         return Times("c99", none, none, None, str(error))
 
 

@@ -25,7 +25,7 @@ from dse.recordings import RecordingError, arrays
 from dse.recordings.event_files import EventFiles
 from dse.recordings.events import EventFile
 from dse.recordings.scene import COLUMNS, SceneTrials
-from dse.records import Answers, Array, Bools, Dataset, Floats, Ints, Network, Rasters, Response, Spikes
+from dse.records import Answers, Array, Bools, Dataset, Floats, Head, Ints, Network, Rasters, Response, Spikes
 
 
 @dataclass(frozen=True)
@@ -127,23 +127,20 @@ def of_new(bundle: Classifier, new: New, where: str | Path) -> Reference:
 
 def of_spikes(bundle: Classifier, fired: Array, step_ms: float) -> Reference:
     """Return what a bundle does on windows of input spikes, (recording, step, channel) of 0 and 1."""
-    n, n_steps, n_channels = fired.shape
-    start, none = np.zeros(n, np.int32), np.zeros(0, np.int64)
-    data = Dataset(
-        spikes=Spikes.of_dense(fired, step_ms),
-        target=np.zeros(n, np.int64),
-        classes=bundle.classes,
-        start=start,
-        start_low=start,
-        start_high=start,
-        n_steps=n_steps,
-        train=none,
-        validation=none,
-        test=np.arange(n),
-        positions=np.zeros((n_channels, 3), np.int32),
-    )
     no_recordings: Any = None
-    return of_new(bundle, New(data, [], no_recordings, start.astype(np.int64)), "spikes")
+    data = windows_of(Spikes.of_dense(fired, step_ms), bundle.classes)
+    return of_new(bundle, New(data, [], no_recordings, np.zeros(len(fired), np.int64)), "spikes")
+
+
+def windows_of(spikes: Spikes, classes: tuple[str, ...], heads: tuple[Head, ...] = ()) -> Dataset:
+    """Return spikes whose samples are windows as the test set of a data set without labels or positions."""
+    n, n_steps = spikes.n_samples, spikes.n_steps
+    start, none, places = np.zeros(n, np.int32), np.zeros(0, np.int64), np.zeros((spikes.n_channels, 3))
+    return Dataset(
+        spikes=spikes, target=np.full(n, -1), classes=classes, start=start, start_low=start,
+        start_high=start, n_steps=n_steps, train=none, validation=none, test=np.arange(n),
+        positions=places.astype(np.int32), heads=heads,
+    )  # fmt: skip
 
 
 def _reference(bundle: Classifier, new: New, where: str | Path) -> Reference:

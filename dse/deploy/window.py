@@ -10,13 +10,11 @@ import numpy as np
 
 from dse.deploy.classifier import BundleError, Classifier, Input
 from dse.deploy.form import rule_of
-from dse.deploy.reference import decided
+from dse.deploy.reference import decided, windows_of
 from dse.engine.stepping import RunningStack
 from dse.measure.heads import head_slices
 from dse.models.snn.respond import layers_of
 from dse.records import Answers, Dataset, Ints, Network, Response, Spikes
-
-_NONE = np.zeros(0, np.int64)
 
 
 class Decision(NamedTuple):
@@ -140,13 +138,9 @@ def _of_whole_windows(bundle: Classifier, taken: Input) -> Callable[[int, float]
 def _window_of(
     bundle: Classifier, taken: Input, steps: Sequence[tuple[Ints, Ints | None]], has_times: bool
 ) -> Dataset:
-    """Return the spikes of a window's first steps as the only sample of a data set; the others are empty.
-
-    Families do not read positions in an answer.
-    """
+    """Return the spikes of a window's first steps as the only sample of a data set; the others are empty."""
     n_channels, n_steps, step_us = bundle.fitted.n_channels, taken.n_steps, taken.step_ms * 1000
-    none, zero = np.zeros(0, np.int32), np.zeros(1, np.int32)
-    counts = np.zeros(n_steps, np.int64)
+    none, counts = np.zeros(0, np.int32), np.zeros(n_steps, np.int64)
     counts[: len(steps)] = [len(channels) for channels, _ in steps]
     times = None
     if has_times:
@@ -156,8 +150,4 @@ def _window_of(
     spikes = Spikes(
         np.concatenate([[0], np.cumsum(counts)]), channel, n_steps, n_channels, taken.step_ms, times
     )
-    return Dataset(
-        spikes=spikes, target=np.full(1, -1), classes=bundle.classes, start=zero, start_low=zero,
-        start_high=zero, n_steps=n_steps, train=_NONE, validation=_NONE, test=np.zeros(1, np.int64),
-        positions=np.zeros((n_channels, 3), np.int32), heads=bundle.heads,
-    )  # fmt: skip
+    return windows_of(spikes, bundle.classes, bundle.heads)

@@ -17,17 +17,10 @@ import numpy as np
 
 from dse.deploy.c import replay
 from dse.deploy.prefix import prefixed
+from dse.deploy.run import TargetError
 from dse.records import Floats, Ints
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
-
-
-class NoCompiler(RuntimeError):
-    """There is no C compiler, in one sentence."""
-
-
-class RunFailed(RuntimeError):
-    """A compiler or a program failed, in one line."""
 
 
 _OF_SYSTEM = {"cc": ("CC", ("cc", "gcc", "clang")), "c++": ("CXX", ("c++", "g++", "clang++"))}
@@ -37,7 +30,7 @@ def compiler(language: Literal["cc", "c++"] = "cc") -> list[str]:
     """Return the command of a compiler of C or C++: $CC or $CXX, one of the system, or that of ziglang.
 
     Raises:
-        NoCompiler: there is none.
+        TargetError: there is none.
     """
     variable, names = _OF_SYSTEM[language]
     if os.environ.get(variable):
@@ -48,24 +41,23 @@ def compiler(language: Literal["cc", "c++"] = "cc") -> list[str]:
     if importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", language]
     what = {"cc": "C", "c++": "C++"}[language]
-    raise NoCompiler(f"no {what} compiler: install gcc or clang, or pip install 'dse-spiking[targets]'")
+    raise TargetError(f"no {what} compiler: install gcc or clang, or pip install 'dse-spiking[targets]'")
 
 
 def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
     """Compile and link sources without a warning.
 
     Raises:
-        NoCompiler: there is none.
-        RunFailed: the first complaint of the compiler.
+        TargetError: there is no compiler, or its first complaint.
     """
     command = [*compiler(), *WARNINGS, *options, *map(str, sources), "-o", str(program)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
-        raise NoCompiler(f"the C compiler {command[0]} does not run: {error.strerror}") from None
+        raise TargetError(f"the C compiler {command[0]} does not run: {error.strerror}") from None
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines()
-        raise RunFailed(f"the C compiler refuses the code: {lines[0] if lines else 'no message'}")
+        raise TargetError(f"the C compiler refuses the code: {lines[0] if lines else 'no message'}")
 
 
 _FOR_SIZE = "-Os"
@@ -95,7 +87,7 @@ def _answer(command: Sequence[str], option: str) -> str:
     try:
         done = subprocess.run([*command, option], capture_output=True, text=True, check=False)
     except OSError as error:
-        raise NoCompiler(f"the C compiler {command[0]} does not run: {error.strerror}") from None
+        raise TargetError(f"the C compiler {command[0]} does not run: {error.strerror}") from None
     return done.stdout.strip()
 
 
@@ -109,8 +101,7 @@ def sizes(folder: Path, *options: str) -> dict[str, float]:
         options: of the compiler, with the names of the prefix dse_.
 
     Raises:
-        NoCompiler: there is none.
-        RunFailed: the code does not compile.
+        TargetError: there is no compiler, or the code does not compile.
     """
     if (size := shutil.which("size")) is None:
         return {}
@@ -163,8 +154,7 @@ def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> re
         options: of the compiler, with the names of the prefix dse_.
 
     Raises:
-        NoCompiler: there is none.
-        RunFailed: the code does not compile, or the program fails.
+        TargetError: there is no compiler, the code does not compile, or the program fails.
     """
     with tempfile.TemporaryDirectory() as temporary:
         program = replaying(folder, Path(temporary), "-O1", "-DDSE_TRACE", *options)
@@ -182,11 +172,11 @@ def told(program: Path, commands: Sequence[Ints | Floats], *arguments: str) -> I
     """Return what a program of `replaying` writes of recordings, int32.
 
     Raises:
-        RunFailed: the program fails.
+        TargetError: the program fails.
     """
     numbers = np.concatenate(commands).astype(np.int32).tobytes()
     done = subprocess.run([program, *arguments], input=numbers, capture_output=True, check=False)
     if done.returncode:
         lines = done.stderr.decode(errors="replace").splitlines() or [f"exit code {done.returncode}"]
-        raise RunFailed(f"the program failed: {lines[0]}")
+        raise TargetError(f"the program failed: {lines[0]}")
     return np.frombuffer(done.stdout, np.int32)

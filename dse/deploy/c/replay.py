@@ -108,14 +108,10 @@ def of_window(counts: Ints, channels: Ints) -> Ints:
         counts: (step,) spikes of each step.
         channels: of the spikes, step by step.
     """
-    parts: list[Ints] = [np.array([INIT, RESET])]
-    at = 0
-    for n in counts.tolist():
-        block = np.empty(2 * n + 1, np.int64)
-        block[0 : 2 * n : 2], block[1 : 2 * n : 2], block[-1] = SPIKE, channels[at : at + n], STEP
-        parts.append(block)
-        at += n
-    return np.concatenate([*parts, np.array([ANSWER])])
+    commands = np.full(2 * len(channels) + len(counts), STEP)
+    at = 2 * np.arange(len(channels)) + np.repeat(np.arange(len(counts)), counts)
+    commands[at], commands[at + 1] = SPIKE, channels
+    return np.concatenate([[INIT, RESET], commands, [ANSWER]])
 
 
 def of_samples(values: Ints | Floats, start: int, n_steps: int) -> Ints:

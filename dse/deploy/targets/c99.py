@@ -87,12 +87,9 @@ class C99(InC):
 
     def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Compile and run the files on this machine (`InC`); figures are the memory of src/dse.c."""
-        try:
-            commands, options = recorded.commands or replay.of_spikes(reference), recorded.options
-            played, sizes = host.played(folder, commands, *options), host.sizes(folder, *options)
-            return Executed(played, sizes, host.compiler_name(), (host.compiler_version(),))
-        except (host.NoCompiler, host.RunFailed) as error:
-            raise TargetError(str(error)) from None
+        commands, options = recorded.commands or replay.of_spikes(reference), recorded.options
+        played, sizes = host.played(folder, commands, *options), host.sizes(folder, *options)
+        return Executed(played, sizes, host.compiler_name(), (host.compiler_version(),))
 
 
 @register("targets", "c99_weights")
@@ -125,6 +122,6 @@ def _instructions(kind: _Kind) -> float | None:
         files.write(kind.example, Path(folder) / "c", "", dse.__version__)
         try:
             flash = host.sizes(Path(folder) / "c").get("flash_bytes")
-        except (host.NoCompiler, host.RunFailed):
+        except TargetError:
             return None
     return None if flash is None else flash - code_size.constant_bytes(kind.example)

@@ -46,7 +46,7 @@ import numpy as np
 
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import Net, Unsupported, net_of, network_in
-from dse.deploy.reference import Reference
+from dse.deploy.reference import Reference, windows_of
 from dse.deploy.run import interpreter, of_script, require
 from dse.deploy.targets import BackEnd, Engine, Run
 from dse.deploy.targets.chips import heads_of, rule_of
@@ -247,13 +247,8 @@ def _write_golden(path: Path, network: Network) -> None:
 def _made_up(n_channels: int) -> Dataset:
     """Return samples of random spikes, one per rate; the first is silent."""
     rng = np.random.default_rng(0)
-    n, t = len(_GOLDEN_RATES), _GOLDEN_STEPS
-    fired = rng.random((n, t, n_channels)) < np.array(_GOLDEN_RATES)[:, None, None]
-    offsets = np.concatenate([[0], np.cumsum(fired.sum(axis=2).ravel())])
-    spikes = Spikes(offsets, np.nonzero(fired)[2].astype(np.int32), t, n_channels, 1.0)
-    none, first = np.zeros(0, np.int64), np.zeros(n, np.int32)
-    places = np.zeros((n_channels, 3), np.int32)
-    return Dataset(spikes, first, ("",), first, first, first, t, none, none, np.arange(n), places)
+    drawn = rng.random((len(_GOLDEN_RATES), _GOLDEN_STEPS, n_channels))
+    return windows_of(Spikes.of_dense(drawn < np.array(_GOLDEN_RATES)[:, None, None], 1.0), ("",))
 
 
 def _moved(spikes: Ints, by: int, n_steps: int) -> Ints:

@@ -10,6 +10,7 @@ import pytest
 
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c import host
+from dse.deploy.targets import TargetError
 from dse.models.snn.quantise import rounded
 from dse.neurons import cuba_lif, parameters_of, resonator, xylo_lif
 from dse.recordings.pooling import pooling
@@ -24,7 +25,7 @@ def has_compiler():
     """Return whether there is a C compiler."""
     try:
         host.compiler()
-    except host.NoCompiler:
+    except TargetError:
         return False
     return True
 

@@ -12,6 +12,7 @@ from dse.deploy.c import code_size, host, replay
 from dse.deploy.c.plan import plan_of
 from dse.deploy.reference import of_recordings
 from dse.deploy.stream import Stream
+from dse.deploy.targets import TargetError
 from dse.deploy.targets.c99 import C99
 from dse.models.counts.elm import ELM
 from dse.models.counts.knn import KNN
@@ -67,7 +68,7 @@ def test_a_short_double_is_refused_where_c_needs_a_long_one(made, always, with_r
     def compiles(*options):
         try:
             host.compiled([tmp_path / "src" / "dse.c"], tmp_path / "dse.o", "-c", *options)
-        except host.RunFailed as error:
+        except TargetError as error:
             assert "dse_needs_a_double_of_64_bits" in str(error)
             return False
         return True
@@ -87,7 +88,7 @@ def test_products_are_rounded_whatever_the_compiler_may_fuse(encoder, tmp_path):
     try:
         fused = ("-std=gnu11", "-O2", "-ffp-contract=fast", "-march=haswell", "-S", "-DDSE_REAL_SAMPLES")
         host.compiled([tmp_path / "src" / "dse.c"], assembly, *fused)
-    except host.RunFailed:
+    except TargetError:
         pytest.skip("the compiler has no fused products")
     assert "mulsd" in assembly.read_text() and "fmadd" not in assembly.read_text()
     assert "-ffp-contract=off" in (tmp_path / "CMakeLists.txt").read_text()

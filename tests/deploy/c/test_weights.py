@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from dse.deploy.c import host, replay
-from dse.deploy.c.host import RunFailed
 from dse.deploy.reference import of_recordings
-from dse.deploy.targets import compare
+from dse.deploy.targets import TargetError, compare
 from dse.deploy.targets.c99 import C99, C99Weights
 from dse.models.counts.kernels import Kernels
 from dse.models.counts.mlp import MLP
@@ -96,7 +95,7 @@ def test_a_damaged_file_is_refused(place, tmp_path):
     content = bytearray((tmp_path / "weights.bin").read_bytes())
     content[place] ^= 4
     (tmp_path / "weights.bin").write_bytes(content)
-    with pytest.raises(RunFailed, match="exit code 5"):
+    with pytest.raises(TargetError, match="exit code 5"):
         host.played(tmp_path, replay.of_spikes(nets.reference(made, fired)))
 
 
@@ -111,7 +110,7 @@ def test_weights_of_other_code_are_refused(tmp_path):
         TARGET.write(each, tmp_path / name)
     for name in "bnc":
         (tmp_path / "a" / "weights.bin").write_bytes((tmp_path / name / "weights.bin").read_bytes())
-        with pytest.raises(RunFailed, match="exit code 5"):
+        with pytest.raises(TargetError, match="exit code 5"):
             host.played(tmp_path / "a", replay.of_spikes(nets.reference(made, fired)))
 
 

@@ -39,7 +39,7 @@ def checked(tmp_path_factory):
     source.write_text("int main(void)\n{\n    return 0;\n}\n")
     try:
         host.compiled([source], source.with_suffix(""), *SANITIZERS)
-    except host.RunFailed:
+    except TargetError:
         return ("-O0",)
     return SANITIZERS
 
