@@ -29,9 +29,12 @@ def simplest_fraction(theta: float, largest_total: int) -> Fraction:
     least = np.ceil(theta * total).astype(np.int64) + 1
     while (lower := (least > 0) & ((least - 1) / total >= theta)).any():
         least -= lower
-    passing = _extreme(least, total, largest=False)
-    failing = _extreme(least - 1, total, largest=True)
-    return _between(failing, passing)
+    high = _extreme(least, total, largest=False)
+    low = _extreme(least - 1, total, largest=True)
+    # The smallest denominator d with a fraction n / d in (low, high], of which it has one.
+    n = total * high.numerator // high.denominator
+    first = int(np.argmax(n * low.denominator > total * low.numerator))
+    return Fraction(int(n[first]), int(total[first]))
 
 
 def _extreme(numerator: Ints, denominator: Ints, *, largest: bool) -> Fraction:
@@ -41,24 +44,3 @@ def _extreme(numerator: Ints, denominator: Ints, *, largest: bool) -> Fraction:
     near = np.flatnonzero(np.abs(quotient - edge) <= 1e-12)
     choose = max if largest else min
     return choose(Fraction(int(numerator[i]), int(denominator[i])) for i in near)
-
-
-def _between(low: Fraction, high: Fraction) -> Fraction:
-    """Return the fraction with the smallest denominator in (low, high] (Stern-Brocot tree)."""
-    whole = low.numerator // low.denominator
-    if Fraction(whole + 1) <= high:
-        return Fraction(whole + 1)
-    # Both lie in [whole, whole + 1]: f = whole + 1 / g with g in [1 / (high - whole), 1 / (low - whole)).
-    near, far = high - whole, low - whole
-    g = _from(1 / near, None if far == 0 else 1 / far)
-    return whole + 1 / g
-
-
-def _from(low: Fraction, high: Fraction | None) -> Fraction:
-    """Return the fraction with the smallest denominator in [low, high); without `high`, in [low, inf)."""
-    whole = -(-low.numerator // low.denominator)
-    if high is None or Fraction(whole) < high:
-        return Fraction(whole)
-    floor = low.numerator // low.denominator
-    # f = floor + 1 / g with g in (1 / (high - floor), 1 / (low - floor)].
-    return floor + 1 / _between(1 / (high - floor), 1 / (low - floor))

@@ -113,9 +113,7 @@ def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
         "library": prefix[:-1],
         "symbol": prefix[:-1].upper(),
         "examples": ", ".join(f'"{name}"' for name in _sketch(code)),
-        "platforms": ", ".join(f'"{name}"' for name in (_PLATFORMIO if code.needs_double else ("*",))),
         "version": version,
-        "architectures": ",".join(_OF_64_BIT_DOUBLE) if code.needs_double else "*",  # that of AVR has 32
         "n_sensors": 0 if encoder is None else encoder.n_sensors,
         "takes_whole": is_whole,
         "step_ms": real(code.step_ms),
@@ -150,22 +148,6 @@ def _crop(pools: Pooling) -> list[dict[str, object]]:
     return [{"name": name, "value": value} for name, value in zip(names, values, strict=True)]
 
 
-_OF_64_BIT_DOUBLE = (
-    *("esp32", "esp8266", "mbed", "mbed_edge", "mbed_giga", "mbed_nano", "mbed_nicla", "mbed_opta"),
-    *("mbed_portenta", "mbed_rp2040", "nrf52", "renesas_portenta", "renesas_uno", "rp2040", "sam", "samd"),
-    *("stm32", "zephyr"),
-)
-"""Architectures of Arduino whose double has 64 bits."""
-_PLATFORMIO = (
-    "atmelsam",
-    "espressif32",
-    "espressif8266",
-    "nordicnrf52",
-    "raspberrypi",
-    "renesas-ra",
-    "ststm32",
-)
-"""Those of PlatformIO."""
 _LIBRARY, _SKETCH = "LIBRARY", "examples/touch/"
 _ROWS = {
     "samples": "a row per sample: one number per sensor, separated by commas",
