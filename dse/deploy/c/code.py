@@ -35,10 +35,6 @@ class Code(Frame):
     def n_outputs(self) -> int:
         """Output neurons that are counted; 0: none."""
 
-    @abstractmethod
-    def own_members(self) -> list[Member]:
-        """Return its variables, without those of the front end."""
-
     @cached_property
     @abstractmethod
     def tables(self) -> list[Table]:
@@ -48,21 +44,14 @@ class Code(Frame):
     def values(self) -> dict[str, Any]:
         """Return what the template needs beside the attributes of the code."""
 
-    @abstractmethod
-    def own_parts(self) -> Counter[str]:
-        """Return how often each part of the code occurs (dse.deploy.c.code_size), without the front end."""
-
     def members(self) -> list[Member]:
-        """Return all variables."""
-        of_encoder = [] if self.encoder is None else [self.encoder]
-        return [*self.own_members(), *members_of("front_end_members.txt", self, *of_encoder)]
+        """Return all variables; those of the front end, which come last."""
+        return members_of("front_end_members.txt", self, *([] if self.encoder is None else [self.encoder]))
 
     def parts(self) -> Counter[str]:
-        """Return how often each part of the code occurs."""
-        n = self.own_parts()
-        if self.front_end != "spikes":
-            n["receptors" if self.is_receptors else self.front_end] = 1
-        return n
+        """Return how often each part of the code occurs (dse.deploy.c.code_size): here, of the front end."""
+        kind = "receptors" if self.is_receptors else self.front_end
+        return Counter() if kind == "spikes" else Counter([kind])
 
     @property
     def kinds(self) -> Collection[str]:

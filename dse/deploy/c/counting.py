@@ -112,9 +112,9 @@ class CountingPlan(Code):
             return len(self.ends) * self.classifier.most_in_window
         return _most(self.ends, self.per_window, self.n_channels)
 
-    def own_members(self) -> list[Member]:
-        """Return its variables."""
-        return [*members_of("counting_members.txt", self), *self.classifier.members]
+    def members(self) -> list[Member]:
+        """Return all variables."""
+        return [*members_of("counting_members.txt", self), *self.classifier.members, *super().members()]
 
     @cached_property
     def tables(self) -> list[Table]:
@@ -126,9 +126,10 @@ class CountingPlan(Code):
             *self.classifier.tables,
         ]
 
-    def own_parts(self) -> Counter[str]:
+    def parts(self) -> Counter[str]:
         """Return how often each part of the code occurs."""
-        n = Counter(counting=1, **self.classifier.parts)
+        n = super().parts()
+        n.update(counting=1, **self.classifier.parts)
         n["many_places"], n["two_places"] = len(self.labels) > 4, len(self.labels) <= 2  # unrolled loops
         n["several_words"] = self.channel_words > 1
         # Encoder and classifier call the same routines.

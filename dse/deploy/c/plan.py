@@ -44,16 +44,17 @@ class Plan(Spiking, Code):
         """Neurons of the largest recurrent layer; 0 without any."""
         return max((x.n_neurons for x in self.layers if x.back is not None), default=0)
 
-    def own_members(self) -> list[Member]:
-        """Return its variables."""
+    def members(self) -> list[Member]:
+        """Return all variables."""
         often = (x.n_neurons for x in self.layers if x.back is not None and x.several)
-        return members_of(
+        own = members_of(
             "members.txt",
             self,
             neuron=index(self.longest_ring),
             often=max(often, default=0),
             counter="uint16_t" if self.network_steps < 2**16 else "uint32_t",
         )
+        return [*own, *super().members()]
 
     @cached_property
     def tables(self) -> list[Table]:
@@ -72,10 +73,11 @@ class Plan(Spiking, Code):
             out.append(Table("int16_t", "joint", np.array([x if x >= 0 else -2 for x in self.rule.joint])))
         return out
 
-    def own_parts(self) -> Counter[str]:
+    def parts(self) -> Counter[str]:
         """Return how often each part of the code occurs."""
         adders: dict[str, str] = {}
-        n = Counter(base=1, delayed_copies=self.is_delayed, confidence=self.rule.least_total is not None)
+        n = super().parts()
+        n.update(base=1, delayed_copies=self.is_delayed, confidence=self.rule.least_total is not None)
         n["many_classes"] = len(self.classes) > 4  # their names are searched with a longer loop
         for layer in self.layers:
             turns = layer.turns

@@ -93,12 +93,21 @@ def of_recordings(reference: Reference, plan: Frame) -> Recorded:
 
 
 def _of_events(source: EventSource, i: int, plan: Frame, first: int, n_steps: int) -> Ints:
+    """Return the commands of recording i of events, up to the end of its window, whose first bin is given."""
     blocks = [(x.t_us, x.x, x.y, x.polarity) for x in source.blocks(i)]
-    events = tuple(np.concatenate(column) for column in zip(*blocks, strict=True))
-    t0_us = 0 if trials_of(source) is not None else int(events[0][0])
+    t_us, x, y, polarity = (np.concatenate(column).astype(np.int64) for column in zip(*blocks, strict=True))
+    t0_us = 0 if trials_of(source) is not None else int(t_us[0])
     assert plan.pooling is not None
-    begin_us = t0_us + plan.pooling.start_us
-    return of_events(events, t0_us, begin_us, plan.pooling.bin_us, first, n_steps)
+    ends = t0_us + plan.pooling.start_us + plan.pooling.bin_us * np.arange(1, first + n_steps + 1)
+    borders = [0, *np.searchsorted(t_us, ends).tolist()]
+    # Numbers become int32, which leaves of a time its lower half.
+    rows = np.column_stack([np.full(len(t_us), EVENT), t_us, t_us >> 32, x, y, polarity])
+    parts = [np.array([INIT, START, t0_us, t0_us >> 32])]
+    for k, (a, b) in enumerate(pairwise(borders)):
+        if k == first:
+            parts.append(np.array([RESET]))
+        parts += [rows[a:b].ravel(), np.array([STEP])]
+    return np.concatenate([*parts, np.array([ANSWER])])
 
 
 def of_window(counts: Ints, channels: Ints) -> Ints:
@@ -127,33 +136,6 @@ def of_samples(values: Ints | Floats, start: int, n_steps: int) -> Ints:
     before = pushes[:start, :-1]
     begin, reset, end = (np.array([command]) for command in (INIT, RESET, ANSWER))
     return np.concatenate([begin, before.ravel(), reset, pushes[start:].ravel(), end])
-
-
-def of_events(
-    events: tuple[Ints, ...], t0_us: int, begin_us: int, bin_us: int, first: int, n_steps: int
-) -> Ints:
-    """Return the commands of a recording of events, up to the end of its window.
-
-    Args:
-        events: t_us, x, y and polarity.
-        t0_us: time that bins are counted from.
-        begin_us: start of the first bin.
-        bin_us: width of a bin.
-        first: first bin of the window.
-        n_steps: length of the window.
-    """
-    t_us, x, y, polarity = (np.asarray(a, np.int64) for a in events)
-    ends = begin_us + bin_us * np.arange(1, first + n_steps + 1)
-    borders = [0, *np.searchsorted(t_us, ends).tolist()]
-    rows = np.column_stack([np.full(len(t_us), EVENT), t_us & 0xFFFFFFFF, t_us >> 32, x, y, polarity])
-    rows[:, 1] = np.where(rows[:, 1] >= 2**31, rows[:, 1] - 2**32, rows[:, 1])
-    low = t0_us & 0xFFFFFFFF
-    parts = [np.array([INIT, START, low - 2**32 if low >= 2**31 else low, t0_us >> 32])]
-    for k, (a, b) in enumerate(pairwise(borders)):
-        if k == first:
-            parts.append(np.array([RESET]))
-        parts += [rows[a:b].ravel(), np.array([STEP])]
-    return np.concatenate([*parts, np.array([ANSWER])])
 
 
 def hostile(plan: Frame, real: bool = False) -> list[Ints]:
