@@ -127,6 +127,7 @@ def evaluate(
     target, classes = classifier.answered(np.asarray(data.target[data.test])), classifier.answers
     known = target >= 0
     correct, total = int((label == target)[known].sum()), int(known.sum())
+    named = known & (label >= 0)
     return Evaluation(
         classes=classes,
         label=label,
@@ -135,7 +136,7 @@ def evaluate(
         target=target,
         accuracy=correct / total if total else None,
         accuracy_se=float(wilson_se(correct, total)) if total else None,
-        confusion=_confusion(label[known], target[known], len(classes)) if total else None,
+        confusion=confusion(label[named], target[named], len(classes)) if total else None,
         notes=(*_known(classifier, Path(data_file).absolute()), *notes),
         power=power,
     )
@@ -148,9 +149,3 @@ def _known(bundle: Bundle, path: Path) -> list[str]:
         return []
     text = "the design was trained and selected on these recordings"
     return [f"{text}: this accuracy does not say how it does on new ones"]
-
-
-def _confusion(label: Ints, target: Ints, n_classes: int) -> Ints:
-    """Return the counts of answers that are a class."""
-    named = label >= 0
-    return confusion(label[named], target[named], n_classes)

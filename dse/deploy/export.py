@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -41,27 +41,6 @@ class _Setting:
     read_out_ms: float | None
     precision: precision.Setting
     head: str
-
-    @classmethod
-    def of(cls, point: Mapping[str, Any], heads: Sequence[str]) -> Self:
-        """Return the setting of a row of a study's points.
-
-        Args:
-            point: column -> value.
-            heads: names of the heads of a joint net.
-        """
-        bits = _number(point.get("weight_bits"))
-        return cls(
-            phi=_number(point.get("phi")),
-            theta=_number(point.get("theta")),
-            read_out_ms=_number(point.get("read_out_ms")),
-            # The trained precision if it states none, or more bits than were trained.
-            precision=(
-                BITS if bits is None else min(int(bits), BITS),
-                _number(point.get("pruned_after")) or 0.0,
-            ),
-            head=str(point["task"]) if point.get("task") in heads else "",
-        )
 
 
 def export(
@@ -120,7 +99,13 @@ def bundle_of(study: Study, point: Mapping[str, Any], refit: Sequence[str] = ())
     records = load_records(study.folder, trial)
     if records[0].sections and (why := _sections_of(study, records[0]).reads_labels):
         raise BundleError(f"{study.folder}: trial {trial} cannot be deployed: {why}")
-    setting = _Setting.of(point, [head.name for head in records[0].heads])
+    bits, pruned, phi, theta, read_out_ms = (
+        _number(point.get(x)) for x in ("weight_bits", "pruned_after", "phi", "theta", "read_out_ms")
+    )
+    # The trained precision if it states none, or more bits than were trained.
+    at_precision = BITS if bits is None else min(int(bits), BITS), pruned or 0.0
+    head = next((head.name for head in records[0].heads if head.name == point.get("task")), "")
+    setting = _Setting(phi, theta, read_out_ms, at_precision, head)
     accuracies = np.array([_accuracy(study, record, setting) for record in records])
     chosen = records[int(np.abs(accuracies - accuracies.mean()).argmin())]
     artefacts = store.run_file(study.folder, trial, chosen.repeat)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from dse.deploy.bundle import BundleError
@@ -48,12 +49,12 @@ def on_targets(
     import pandas
 
     named = {name: target_named(name) for name in dict.fromkeys(names)}
-    targets = {name: target for name, target in named.items() if hasattr(target, "footprint")}
+    targets: dict[str, Any] = {name: x for name, x in named.items() if hasattr(x, "footprint")}
     if not targets:
         return points, []
     groups = points.groupby(_keys(points), sort=False, dropna=False).indices.values()
     parts: dict[str, list[pandas.DataFrame]] = {name: [] for name in targets}
-    refusals: dict[str, dict[str, int]] = {name: {} for name in targets}
+    refusals: dict[str, Counter[str]] = {name: Counter() for name in targets}
     counted: list[int] = []
     for places in groups:
         rows = points.iloc[places]
@@ -61,15 +62,15 @@ def on_targets(
             bundle = bundle_of(study, {str(k): x for k, x in rows.iloc[0].items()})
         except BundleError as error:
             for counts in refusals.values():
-                counts[str(error)] = counts.get(str(error), 0) + len(rows)
+                counts[str(error)] += len(rows)
             continue
         if isinstance(bundle.fitted, Network) or pricing.work_is_counted(study.folder, rows):
             counted += rows.index.tolist()
         for name, target in targets.items():
             if refusal := target.refusal(bundle):
-                refusals[name][refusal] = refusals[name].get(refusal, 0) + len(rows)
+                refusals[name][refusal] += len(rows)
             else:
-                parts[name].append(rows.assign(target=name, **_footprint(target, bundle)))
+                parts[name].append(rows.assign(target=name, **target.footprint(bundle)))
     frames = []
     for name, of_target in parts.items():
         if of_target:
@@ -84,11 +85,6 @@ def on_targets(
     if not frames:
         raise BundleError("\n".join(notes) or "there are no points")
     return pandas.concat(frames, ignore_index=True), notes
-
-
-def _footprint(target: Target, bundle: Any) -> Mapping[str, float]:
-    footprint: Mapping[str, float] = target.footprint(bundle)  # type: ignore[attr-defined]
-    return footprint
 
 
 def _cycles(study: Study, rows: pandas.DataFrame, target: Target) -> pandas.Series[float] | float:

@@ -13,7 +13,6 @@ and refuses by `Unsupported` what it cannot hold. Nothing here knows a target.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -155,6 +154,12 @@ def network_in(bundle: Classifier, holder: str) -> Network:
 def in_steps(weights: Floats) -> Ints:
     """Return weights on the 8-bit grid in its steps, -128 to 127."""
     return np.rint(weights.astype(np.float64) * _STEPS_PER_UNIT).astype(np.int64)
+
+
+def common_exponent(weights: Ints) -> int:
+    """Return the largest e so that all of some whole numbers are multiples of 2^e; 0 if all are 0."""
+    common = int(np.bitwise_or.reduce(weights, axis=None))
+    return max((common & -common).bit_length() - 1, 0)
 
 
 def most_spikes(population: object) -> int:
@@ -390,7 +395,11 @@ def frame_of(bundle: Classifier) -> Frame:
         raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
     taken, window, data = bundle.input, bundle.sections.window, bundle.sections.data
     front_end, no_front_end, encoder, pools = _front_end(bundle.sections, taken)
-    frame = Frame(
+    t0_us = n_bins = None
+    if isinstance(data, SceneTrials):
+        trials, t0_us = data.read(Path()), 0  # nothing is simulated
+        n_bins = None if pools is None else pools.n_bins(trials.duration_us)
+    return Frame(
         n_channels=bundle.fitted.n_channels,
         n_steps=taken.n_steps,
         step_ms=taken.step_ms,
@@ -401,14 +410,11 @@ def frame_of(bundle: Classifier) -> Frame:
         no_front_end=no_front_end,
         encoder=encoder,
         pooling=pools,
+        t0_us=t0_us,
+        n_bins=n_bins,
         cut_steps=window.cut_steps,
         every_steps=window.every_steps or window.cut_steps,
     )
-    if not isinstance(data, SceneTrials):
-        return frame
-    trials = data.read(Path())  # nothing is simulated
-    n_bins = None if pools is None else pools.n_bins(trials.duration_us)
-    return dataclasses.replace(frame, t0_us=0, n_bins=n_bins)
 
 
 def _front_end(
@@ -443,24 +449,15 @@ def send_on_delta_form(encoder: Deltas, n_sensors: int) -> SendOnDeltaForm:
     Thresholds that are multiples of 2^-shift keep every level on that grid, in float64 as in integers. A
     level that moves to the sample itself stays whole: then a threshold is as good as the next whole one.
     """
-    shift, whole = 0, None
-    if encoder.reference == "value":
-        whole = tuple(math.ceil(theta) for theta in encoder.thresholds)
-    else:
-        shifts = (
-            s for s in range(_MOST_SHIFT + 1) if all((x * 2**s).is_integer() for x in encoder.thresholds)
-        )
-        shift = next(shifts, -1)
-        if shift >= 0:
-            whole = tuple(int(x * 2**shift) for x in encoder.thresholds)
     begins = (encoder.means or (0.0,) * n_sensors) if encoder.learns else ()  # 0: before they are learnt
-    if whole is not None and not all(
-        (x * 2**shift).is_integer() and abs(x * 2**shift) < 2**30 for x in begins
-    ):
-        whole = None
-    if whole is not None and max(whole) >= 2**30:
-        whole = None
+    shift, whole = 0, tuple(math.ceil(theta) for theta in encoder.thresholds)
+    if encoder.reference != "value":
+        shifts = range(_MOST_SHIFT + 1)
+        shift = next((s for s in shifts if all((x * 2**s).is_integer() for x in encoder.thresholds)), 0)
+        whole = tuple(int(x * 2**shift) for x in encoder.thresholds)
+    scaled = [x * 2**shift for x in (*(() if encoder.reference == "value" else encoder.thresholds), *begins)]
+    is_whole = all(x.is_integer() and abs(x) < 2**30 for x in scaled) and max(whole) < 2**30
     merged = encoder.polarity == "merged"
     return SendOnDeltaForm(
-        n_sensors, encoder.thresholds, whole, max(shift, 0), encoder.reference, merged, begins
+        n_sensors, encoder.thresholds, whole if is_whole else None, shift, encoder.reference, merged, begins
     )

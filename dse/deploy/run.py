@@ -104,7 +104,10 @@ def compare(
     )
     strayed = np.zeros(n, bool)
     for of_run, of_reference in zip(run.fired, reference.fired, strict=True):
-        strayed[_recordings_that_differ(of_run, of_reference)] = True
+        a, b = (np.asarray(x, np.int64).reshape(-1, 3) for x in (of_run, of_reference))
+        if not np.array_equal(a, b):
+            spikes, surplus = _surplus(a, b)
+            strayed[spikes[surplus != 0, 0]] = True
     reasons = []
     if other.any() or strayed.any():
         reasons.append(
@@ -113,7 +116,8 @@ def compare(
     largest, f1 = 0, None
     if reference.fired:
         counted = [_counted(x[-1], reference.n_steps) for x in (run.fired, reference.fired)]
-        largest, f1 = _largest_difference(*counted), _f1(*counted)
+        surplus = _surplus(*(x[:, ::2] for x in counted))[1]  # in recordings, of outputs
+        largest, f1 = int(np.abs(surplus).max(initial=0)), _f1(*counted)
         if strayed.any():
             reasons.append(f"output F1 {f1:.3f} within one step, class counts differ by {largest} at most")
     return Verdict(
@@ -130,28 +134,17 @@ def compare(
     )
 
 
-def _recordings_that_differ(first: Ints, second: Ints) -> Ints:
-    """Return the recordings in which two lists of spikes, (n_spikes, 3) each, differ."""
-    a, b = (np.asarray(x, np.int64).reshape(-1, 3) for x in (first, second))
-    if np.array_equal(a, b):
-        return np.zeros(0, np.int64)
-    spikes, places = np.unique(np.concatenate([a, b]), axis=0, return_inverse=True)
-    surplus = np.bincount(places.ravel(), np.repeat([1, -1], [len(a), len(b)]))
-    return np.unique(spikes[surplus != 0, 0])
+def _surplus(first: Ints, second: Ints) -> tuple[Ints, Ints]:
+    """Return the rows of two lists, each once, and how much more often they are in the first one."""
+    rows, places = np.unique(np.concatenate([first, second]), axis=0, return_inverse=True)
+    signs = np.repeat([1, -1], [len(first), len(second)])
+    return rows, np.rint(np.bincount(places.ravel(), signs)).astype(np.int64)
 
 
 def _counted(fired: Ints, n_steps: int) -> Ints:
     """Return the output spikes that a decision can count: nobody receives those of the last step."""
     spikes = np.asarray(fired, np.int64).reshape(-1, 3)
     return spikes[spikes[:, 1] < n_steps - 1]
-
-
-def _largest_difference(first: Ints, second: Ints) -> int:
-    """Return the largest difference in the spikes of an output in a recording."""
-    cells = np.concatenate([first, second])[:, ::2]
-    signs = np.repeat([1, -1], [len(first), len(second)])
-    places = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-    return int(np.abs(np.bincount(places, signs)).max(initial=0))
 
 
 def _f1(first: Ints, second: Ints) -> float:

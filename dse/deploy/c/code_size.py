@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from dse.deploy.c.code import Code
-from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
+from dse.deploy.form import ReceptorsForm, SendOnDeltaForm
 
 _PARTS = {
     "base": (871.6, 715.7),
@@ -65,25 +65,20 @@ def footprint(code: Code) -> dict[str, float]:
 
 
 def constant_bytes(code: Code) -> float:
-    """Return the bytes of all constants of a code."""
-    return float(code.table_bytes + other_constants(code))
+    """Return the bytes of all constants: tables, names of classes, those of an encoder, pools of pixels."""
+    encoder, pools = code.encoder, code.pooling
+    n = code.table_bytes + sum(len(name.encode()) + 1 for name in code.classes)
+    if isinstance(encoder, ReceptorsForm):
+        n += 8 * (2 * encoder.n_sensors + encoder.kinds.size)
+    elif isinstance(encoder, SendOnDeltaForm):
+        n += (4 if encoder.takes_whole else 8) * len(encoder.first)
+    elif pools is not None:
+        _, _, columns, rows = pools.crop
+        n += columns * (1 if pools.width <= 256 else 2) + rows * (1 if pools.height <= 256 else 2)
+    return float(n)
 
 
 def flash_bytes(code: Code, bytes_of_part: Mapping[str, float]) -> float:
     """Return code and constant data, in bytes."""
     instructions = sum(n * bytes_of_part[part] for part, n in code.parts().items())
     return float(round(constant_bytes(code) + instructions))
-
-
-def other_constants(plan: Frame) -> int:
-    """Return the bytes of constants beside the tables: names of classes, pools of pixels."""
-    names = sum(len(name.encode()) + 1 for name in plan.classes)
-    if isinstance(plan.encoder, ReceptorsForm):
-        return names + 8 * (2 * plan.encoder.n_sensors + plan.encoder.kinds.size)
-    if isinstance(plan.encoder, SendOnDeltaForm):
-        return names + (4 if plan.encoder.takes_whole else 8) * len(plan.encoder.first)
-    if plan.pooling is None:
-        return names
-    _, _, columns, rows = plan.pooling.crop
-    pools = plan.pooling
-    return names + columns * (1 if pools.width <= 256 else 2) + rows * (1 if pools.height <= 256 else 2)

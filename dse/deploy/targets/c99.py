@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import tempfile
 from abc import abstractmethod
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -79,9 +78,10 @@ class C99(InC):
         bytes. Without a compiler it is left out.
         """
         plan = code_of(bundle)
-        front_end = plan.front_end, plan.encoder, plan.pooling is not None
-        instructions = _instructions(_Kind((frozenset(plan.parts().items()), front_end), plan))
-        if instructions is None:
+        kind = frozenset(plan.parts().items()), plan.front_end, plan.encoder, plan.pooling is not None
+        if kind not in _INSTRUCTIONS:
+            _INSTRUCTIONS[kind] = _instructions(plan)
+        if (instructions := _INSTRUCTIONS[kind]) is None:
             return code_size.footprint(plan)
         return code_size.footprint(plan) | {"flash_bytes": instructions + code_size.constant_bytes(plan)}
 
@@ -107,21 +107,16 @@ class C99Weights(InC):
     executed = C99.executed
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """What the instructions of a classifier follow from; `example` is one of the kind."""
-
-    parts: Hashable
-    example: Code = field(compare=False)
+_INSTRUCTIONS: dict[Hashable, float | None] = {}
+"""Kinds of classifiers, by what their instructions follow from -> the bytes of these."""
 
 
-@functools.cache
-def _instructions(kind: _Kind) -> float | None:
+def _instructions(example: Code) -> float | None:
     """Return the bytes of the instructions of a kind as compiled here; None without compiler or `size`."""
     with tempfile.TemporaryDirectory() as folder:
-        files.write(kind.example, Path(folder) / "c", "", dse.__version__)
+        files.write(example, Path(folder) / "c", "", dse.__version__)
         try:
             flash = host.sizes(Path(folder) / "c").get("flash_bytes")
         except TargetError:
             return None
-    return None if flash is None else flash - code_size.constant_bytes(kind.example)
+    return None if flash is None else flash - code_size.constant_bytes(example)

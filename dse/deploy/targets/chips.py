@@ -21,6 +21,7 @@ def misfit(bundle: Classifier, chip: str) -> str:
     assert isinstance(network, Network)
     sizes = network.sizes
     neurons = [(neuron_of(layer.neuron), layer) for layer in network.layers]
+    peak = bundle.record.get("peak_state")  # of the design's validation
     load = Workload(
         sizes=sizes,
         recurrent=tuple(layer.recurrent is not None for layer in network.layers),
@@ -33,7 +34,7 @@ def misfit(bundle: Classifier, chip: str) -> str:
         stored=network.stored,
         delay_bits=network.delay_bits,
         resonators=tuple(neuron.resonators(layer.parameters) for neuron, layer in neurons),
-        peak_state=_peak_state(bundle),
+        peak_state=int(peak) if isinstance(peak, int | float) and 0 <= peak < math.inf else 0,
     )
     chosen = profile.load(chip)
     try:
@@ -43,12 +44,6 @@ def misfit(bundle: Classifier, chip: str) -> str:
     if placement is None or not placement.misfits:
         return ""
     return f"the network does not fit {chip}: {placement.misfits[0]}"
-
-
-def _peak_state(bundle: Classifier) -> int:
-    """Return the largest state of the design's validation; 0 where its record has none."""
-    peak = bundle.record.get("peak_state")
-    return int(peak) if isinstance(peak, int | float) and 0 <= peak < math.inf else 0
 
 
 def inputs_of(net: Net) -> dict[str, object]:

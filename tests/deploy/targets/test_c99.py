@@ -303,14 +303,14 @@ def test_flash_of_a_kind_that_is_compiled_once(tmp_path):
 
 
 def test_no_compiler_is_one_line(tmp_path, monkeypatch):
-    c99._instructions.cache_clear()
+    c99._INSTRUCTIONS.clear()
     made, fired = nets.case(0)
     C99().write(made, tmp_path)
     monkeypatch.setenv("CC", str(tmp_path / "none"))
     with pytest.raises(TargetError, match="none"):
         C99().verify(made, tmp_path, nets.reference(made, fired))
     assert set(C99().footprint(made)) == {"ram_bytes", "table_bytes"}
-    c99._instructions.cache_clear()
+    c99._INSTRUCTIONS.clear()
 
 
 # Builds.
