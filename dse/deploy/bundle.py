@@ -154,7 +154,8 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
         BundleError: the folder holds something else.
         StoreError: it cannot be written.
     """
-    if folder.exists() and not (folder / _DOCUMENT).is_file() and not _is_empty(folder):
+    is_empty = folder.is_dir() and not any(folder.iterdir())
+    if folder.exists() and not (folder / _DOCUMENT).is_file() and not is_empty:
         raise BundleError(f"{folder}: exists and is not a bundle; export to another folder")
     sources = {} if targets is None else targets
     verdicts = {x: v for x, v in bundle.targets.items() if x in sources or v.kind == "unsupported"}
@@ -503,7 +504,3 @@ def _copy_others(folder: Path, bundle: Path) -> None:
         if is_other and (bundle / Path(*name.parts[:2])).is_dir() and not (bundle / name).exists():
             (bundle / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(path, bundle / name)
-
-
-def _is_empty(folder: Path) -> bool:
-    return folder.is_dir() and not any(folder.iterdir())

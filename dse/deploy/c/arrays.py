@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Literal, TypeVar
 import numpy as np
 
 from dse.deploy.c.text import filled, wrapped
+from dse.deploy.form import common_exponent
 from dse.records import Array, Ints
 
 _BYTES = {
@@ -47,10 +48,6 @@ class Member:
     @property
     def is_array(self) -> bool:
         return bool(self.lengths)
-
-    @property
-    def n_bytes(self) -> int:
-        return self.width * math.prod(self.lengths)
 
     @property
     def text(self) -> str:
@@ -270,10 +267,7 @@ def stored(weights: Ints, delays: Array | None = None, fixed: bool = False) -> M
         fixed: whether the form is that of any weights: bytes, in 8-bit steps.
     """
     whole = np.asarray(weights, np.int64)
-    nonzero = whole[whole != 0]
-    exponent = 0
-    while not fixed and nonzero.size and not (nonzero & ((2 << exponent) - 1)).any():
-        exponent += 1
+    exponent = 0 if fixed else common_exponent(whole)
     q = whole >> exponent
     low, high = int(q.min(initial=0)), int(q.max(initial=0))
     bits = next(b for b in range(2, 9) if -(2 ** (b - 1)) <= low and high < 2 ** (b - 1))

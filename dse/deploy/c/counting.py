@@ -54,6 +54,24 @@ class Classifier:
     slides: str = ""
     most_in_window: int = 1
 
+    def fed(
+        self,
+        values: Mapping[str, object],
+        tables: Sequence[Table],
+        members: Sequence[Member],
+        parts: Mapping[str, int],
+        **changes: Any,
+    ) -> Classifier:
+        """Return it with what makes its counts: more values, tables, variables and parts of the code."""
+        return replace(
+            self,
+            values={**self.values, **values},
+            tables=(*self.tables, *tables),
+            members=(*self.members, *members),
+            parts={**self.parts, **parts},
+            **changes,
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class CountingPlan(Code):
@@ -236,13 +254,7 @@ def _of_levels(classifier: Classifier, arrays: Mapping[str, Array], ends: Sequen
         "rest": (1 << shift) - 1,
         "held": HELD,
     }
-    return replace(
-        classifier,
-        values={**classifier.values, **values},
-        tables=(*classifier.tables, *tables),
-        members=(*classifier.members, levels),
-        parts={**classifier.parts, "levels": 1},
-    )
+    return classifier.fed(values, tables, [levels], {"levels": 1})
 
 
 def _wired(arrays: Mapping[str, Array]) -> tuple[tuple[Table, Table], Member]:
@@ -417,14 +429,7 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
         "back": back,
         "most_level": MOST_LEVEL if highest > MOST_LEVEL else 0,
     }
-    return replace(
-        readout,
-        values={**readout.values, **values},
-        tables=(*readout.tables, *tables),
-        members=(*readout.members, *members),
-        parts={**readout.parts, "kernels": 1},
-        slides="kernels.c",
-    )
+    return readout.fed(values, tables, members, {"kernels": 1}, slides="kernels.c")
 
 
 def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
@@ -463,15 +468,8 @@ def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_
         "most_passed": HIGHEST,
         "least_passed": -LOWEST,
     }
-    return replace(
-        readout,
-        values={**readout.values, **values},
-        tables=(*readout.tables, *tables),
-        members=(*readout.members, *members),
-        parts={**readout.parts, "convolutions": 1, "several_convolutions": int(n_layers > 1)},
-        slides="tcn.c",
-        most_in_window=HIGHEST,
-    )
+    parts = {"convolutions": 1, "several_convolutions": int(n_layers > 1)}
+    return readout.fed(values, tables, members, parts, slides="tcn.c", most_in_window=HIGHEST)
 
 
 def _units(

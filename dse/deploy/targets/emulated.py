@@ -113,7 +113,7 @@ class Emulated(InC):
                 _played(machine, commands[:_APART])
                 instructions.append(machine.counts().instructions)
             figures["front_end_instructions"] = (instructions[0] - instructions[1]) / max(1, min(_APART, n))
-        return Executed(played, figures, emulator.compiler_name(), tuple(emulator.versions()))
+        return Executed(played, figures, emulator.compiler_name(), emulator.versions())
 
     def program(self, folder: Path, *options: str) -> Program:
         """Return the C in a folder, with replay.c to drive it, compiled for the core."""

@@ -135,9 +135,15 @@ def missing(needed: Mapping[str, str] = _NEEDED) -> str:
     return ""
 
 
-def versions() -> list[str]:
+def check(needed: Mapping[str, str] = _NEEDED) -> None:
+    """Raise TargetError if something is missing."""
+    if why := missing(needed):
+        raise TargetError(why)
+
+
+def versions(needed: Mapping[str, str] = _NEEDED) -> tuple[str, ...]:
     """Return the names and versions of the compiler and the emulator."""
-    return [f"{name} {importlib.metadata.version(name)}" for name in _NEEDED]
+    return tuple(f"{name} {importlib.metadata.version(name)}" for name in needed)
 
 
 def compiler_name() -> str:
@@ -151,25 +157,35 @@ def compiled(sources: Sequence[Path], core: Core, *options: str) -> Program:
     Raises:
         TargetError: the compiler is missing or refuses them.
     """
-    if why := missing():
-        raise TargetError(why)
-    command = [sys.executable, "-m", "ziglang", "cc", *core.options]
-    command += ["-ffreestanding", "-fno-sanitize=all", *options]
+    check()
     with tempfile.TemporaryDirectory() as folder:
         script, program = Path(folder) / "program.ld", Path(folder) / "program"
         script.write_text(LINKER_SCRIPT)
-        command += [*map(str, sources), "-o", str(program), f"-Wl,-T,{script}", "-Wl,-e,0"]
-        done = _run(command, "-nostdlib", "-Wl,--no-gc-sections")
-        if "undefined symbol" in done.stderr:  # such as a division: the compiler's own library has it
-            done = _run(command, "-Wl,--gc-sections", "-Wl,-e,main")
-        if done.returncode:
-            reason = next((x for x in done.stderr.splitlines() if "error" in x), done.stderr.strip())
-            raise TargetError(f"{sources[0].name} does not compile for {core.label}: {reason}")
+        shared = (
+            *core.options,
+            "-ffreestanding",
+            "-fno-sanitize=all",
+            *options,
+            f"-Wl,-T,{script}",
+            "-Wl,-e,0",
+        )
+        alone = *shared, "-nostdlib", "-Wl,--no-gc-sections"
+        # What it lacks alone, such as a division, the compiler's own library has.
+        linked = *shared, "-Wl,--gc-sections", "-Wl,-e,main"
+        built(f"{sources[0].name} does not compile for {core.label}", sources, program, alone, linked)
         return Program.read(program.read_bytes())
 
 
-def _run(command: Sequence[str], *options: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+def built(refused: str, sources: Sequence[Path], program: Path, *attempts: Sequence[str]) -> None:
+    """Compile sources by the first options with which no symbol is undefined; `refused` begins an error."""
+    command = [sys.executable, "-m", "ziglang", "cc", *map(str, sources), "-o", str(program)]
+    for options in attempts:
+        done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+        if "undefined symbol" not in done.stderr:
+            break
+    if done.returncode:
+        reason = next((x for x in done.stderr.splitlines() if "error" in x), done.stderr.strip())
+        raise TargetError(f"{refused}: {reason}")
 
 
 @dataclass(frozen=True)

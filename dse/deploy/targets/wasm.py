@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import re
-import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +19,7 @@ from dse.deploy.reference import Reference
 from dse.deploy.run import TargetError
 from dse.deploy.targets.c99 import InC
 from dse.deploy.targets.emulated import MEMORY
-from dse.deploy.targets.emulator import missing
+from dse.deploy.targets.emulator import built, check, versions
 from dse.records import Ints
 from dse.registry import register
 
@@ -40,6 +37,7 @@ _PROGRAM = (*_BARE, *_NO_ENTRY, "-Dmain=replay", *(f"-Wl,--export={x}" for x in 
 _CALLS = {replay.INIT: "init", replay.RESET: "reset", replay.STEP: "step"}
 _MOST_FUEL = 2**62
 _NEEDED = {"ziglang": "cross-compiler", "wasmtime": "run time"}
+_REFUSED = "does not compile for WebAssembly"
 
 
 @register("targets", "wasm")
@@ -57,7 +55,7 @@ class Wasm(InC):
 
     def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and dse.wasm, which exports the functions of src/dse.h and its memory."""
-        _check()
+        check(_NEEDED)
         super().emit(form, bundle, folder)
         source, prefix = host.classifier_in(folder)
         header = source.with_suffix(".h").read_text(encoding="utf-8").partition("_TRACE")[0]
@@ -67,7 +65,8 @@ class Wasm(InC):
             own.write_text(f'#include "{source.stem}.h"\n{prefix}t {prefix}net;\n', encoding="utf-8")
             exports = [f"-Wl,--export={x}" for x in named]
             sources = [own, *sorted(source.parent.glob("*.c"))]
-            _built(sources, _module(folder), f"-I{source.parent}", *_MODULE, *exports)
+            options = f"-I{source.parent}", *_MODULE, *exports
+            built(f"{sources[-1].name} {_REFUSED}", sources, _module(folder), options)
 
     def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Run all recordings in wasmtime (`InC`); call the module itself with spikes of some.
@@ -75,11 +74,12 @@ class Wasm(InC):
         Figures: bytes of the module, its instructions per inference, from `dse_reset` to the end, and those
         of the longest step, spikes pushed.
         """
-        _check()
+        check(_NEEDED)
         with tempfile.TemporaryDirectory() as place:
             sources, options = host.driven(folder, Path(place), "-DDSE_TRACE", *recorded.options)
             program = Path(place) / "replay.wasm"
-            _built(sources, program, f"-isystem{MEMORY}", *_PROGRAM, *options)
+            options = [f"-isystem{MEMORY}", *_PROGRAM, *options]
+            built(f"{sources[-1].name} {_REFUSED}", sources, program, options)
             played = replay.parsed(_replayed(program, recorded.commands or replay.of_spikes(reference)))
         _, prefix = host.classifier_in(folder)
         windows = [*replay.of_spikes(reference)[:_CALLED], *replay.hostile(form)[:_HOSTILE]]
@@ -92,21 +92,8 @@ class Wasm(InC):
             "instructions_per_inference": float(instructions.mean()),
             "instructions_of_longest_step": float(longest),
         }
-        versions = tuple(f"{name} {importlib.metadata.version(name)}" for name in _NEEDED)
-        return Executed(played, figures, f"{versions[0]}, {' '.join(_BARE)}", versions)
-
-
-def _check() -> None:
-    if why := missing(_NEEDED):
-        raise TargetError(why)
-
-
-def _built(sources: Sequence[Path], module: Path, *options: str) -> None:
-    command = [sys.executable, "-m", "ziglang", "cc", *options, *map(str, sources), "-o", str(module)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        reason = next((x for x in done.stderr.splitlines() if "error" in x), done.stderr.strip())
-        raise TargetError(f"{sources[-1].name} does not compile for WebAssembly: {reason}")
+        used = versions(_NEEDED)
+        return Executed(played, figures, f"{used[0]}, {' '.join(_BARE)}", used)
 
 
 def _module(folder: Path) -> Path:

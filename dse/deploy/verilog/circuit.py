@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dse.deploy.form import LayerForm, Spiking, Unsupported, in_steps
+from dse.deploy.form import LayerForm, Spiking, Unsupported, common_exponent, in_steps
 from dse.hardware.kinds.gate_array import LIST_CYCLES, WORD_CHANNELS, Memories, Stored
 from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import DECAY_SCALE
@@ -108,8 +108,7 @@ def of_form(form: Spiking) -> Circuit:
     """
     _check(form)
     rows, delays, targets, lengths = _rows(form)
-    common = int(np.bitwise_or.reduce(rows)) if rows.any() else 1
-    factor = (common & -common).bit_length() - 1
+    factor = common_exponent(rows)
     reaching = [sign * _reaching(layer) for layer in form.layers for sign in (1, -1)]
     sums = max(int(np.maximum(x, 0).sum(axis=0).max()) for x in reaching)
     of_first = form.layers[0].delays
