@@ -17,7 +17,7 @@ from dse.deploy.bundle import Bundle, BundleError, read, target_files, write
 from dse.deploy.prefix import checked
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.targets import Target, TargetError
-from dse.deploy.verdict import Verdict
+from dse.deploy.verdict import KINDS, Verdict
 
 _WRITES = (
     f"dse {dse.__version__} writes for these weights: it was changed, or another version of dse or of a "
@@ -35,11 +35,11 @@ class Verified:
 
     @property
     def drifts(self) -> bool:
-        """Whether the target was faithful or equivalent and has been shown to be less."""
-        before = self.before
-        if before is None or before.kind not in ("faithful", "equivalent"):
+        """Whether the target was faithful or equivalent and has been shown to be less, or is refused now."""
+        if self.before is None or self.before.kind not in ("faithful", "equivalent"):
             return False
-        return self.verdict.is_worse_than(before)
+        kind = self.verdict.kind
+        return kind != "not verified" and KINDS.index(kind) > KINDS.index(self.before.kind)
 
 
 def target_named(name: str) -> Target:
