@@ -52,9 +52,9 @@ __all__ = [
     "Input",
     "InputKind",
     "check_unedited",
-    "copy_target",
     "read",
     "sealed",
+    "target_files",
     "weights",
     "write",
 ]
@@ -141,14 +141,14 @@ class Bundle(Classifier):
         return NetworkModule(self.fitted)
 
 
-def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = None) -> None:
+def write(bundle: Bundle, folder: Path, targets: Mapping[str, Mapping[str, Path]] | None = None) -> None:
     """Publish a bundle; an existing bundle is replaced, other files in its folder stay.
 
     Args:
         bundle: with the verdicts of its targets.
         folder: of the bundle.
-        targets: folder with the files of each target; without it, verdicts of targets that have files are
-            left out.
+        targets: the files of each target, by their names in its folder; without it, verdicts of targets that
+            have files are left out.
 
     Raises:
         BundleError: the folder holds something else.
@@ -171,9 +171,10 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Path] | None = Non
         (temporary / _README).write_text(card(bundle, verdicts), encoding="utf-8")
         files = [_WEIGHTS, _README, _STATEMENT, *(name for name in plugins if name.endswith(".py"))]
         for name, source in sources.items():
-            copy = temporary / _TARGETS / name
-            shutil.copytree(source, copy)
-            files += sorted(x.relative_to(temporary).as_posix() for x in copy.rglob("*") if x.is_file())
+            for file, path in sorted(source.items()):
+                files.append(f"{_TARGETS}/{name}/{file}")
+                (temporary / files[-1]).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(path, temporary / files[-1])
         document = _Document(
             schema=SCHEMA,
             sections=sections,
@@ -295,22 +296,16 @@ def check_unedited(folder: Path) -> None:
             raise BundleError(f"{path}: was edited, and would be lost; --force (force=True) replaces it")
 
 
-def copy_target(folder: Path, name: str, place: Path) -> None:
-    """Copy the files of a target that a bundle lists, and no others, into a new folder.
+def target_files(folder: Path, name: str) -> dict[str, Path]:
+    """Return the files of a target that a bundle lists, and no others, by their names in the target's folder.
 
     Raises:
         BundleError: the bundle is no more, or damaged.
-        StoreError: they cannot be copied.
     """
     root = f"{_TARGETS}/{name}/"
-    place.mkdir()
     try:
-        for listed in _document(folder).files:
-            if listed.startswith(root):
-                with store.explained(place):
-                    copy = place / listed.removeprefix(root)
-                    copy.parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copyfile(checks.file_in(folder, listed), copy)
+        own = [listed for listed in _document(folder).files if listed.startswith(root)]
+        return {listed.removeprefix(root): checks.file_in(folder, listed) for listed in own}
     except BundleError:
         raise
     except ValueError as error:

@@ -48,8 +48,8 @@ def on_targets(
     """
     import pandas
 
-    named = {name: target_named(name) for name in dict.fromkeys(names)}
-    targets: dict[str, Any] = {name: x for name, x in named.items() if hasattr(x, "footprint")}
+    named: dict[str, Any] = {name: target_named(name) for name in names}
+    targets = {name: target for name, target in named.items() if hasattr(target, "footprint")}
     if not targets:
         return points, []
     groups = points.groupby(_keys(points), sort=False, dropna=False).indices.values()

@@ -100,10 +100,8 @@ class NetworkModule(torch.nn.Module):
             raise ValueError(f"spikes must be (sample, input step, {network.n_channels}), got {shape}")
         if not bool(((spikes == 0) | (spikes == 1)).all()):
             raise ValueError("spikes must be 0 or 1")
-        n, n_steps, n_channels = spikes.shape
-        row, channel = np.nonzero(spikes.detach().cpu().numpy().reshape(n * n_steps, n_channels))
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n * n_steps))])
-        sparse = Spikes(offsets, channel.astype(np.int32), n_steps, n_channels, 1.0)
+        n, n_steps, _ = spikes.shape
+        sparse = Spikes.of_dense(spikes.detach().cpu().numpy() != 0, 1.0)
         delays, start = network.delays, np.zeros(n, np.int64)
         rows = gather(sparse, np.arange(n), start, n_steps, delays, network.steps_per_sample)
         return rows, slice(0, n)

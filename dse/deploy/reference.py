@@ -107,7 +107,7 @@ def of_recordings(bundle: Classifier, data_file: str | Path, *, repair: bool = F
         BundleError: its classifier refuses the recordings.
         RecordingError: the recordings do not fit.
     """
-    return _reference(bundle, prepared(bundle, data_file, repair=repair), data_file)
+    return of_new(bundle, prepared(bundle, data_file, repair=repair), data_file)
 
 
 def of_new(bundle: Classifier, new: New, where: str | Path) -> Reference:
@@ -121,8 +121,22 @@ def of_new(bundle: Classifier, new: New, where: str | Path) -> Reference:
     Raises:
         BundleError: its classifier refuses the recordings.
     """
-    data = dataclasses.replace(new.dataset, heads=bundle.heads)
-    return _reference(bundle, new._replace(dataset=data), where)
+    data, network = dataclasses.replace(new.dataset, heads=bundle.heads), bundle.fitted
+    decisions = decided(bundle, data, answered(bundle, data, where))
+    is_spikes = isinstance(new.recordings, Rasters) and bundle.sections.encoder is None
+    per_sample = network.steps_per_sample if isinstance(network, Network) else 1
+    return Reference(
+        inputs=None if is_spikes else new.recordings,
+        first_step=(new.first + data.start)[data.test],
+        dataset=data,
+        spikes_in=spikes_of_windows(data),
+        fired=tuple(spikes_of_layers(network, data, data.test)) if isinstance(network, Network) else (),
+        label=decisions[0],
+        time_ms=decisions[1],
+        decided=decisions[2],
+        n_steps=data.n_steps * per_sample,
+        step_ms=data.spikes.step_ms / per_sample,
+    )
 
 
 def of_spikes(bundle: Classifier, fired: Array, step_ms: float) -> Reference:
@@ -141,25 +155,6 @@ def windows_of(spikes: Spikes, classes: tuple[str, ...], heads: tuple[Head, ...]
         start_high=start, n_steps=n_steps, train=none, validation=none, test=np.arange(n),
         positions=places.astype(np.int32), heads=heads,
     )  # fmt: skip
-
-
-def _reference(bundle: Classifier, new: New, where: str | Path) -> Reference:
-    data, network = new.dataset, bundle.fitted
-    decisions = decided(bundle, data, answered(bundle, data, where))
-    is_spikes = isinstance(new.recordings, Rasters) and bundle.sections.encoder is None
-    per_sample = network.steps_per_sample if isinstance(network, Network) else 1
-    return Reference(
-        inputs=None if is_spikes else new.recordings,
-        first_step=(new.first + data.start)[data.test],
-        dataset=data,
-        spikes_in=spikes_of_windows(data),
-        fired=tuple(spikes_of_layers(network, data, data.test)) if isinstance(network, Network) else (),
-        label=decisions[0],
-        time_ms=decisions[1],
-        decided=decisions[2],
-        n_steps=data.n_steps * per_sample,
-        step_ms=data.spikes.step_ms / per_sample,
-    )
 
 
 def prepared(bundle: Classifier, data_file: str | Path, *, repair: bool = False) -> New:

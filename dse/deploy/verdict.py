@@ -44,12 +44,6 @@ class Verdict:
     output_f1: float | None = param(None, low=0, high=1)
     run_by: tuple[str, ...] = ()
 
-    def is_worse_than(self, other: Verdict) -> bool:
-        """Return whether a run has shown less than another one, or what was run is refused."""
-        return "not verified" not in (self.kind, other.kind) and KINDS.index(self.kind) > KINDS.index(
-            other.kind
-        )
-
 
 def in_words(kind: str, run_by: Iterable[str]) -> str:
     """Return the kind of a verdict with what it is of: 'faithful (norse 1.1.0, snntorch 1.0.0)'."""

@@ -13,11 +13,11 @@ import dse
 from dse import registry
 from dse.config.faults import known_names
 from dse.deploy.boards import Board, write_projects
-from dse.deploy.bundle import Bundle, BundleError, copy_target, read, write
+from dse.deploy.bundle import Bundle, BundleError, read, target_files, write
 from dse.deploy.prefix import checked
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.targets import Target, TargetError
-from dse.deploy.verdict import Verdict
+from dse.deploy.verdict import KINDS, Verdict
 
 _WRITES = (
     f"dse {dse.__version__} writes for these weights: it was changed, or another version of dse or of a "
@@ -35,11 +35,11 @@ class Verified:
 
     @property
     def drifts(self) -> bool:
-        """Whether the target was faithful or equivalent and has been shown to be less."""
-        before = self.before
-        if before is None or before.kind not in ("faithful", "equivalent"):
+        """Whether the target was faithful or equivalent and has been shown to be less, or is refused now."""
+        if self.before is None or self.before.kind not in ("faithful", "equivalent"):
             return False
-        return self.verdict.is_worse_than(before)
+        kind = self.verdict.kind
+        return kind != "not verified" and KINDS.index(kind) > KINDS.index(self.before.kind)
 
 
 def target_named(name: str) -> Target:
@@ -79,24 +79,14 @@ def export_targets(
     path = Path(folder)
     bundle = read(path, names if force else ())
     if board is not None:
-        _check_board(bundle, names, board)
+        if wrong := [name for name in names if name != board.target]:
+            raise BundleError(f"board {board.name} takes target {board.target}, not {', '.join(wrong)}")
+        if why := board.misfit(bundle, target_named(board.target)):
+            raise BundleError(f"the classifier does not fit board {board.name}: {why}")
     others = [name for name, x in bundle.targets.items() if name not in names and _is_written(x)]
     if prefix is not None:
         bundle = _with_prefix(bundle, prefix, names, others)
-    with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
-        kept = {}
-        for name in others:
-            kept[name] = Path(temporary) / name
-            copy_target(path, name, kept[name])
-        return publish(bundle, path, names, recordings, kept)
-
-
-def _check_board(bundle: Bundle, names: Sequence[str], board: Board) -> None:
-    """Raise BundleError if a target is not that of a board, or the classifier does not fit it."""
-    if others := [name for name in names if name != board.target]:
-        raise BundleError(f"board {board.name} takes target {board.target}, not {', '.join(others)}")
-    if why := board.misfit(bundle, target_named(board.target)):
-        raise BundleError(f"the classifier does not fit board {board.name}: {why}")
+    return publish(bundle, path, names, recordings, {name: target_files(path, name) for name in others})
 
 
 def _with_prefix(bundle: Bundle, prefix: str, names: Sequence[str], others: Sequence[str]) -> Bundle:
@@ -131,7 +121,7 @@ def publish(
     folder: Path,
     names: Sequence[str] = (),
     recordings: str | Path | None = None,
-    kept: Mapping[str, Path] | None = None,
+    kept: Mapping[str, Mapping[str, Path]] | None = None,
 ) -> dict[str, Verified]:
     """Write a bundle with targets, and run them first.
 
@@ -140,7 +130,7 @@ def publish(
         folder: to write.
         names: of targets.
         recordings: to run them on, or None.
-        kept: target -> folder of its files, of targets that `bundle` states already.
+        kept: the files of targets that `bundle` states already, as of `write`.
 
     Raises:
         BundleError, RecordingError, StoreError: as of `export_targets`.
@@ -153,7 +143,7 @@ def publish(
     with tempfile.TemporaryDirectory(prefix="dse-targets-") as temporary:
         verified = _each(bundle, names, Path(temporary), recordings, run)
         verdicts = {name: each.verdict for name, each in verified.items()}
-        files = {name: Path(temporary) / name for name, verdict in verdicts.items() if _is_written(verdict)}
+        files = {name: _files(Path(temporary) / name) for name, x in verdicts.items() if _is_written(x)}
         targets = {**bundle.targets, **verdicts}
         write(dataclasses.replace(bundle, targets=targets), folder, {**(kept or {}), **files})
     return verified
@@ -235,20 +225,23 @@ def _written(name: str, target: Target, bundle: Bundle, folder: Path, reference:
 
 def _differs(bundle: Path, name: str, written: Path) -> Verdict | None:
     """Return a verdict if files of a target in a bundle are not what was written here; None if they are."""
-    copy = written.with_name(f"{name} of the bundle")
-    copy_target(bundle, name, copy)
-    theirs, ours = ({x.relative_to(of): x for x in of.rglob("*") if x.is_file()} for of in (copy, written))
-    for file in sorted({*theirs, *ours}):
+    theirs, ours = target_files(bundle, name), _files(written)
+    for file in sorted({*theirs, *ours}, key=Path):
         if file not in theirs:
             return Verdict("not verified", f"it lacks {file}, which {_WRITES}")
         if file not in ours or not filecmp.cmp(theirs[file], ours[file], shallow=False):
             return Verdict("not verified", f"{file} is not what {_WRITES}")
     # What lies beside the sources is compiled with them, by Arduino for one.
     sources = bundle / "targets" / name / "src"
-    for file in sorted(x.relative_to(sources.parent) for x in sources.rglob("*") if x.is_file()):
-        if file not in ours:
-            return Verdict("not verified", f"{file} is not of dse and would be compiled too; remove it")
+    for file in sorted(_files(sources), key=Path):
+        if f"src/{file}" not in ours:
+            return Verdict("not verified", f"src/{file} is not of dse and would be compiled too; remove it")
     return None
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    """Return the files of a folder by their names in it."""
+    return {x.relative_to(folder).as_posix(): x for x in folder.rglob("*") if x.is_file()}
 
 
 def _is_written(verdict: Verdict) -> bool:

@@ -99,12 +99,22 @@ def shares(counts: Sequence[int]) -> tuple[float, float]:
 def _of_whole_windows(bundle: Classifier, taken: Input) -> Callable[[int, float], Window]:
     settings = bundle.sections.preprocessing
     has_times = settings is not None and settings.every_event and bundle.sections.encoder is None
+    n_channels, n_steps, step_us = bundle.fitted.n_channels, taken.n_steps, taken.step_ms * 1000
 
     def responded(steps: Sequence[tuple[Ints, Ints | None]]) -> tuple[Dataset, Response | Answers]:
-        data = _window_of(bundle, taken, steps, has_times)
+        """Return the first steps of a window as data, and what is answered to it with the others empty."""
+        none, counts, times = np.zeros(0, np.int32), np.zeros(n_steps, np.int64), None
+        counts[: len(steps)] = [len(channels) for channels, _ in steps]
+        if has_times:
+            since = [round(i * step_us) + t_us for i, (_, t_us) in enumerate(steps) if t_us is not None]
+            times = np.concatenate([*since, none]).astype(np.int32)
+        channel = np.concatenate([*(channels for channels, _ in steps), none]).astype(np.int32)
+        offsets = np.concatenate([[0], np.cumsum(counts)])
+        spikes = Spikes(offsets, channel, n_steps, n_channels, taken.step_ms, times)
+        data = windows_of(spikes, bundle.classes, bundle.heads)
         return data, bundle.sections.model.respond(bundle.fitted, data, data.test)
 
-    n_needed = taken.n_steps
+    n_needed = n_steps
     try:
         data, response = responded([])
     except ValueError as error:
@@ -133,21 +143,3 @@ def _of_whole_windows(bundle: Classifier, taken: Input) -> Callable[[int, float]
         return taking
 
     return opened
-
-
-def _window_of(
-    bundle: Classifier, taken: Input, steps: Sequence[tuple[Ints, Ints | None]], has_times: bool
-) -> Dataset:
-    """Return the spikes of a window's first steps as the only sample of a data set; the others are empty."""
-    n_channels, n_steps, step_us = bundle.fitted.n_channels, taken.n_steps, taken.step_ms * 1000
-    none, counts = np.zeros(0, np.int32), np.zeros(n_steps, np.int64)
-    counts[: len(steps)] = [len(channels) for channels, _ in steps]
-    times = None
-    if has_times:
-        since = [round(i * step_us) + t_us for i, (_, t_us) in enumerate(steps) if t_us is not None]
-        times = np.concatenate([*since, none]).astype(np.int32)
-    channel = np.concatenate([*(channels for channels, _ in steps), none]).astype(np.int32)
-    spikes = Spikes(
-        np.concatenate([[0], np.cumsum(counts)]), channel, n_steps, n_channels, taken.step_ms, times
-    )
-    return windows_of(spikes, bundle.classes, bundle.heads)

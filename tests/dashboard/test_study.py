@@ -122,7 +122,7 @@ def test_a_bundle_whose_targets_were_run_is_shown_and_sent(folder, temporary, tm
         "nir": Verdict("approximate", "leaks round", 18, 0.25, 0.5, 3),
         "xylo": Verdict("unsupported", "it needs neurons of kind xylo_lif"),
     }
-    files = {"c99": tmp_path / "c99", "nir": tmp_path / "c99"}
+    files = {name: {"dse.c": tmp_path / "c99" / "dse.c"} for name in ("c99", "nir")}
     bundle.write(replace(made, targets=targets), study / "bundles" / "one", files)
     bundle.write(replace(made, targets=targets), study / "bundles" / "two", files)
     edited = study / "bundles" / "two" / "bundle.json"

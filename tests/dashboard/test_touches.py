@@ -159,7 +159,7 @@ def test_what_cannot_be_played_says_why(networks, monkeypatch):
         return design["why"]
 
     with monkeypatch.context() as patch:
-        patch.setattr("dse.deploy.targets.wasm.missing", lambda _: "ziglang is not installed")
+        patch.setattr("dse.deploy.targets.emulator.missing", lambda _: "ziglang is not installed")
         assert why() == "ziglang is not installed"
     if not WHY:
         moved = networks.parent.parent / "tiny.npz"

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.deploy.confidence import simplest_fraction
+from dse.deploy.form import simplest_fraction
 
 
 @pytest.mark.parametrize(

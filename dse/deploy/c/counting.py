@@ -29,15 +29,13 @@ from dse.models.counts.readouts import Readouts, layers_of
 from dse.models.counts.tcn import HIGHEST, LOWEST, TCN
 from dse.records import Array, Floats, Ints, Network, Parameters
 
-_PLACES = "what the spikes of each place add up to"
-
 
 @dataclass(frozen=True)
 class Classifier:
     """How counts become a class: a template of C, and what it uses.
 
     template: its file. values: of it.
-    tables: constant data, in the precision of the engine. members: variables.
+    tables: constant data, in the precision of the engine. members: templates that declare its variables.
     arithmetic: what it computes in, a sentence.
     parts: of the code (dse.deploy.c.code_size), with how often each occurs.
     slides: template of what is done at the end of every window, of what spikes have added up to; '': nothing,
@@ -49,7 +47,7 @@ class Classifier:
     arithmetic: str
     values: Mapping[str, object]
     tables: tuple[Table, ...] = ()
-    members: tuple[Member, ...] = ()
+    members: tuple[str, ...] = ()
     parts: Mapping[str, int] = field(default_factory=dict)
     slides: str = ""
     most_in_window: int = 1
@@ -58,7 +56,7 @@ class Classifier:
         self,
         values: Mapping[str, object],
         tables: Sequence[Table],
-        members: Sequence[Member],
+        members: str,
         parts: Mapping[str, int],
         **changes: Any,
     ) -> Classifier:
@@ -67,7 +65,7 @@ class Classifier:
             self,
             values={**self.values, **values},
             tables=(*self.tables, *tables),
-            members=(*self.members, *members),
+            members=(*self.members, members),
             parts={**self.parts, **parts},
             **changes,
         )
@@ -132,7 +130,10 @@ class CountingPlan(Code):
 
     def members(self) -> list[Member]:
         """Return all variables."""
-        return [*members_of("counting_members.txt", self), *self.classifier.members, *super().members()]
+        values = {"n_places": len(self.labels), **self.classifier.values}
+        tables = "counting_members.txt", *self.classifier.members
+        own = [member for table in tables for member in members_of(table, self, **values)]
+        return [*own, *super().members()]
 
     @cached_property
     def tables(self) -> list[Table]:
@@ -245,24 +246,23 @@ def _of_levels(classifier: Classifier, arrays: Mapping[str, Array], ends: Sequen
     longest = max(b - a for a, b in pairwise([0, *ends]))
     if ends[-1] * longest * int(np.bincount(arrays["place"], np.abs(sign)).max()) > MOST_SUM:
         raise Unsupported("the sums of its levels may exceed 32 bits")
-    tables, levels = _wired(arrays)
+    tables, n_levels = _wired(arrays)
     shift = int(arrays["shift"])  # of negative numbers, towards minus infinity
     values = {
         "reads_levels": True,
-        "n_levels": levels.n,
+        "n_levels": n_levels,
         "shift": shift,
         "rest": (1 << shift) - 1,
         "held": HELD,
     }
-    return classifier.fed(values, tables, [levels], {"levels": 1})
+    return classifier.fed(values, tables, "levels_members.txt", {"levels": 1})
 
 
-def _wired(arrays: Mapping[str, Array]) -> tuple[tuple[Table, Table], Member]:
-    """Return what the spikes of each channel add to, and by how much; and the levels that they add up to."""
+def _wired(arrays: Mapping[str, Array]) -> tuple[tuple[Table, Table], int]:
+    """Return what the spikes of each channel add to, and by how much; and to how many levels they add up."""
     n_levels = int(arrays["place"].max()) + 1
     place = Table(index(n_levels), "place", arrays["place"])
-    sign = Table(f"{arrays['sign'].dtype}_t", "sign", arrays["sign"])
-    return (place, sign), Member("int32_t", "levels", (n_levels,), _PLACES, is_cleared=True)
+    return (place, Table(f"{arrays['sign'].dtype}_t", "sign", arrays["sign"])), n_levels
 
 
 def _highest(arrays: Mapping[str, Array], n_steps: int, n_places: int) -> Floats:
@@ -319,11 +319,7 @@ def _nearest(counts: Ints, target: Ints, k: int, n_features: int, most: int) -> 
             Table(small, "stored", features.ravel()),
             Table("uint16_t", "place", np.searchsorted(classes, target)),
         ),
-        (
-            Member(wide, "distance", (k,), "squared, of the nearest"),
-            Member("uint16_t", "vote", (k,), "their classes"),
-            Member("uint16_t", "votes", (len(classes),), "of every class"),
-        ),
+        ("nearest_members.txt",),
         {"nearest": 1, "neighbours": k > 1},
     )
 
@@ -378,14 +374,18 @@ def _integers(arrays: Mapping[str, Array], column: int, n_features: int, most: i
         Table("int32_t", "bias", np.concatenate(readout.biases)),
         *shifts,
     )
-    units = Member("int32_t", "units", (sum(sizes[1:]),), "of all layers")
-    values = {"n_shifts": len(readout.shifts), "most": MOST_UNIT, "several_outputs": sizes[-1] > 1}
+    values = {
+        "n_shifts": len(readout.shifts),
+        "most": MOST_UNIT,
+        "several_outputs": sizes[-1] > 1,
+        "n_units": sum(sizes[1:]),
+    }
     return Classifier(
         "integers.c",
         "Integers only",
         values,
         tables,
-        (units,),
+        ("integers_members.txt",),
         {"integers": 1, "integer_layers": int(bool(shifts))},
     )
 
@@ -393,7 +393,7 @@ def _integers(arrays: Mapping[str, Array], column: int, n_features: int, most: i
 def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
     """Return the kernels before a readout."""
     groups, n_bins = arrays["groups"], ring_bins(arrays)
-    of_levels, levels = _wired(arrays)
+    of_levels, _ = _wired(arrays)
     highest = int((np.abs(groups.astype(np.int64)) @ _highest(arrays, n_steps, groups.shape[1])).max())
     if highest > MOST_SUM:
         raise Unsupported("the sums of its kernels may exceed 32 bits")
@@ -411,13 +411,6 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
     )
     several = len(arrays["thresholds"]) > len(arrays["taps"])
     n_ring = 2 * n_bins  # each sum twice, so that the last bins are a row wherever it begins
-    members = (
-        levels,
-        Member(
-            "int16_t", "ring", (len(groups) * n_ring,), "sums of every group in the last bins, twice", True
-        ),
-        Member("uint32_t", "at", (), "place of this bin in the rings", True),
-    )
     values = {
         "n_groups": len(groups),
         "n_kernels": len(arrays["taps"]),
@@ -426,23 +419,24 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
         "n_bins": n_bins,
         "n_levels": groups.shape[1],
         "n_ring": n_ring,
+        "n_rings": len(groups) * n_ring,
         "back": back,
         "most_level": MOST_LEVEL if highest > MOST_LEVEL else 0,
     }
-    return readout.fed(values, tables, members, {"kernels": 1}, slides="kernels.c")
+    return readout.fed(values, tables, "kernels_members.txt", {"kernels": 1}, slides="kernels.c")
 
 
 def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
     """Return the convolutions before a readout."""
     n_layers, n_back = len(model.hidden), model.kernel_size - 1
-    of_levels, levels = _wired(arrays)
+    of_levels, n_levels = _wired(arrays)
     weights, biases = ([arrays[f"{name}/{k}"] for k in range(n_layers)] for name in ("filter", "offset"))
     largest = (
         largest_sum(IntegerLayers((w,), (b,), (), 1.0), -LOWEST) for w, b in zip(weights, biases, strict=True)
     )
-    if max(*largest, 2 * int(_highest(arrays, n_steps, levels.n).max())) > MOST_SUM:
+    if max(*largest, 2 * int(_highest(arrays, n_steps, n_levels).max())) > MOST_SUM:
         raise Unsupported("the sums of its convolutions may exceed 32 bits")
-    widths = [levels.n, *model.hidden]
+    widths = [n_levels, *model.hidden]
     n_ring = sum((n_back * 2**k + 1) * n for k, n in enumerate(widths[:-1]))
     tables = (
         *of_levels,
@@ -451,15 +445,11 @@ def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_
         Table("int32_t", "offsets", np.concatenate(biases)),
         *(Table("uint8_t", f"{name}_shifts", arrays[f"{name}_shifts"]) for name in ("level", "filter")),
     )
-    members = (
-        levels,
-        Member("int8_t", "ring", (n_ring,), "what every layer sees, of the bins that its taps reach", True),
-        Member("uint32_t", "at", (n_layers,), "row of its ring that comes next", True),
-        Member("int32_t", "sums", (max(model.hidden),), "of a layer"),
-        *([Member("uint32_t", "waited", (n_layers,), "bins", True)] if model.stride > 1 else []),
-    )
     values = {
         "is_cleared": model.reads != "levels",
+        "n_levels": n_levels,
+        "n_ring": n_ring,
+        "n_sums": max(model.hidden),
         "n_layers": n_layers,
         "n_back": n_back,
         "stride": model.stride,
@@ -469,7 +459,7 @@ def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_
         "least_passed": -LOWEST,
     }
     parts = {"convolutions": 1, "several_convolutions": int(n_layers > 1)}
-    return readout.fed(values, tables, members, parts, slides="tcn.c", most_in_window=HIGHEST)
+    return readout.fed(values, tables, "tcn_members.txt", parts, slides="tcn.c", most_in_window=HIGHEST)
 
 
 def _units(
@@ -505,6 +495,7 @@ def _units(
         "step": f"({real}){1 / full}" if full else "",
         "zero": "0.0f" if real == "float" else "0.0",
         "several_outputs": sizes[-1] > 1,
+        "n_units": sum(sizes[1:]),
     }
     tables = (
         *scaling,
@@ -512,7 +503,6 @@ def _units(
         Table(real, "weight", np.concatenate([x.ravel() for x in weights])),
         Table(real, "bias", np.concatenate(biases)),
     )
-    units = Member(real, "units", (sum(sizes[1:]),), "of all layers")
     part = f"{kind}_double" if real == "double" else kind
     arithmetic = f"Counts are integers, weights and sums {real}"
-    return Classifier("units.c", arithmetic, values, tables, (units,), {part: 1})
+    return Classifier("units.c", arithmetic, values, tables, ("units_members.txt",), {part: 1})

@@ -14,7 +14,6 @@ from dse.deploy.c.selftest import Window
 from dse.deploy.c.text import NAMES, TITLE, filled, real, strings
 from dse.deploy.c.weights import beside
 from dse.deploy.prefix import DEFAULT, prefixed
-from dse.preprocessing import Pooling
 from dse.text import c_comment, markdown
 
 
@@ -99,7 +98,8 @@ def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
     """Return what stands in the templates of all files beside the attributes of the code."""
     encoder, front_end, at_contact = code.encoder, code.front_end, code.window == "contact_onset"
     is_whole = encoder is not None and encoder.takes_whole
-    cut, apart = code.cut_steps or 0, code.every_steps or 1
+    cut, apart, pools = code.cut_steps or 0, code.every_steps or 1, code.pooling
+    crop = () if pools is None else (pools.start_us, min(pools.end_us, 2**62), *pools.crop)
     first = (cut - code.n_steps) // 2 if cut and code.window == "middle" else 0
     # Windows begin as in `dse.deploy.stream.Stream` as in training. Of recordings that overlap in a stream, a
     # board takes those that begin while none runs.
@@ -130,7 +130,7 @@ def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
         "longest_line": _LONGEST_LINE[front_end],
         "onset": onset_text,
         "window_at": code.window.upper(),
-        "crop": [] if code.pooling is None else _crop(code.pooling),
+        "crop": [{"name": name, "value": value} for name, value in zip(_CROP, crop, strict=False)],
         "windows": f"Windows begin {begins}" + (f" of recordings of {cut} steps." if cut else "."),
         "onset_of_contact": onset_text if at_contact else "0.0",
         "first": first,
@@ -141,13 +141,8 @@ def _values(code: Code, version: str, prefix: str) -> dict[str, Any]:
     }
 
 
-def _crop(pools: Pooling) -> list[dict[str, object]]:
-    """Return the constants that say which events are looked at."""
-    values = (pools.start_us, min(pools.end_us, 2**62), *pools.crop)
-    names = ("START_US", "END_US", "CROP_X", "CROP_Y", "CROP_COLUMNS", "CROP_ROWS")
-    return [{"name": name, "value": value} for name, value in zip(names, values, strict=True)]
-
-
+_CROP = ("START_US", "END_US", "CROP_X", "CROP_Y", "CROP_COLUMNS", "CROP_ROWS")
+"""Constants that say which events are looked at."""
 _LIBRARY, _SKETCH = "LIBRARY", "examples/touch/"
 _ROWS = {
     "samples": "a row per sample: one number per sensor, separated by commas",

@@ -23,7 +23,7 @@ from dse.records import Floats, Ints
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 
 
-_OF_SYSTEM = {"cc": ("CC", ("cc", "gcc", "clang")), "c++": ("CXX", ("c++", "g++", "clang++"))}
+_OF_SYSTEM = {"cc": ("C", "CC", ("cc", "gcc", "clang")), "c++": ("C++", "CXX", ("c++", "g++", "clang++"))}
 
 
 def compiler(language: Literal["cc", "c++"] = "cc") -> list[str]:
@@ -32,7 +32,7 @@ def compiler(language: Literal["cc", "c++"] = "cc") -> list[str]:
     Raises:
         TargetError: there is none.
     """
-    variable, names = _OF_SYSTEM[language]
+    what, variable, names = _OF_SYSTEM[language]
     if os.environ.get(variable):
         return os.environ[variable].split()
     for name in names:
@@ -40,7 +40,6 @@ def compiler(language: Literal["cc", "c++"] = "cc") -> list[str]:
             return [path]
     if importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", language]
-    what = {"cc": "C", "c++": "C++"}[language]
     raise TargetError(f"no {what} compiler: install gcc or clang, or pip install 'dse-spiking[targets]'")
 
 

@@ -150,12 +150,8 @@ class Plan(Spiking, Code):
 
 
 def plan_of(bundle: Classifier, fixed: bool = False) -> Plan:
-    """Return the plan of a bundle of a spiking network."""
-    return planned(spiking_of(bundle), fixed)
-
-
-def planned(form: Spiking, fixed: bool = False) -> Plan:
-    """Return the plan of a network with what surrounds it; fixed: its form follows from no weight."""
+    """Return the plan of a bundle of a spiking network; fixed: its form follows from no weight."""
+    form = spiking_of(bundle)
     if form.arithmetic != "integer":
         raise Unsupported(f"C needs a network in integer arithmetic, got {form.arithmetic} arithmetic")
     for layer in form.layers:

@@ -57,17 +57,8 @@ def inputs_of(net: Net) -> dict[str, object]:
     }
 
 
-def rule_of(bundle: Classifier) -> dict[str, object]:
-    """Return the decision rule."""
-    names = "phi", "theta", "read_out_ms", "head"
-    return {name: getattr(bundle, name) for name in names}
-
-
-def heads_of(bundle: Classifier) -> list[dict[str, object]]:
-    """Return the parts of a joint target."""
-    return [{"name": x.name, "classes": list(x.classes)} for x in bundle.heads]
-
-
 def decision_of(bundle: Classifier) -> dict[str, object]:
-    """Return the decision rule and the names of the classes."""
-    return {**rule_of(bundle), "heads": heads_of(bundle), "classes": list(bundle.classes)}
+    """Return the decision rule, the parts of a joint target, and the names of the classes."""
+    rule = {name: getattr(bundle, name) for name in ("phi", "theta", "read_out_ms", "head")}
+    heads = [{"name": x.name, "classes": list(x.classes)} for x in bundle.heads]
+    return {**rule, "heads": heads, "classes": list(bundle.classes)}

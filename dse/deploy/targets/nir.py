@@ -49,7 +49,7 @@ from dse.deploy.form import Net, Unsupported, net_of, network_in
 from dse.deploy.reference import Reference, windows_of
 from dse.deploy.run import interpreter, of_script, require
 from dse.deploy.targets import BackEnd, Engine, Run
-from dse.deploy.targets.chips import heads_of, rule_of
+from dse.deploy.targets.chips import decision_of
 from dse.engine.events import gather
 from dse.models.snn.respond import spikes_of_layers
 from dse.neurons import cuba_lif
@@ -153,6 +153,7 @@ def _neuron(population: cuba_lif.Population, n: int, is_integer: bool) -> dict[s
 
 
 def _metadata(bundle: Bundle, network: Network) -> dict[str, object]:
+    rule = decision_of(bundle)
     return {
         "dt": DT,
         "integration": "forward Euler, one step per network step",
@@ -169,9 +170,9 @@ def _metadata(bundle: Bundle, network: Network) -> dict[str, object]:
         "delays": np.array(network.delays),
         "inputs": "input d * n_channels + c is channel c, delays[d] steps ago",
         "steps_per_sample": network.steps_per_sample,
-        "classes": json.dumps(bundle.classes),
-        "heads": json.dumps(heads_of(bundle)),
-        "decision": json.dumps(rule_of(bundle)),
+        "classes": json.dumps(rule.pop("classes")),
+        "heads": json.dumps(rule.pop("heads")),
+        "decision": json.dumps(rule),
     }
 
 

@@ -133,25 +133,19 @@ def spike_counts(net: Net, fired: Sequence[Ints]) -> dict[str, float]:
 def specification(net: Net) -> dict[str, Any]:
     """Return the specification of a network of `xylo_lif` neurons, plain numbers; matrices are (from, to)."""
     *hidden, out = net.layers
-    borders = np.cumsum([0, *net.sizes[1:-1]])
-    n_in, n_hidden = net.sizes[0], int(borders[-1])
-    into = np.zeros((n_in, n_hidden), np.int64)
-    among = np.zeros((n_hidden, n_hidden), np.int64)
-    outward = np.zeros((n_hidden, net.sizes[-1]), np.int64)
-    into[:, : borders[1]] = in_steps(hidden[0].weights)
-    outward[borders[-2] :] = in_steps(out.weights)
-    places = [slice(a, b) for a, b in pairwise(borders.tolist())]
-    for before, here, layer in zip(places, places[1:], hidden[1:], strict=False):
-        among[before, here] = in_steps(layer.weights)
-    for here, layer in zip(places, hidden, strict=True):
+    begins = np.cumsum([0, *net.sizes]).tolist()
+    n_in, end = begins[1], begins[-2]
+    weights = np.zeros((begins[-1], begins[-1]), np.int64)  # from and to inputs, hidden neurons, outputs
+    for before, (begin, after), layer in zip(begins, pairwise(begins[1:]), net.layers, strict=False):
+        weights[before:begin, begin:after] = in_steps(layer.weights)
         if layer.recurrent is not None:
-            among[here, here] = in_steps(layer.recurrent)
+            weights[begin:after, begin:after] = in_steps(layer.recurrent)
     populations = [_population(layer) for layer in hidden]
     neurons = {"dash_syn": "current_shift", "dash_mem": "voltage_shift", "threshold": "threshold"}
     return {
-        "weights_in": into.tolist(),
-        "weights_rec": among.tolist(),
-        "weights_out": outward.tolist(),
+        "weights_in": weights[:n_in, n_in:end].tolist(),
+        "weights_rec": weights[n_in:end, n_in:end].tolist(),
+        "weights_out": weights[n_in:end, end:].tolist(),
         **{name: _joined(hidden, field) for name, field in neurons.items()},
         **{f"{name}_out": _joined([out], field) for name, field in neurons.items()},
         "weight_shift_in": populations[0].weight_shift,

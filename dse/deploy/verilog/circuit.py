@@ -83,11 +83,12 @@ class Circuit:
     def memories(self) -> Memories:
         """Words and bits of a word of every memory; what is the same in every word takes none."""
         form, n = self.form, sum(self.form.sizes[1:])
+        varying = int(np.bitwise_or.reduce(self.keeps ^ self.keeps[0]))
         return {
             **self.stored.memories,
             "sums": (n << self.slot_bits, self.sum_bits),
             "states": (2 * n, self.state_bits),
-            "keeps": (2 * n, varying(self.keeps)),
+            "keeps": (2 * n, varying.bit_count()),
             "inputs": (1 << (self.sample_bits + self.word_bits), 16),
             "counts": (1 << max(1, bits(form.sizes[-1] - 1)), bits(form.network_steps)),
             **({"joint": (len(form.rule.joint), 8)} if form.rule.joint else {}),
@@ -120,11 +121,6 @@ class Circuit:
 def bits(number: int) -> int:
     """Return the bits of a whole number that is not negative."""
     return int(number).bit_length()
-
-
-def varying(words: Ints) -> int:
-    """Return in how many bits some words differ."""
-    return int(np.bitwise_or.reduce(words ^ words[0])).bit_count()
 
 
 def of_form(form: Spiking) -> Circuit:

@@ -8,10 +8,11 @@ import pytest
 
 from dse import registry
 from dse.config.settings import Training
+from dse.dataset.assemble import New
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c import code_size
 from dse.deploy.c.counting import counting_plan_of
-from dse.deploy.reference import Reference, answered, decided, spikes_of_windows
+from dse.deploy.reference import of_new
 from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.verify import target_named
@@ -56,19 +57,8 @@ def fitted(model, read_out_ms=None, rises=None):
         read_out_ms=read_out_ms,
         input=Input("spikes", 9, 0, 0, 40, 5.0),
     )
-    label, time_ms, sure = decided(made, data, answered(made, data, "made up"))
-    return made, Reference(
-        inputs=None,
-        first_step=data.start[data.test],
-        dataset=data,
-        spikes_in=spikes_of_windows(data),
-        fired=(),
-        label=label,
-        time_ms=time_ms,
-        decided=sure,
-        n_steps=40,
-        step_ms=5.0,
-    )
+    begins = np.zeros(len(data.target), np.int64)
+    return made, of_new(made, New(data, [], None, begins), "made up")
 
 
 @pytest.mark.parametrize(
