@@ -94,7 +94,7 @@ def run(
             book = at_the_end.enter_context(store.Book(folder, writes=True, is_session=True))
         coordinator.begin(book)
         ledger = Ledger(book)
-        workers = at_the_end.enter_context(_workers(space, n_workers, folder, coordinator, until_s))
+        workers = at_the_end.enter_context(_workers(space, n_workers, folder, until_s))
         runs = Runs(space, book, profiles, workers, report, coordinator)
         results_tables = _Tables(PointsTable(space, folder, profiles), runs, ledger, coordinator, on_trial)
         before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
@@ -145,13 +145,11 @@ def _until_s(space: SearchSpace, began_s: float) -> float | None:
     return began_s + whole_s - min(0.3 * whole_s, max(_LAST_S, 0.05 * whole_s))
 
 
-def _workers(
-    space: SearchSpace, n: int, folder: Path, coordinator: Coordinator, until_s: float | None
-) -> Workers:
+def _workers(space: SearchSpace, n: int, folder: Path, until_s: float | None) -> Workers:
     """Return the workers that a search space names."""
     execution = space.execution
     if execution.backend == "loky":
-        if coordinator.is_first and (dead := process_before(folder)) is not None:
+        if (dead := process_before(folder)) is not None:
             loky.clear(dead)
         return Workers(n, until_s=until_s)
     from dse.study.executors.dask import Dask, Unusable

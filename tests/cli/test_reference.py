@@ -56,7 +56,7 @@ def test_a_sensor_says_what_is_assumed():
 
 @pytest.mark.parametrize("name", profile.names())
 def test_every_number_of_a_profile_is_described_as_it_is_written(name):
-    written = yaml.safe_load((PROFILES / f"{name}.yaml").read_text(encoding="utf-8"))
+    written = yaml.safe_load(profile.load(name).text)
     numbers = {key: value for key, value in written.items() if isinstance(value, dict)}
     rows = {row["key"]: row for row in reference.keys("hardware", name)}
     assert rows.keys() == numbers.keys()
