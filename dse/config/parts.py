@@ -162,6 +162,15 @@ class Chip(NamedTuple):
         return self.profile.get("programmable") is not True and not self.kind.any_neuron
 
 
+def whole_profile(data: Mapping[str, Raw]) -> dict[str, Raw]:
+    """Return what a profile holds, with all that it takes over from the shipped one that it is `like`."""
+    like = shipped_profiles().get(str(data.get("like")))
+    base = {} if like is None else parse(like.read_text(encoding="utf-8"), like.name).data
+    assert isinstance(base, dict)
+    taken = {key: value for key, value in base.items() if key not in ("name", "doc", "label")}
+    return {**(whole_profile(taken) if "like" in taken else taken), **data}
+
+
 def chips(names: Sequence[str], base: Folder) -> Iterator[Chip]:
     """Yield the chips whose profile is found and whose kind is known.
 
@@ -174,9 +183,9 @@ def chips(names: Sequence[str], base: Folder) -> Iterator[Chip]:
         path = base / name if is_hardware_file(name) else shipped_profiles().get(name)
         if path is None or not path.is_file():
             continue
-        profile = parse(path.read_text(encoding="utf-8"), name).data
-        kind = kinds.get(str(profile.get("kind"))) if isinstance(profile, dict) else None
-        if isinstance(profile, dict) and kind is not None:
+        data = parse(path.read_text(encoding="utf-8"), name).data
+        profile = whole_profile(data) if isinstance(data, dict) else {}
+        if (kind := kinds.get(str(profile.get("kind")))) is not None:
             yield Chip(index, name, profile, kind)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from dse import registry, seeds
 from dse.config.faults import ConfigError, Fault, known_names
 from dse.config.locate import names_a_file, shipped_profiles
-from dse.config.parts import Chip, KeyFault, Written
+from dse.config.parts import Chip, KeyFault, Written, whole_profile
 from dse.config.settings import Schedule
 from dse.config.space import SearchSpace
 from dse.config.values import Report, echo, read_fields, read_object
@@ -335,10 +335,6 @@ class _About:
     programmable: bool = param(False, doc="whether its neurons run programs, so that it runs resonators")
 
 
-_OWN = ("name", "doc", "label")
-"""Keys that a profile does not take over from the one that it is like."""
-
-
 def _profile(document: Document, text: str) -> Profile | None:
     """Return the profile of a file, or None after reporting everything that is wrong."""
     data, report = document.data, document.report
@@ -349,10 +345,7 @@ def _profile(document: Document, text: str) -> Profile | None:
         if not isinstance(like, str) or like not in names():
             report(("like",), f"unknown hardware profile {echo(like)}; {known_names(str(like), names())}")
             return None
-        base = parse(_packaged(like).text, like).data
-        assert isinstance(base, dict)
-        own = {key: value for key, value in data.items() if key != "like"}
-        data = {key: value for key, value in base.items() if key not in _OWN} | own
+        data = {key: value for key, value in whole_profile(data).items() if key != "like"}
         text = dump(data)
     cls = _kind(data, report)
     if cls is None:

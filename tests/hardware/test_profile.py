@@ -8,6 +8,7 @@ import yaml
 
 import dse.hardware
 from dse.config.faults import ConfigError
+from dse.config.parts import chips
 from dse.hardware.profile import Evidence, Number, Profile, kinds, load, load_all, names, read
 from dse.study import pricing
 
@@ -36,6 +37,16 @@ def test_a_chip_that_is_like_another_says_only_what_differs(tmp_path):
     assert mine.clock_mhz.value == 64
     # What a study keeps of it does not change with the profile that it is like.
     assert "like" not in mine.text and replace(read(mine.text, "x"), text="") == replace(mine, text="")
+
+
+def test_a_chip_that_is_like_one_that_is_like_another(tmp_path):
+    (file := tmp_path / "mine.yaml").write_text("name: mine\nlike: mcu_m33_low_power\ndoc: my part\n")
+    assert replace(load(file), name="", doc="", label="", text="") == replace(
+        load("mcu_m33_low_power"), name="", doc="", label="", text=""
+    )
+    # Rules of a search space that look at a chip before it is loaded see its kind.
+    (one,) = chips([file.name], tmp_path)
+    assert one.kind is type(load("mcu_m33")) and one.profile["doc"] == "my part"
 
 
 def test_a_chip_that_is_like_another_is_checked_as_any(tmp_path):
