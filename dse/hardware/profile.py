@@ -331,6 +331,7 @@ class _About:
     kind: str = param(doc="kind of hardware")
     doc: str = param(doc="what it is")
     label: str = param("", doc="what readers call it (default: its name)")
+    like: str = param("", doc="shipped profile that all other keys are taken from, but its name and label")
     interval_only: bool = param(False, doc="whether no values are published, so that a cost is a range")
     programmable: bool = param(False, doc="whether its neurons run programs, so that it runs resonators")
 

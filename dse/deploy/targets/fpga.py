@@ -76,7 +76,8 @@ class Fpga(BackEnd[Circuit]):
         """Run the core in simulation on the samples of all recordings, or on their input spikes.
 
         Figures beside the report: clock cycles per input step, mean and longest, those that encode samples
-        in the mean, and the share of the step that the longest takes at the clock of the board.
+        in the mean, and the share of the step that the longest takes at the clock of the board; of a circuit
+        that encodes samples, whether they were pushed (1) or, as they are not whole, their spikes (0).
         """
         samples = _samples(form, reference)
         sensors = 0 if samples is None or form.encoder is None else form.encoder.n_sensors
@@ -87,6 +88,7 @@ class Fpga(BackEnd[Circuit]):
             **json.loads((folder / _REPORT).read_bytes()),
             "cycles_per_step": of_network,
             **({"cycles_of_samples": of_samples} if sensors else {}),
+            **({"samples_pushed": float(sensors > 0)} if form.encoder is not None else {}),
             "cycles_of_longest_step": float(longest.max(initial=0)),
             "share_of_step": longest.max(initial=0) / (self.board.clock_mhz * 1e3 * form.form.step_ms),
         }

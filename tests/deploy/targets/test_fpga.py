@@ -224,6 +224,7 @@ def test_samples_are_encoded_as_by_the_engine(encoder, window, tmp_path):
     assert verdict.kind == "faithful" and verdict.n_recordings == 4, verdict.reason
     assert len(reference.spikes_in) and all(map(len, reference.fired))
     figures = verdict.figures
+    assert figures["samples_pushed"] == 1
     a_sample = figures["cycles_of_samples"] / 4
     assert 3 * form.encoder.n_thresholds < a_sample < 6 * form.encoder.n_thresholds + 4
     assert figures["cycles_of_longest_step"] <= form.most_cycles
@@ -245,6 +246,7 @@ def test_what_the_circuit_cannot_encode_comes_as_spikes(tmp_path):
     written(made, folder)
     verdict = TARGET.verify(made, folder, real)
     assert verdict.kind == "faithful" and "cycles_of_samples" not in verdict.figures, verdict.reason
+    assert verdict.figures["samples_pushed"] == 0
 
 
 def test_heads_answer_together(tmp_path):
