@@ -20,7 +20,7 @@ from dse.deploy.c.text import filled
 from dse.deploy.form import ReceptorsForm, Unsupported, frame_of
 from dse.models.counts.elm import ELM, borders
 from dse.models.counts.integers import MOST_SUM, MOST_UNIT, IntegerLayers, largest_sum
-from dse.models.counts.kernels import MOST_LEVEL, Kernels, Sliding, ring_bins
+from dse.models.counts.kernels import MOST_LEVEL, Kernels, Sliding, begins, ring_bins
 from dse.models.counts.knn import KNN
 from dse.models.counts.levels import HELD, LevelReader
 from dse.models.counts.naive_bayes import NaiveBayes
@@ -409,12 +409,16 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
         Table(back, "taps", (arrays["taps"] * dilations[:, None]).ravel()),
         Table("int32_t", "threshold", arrays["thresholds"]),
     )
-    several = len(arrays["thresholds"]) > len(arrays["taps"])
+    n_dilations, per_kernel = len(arrays["dilations"]), len(arrays["thresholds"]) // len(arrays["taps"])
     n_ring = 2 * n_bins  # each sum twice, so that the last bins are a row wherever it begins
     values = {
         "n_groups": len(groups),
         "n_kernels": len(arrays["taps"]),
-        "n_thresholds": len(arrays["thresholds"]) // len(arrays["taps"]) if several else 0,
+        "n_dilations": n_dilations,
+        "n_whole": np.count_nonzero(np.unique(begins(arrays))),
+        "two_groups": 2 * n_dilations,
+        "per_kernel": per_kernel,
+        "n_thresholds": per_kernel if per_kernel > 1 else 0,
         "longest": int(arrays["dilations"].max()),
         "n_bins": n_bins,
         "n_levels": groups.shape[1],

@@ -14,8 +14,12 @@ their signs, drawn. Its 3 taps are drawn; its M thresholds rise: each is a quant
 training recordings, drawn from an M-th of 0.1 to 0.9. The sums are what costs, so that several thresholds
 tell more at the price of one kernel.
 
+In every other group, kernels whose taps span half the window at most (the first `whole` dilations) are counted
+anew once all taps lie in the window, from bin 8 d on: how the window began does not reach these.
+
 All numbers are integers, and the state is a ring of 8 d + 1 bins per group. The readout is that of `linear`.
-Source: [Dempster et al., MiniRocket in REFERENCES.md]: kernels, dilations, quantiles, of the signal itself.
+Source: [Dempster et al., MiniRocket in REFERENCES.md]: kernels, dilations, quantiles, half of them without
+what lies beyond the window, all of the signal itself.
 """
 
 from __future__ import annotations
@@ -38,6 +42,7 @@ from dse.registry import fixed, param, register
 TAPS = 9
 MOST_LEVEL = 2**15 - 1
 _TRIPLES = np.array(list(combinations(range(TAPS), 3)))
+_NONE = np.array(0, np.uint8)
 _OF_A_QUANTILE = 32  # recordings
 _BATCH = 256
 
@@ -115,13 +120,14 @@ class Kernels(Sliding):
             "groups": groups,
             "dilations": 2 ** np.arange(n_dilations),
             "taps": _TRIPLES[rng.integers(len(_TRIPLES), size=self.kernels)].astype(np.uint8),
+            "whole": np.array((n_bins // (2 * (TAPS - 1))).bit_length(), np.uint8),
         }
         thresholds = np.zeros((self.kernels, self.thresholds), np.int32)
         ends = np.linspace(0.1, 0.9, self.thresholds + 1)
-        for k, taps in enumerate(arrays["taps"]):
+        for k, (taps, anew) in enumerate(zip(arrays["taps"], begins(arrays), strict=True)):
             group, dilation = groups[k // n_dilations], 1 << k % n_dilations
             some = counts[rng.choice(n, min(n, _OF_A_QUANTILE), replace=False)]
-            values = convolved(summed(some, group), dilation, taps)
+            values = convolved(summed(some, group), dilation, taps)[:, anew:]
             thresholds[k] = np.floor(np.quantile(values, rng.uniform(ends[:-1], ends[1:])))
         return arrays | {"thresholds": thresholds.ravel()}
 
@@ -129,17 +135,18 @@ class Kernels(Sliding):
         """Yield how often kernels are above each of their thresholds in each input length, (n, threshold)."""
         dilations = arrays["dilations"].tolist()
         thresholds = arrays["thresholds"].reshape(len(arrays["taps"]), -1)
-        begins = np.concatenate([[0], lengths[:-1]])
+        since = np.concatenate([[0], lengths[:-1]])
         above = np.empty((len(lengths), len(counts), *thresholds.shape), np.int32)
         for first in range(0, len(counts), _BATCH):
             part = slice(first, first + _BATCH)
             z = summed(counts[part], arrays["groups"])
-            for k, taps in enumerate(arrays["taps"]):
+            for k, (taps, anew) in enumerate(zip(arrays["taps"], begins(arrays), strict=True)):
                 values = convolved(z[:, :, k // len(dilations)], dilations[k % len(dilations)], taps)
                 for m, threshold in enumerate(thresholds[k]):
                     is_above = values[:, : lengths[-1]] > threshold
-                    between = np.add.reduceat(is_above, begins, axis=1, dtype=np.int32)
+                    between = np.add.reduceat(is_above, since, axis=1, dtype=np.int32)
                     above[:, part, k, m] = between.cumsum(axis=1).T
+                    above[lengths >= anew, part, k, m] -= is_above[:, :anew].sum(axis=1)
         yield from above.reshape(len(lengths), len(counts), -1)
 
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
@@ -185,10 +192,19 @@ class Kernels(Sliding):
             and n_dilations < 32
             and arrays["place"].max() + 1 == n_places
             and np.isin(arrays["groups"], (-1, 0, 1)).all()
+            and arrays.get("whole", _NONE).shape == ()
             and (arrays["taps"] < TAPS).all()
         )
         if not is_right:
             raise ValueError("its kernels must fit its places, groups, taps and dilations")
+
+
+def begins(arrays: Mapping[str, Array]) -> Ints:
+    """Return the bin from which on each kernel is counted anew, (kernel,); 0 of arrays of older versions."""
+    dilations = arrays["dilations"]
+    group, k = np.divmod(np.arange(len(arrays["taps"])), len(dilations))
+    is_whole = (group % 2 == 1) & (k < arrays.get("whole", _NONE))
+    return np.where(is_whole, (TAPS - 1) * dilations[k], 0)
 
 
 def ring_bins(arrays: Mapping[str, Array]) -> int:

@@ -30,7 +30,8 @@ def above(arrays, levels, n_bins):
         group = arrays["groups"][k // len(arrays["dilations"])]
         z = [sum(int(s) * int(v) for s, v in zip(group, row, strict=True)) for row in levels]
         sums = []
-        for t in range(n_bins):
+        is_whole = k // len(arrays["dilations"]) % 2 == 1 and 16 * dilation <= len(levels)
+        for t in range(8 * dilation if is_whole and 8 * dilation <= n_bins else 0, n_bins):
             lags = [z[t - j * dilation] if t >= j * dilation else 0 for j in range(9)]
             sums.append(3 * sum(lags[j] for j in taps) - sum(lags))
         found += [sum(x > threshold for x in sums) for threshold in rising]

@@ -41,6 +41,16 @@ static APART void slide(dse_t *net)
             now = &now[$n_ring];
         }
     }
+@if n_whole
+    for (i = 0; i < ${n_whole}u; i++) { /* now all taps of dilation 2^i lie in the window */
+        for (j = ${n_dilations}u + i; (net->window == (8u << i)) && (j < ${n_kernels}u); j += ${two_groups}u) {
+            uint32_t k;
+            for (k = 0; k < ${per_kernel}u; k++) {
+                net->counts[(${per_kernel}u * j) + k] = 0;
+            }
+        }
+    }
+@end
     net->at = ((net->at + 1u) < ${n_bins}u) ? (net->at + 1u) : 0u;
 }
 
