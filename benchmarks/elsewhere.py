@@ -2,8 +2,9 @@
 
     python -m benchmarks.elsewhere FOLDER
 
-The first run trains a design of each kind on the simulated scene of the quickstart and exports it to FOLDER. Copied to another machine, it is read there: each row has the SHA-256 of what the bundle holds, and
-what training it anew gives here. Families of integers must be identical.
+The first run trains a design of each kind on the simulated scene of the quickstart and exports it to FOLDER.
+Copied to another machine, it is read there: each row has the SHA-256 of what the bundle holds, and what
+training it anew gives here. Families of integers must be identical.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ MODELS: tuple[dict[str, Any], ...] = (
     _SNN | {"recurrent": True},
     _SNN | {"input_delays": _DELAYS, "loss": "count_cross_entropy", "whitened": "output"},
     {"kind": "snn", "hidden": 20, "neuron": "resonator", "initial_rate": 0.2},
-    {"kind": "snn", "hidden": 20, "neuron": "xylo_lif", "initial_rate": 0.2},
+    _SNN | {"hidden": [20, 10]},
     {"kind": "kernel_snn", **_KERNELS, "input_delays": _DELAYS, "loss": "count_cross_entropy"},
     {"kind": "linear", "window_ms": 250.0},
     {"kind": "mlp", **_WINDOWS, "hidden": 16, "precision": "int8"},
