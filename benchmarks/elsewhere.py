@@ -70,9 +70,8 @@ def main() -> None:
     print(f"Python {platform.python_version()}, NumPy {np.__version__}, {platform.platform()}")
     for k, model in enumerate(MODELS):
         found = reproduce(folder / f"bundle_{k}")
-        print(
-            f"| {model['kind']} {model.get('neuron', '')} | {found.sha256[:16]} | {found.kind} {found.first} |"
-        )
+        name = f"{model['kind']} {model.get('neuron', '')}".strip()
+        print(f"| {name} | {found.sha256[:16]} | {found.kind} {found.first} |")
 
 
 if __name__ == "__main__":
