@@ -40,6 +40,34 @@ def test_ties_go_to_what_was_asked_for_then_to_the_first_row():
     assert pick(same, ["energy_uj <= 50"]).row.name == 0
 
 
+def test_ties_are_what_is_expected_then_other_goals_then_economy():
+    frame = table(
+        accuracy=[0.9],
+        accuracy_corrected=[0.8],
+        recall=[0.5],
+        area=[1.0],
+        n_weights=[1],
+        energy_uj=[1.0],
+        delay=[2],
+    )
+    asked = [
+        ("area", "min"),
+        ("energy_uj", "min"),
+        ("accuracy", "max"),
+        ("recall", "max"),
+        ("n_weights", "min"),
+    ]
+    assert ties(frame, "accuracy", asked) == [
+        ("accuracy_corrected", "max"),
+        ("recall", "max"),
+        ("energy_uj", "min"),
+        ("n_weights", "min"),
+        ("area", "min"),
+    ]
+    found = ties(frame.assign(latency_ms=[5.0]), "recall", [])
+    assert found == [("latency_ms", "min"), ("energy_uj", "min"), ("n_weights", "min")]
+
+
 def test_ties_in_every_goal_go_to_less_latency_then_energy_then_weights():
     frame = table(
         accuracy=[0.9, 0.9, 0.9, 0.8],
@@ -204,6 +232,28 @@ def test_a_sure_pick_meets_all_budgets_at_once():
     neither = picked(0.75, [])
     assert neither.row is None and neither.nearest["trial"].tolist() == [0]
     assert neither.notes == ["no design meets all budgets at once in more than 50% of the samples"]
+
+
+def test_a_sure_pick_has_a_front_per_group():
+    worse = UNCERTAIN.assign(site=["a", "b", "b"], energy_uj=[30.0, 20.0, 21.0])
+    drawn = np.array([[30.0, 20, 21], [31.0, 19, 22]])
+    found = {
+        by: sure_pick(worse, ["accuracy <= 0.8"], "accuracy", GOALS[1:], energies(drawn), 0.9, by)
+        for by in (None, "site")
+    }
+    assert found[None].row is None, "a design of another site is better and cheaper"
+    assert found["site"].row["trial"] == 0
+
+
+@pytest.mark.parametrize(("n_nearest", "trials"), [(1, [2]), (2, [2, 1]), (5, [2, 1, 0])])
+def test_nearest_designs_come_by_the_share_of_samples_in_which_they_meet_all(n_nearest, trials):
+    frame = pd.DataFrame({"trial": [0, 1, 2], "accuracy": [0.9, 0.8, 0.7], "energy_uj": [6.0, 5.0, 4.0]})
+    drawn = np.array([[6.0, 5, 4], [9.0, 5, 4], [9.0, 8.5, 4], [9.0, 8.5, 8]])
+    found = sure_pick(
+        frame, ["energy_uj <= 7"], "accuracy", GOALS[1:], energies(drawn), 0.8, n_nearest=n_nearest
+    )
+    assert found.row is None
+    assert found.nearest["trial"].tolist() == trials
 
 
 def test_when_no_design_is_sure_it_is_said():

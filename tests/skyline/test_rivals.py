@@ -55,6 +55,10 @@ def test_a_finalist_is_the_cheapest_within_a_standard_error(error, trial):
     found = rivals(POINTS, SPIKES, {"accuracy": drawn(POINTS, error)}, "energy_uj", costs)
     assert [(one.family, one.trial) for one in found.finalists] == [("linear", 3), ("snn", trial)]
     assert found.finalists[1].se == pytest.approx(error)
+    assert (found.task, found.hardware) == ("grip", "m4")
+    unnamed = POINTS.drop(columns=["task", "hardware"])
+    found = rivals(unnamed, SPIKES, {"accuracy": drawn(POINTS, error)}, "energy_uj", costs)
+    assert (found.task, found.hardware) == ("", "")
 
 
 @pytest.mark.parametrize(
