@@ -14,8 +14,8 @@ their signs, drawn. Its 3 taps are drawn; its M thresholds rise: each is a quant
 training recordings, drawn from an M-th of 0.1 to 0.9. The sums are what costs, so that several thresholds
 tell more at the price of one kernel.
 
-In every other group, kernels whose taps span half the window at most (the first `whole` dilations) are counted
-anew once all taps lie in the window, from bin 8 d on: how the window began does not reach these.
+In every other group, kernels whose taps span half the window at most (the first `whole` dilations) are
+counted anew once all taps lie in the window, from bin 8 d on: how the window began does not reach these.
 
 All numbers are integers, and the state is a ring of 8 d + 1 bins per group. The readout is that of `linear`.
 Source: [Dempster et al., MiniRocket in REFERENCES.md]: kernels, dilations, quantiles, half of them without

@@ -413,6 +413,11 @@ class Stack:
         return self.max_delay > 0 and (depth == 0 or self.delayed_layers == "all")
 
     @property
+    def delays(self) -> tuple[int, ...]:
+        """Delays of the input copies in network steps."""
+        return tuple(d * self.steps_per_sample for d in self.input_delays)
+
+    @property
     def longest_delay(self) -> int:
         """Most steps by which a synapse or an axon delays; 0: none does."""
         return self.max_delay or self.max_axonal_delay

@@ -201,6 +201,11 @@ class Trainee:
     def finished(self) -> bool:
         return bool(self.stopped) or len(self.history["loss"]) == self.training.epochs
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether it is finished or has diverged."""
+        return self.finished or bool(self.diverged)
+
     def state(self) -> dict[str, Array]:
         """Return what is known of the training after an epoch, by name; `restore` takes it over."""
         counts = np.array([self.clipped_batches, self.quiet_epochs])
