@@ -55,13 +55,12 @@ const Samples = (() => {
 
   // The recordings of a file, and what is left of it where it has more rows than are played.
   async function ofFile(file, samples) {
-    const { name } = file;
-    const found = [recording(name)];
+    const found = [recording(file.name)];
     let n = 0;
     for await (const row of rows(file.stream(), samples)) {
-      if (row === null && found.at(-1).steps.length) found.push(recording(`${name} ${found.length + 1}`));
+      if (row === null && found.at(-1).steps.length) found.push(recording(`${file.name} ${found.length + 1}`));
       if (row === null) continue;
-      if (n === MOST_ROWS) return { found, left: `Of ${name} the first ${Data.many(MOST_ROWS)} rows are played.` };
+      if (n === MOST_ROWS) return { found, left: `Of ${file.name} the first ${Data.many(MOST_ROWS)} rows are played.` };
       add(found.at(-1), row);
       n += 1;
     }

@@ -136,7 +136,10 @@ const Touch = (() => {
         if (signal.aborted) return;
         const source = { ...Samples.recording("serial port"), isLive: true };
         begin(source);
-        for await (const row of Samples.rows(device.readable, design.samples, signal)) if (row) Samples.add(source, row);
+        for await (const row of Samples.rows(device.readable, design.samples, signal)) {
+          if (row) Samples.add(source, row);
+          if (document.hidden && run?.source === source) take(run.due(Infinity)); // frames wait until the page is seen
+        }
       } catch ({ message }) {
         note = message;
       } finally {
@@ -197,8 +200,7 @@ const Touch = (() => {
       const most = Math.max(1, ...evidence);
       bars.replaceChildren(...evidence.map((count, label) => element("li", {}, element("span", { textContent: clip(design.classes[label], 24) }),
         element("i", { style: { width: `${(50 * count) / most}%` } }), number(count))));
-      const { hardware, pace } = shown.state;
-      const energy = source.energy?.[hardware]?.[pace]?.[steps - 1];
+      const energy = source.energy?.[shown.state.hardware]?.[shown.state.pace]?.[steps - 1];
       meter.textContent = `${number(steps * design.network_ms)}\u00a0ms${energy === undefined ? "" : ` · ${app.sized("energy_uj", energy)} by counted operations`}`;
     }
 

@@ -4,7 +4,6 @@
 (async () => {
   const page = await Data.read();
   const byId = (id) => document.getElementById(id);
-  const ON = 1;
 
   // ---- numbers
 
@@ -34,7 +33,7 @@
         discs[name].push(...page.outline.map((way) => at + page.radius_px * way[axis]), null);
         moves[name].push(rest, at, null);
       }
-      for (let i = begin; i < end; i++) (events.polarity[i] === ON ? on : off)[name].push(events[name][i] + 0.5);
+      for (let i = begin; i < end; i++) (events.polarity[i] ? on : off)[name].push(events[name][i] + 0.5);
     });
     return [discs, moves, off, on];
   }

@@ -27,21 +27,27 @@ N, N_SENSORS, N_SAMPLES = 30, 3, 40
 SPACE = """
 study: samples
 seed: 3
-data: {kind: time_series, file: touch.npz, step_ms: 10, columns: {fabric: label}}
-task: {target: fabric}
-window: {n_steps: 16, at: {choice: [start, middle, contact_onset]}, onset_threshold: 2}
-split: {stratified: {validation: 0.3, test: 0.3}}
-encoder: {kind: send_on_delta, thresholds: [1, 2]}
-model: {kind: snn, hidden: [8]}
-training: {epochs: 30, batch_size: 8, learning_rate: 0.03}
-decision: {phi: [2], theta: [0.5]}
+data: {{kind: time_series, file: touch.npz, step_ms: 10, columns: {{fabric: label}}}}
+task: {{target: fabric}}
+window: {{n_steps: 16, at: {{choice: [start, middle, contact_onset]}}, onset_threshold: 2}}
+split: {{stratified: {{validation: 0.3, test: 0.3}}}}
+encoder: {encoder}
+model: {{kind: snn, hidden: [8]}}
+training: {{epochs: 30, batch_size: 8, learning_rate: 0.03}}
+decision: {{phi: [2], theta: [0.5]}}
 objectives: [accuracy:max, n_weights:min]
-search: {sampler: grid}
-execution: {jobs: 1}
+search: {{sampler: grid}}
+execution: {{jobs: 1}}
 """
+STUDIES = {
+    "whole": (1, "{kind: send_on_delta, thresholds: [1, 2]}"),
+    "real": (0.7, "{kind: send_on_delta, thresholds: [1, 2]}"),
+    "receptors": (0.7, "{kind: receptors}"),
+}
+"""A unit of the samples, and the encoder."""
 
 
-def signals(scale):
+def signals(unit):
     """Return recordings (n, sample, sensor) of rest and then contact, and which sensor moves most in each."""
     rng = np.random.default_rng(4)
     label = np.arange(N) % N_SENSORS
@@ -49,15 +55,16 @@ def signals(scale):
     moved[np.arange(N), :, label] *= 3
     rest = rng.integers(2, 8, (N, 1, 1))
     signal = np.cumsum(moved * (np.arange(N_SAMPLES)[:, None] >= rest), axis=1)
-    return (scale * (100 + signal)).astype(np.float32), label
+    return (unit * (100 + signal)).astype(np.float32), label
 
 
-@pytest.fixture(scope="module", params=[1, 0.7], ids=["whole", "real"])
+@pytest.fixture(scope="module", params=STUDIES)
 def study(tmp_path_factory, request):
     folder = tmp_path_factory.mktemp("samples")
-    signal, label = signals(request.param)
+    unit, encoder = STUDIES[request.param]
+    signal, label = signals(unit)
     np.savez(folder / "touch.npz", signal=signal, label=label)
-    (folder / "space.yaml").write_text(SPACE)
+    (folder / "space.yaml").write_text(SPACE.format(encoder=encoder))
     return explore.run(load_space(folder / "space.yaml"), folder / "results", progress=False)
 
 
@@ -329,6 +336,20 @@ def test_what_a_port_sends_is_checked_and_another_touch_ends_it(opened_on):
     page.tab.click("#touch-port")
     page.tab.wait_for_function("document.querySelector('.touch small').textContent === 'no port was chosen'")
     assert page.tab.inner_text("#touch-port") == "serial port"
+
+
+def test_a_port_is_heard_while_nobody_sees_the_page(opened_on):
+    made = of("samples", RULES["restart"])
+    rows = np.concatenate(touches("samples"))
+    page = opened_on(made)
+    page.tab.evaluate("Object.defineProperty(document, 'hidden', { value: true })")
+    page.tab.evaluate("window.requestAnimationFrame = () => {}")
+    page.tab.evaluate(PORT, f"\n{csv(rows)}")
+    page.tab.click("#touch-port")
+    page.tab.wait_for_function("window.isAllSent")
+    answers = [made.answers.index(name) for name in streamed(made, rows)]
+    page.tab.wait_for_function(f"window.answers.length >= {len(answers)}")
+    assert page.tab.evaluate("answers") == answers
 
 
 def test_where_there_is_no_port_or_no_encoder_there_is_no_control(opened_on):
