@@ -141,11 +141,10 @@ const Answer = (() => {
 
     // ---- what can be asked
 
-    const ASKED = { take: "Take it", why: "Why this one?", cheaper: "Could it be cheaper?" };
-    const line = element("p", { id: "sentence" });
-    const told = element("div", { id: "told" });
-    const asks = Object.entries(ASKED).map(([ask, text]) => button(text, () => change({ ask: shown.state.ask === ask ? "" : ask }), { "aria-controls": "told", data: { ask } }));
-    root.append(line, element("div", { id: "asks" }, ...asks), told);
+    const ASKED = { take, why, cheaper };
+    const [line, told] = Dom.parts(root, "#sentence", "#told");
+    const asks = [...root.querySelectorAll("[data-ask]")];
+    for (const one of asks) one.onclick = () => change({ ask: shown.state.ask === one.dataset.ask ? "" : one.dataset.ask });
 
     function take() {
       const { page, subject, chosen, columns, budgeted, state } = shown;
@@ -198,16 +197,14 @@ const Answer = (() => {
       const found = subject.row < 0 ? [] : offers(budgeted.among, subject.row, costs, improve, give);
       const head = element("p", {}, "Less ", choose("improve", "what must be less", costsOf(), improve), " for some ", choose("give", "what may be given up",
         Object.keys(ways).filter((name) => name !== improve), give), ", all else as good:");
-      const none = element("p", { textContent: `No measured design has less ${label(improve)} and is as good in all but ${label(give)}.` });
       return [head, ...(found.length ? [element("div", { className: "offers" },
-        ...found.map((row) => card(`÷${number(costs[improve][subject.row] / costs[improve][row])} ${label(improve)}`, app.point(app.keyOf(row)), subject)))] : [none]),
+        ...found.map((row) => card(`÷${number(costs[improve][subject.row] / costs[improve][row])} ${label(improve)}`, app.point(app.keyOf(row)), subject)))] : [element("p", { textContent: `No measured design has less ${label(improve)} and is as good in all but ${label(give)}.` })]),
         ...untried(app, shown, found[0] ?? subject.row, "enqueue")];
     }
 
     // ---- cards
 
-    function card(title, at, base, more = []) {
-      const { chosen } = shown;
+    function card(title, at, base, more = [], ...nodes) {
       const gain = headline();
       const cost = app.costOf();
       const name = at.row >= 0 ? app.nameOf(at.row) : "this setting";
@@ -216,25 +213,22 @@ const Answer = (() => {
       const isBase = base === null;
       const lines = isBase ? costsOf().filter((column) => column !== cost && (Object.hasOwn(shown.page.objectives, column) || /latency/.test(column))
         && at.value(column) !== null).map((column) => `${sized(column, at.value(column))} ${label(column)}`) : differences(at, base);
-      const isChosen = chosen?.key === at.key;
       return element("article", { title: clip(name, 40), data: { key: at.key } }, element("h2", { textContent: title }), element("p", { className: "big", textContent: values }),
         element("ul", {}, ...[...lines, ...more].map((textContent) => element("li", { textContent }))),
-        ...(isBase ? [] : [button("choose it", () => change({ chosen: isChosen ? "" : at.key }), { "aria-label": `choose it: ${clip(name, 40)}` })]));
+        ...(isBase ? [] : [button("choose it", () => change({ chosen: shown.chosen?.key === at.key ? "" : at.key }), { "aria-label": `choose it: ${clip(name, 40)}` })]), ...nodes);
     }
 
     function renderCards() {
       const { budgeted, subject } = shown;
       const at = (row) => app.point(app.keyOf(row));
       if (budgeted.pick < 0 && !shown.chosen) {
-        const missed = ({ row, missed: all }) => card("the nearest", at(row), null, all.map(({ column, by }) => `misses ${label(column)} by ${sized(column, by)}`));
+        const missed = ({ row, missed: all }, title, ...nodes) => card(title, at(row), null, all.map(({ column, by }) => `misses ${label(column)} by ${sized(column, by)}`), ...nodes);
         const relaxed = budgeted.relaxed.map((one) => {
           const value = shown.columns[one.column].values[one.row];
-          const node = missed(one);
-          node.querySelector("h2").textContent = `${label(one.column)} ${shown.page.budgets.columns[one.column] === "max" ? "down" : "up"} to ${sized(one.column, value)}`;
-          node.append(button("relax it", () => change({ [`b.${one.column}`]: String(value) })));
-          return node;
+          return missed(one, `${label(one.column)} ${shown.page.budgets.columns[one.column] === "max" ? "down" : "up"} to ${sized(one.column, value)}`,
+            button("relax it", () => change({ [`b.${one.column}`]: String(value) })));
         });
-        return cards.replaceChildren(...[...relaxed, ...budgeted.nearest.filter(({ row }) => !budgeted.relaxed.some((one) => one.row === row)).map(missed)].slice(0, NEXT));
+        return cards.replaceChildren(...[...relaxed, ...budgeted.nearest.filter(({ row }) => !budgeted.relaxed.some((one) => one.row === row)).map((one) => missed(one, "the nearest"))].slice(0, NEXT));
       }
       if (!subject.key) return cards.replaceChildren();
       const { best, pick, half } = budgeted;
@@ -247,8 +241,7 @@ const Answer = (() => {
       const other = good ? card("as good, cheaper", at(pick), subject) : isPick && best !== pick ? card("the most accurate", at(best), subject)
         : !isPick && pick >= 0 ? card("the pick", at(pick), subject) : null;
       const halved = isPick ? half : least(subject.value(cost) / 2);
-      const first = card(isPick ? "your pick" : "your choice", subject, null);
-      first.append(...[touch(shown)].filter(Boolean));
+      const first = card(isPick ? "your pick" : "your choice", subject, null, [], ...[touch(shown)].filter(Boolean));
       cards.replaceChildren(...[first, other, halved >= 0 && cost ? card(`half the ${label(cost)}`, at(halved), subject) : null].filter(Boolean));
     }
     const least = (most) => Budgets.least(shown.budgeted.among.filter((row) => app.numbers(app.costOf())[row] <= most), [app.numbers(shown.page.budgets.maximise).map((value) => -value)]);
@@ -268,7 +261,7 @@ const Answer = (() => {
       const asked = app.style().paper ? "why" : next.state.ask; // a report has the reasons
       told.hidden = !Object.hasOwn(ASKED, asked);
       for (const ask of asks) ask.hidden = ask.dataset.ask !== "why" && !next.subject.key;
-      if (!told.hidden && !next.moving) Dom.keepFocus(told, named, () => told.replaceChildren(...{ take, why, cheaper }[asked]()));
+      if (!told.hidden && !next.moving) Dom.keepFocus(told, named, () => told.replaceChildren(...ASKED[asked]()));
       Dom.keepFocus(cards, named, renderCards);
     }
 

@@ -17,14 +17,7 @@ const Budgets = (() => {
       return a - b;
     });
     const best = [];
-    const beats = (a, b) => {
-      let better = false;
-      for (const cost of costs) {
-        if (cost[a] > cost[b]) return false;
-        better ||= cost[a] < cost[b];
-      }
-      return better;
-    };
+    const beats = (a, b) => costs.every((cost) => cost[a] <= cost[b]) && costs.some((cost) => cost[a] < cost[b]);
     for (const row of order) { // only rows before it can beat a row
       const at = best.findIndex((other) => beats(other, row));
       if (at < 0) best.push(row);
@@ -35,16 +28,11 @@ const Budgets = (() => {
 
   // Least row by a list of keys, each an array of numbers; what is not finite comes last, ties go to the first row.
   function least(rows, keys) {
-    let best = -1;
     const worse = (x) => (Number.isFinite(x) ? x : Infinity);
-    for (const row of rows) {
-      if (best >= 0) {
-        const key = keys.find((one) => worse(one[row]) !== worse(one[best]));
-        if (!key || worse(key[row]) > worse(key[best])) continue;
-      }
-      best = row;
-    }
-    return best;
+    return rows.reduce((best, row) => {
+      const key = keys.find((one) => worse(one[row]) !== worse(one[best]));
+      return best < 0 || (key && worse(key[row]) < worse(key[best])) ? row : best;
+    }, -1);
   }
 
   // What the shape of a front tells, from its cheap end; `cost`, `gain` and `error` of a row are shares of the drawn axes. The knee lies
@@ -106,23 +94,14 @@ const Budgets = (() => {
     const costs = objectives.map(([column, way]) => costOf(column, way));
     // What decides between rows: the most of what is maximised, then the ties.
     const ranking = budgets.maximise ? [costOf(budgets.maximise, "max"), ...budgets.ties.filter(([c]) => values[c]).map(([c, way]) => costOf(c, way))] : [];
-    const whole = new Uint8Array(nRows); // rows of any front or budget: all of the table's are here
-    for (const row of budgets.contenders) whole[row] = 1;
+    const whole = maskOf(budgets.contenders); // rows of any front or budget: all of the table's are here
     const weight = (row) => (whole[row] ? 1 : budgets.stands_for); // how many points a row stands for
+    const weigh = (rows) => rows.reduce((sum, row) => sum + weight(row), 0);
     const text = (column) => columns[column]?.values.map(String);
     const [task, family, hardware] = ["task", "family", "hardware"].map(text);
     const tasks = task ? [...new Set(task)] : [""];
     const several = (names) => names !== undefined && new Set(names).size > 1;
-    const results = new Map();
-
-    // The last result of each kind; a slider at work asks for the same selection again and again.
-    function remembered(kind, key, make) {
-      const last = results.get(kind);
-      if (last?.key === key) return last.value;
-      const value = make();
-      results.set(kind, { key, value });
-      return value;
-    }
+    const remembered = Data.memory(); // a slider at work asks for the same selection again and again
 
     const chosenOnly = (names, value) => (names && names.includes(value) ? value : null);
     const filters = (state) => ({
@@ -181,10 +160,7 @@ const Budgets = (() => {
     const byTask = (rows, chosenCosts) => tasks.flatMap((name) =>
       front(chosenCosts, task ? rows.filter((row) => task[row] === name) : rows)).sort((a, b) => a - b);
 
-    function limitsOf(state) {
-      return limited.filter(([column]) => state[`b.${column}`]).map(([column, way]) =>
-        ({ column, way, limit: Number(state[`b.${column}`]), text: state[`b.${column}`] }));
-    }
+    const limitsOf = (state) => limited.map(([column, way]) => ({ column, way, limit: Number(state[`b.${column}`]), text: state[`b.${column}`] })).filter(({ text }) => text);
     const meets = ({ column, way, limit }, row) => (way === "max" ? values[column][row] >= limit : values[column][row] <= limit);
 
     // Whether a row is on the front in at least a share of the samples.
@@ -198,16 +174,10 @@ const Budgets = (() => {
       const admitted = remembered("admitted", key, () => maskOf(admissible));
       const selected = remembered("selected", key, () => admissible.filter((row) => conditions.every((one) => passes(one, row))));
       const limits = limitsOf(state);
-      const within = new Uint8Array(nRows);
-      let [count, total] = [0, 0];
       const numbered = values[budgets.maximise];
-      for (const row of selected) {
-        if (numbered && !Number.isFinite(numbered[row])) continue;
-        total += weight(row);
-        if (!limits.every((one) => meets(one, row))) continue;
-        within[row] = 1;
-        count += weight(row);
-      }
+      const measured = remembered("measured", key, () => selected.filter((row) => !numbered || Number.isFinite(numbered[row])));
+      const kept = measured.filter((row) => limits.every((one) => meets(one, row)));
+      const [within, count, total] = [maskOf(kept), weigh(kept), weigh(measured)];
       const rivals = remembered("rivals", key, () => {
         if (conditions.length) return selected; // who decides under any budget does not under any filter
         const among = new Set(selected);
@@ -218,7 +188,6 @@ const Budgets = (() => {
       const sure = Number(state.sure || 0);
       const base = remembered("base", `${key}${JSON.stringify(beside)}`, () => byTask(
         rivals.filter((row) => costs.every((cost) => Number.isFinite(cost[row])) && beside.every((limit) => meets(limit, row))), costs));
-      const isWithin = (row) => within[row] === 1;
       const result = {
         key: JSON.stringify([key, limits.map(({ column, text }) => [column, text]), sure]), page, chosen, limits, within, count, total, admitted, conditions, rivals,
         matches: (row) => conditions.every((one) => passes(one, row)),
@@ -229,7 +198,7 @@ const Budgets = (() => {
       };
       if (!budgets.maximise) return result;
       const sameDesign = (a, b) => (columns.trial ? columns.trial.values[a] === columns.trial.values[b] : a === b);
-      const feasible = rivals.filter(isWithin);
+      const feasible = rivals.filter((row) => within[row] === 1);
       result.best = least(feasible, ranking);
       if (result.best >= 0) {
         Object.assign(result, frugal(feasible, result.best));
@@ -241,8 +210,7 @@ const Budgets = (() => {
       const known = (row) => [numbered, ...limits.map(({ column }) => values[column])].every((x) => Number.isFinite(x[row]));
       const miss = ({ column, way, limit }, row) => Math.max(way === "max" ? limit - values[column][row] : values[column][row] - limit, 0);
       // For each budget, what it must be if the others stay: nothing beats this row in its column within them.
-      const isMet = (row) => limits.map((one) => meets(one, row));
-      const met = new Map(rivals.filter(known).map((row) => [row, isMet(row)]));
+      const met = new Map(rivals.filter(known).map((row) => [row, limits.map((one) => meets(one, row))]));
       const last = (k) => Number(limits[k].column === budgets.maximise); // more accuracy is what the others are relaxed for
       [...limits.keys()].sort((a, b) => last(a) - last(b)).forEach((k) => {
         const { column, way } = limits[k];

@@ -10,9 +10,7 @@ const Data = (() => {
   }
 
   // The JSON of gzipped text that was written in base64.
-  async function unpacked(text) {
-    return new Response(new Blob([array(text, Uint8Array)]).stream().pipeThrough(new DecompressionStream("gzip"))).json();
-  }
+  const unpacked = async (text) => new Response(new Blob([array(text, Uint8Array)]).stream().pipeThrough(new DecompressionStream("gzip"))).json();
 
   async function read() {
     const { type, textContent } = document.getElementById("data");
@@ -35,6 +33,7 @@ const Data = (() => {
 
   // A whole number, with a narrow space between thousands.
   const many = (n) => Math.round(n).toLocaleString("en").replace(/,/g, "\u202f");
+  const plural = (n, word) => `${many(n)} ${word}${n === 1 ? "" : "s"}`;
 
   function rounds(low, high, most) {
     const rough = (high - low) / most;
@@ -73,5 +72,14 @@ const Data = (() => {
     return made;
   };
 
-  return { read, remembering, array, unpacked, ends, spansDecades, many, axis };
+  // Remembers the last of each kind of result, for as long as its key is the same.
+  function memory() {
+    const last = new Map();
+    return (kind, key, make) => {
+      if (!last.has(kind) || last.get(kind).key !== key) last.set(kind, { key, value: make() });
+      return last.get(kind).value;
+    };
+  }
+
+  return { read, remembering, memory, array, unpacked, ends, spansDecades, many, plural, axis };
 })();

@@ -4,11 +4,7 @@ const Details = (() => {
   const documentsOf = Data.remembering(() => new Map()); // by the columns of a page: live.js keeps them while no point changes
 
   // The token of a server on the network is part of the page's address.
-  function address(route, fields) {
-    const query = new URLSearchParams(location.search);
-    for (const [name, value] of Object.entries(fields)) query.set(name, value);
-    return `${route}?${query}`;
-  }
+  const address = (route, fields) => `${route}?${new URLSearchParams({ ...Object.fromEntries(new URLSearchParams(location.search)), ...fields })}`;
 
   // What a server tells, or in words `why` it does not.
   async function ask(route, fields) {

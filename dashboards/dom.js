@@ -1,11 +1,12 @@
 "use strict";
 // Nodes of a page: how views make them, and what stays when they are made anew.
 const Dom = (() => {
-  // A node with properties; `role` and names with a dash are attributes, `data` is its data set, on... are listeners.
+  // A node with properties; `role` and names with a dash are attributes, `data` is its data set, `style` its own style, on... are listeners.
   function element(tag, properties = {}, ...children) {
     const node = document.createElement(tag);
     for (const [name, value] of Object.entries(properties)) {
       if (name === "data") Object.assign(node.dataset, value);
+      else if (name === "style") Object.assign(node.style, value);
       else if (name === "role" || name.includes("-")) node.setAttribute(name, value);
       else node[name] = value;
     }
@@ -39,6 +40,9 @@ const Dom = (() => {
     const head = columns.map(([textContent, className = ""]) => element("th", { scope: "col", className, textContent }));
     return scroll(label, element("table", {}, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...rows.map(line))));
   }
+
+  // Nodes inside another, by selectors.
+  const parts = (root, ...selectors) => selectors.map((selector) => root.querySelector(selector));
 
   const rowHead = (...content) => element("th", { scope: "row", className: "text" }, ...content);
 
@@ -98,5 +102,5 @@ const Dom = (() => {
     };
   }
 
-  return { element, svg, button, scroll, table, rowHead, choice, fill, keepFocus, strip, settled };
+  return { element, svg, button, scroll, table, parts, rowHead, choice, fill, keepFocus, strip, settled };
 })();

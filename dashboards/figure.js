@@ -13,17 +13,12 @@ const Figure = (() => {
   }
 
   // The library is most of a page, so that it starts once the page's numbers have been seen.
-  function library() {
-    started ??= new Promise((resolve) => {
-      const start = () => {
-        document.head.append(Dom.element("script", { textContent: document.getElementById("plotly").textContent }));
-        resolve(Plotly);
-      };
-      if (document.hidden) setTimeout(start);
-      else requestAnimationFrame(() => setTimeout(start));
-    });
-    return started;
+  async function start() {
+    if (!document.hidden) await new Promise(requestAnimationFrame);
+    await new Promise((done) => setTimeout(done));
+    document.head.append(Dom.element("script", { textContent: document.getElementById("plotly").textContent }));
   }
+  const library = () => (started ??= start());
 
   // The reader's colours; `palette` has a list of colours for light pages and what they become on dark ones.
   function style(palette) {
@@ -76,7 +71,6 @@ const Figure = (() => {
     if (turns.get(node) !== turn || !node.isConnected) return null;
     const layout = recoloured(figure.layout, look);
     delete layout.title;
-    delete layout.template;
     for (const key of Object.keys(layout).filter((name) => /^[xy]axis\d*$/.test(name))) {
       Object.assign(layout[key], { ...NOTATION, gridcolor: look.rule, linecolor: look.rule, color: look.text, zeroline: false, automargin: true });
       layout[key].title = { ...layout[key].title, standoff: 4 };
@@ -115,11 +109,7 @@ const Figure = (() => {
   }
 
   // A place for a figure, with its text alternative.
-  function node(name, height, label = "") {
-    const place = Dom.element("div", { className: "plot", role: "img", "aria-label": label, data: { figure: name } });
-    place.style.height = `${height}px`;
-    return place;
-  }
+  const node = (figure, height, label = "") => Dom.element("div", { className: "plot", role: "img", "aria-label": label, data: { figure }, style: { height: `${height}px` } });
 
   const STOPS = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#e1cc55", "#fee838"]; // Cividis
   // The colour of a share of a scale; `stops` are its colours.

@@ -3,7 +3,7 @@
 // Text from the study only ever enters the page through textContent.
 (async () => {
   const byId = (id) => document.getElementById(id);
-  let given, page, columns, objectives, nRows, rows, axes, tasks, hardware, families, filterable, allowed, engine, byKey, plain; // set by take()
+  let given, page, columns, objectives, nRows, rows, axes, tasks, hardware, families, filterable, allowed, engine, plain, remembered; // set by take()
   const BOTH = "all";
   const MAX_CATEGORIES = 40; // of a column that can be an axis, a colour or a filter
   const SURE = ["", ...Array.from({ length: 19 }, (_, k) => String((k + 1) / 20))]; // shares of the samples
@@ -17,22 +17,18 @@
 
   // ---- words and numbers
 
-  const remembering = { distinct: new WeakMap(), numbers: new WeakMap(), numeric: new WeakMap(), categories: new WeakMap() }; // of columns: asked for at every step of a slider
-  function remembered(kind, column, make) {
-    const { values } = columns[column];
-    if (!remembering[kind].has(values)) remembering[kind].set(values, make(values));
-    return remembering[kind].get(values);
-  }
-  const distinct = (column) => (columns[column] ? remembered("distinct", column, (values) => [...new Set(values.map(String))]) : []);
-  const isNumeric = (column) => remembered("numeric", column, (values) => values.some((v) => typeof v === "number"));
+  // What follows from the values of a column, which is asked for at every step of a slider.
+  const ofColumn = (make, known = Data.memory()) => (column) => known(column, columns[column]?.values, () => make(columns[column]?.values ?? [], column));
+  const distinct = ofColumn((values) => [...new Set(values.map(String))]);
+  const isNumeric = ofColumn((values) => values.some((v) => typeof v === "number"));
   // The values of a column of words in their order; none of a column of numbers, or of one whose words hardly repeat.
-  const categories = (column) => remembered("categories", column, (values) => {
+  const categories = ofColumn((values) => {
     const known = [...new Set(values.filter((value) => value !== null && value !== undefined))];
     if (known.length === 0 || known.length > MAX_CATEGORIES || known.some((value) => typeof value === "number")) return [];
     return known.map(String).sort((a, b) => a.localeCompare(b, "en", { numeric: true }));
   });
   // A column as numbers, NaN where it has none; of words, their places among the categories.
-  const numbers = (column) => remembered("numbers", column, (values) => {
+  const numbers = ofColumn((values, column) => {
     if (isNumeric(column)) return Float64Array.from(values, (v) => (typeof v === "number" ? v : NaN));
     const places = new Map(categories(column).map((name, k) => [name, k]));
     return Float64Array.from(values, (v) => places.get(String(v)) ?? NaN);
@@ -41,8 +37,7 @@
   const title = (column) => columns[column].label + (columns[column].unit ? ` (${columns[column].unit})` : "");
   const clip = (text, n) => ([...text].length <= n ? text : [...text].slice(0, n - 1).join("") + "…");
 
-  const { many } = Data;
-  const plural = (n, word) => `${many(n)} ${word}${n === 1 ? "" : "s"}`;
+  const { many, plural } = Data;
 
   const digits = new Intl.NumberFormat("en", { maximumSignificantDigits: 3 });
 
@@ -155,14 +150,13 @@
   const isNamed = () => columns.trial !== undefined && columns.point !== undefined;
   const keyOf = (row) => (isNamed() ? `${columns.trial.values[row]}.${columns.point.values[row]}`
     : String(distinct("trial").length === nRows ? columns.trial.values[row] : row));
-  function rowOf(key) {
-    if (byKey === null) {
-      byKey = new Map();
-      for (const row of rows) byKey.set(keyOf(row), [...(byKey.get(keyOf(row)) ?? []), row]);
-    }
-    const onChip = (row) => !columns.hardware || String(columns.hardware.values[row]) === state.hardware;
-    return (byKey.get(key) ?? []).find(onChip) ?? -1; // costs on another chip would mislead
+  function rowsByKey() {
+    const found = new Map();
+    for (const row of rows) found.set(keyOf(row), [...(found.get(keyOf(row)) ?? []), row]);
+    return found;
   }
+  const onChip = (row) => !columns.hardware || String(columns.hardware.values[row]) === state.hardware;
+  const rowOf = (key) => remembered("keys", "", rowsByKey).get(key)?.find(onChip) ?? -1; // costs on another chip would mislead
 
   const isKey = { includes: (text) => text === "" || /^-?\d+(\.\d+)?$/.test(text) };
   const isEnd = (text) => text === "" || Number.isFinite(Number(text));
@@ -190,7 +184,7 @@
     objectives = Object.keys(page.objectives);
     nRows = Object.values(columns)[0]?.values.length ?? 0;
     rows = Array.from({ length: nRows }, (_, row) => row);
-    byKey = null;
+    remembered = Data.memory();
     const first = beside(objectives);
     axes = [...objectives, ...first.filter((c) => !objectives.includes(c) && isNumeric(c)), ...Object.keys(columns).filter((c) => !first.includes(c) && (isNumeric(c) || categories(c).length > 1))];
     filterable = Object.keys(columns).filter((c) => /^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*$/.test(c) && !Object.hasOwn(page.budgets.columns, c)
@@ -212,12 +206,7 @@
 
   const varies = (column) => distinct(column).length > 1;
 
-  // A column that spans more than two decades reads better in logarithms.
-  function spansDecades(column) {
-    return Data.spansDecades(...Data.ends(columns[column].values.filter((v) => typeof v === "number")));
-  }
-
-  const log = (column) => (column && (page.definition.front.log.includes(column) || spansDecades(column)) ? "1" : "0");
+  const log = (column) => (column && (page.definition.front.log.includes(column) || Data.spansDecades(...Data.ends(columns[column].values.filter((v) => typeof v === "number")))) ? "1" : "0");
 
   function initialState() {
     const definition = page.definition;
@@ -240,14 +229,13 @@
 
   const canBeLog = (column) => axes.includes(column) && !numbers(column).some((value) => value <= 0);
 
-  function readState() {
-    const read = { ...plain };
-    for (const [key, value] of new URLSearchParams(location.hash.slice(1))) {
-      if (Object.hasOwn(allowed, key) && allowed[key].includes(value)) read[key] = value;
-    }
+  // A state of what may be kept of some [key, value].
+  function stateOf(entries) {
+    const read = { ...plain, ...Object.fromEntries([...entries].filter(([key, value]) => Object.hasOwn(allowed, key) && allowed[key].includes(value))) };
     for (const axis of ["x", "y"]) if (!canBeLog(read[axis])) read[`l${axis}`] = "0";
     return read;
   }
+  const readState = () => stateOf(new URLSearchParams(location.hash.slice(1)));
 
   take(await Data.read(), paceOf(location.hash.slice(1)));
   let [state, writing] = [readState(), 0];
@@ -276,8 +264,7 @@
     const { energy, instead } = given.period;
     const renamed = (name) => (pace === "period" ? (name === energy ? instead : name) : name === instead ? energy : name);
     take(given, pace);
-    const kept = Object.entries({ ...state, ...Object.fromEntries(["x", "y", "sort"].map((key) => [key, renamed(state[key])])) });
-    state = { ...plain, ...Object.fromEntries(kept.filter(([key, value]) => allowed[key]?.includes(value))) };
+    state = stateOf(Object.entries({ ...state, ...Object.fromEntries(["x", "y", "sort"].map((key) => [key, renamed(state[key])])) }));
   }
 
   // What was before stays in the browser's history, so that Back undoes a change.
@@ -297,9 +284,8 @@
     const before = { state, plain, empty: page.state !== null };
     take(data, before.empty ? paceOf(location.hash.slice(1)) : before.state.pace);
     // What is looked at stays; only a choice of task that nobody made follows the tasks that there are.
-    const valid = Object.entries(before.state).filter(([key, value]) => allowed[key]?.includes(value) &&
-      !(key === "task" && value === before.plain.task));
-    state = before.empty ? readState() : { ...plain, ...Object.fromEntries(valid) };
+    const kept = Object.entries(before.state).filter(([key, value]) => key !== "task" || value !== before.plain.task);
+    state = before.empty ? readState() : stateOf(kept);
     ghost = -1;
     if (page.state === null) writeState(false, true);
     render();
@@ -311,6 +297,9 @@
     (!columns.task || String(columns.task.values[row]) === state.task) &&
     (!columns.hardware || String(columns.hardware.values[row]) === state.hardware) &&
     (state.family === BOTH || columns.family.values[row] === state.family);
+
+  // Whether what names a task and a chip, or neither, is of those that are shown.
+  const concerns = (of) => ["task", "hardware"].every((name) => !of[name] || !columns[name] || of[name] === state[name]);
 
   // A point by its key; its numbers come from its row, or, off the page, from what its surface says (design.js).
   function point(key) {
@@ -325,13 +314,9 @@
   const ownColour = () => (state.family !== BOTH || families.length < 2 ? "" : "family");
 
   // The rows that are shown stay one list while budgets move, so that views recognise it.
-  let listed = { page: null, key: "", rows: [] };
   function shownRows(budgeted) {
     const key = JSON.stringify([state.task, state.hardware, state.family, state.left, state.oversize, budgeted.conditions.map(({ column, text }) => [column, text])]);
-    if (listed.page !== page || listed.key !== key) {
-      listed = { page, key, rows: rows.filter((row) => isShown(row) && budgeted.matches(row) && (state.left === "1" || budgeted.admitted[row])) };
-    }
-    return listed.rows;
+    return remembered("rows", key, () => rows.filter((row) => isShown(row) && budgeted.matches(row) && (state.left === "1" || budgeted.admitted[row])));
   }
 
   // The design that the page is about: the chosen one, or else the pick, or else the nearest to it.
@@ -393,7 +378,7 @@
   const fileName = () => clip(page.name, 80).replace(/[^\p{L}\p{N}_-]+/gu, "_");
 
   const app = {
-    element, clip, number, error, known, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, title, sized, trusts, isShare, isFraction, familyName, chipName,
+    element, clip, number, error, known, withInterval, isOpen, beside, measuredOf, wayOf, nameOf, trialName, title, sized, trusts, concerns, isShare, isFraction, familyName, chipName,
       report, saves: () => views.filter(({ root, view }) => !root.hidden && (view.image || view.listed)), save, canBeLog, change, ownColour, many, plural, keyOf, rowOf, isNumeric,
       distinct, numbers, categories, placed, setPoint,
     headline, costsOf, shape: shapeOf, bought: (column) => engine.bought(state, column), costOf: () => engine.cost, exported: (trial, point) => engine.exported(state, trial, point), differences, lists: () => ({ axes, tasks, hardware, families, filterable, allowed, rows, isShown }), point, style: () => Figure.style(page.palette),
@@ -434,7 +419,7 @@
   }
 
   // What stands where a figure will be. Trials end before the table of points is written.
-  function stateOf({ state: given, progress }) {
+  function insteadOf({ state: given, progress }) {
     if (given.title !== "No design yet" || !progress) return given;
     const { done, running } = progress.trials;
     if (done > progress.trials.failed) return { title: `${plural(done, "trial")} done`, text: "The points of the first trials are being computed; they are shown as they come." };
@@ -459,7 +444,7 @@
         root.hidden = false;
         view.render(shown);
       }
-      const { title: heading, text } = stateOf(page);
+      const { title: heading, text } = insteadOf(page);
       byId("state").querySelector("h2").textContent = heading;
       byId("state").querySelector("p").textContent = text;
       return;

@@ -4,7 +4,6 @@
 (async () => {
   const page = await Data.read();
   const byId = (id) => document.getElementById(id);
-  const ON = 1;
 
   // ---- numbers
 
@@ -25,37 +24,23 @@
 
   function traces() {
     const [discs, moves, off, on] = [0, 1, 2, 3].map(() => ({ x: [], y: [] }));
-    for (let pin = 0; pin < nPins; pin++) {
-      const [x0, y0] = [place(0, pin, 0), place(0, pin, 1)];
-      const x = x0 + state.exaggeration * (place(state.moment, pin, 0) - x0);
-      const y = y0 + state.exaggeration * (place(state.moment, pin, 1) - y0);
-      for (const [cos, sin] of page.outline) {
-        discs.x.push(x + page.radius_px * cos);
-        discs.y.push(y + page.radius_px * sin);
-      }
-      discs.x.push(null); discs.y.push(null);
-      moves.x.push(x0, x, null); moves.y.push(y0, y, null);
-    }
     const now = state.moment * page.step_ms * 1000;
-    const end = after(now);
-    for (let i = after(now - 1000 * page.recent_ms); i < end; i++) {
-      const dots = events.polarity[i] === ON ? on : off;
-      dots.x.push(events.x[i] + 0.5);
-      dots.y.push(events.y[i] + 0.5);
-    }
+    const [begin, end] = [now - 1000 * page.recent_ms, now].map(after);
+    ["x", "y"].forEach((name, axis) => {
+      for (let pin = 0; pin < nPins; pin++) {
+        const rest = place(0, pin, axis);
+        const at = rest + state.exaggeration * (place(state.moment, pin, axis) - rest);
+        discs[name].push(...page.outline.map((way) => at + page.radius_px * way[axis]), null);
+        moves[name].push(rest, at, null);
+      }
+      for (let i = begin; i < end; i++) (events.polarity[i] ? on : off)[name].push(events[name][i] + 0.5);
+    });
     return [discs, moves, off, on];
   }
 
   // ---- views
 
   const seconds = () => (state.moment * page.step_ms) / 1000;
-
-  function cursor(style) {
-    return {
-      type: "line", xref: "x", yref: "paper", x0: seconds(), x1: seconds(), y0: 0, y1: 1,
-      line: { color: style.text, width: 1, dash: "dot" },
-    };
-  }
 
   let busy = Promise.resolve();
 
@@ -64,9 +49,10 @@
     const now = traces();
     const pins = { ...page.pins, data: page.pins.data.map((trace, k) => ({ ...trace, ...now[k] })) };
     const margin = { l: 48, r: 8, t: 32, b: 36 };
+    const cursor = { type: "line", xref: "x", yref: "paper", x0: seconds(), x1: seconds(), y0: 0, y1: 1, line: { color: style.text, width: 1, dash: "dot" } };
     busy = Promise.all([
       Figure.draw(byId("pins"), pins, style, (layout) => ({ legend: { ...layout.legend, x: 0, y: 1, yanchor: "bottom" }, margin })),
-      Figure.draw(byId("course"), page.course, style, () => ({ shapes: [cursor(style)], margin })).then((plot) => {
+      Figure.draw(byId("course"), page.course, style, () => ({ shapes: [cursor], margin })).then((plot) => {
         plot?.removeAllListeners("plotly_click");
         plot?.on("plotly_click", (event) => show({ moment: Math.round((1000 * event.points[0].x) / page.step_ms) }));
       }),
@@ -112,14 +98,9 @@
     if (!state.playing) return;
     elapsed += (now - last) / state.slower;
     last = now;
-    const steps = Math.floor(elapsed / page.step_ms);
-    if (!steps) {
-      requestAnimationFrame(tick);
-      return;
-    }
-    elapsed -= steps * page.step_ms;
-    const next = state.moment + steps;
-    show(next < page.n_moments ? { moment: next } : { moment: page.n_moments - 1, playing: false });
+    const next = state.moment + Math.floor(elapsed / page.step_ms);
+    elapsed %= page.step_ms;
+    if (next > state.moment) show({ moment: next, playing: next < page.n_moments });
     busy.then(() => requestAnimationFrame(tick));
   }
 
@@ -134,13 +115,8 @@
 
   byId("counts").textContent = page.facts;
   byId("notes").replaceChildren(...page.notes.map((textContent) => Dom.element("li", { textContent })));
-  byId("course-caption").textContent =
-    "From top to bottom: events, counted for the nearest pin, with pins in order along the motion; " +
-    "thousand ON and OFF events per second; speed v of the tip; shear s of its skin. Select a point to show its time.";
   byId("pins").setAttribute("aria-label", `Image of ${nPins} pins with the events around them; the slider below sets the time.`);
-  byId("course").setAttribute("aria-label", "Events of each pin, event rate, speed and shear over time.");
   byId("moment").max = page.n_moments - 1;
-  byId("controls").addEventListener("submit", (event) => event.preventDefault());
   byId("moment").addEventListener("input", (event) => show({ moment: Number(event.target.value), playing: false }));
   for (const id of ["slower", "exaggeration"]) byId(id).addEventListener("change", (e) => show({ [id]: Number(e.target.value) }));
   byId("play").addEventListener("click", () => play(!state.playing));

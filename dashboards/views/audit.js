@@ -1,13 +1,10 @@
 "use strict";
 // What could pass for skill in the recordings and the split: a row per probe of `dse audit`.
-const Audit = (() => {
+Views.audit = (() => {
   const { element } = Dom;
 
   function view(root, app) {
-    const line = element("summary");
-    const place = element("div");
-    root.append(element("details", {}, line, place));
-
+    const [line, place] = Dom.parts(root, "summary", "div");
     const cell = (value, error = null) => (typeof value === "number" ? `${app.number(value, true)}${error === null ? "" : ` ${app.error(error)}`}` : "–");
     const below = (text, more) => [text, ...(more ? [element("small", { textContent: more })] : [])];
 
@@ -29,4 +26,3 @@ const Audit = (() => {
 
   return { view, tabs: ["run"], has: (page) => (page.audit ?? []).length > 0 };
 })();
-Views.audit = Audit;

@@ -1,14 +1,13 @@
 "use strict";
 // The model card of the design, as its bundle holds it: what a file carries, or what a server tells once it is opened.
-const Card = (() => {
+Views.card = (() => {
   const { element } = Dom;
   const row = ([name, ...cells]) => element("tr", {}, Dom.rowHead(name), ...cells.map((textContent) => element("td", { className: "text", textContent })));
   const lists = { ul: (items) => items.map((textContent) => element("li", { textContent })), table: (rows) => [element("tbody", {}, ...rows.map(row))] };
 
   function view(root, app) {
-    const body = element("div");
-    const box = element("details", { ontoggle: () => { if (box.open) load(shown); } }, element("summary", { textContent: "model card" }), body);
-    root.append(box);
+    const [box, body] = Dom.parts(root, "details", "div");
+    box.ontoggle = () => { if (box.open) load(shown); };
     let [shown, drawn, loading] = [null, "", null];
 
     const fill = (parts) => body.replaceChildren(...parts.map(([tag, content]) => element(tag, {}, ...(lists[tag] ?? ((text) => [text]))(content))));
@@ -35,4 +34,3 @@ const Card = (() => {
 
   return { view, tabs: ["inside"], has: (page) => Boolean(page.cards || Details.isServed(page)) };
 })();
-Views.card = Card;

@@ -1,6 +1,6 @@
 "use strict";
 // What each chip would make of the limits: its pick, and what it takes for an accuracy that all reach.
-const Chips = (() => {
+Views.chips = (() => {
   const { element, button, rowHead } = Dom;
 
   function view(root, app) {
@@ -31,4 +31,3 @@ const Chips = (() => {
 
   return { view, tabs: ["chips"], has: (page) => new Set(page.columns.hardware?.values).size > 1 };
 })();
-Views.chips = Chips;

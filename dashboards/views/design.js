@@ -17,18 +17,17 @@ const Design = (() => {
   // share theta or more of them of one class. Undecided: the leading class at the last step. Ties: the lowest class.
   function decide(spikes, nSteps, nClasses, phi, theta) {
     const counts = new Array(nClasses).fill(0);
-    let [total, read, most, leading] = [0, 0, 0, 0];
+    let [read, most, leading] = [0, 0, 0];
     for (let step = 0; step < nSteps; step += 1) {
       const before = read;
       while (read < spikes.length && spikes[read][0] <= step) {
         counts[spikes[read][1]] += 1;
-        total += 1;
         read += 1;
       }
       if (read === before) continue;
       most = Math.max(...counts);
       leading = counts.indexOf(most);
-      if (total > phi && most / total >= theta) return { label: leading, step, decided: true };
+      if (read > phi && most / read >= theta) return { label: leading, step, decided: true };
     }
     return { label: leading, step: nSteps - 1, decided: false };
   }
@@ -86,8 +85,7 @@ const Design = (() => {
       const figure = (tab === "energy" && pace === "period" ? entryOf(figures, "energy_at_period") : undefined) ?? entryOf(figures, tab);
       return tab === "energy" || tab === "cores" ? entryOf(figure, hardware) : figure;
     };
-    const own = on(ownPrecision(part, precision)?.figures);
-    return own ?? on(part.figures);
+    return on(ownPrecision(part, precision)?.figures) ?? on(part.figures);
   }
   const ownPrecision = (part, precision) => (part.precisions ?? []).find((one) => isOf(one, precision));
 
@@ -100,18 +98,10 @@ const Design = (() => {
 
   function view(root, app) {
     const { clip, number, change } = app;
-    const heading = element("h2", {}, "Design");
-    const standing = element("p", { className: "standing" });
-    const misfit = element("div");
-    const [objectives, parameters, others] = [0, 1, 2].map(() => element("dl"));
-    const everything = element("details", {}, element("summary", { textContent: "everything measured" }), others);
-    const strip = element("div", { className: "tabs", role: "tablist", "aria-label": "What its runs recorded" });
+    const [heading, body, strip, owner, pane] = Dom.parts(root, "h2", ".body", ".tabs", ".owner", ".pane");
+    const [notes, standing, misfit] = Dom.parts(root, ".notes", ".standing", ".misfit");
+    const [objectives, parameters, others] = root.querySelectorAll("dl");
     const tabs = Dom.strip(strip, TABS, (tab) => change({ tab }), (tab) => ({ id: `tab-${tab}`, "aria-controls": "design-pane" }));
-    const pane = element("div", { className: "pane", id: "design-pane", tabIndex: 0, role: "tabpanel" });
-    const owner = element("p", { className: "owner" });
-    const notes = element("div", { className: "quiet" });
-    const body = element("div", { className: "body" }, element("div", {}, strip, owner, pane, notes), element("div", {}, standing, misfit, objectives, parameters, everything));
-    root.append(heading, body);
 
     let shown = null;
     let loaded = { trial: null, page: null, details: undefined, text: "" }; // details: undefined while they are awaited
@@ -206,9 +196,7 @@ const Design = (() => {
       const built = { surface: surfacePane, raster: rasterPane }[open] ?? figurePane;
       drawn = { key, details, ...built(part, surface, open) };
       Dom.keepFocus(pane, ({ dataset }) => dataset.name, () => Figure.replace(pane, ...drawn.nodes));
-      for (const select of pane.querySelectorAll("select")) {
-        if ([...select.options].some(({ value }) => value === selected.get(select.dataset.name))) select.value = selected.get(select.dataset.name);
-      }
+      for (const select of pane.querySelectorAll("select")) for (const option of select.options) option.selected ||= option.value === selected.get(select.dataset.name);
       drawn.move();
       drawn.draw();
     }
@@ -271,14 +259,16 @@ const Design = (() => {
         follow(place);
       }
 
-      const unset = (value) => (isOf(surface, value) ? `${answered(value)} Move φ or θ to let it decide; they start at the best setting.`
-        : `This surface is of the weights as trained, at ${number(surface.weight_bits)} bits; φ and θ choose among its points.`);
+      function unset(value) {
+        if (!isOf(surface, value)) return `This surface is of the weights as trained, at ${number(surface.weight_bits)} bits; φ and θ choose among its points.`;
+        const after = value("read_out_ms");
+        return `This design answers ${after === null ? "at the end of the recording" : `after ${number(after)}\u00a0ms`}. Move φ or θ to let it decide; they start at the best setting.`;
+      }
 
       function summed(at) {
-        const names = [...new Set(["accuracy", "decision_latency_ms", ...["energy_uj"].filter((column) => known[column]), "undecided"])];
         const phrase = (column, value) => (column === "undecided" ? `${number(100 * value)}\u00a0% undecided`
           : `${words(column)} ${number(value, column === "accuracy")}\u00a0${unit(column)}`.trim());
-        return names.filter((column) => typeof known[column]?.[at] === "number").map((column) => phrase(column, known[column][at])).join(" · ");
+        return ["accuracy", "decision_latency_ms", "energy_uj", "undecided"].filter((column) => typeof known[column]?.[at] === "number").map((column) => phrase(column, known[column][at])).join(" · ");
       }
 
       function aim(at, moving) {
@@ -300,12 +290,6 @@ const Design = (() => {
 
     const words = (column) => (shown.columns[column]?.label ?? column.replace(/_ms$/, "").replace(/_/g, " "));
     const unit = (column) => shown.columns[column]?.unit ?? (column.endsWith("_ms") ? "ms" : "");
-
-    // When an answer without φ and θ comes.
-    function answered(value) {
-      const after = value("read_out_ms");
-      return after === null ? "This design answers at the end of the recording." : `This design answers after ${number(after)}\u00a0ms.`;
-    }
 
     // One number of every setting as a map; the setting that is chosen is ringed, the best is crossed.
     function surfacePane(part, surface) {
@@ -364,7 +348,7 @@ const Design = (() => {
 
     function rasterPane(part, surface) {
       const { examples } = part;
-      const select = Dom.choice("Recording", redraw, { data: { name: "example" } });
+      const select = Dom.choice("Recording", draw, { data: { name: "example" } });
       Dom.fill(select, examples.map(({ title }, k) => [k, clip(title, 60)]));
       const node = Figure.node("raster", Figure.heightOf(examples[0].figure));
       const summary = element("p", { className: "summary", role: "status" });
@@ -396,38 +380,30 @@ const Design = (() => {
         const { step, decided } = answer();
         const x = (step + 1) * example().step_ms;
         const visible = rule.theta !== null;
-        return {
-          shapes: (layout.shapes ?? []).map((shape) => {
-            const dash = decided || !visible ? "solid" : "dot";
-            if (shape.name === "decision") return { ...shape, x0: x, x1: x, line: { ...shape.line, dash } };
-            return shape.name === "theta" ? { ...shape, visible, y0: rule.theta ?? 0, y1: rule.theta ?? 0 } : shape;
-          }),
-          annotations: (layout.annotations ?? []).map((one) => (one.name === "theta" ? { ...one, visible, y: rule.theta ?? 0 } : one)),
+        const y = rule.theta ?? 0;
+        const moved = {
+          decision: ({ line }) => ({ x0: x, x1: x, line: { ...line, dash: decided || !visible ? "solid" : "dot" } }),
+          theta: ({ y0 }) => ({ visible, ...(y0 === undefined ? { y } : { y0: y, y1: y }) }),
         };
+        const placed = (all = []) => all.map((one) => ({ ...one, ...moved[one.name]?.(one) }));
+        return { shapes: placed(layout.shapes), annotations: placed(layout.annotations) };
       }
-      function describe() {
+      function draw() {
         summary.textContent = sentence();
-        const { title, spikes, classes, n_steps: nSteps, step_ms: stepMs } = example();
+        const { title, figure: { data, layout }, spikes, classes, n_steps: nSteps, step_ms: stepMs } = example();
         const counted = `${app.plural(spikes.length, "output spike")} of ${number(classes.length)} classes in ${number(nSteps * stepMs)} ms`;
         node.setAttribute("aria-label", `${title}: ${counted}; ${sentence()}.`);
+        node.style.height = `${Figure.heightOf({ layout })}px`;
+        Figure.draw(node, { data, layout: { ...layout, ...marks() } }, app.style(), Figure.fitted);
       }
 
       function follow(place) {
         const { value } = shown.chosen;
         rule = place < 0 ? { phi: value("phi"), theta: value("theta"), after: value("read_out_ms") }
           : { phi: surface.phi[Math.floor(place / surface.theta.length)], theta: surface.theta[place % surface.theta.length], after: null };
-        redraw();
-      }
-
-      function draw() {
-        const { data, layout } = example().figure;
-        node.style.height = `${Figure.heightOf({ layout })}px`;
-        Figure.draw(node, { data, layout: { ...layout, ...marks() } }, app.style(), Figure.fitted);
-      }
-      function redraw() {
-        describe();
         draw();
       }
+
       return {
         nodes: [
           select, ...(sliders?.nodes ?? []), summary, node,
@@ -445,12 +421,9 @@ const Design = (() => {
 
     function show(next) {
       shown = next;
-      const isKnown = Boolean(shown.chosen.key);
-      body.hidden = !isKnown;
-      if (!isKnown) {
-        heading.textContent = "No design";
-        return;
-      }
+      body.hidden = !shown.chosen.key;
+      heading.textContent = "No design";
+      if (body.hidden) return;
       renderHead();
       load();
       renderParts();

@@ -1,6 +1,6 @@
 "use strict";
 // What a first look does not need: axes and colours, filters of any column, how certain a front must be, what is left out.
-const Expert = (() => {
+Views.expert = (() => {
   const { element, button } = Dom;
 
   function view(root, app) {
@@ -14,8 +14,7 @@ const Expert = (() => {
       const fill = (id, options, nameOf) => Dom.fill(part(id), options.map((value) => [value, clip(nameOf(value), 40)]), state[id]);
       for (const axis of ["x", "y"]) {
         fill(axis, axes, title);
-        part(`l${axis}`).checked = state[`l${axis}`] === "1";
-        part(`l${axis}`).disabled = !app.canBeLog(state[axis]);
+        Object.assign(part(`l${axis}`), { checked: state[`l${axis}`] === "1", disabled: !app.canBeLog(state[axis]) });
       }
       fill("colour", allowed.colour, (column) => (column === "" ? `auto: ${app.ownColour() || "none"}` : title(column)));
       fill("family", allowed.family, String);
@@ -100,7 +99,6 @@ const Expert = (() => {
       select.disabled = left.length === 0;
     }
 
-    part("controls").addEventListener("submit", (event) => event.preventDefault());
     for (const id of ["x", "y", "colour", "family"]) part(id).addEventListener("change", (event) => change({ [id]: event.target.value }));
     for (const [id, key] of [["lx", "lx"], ["ly", "ly"], ["oversize", "oversize"], ["left-out", "left"]]) part(id).addEventListener("change",
       (event) => change({ [key]: event.target.checked ? "1" : "0" }));
@@ -134,4 +132,3 @@ const Expert = (() => {
 
   return { view, tabs: ["choose", "inside", "all"] };
 })();
-Views.expert = Expert;

@@ -1,7 +1,7 @@
 "use strict";
 // The chart: designs over two columns, the front that joins the best, the pick, and limits that are dragged on it. A canvas
 // has the points, of which twenty thousand follow a limit; what is written and what is dragged lies over it.
-const Front = (() => {
+Views.front = (() => {
   const [LEFT, RIGHT, TOP, BELOW] = Figure.EDGES; // px beside the axes
   const ROOM = 0.03; // share of an axis beside its outermost values
   const NEAR_PX = 16; // how far from a point a pointer means it
@@ -13,10 +13,10 @@ const Front = (() => {
 
   function view(root, app) {
     const { number, clip, title, sized } = app;
-    const part = (name) => root.querySelector(name);
-    const [plane, plot, canvas, ring, tip, dial] = ["#plane", "#plot", "#cloud", "#ring", "#tip", "#dial"].map(part);
+    const [plane, plot, canvas, ring, tip, dial, caption] = Dom.parts(root, "#plane", "#plot", "#cloud", "#ring", "#tip", "#dial", "#caption");
+    const [overlay, picture, walker, reached] = Dom.parts(root, "svg", "[role=img]", ".walker", ".unseen");
     let shown = null;
-    let drawn = null; // {key, axes, points: rows, x, y: pixels, kinds, line: rows of the front, size}
+    let drawn = null; // {axes, points: rows, x, y: pixels, size, kinds, line: rows of the front}
     let look = null;
 
     // ---- places
@@ -32,18 +32,17 @@ const Front = (() => {
       });
     }
 
+    const placed = Data.remembering((rows, xs, ys, _x, _y, _lx, _ly, ...size) => {
+      const points = rows.filter((row) => !Number.isNaN(xs[row]) && !Number.isNaN(ys[row]));
+      const axes = axesOf(points, size);
+      const [x, y] = [xs, ys].map((values, k) => Float32Array.from(points, (row) => axes[k].to(values[row])));
+      return { size, points, axes, x, y };
+    });
     function place(size) {
-      const values = names().map(app.numbers);
-      const key = JSON.stringify([names(), shown.state.lx, shown.state.ly, size]);
-      if (drawn?.rows !== shown.rows || drawn.key !== key) {
-        const points = shown.rows.filter((row) => values.every((one) => !Number.isNaN(one[row])));
-        const axes = axesOf(points, size);
-        const [x, y] = axes.map(({ to }, k) => Float32Array.from(points, (row) => to(values[k][row])));
-        drawn = { ...drawn, rows: shown.rows, key, size, points, axes, x, y };
-      }
+      const [xs, ys] = names().map(app.numbers);
+      drawn = placed(shown.rows, xs, ys, ...names(), shown.state.lx, shown.state.ly, ...size);
       const line = new Set(shown.joined(names()) ?? []);
       drawn.kinds = Uint8Array.from(drawn.points, (row) => (shown.leftOut(row) ? LEFT_OUT : !shown.within(row) ? OUTSIDE : line.has(row) ? JOINED : WITHIN));
-      const [xs, ys] = values;
       drawn.line = drawn.points.filter((row) => line.has(row)).sort((a, b) => xs[a] - xs[b] || ys[a] - ys[b]);
       drawn.shape = app.shape(climbed(), drawn.axes, () => drawn.points.filter((_, k) => drawn.kinds[k] !== LEFT_OUT));
     }
@@ -52,13 +51,7 @@ const Front = (() => {
 
     // What paints points: {of(row), names: [[name, colour]]}, or {of(row), scale} of a column of numbers.
     let tint = null;
-    function tintOf() {
-      const column = shown.colour;
-      const key = JSON.stringify([column, look.dark]);
-      if (tint?.key === key && tint.rows === shown.rows) return tint;
-      return { ...tinted(column), key, rows: shown.rows };
-    }
-    function tinted(column) {
+    const tinted = Data.remembering((column, rows, _dark) => {
       if (!column) return { of: () => look.palette[0], names: [] };
       const values = app.numbers(column);
       const words = app.categories(column);
@@ -69,14 +62,14 @@ const Front = (() => {
           ? [["others", look.quiet]] : [])] };
       }
       const stops = look.dark ? Figure.STOPS.slice(2) : Figure.STOPS.slice(0, -1); // the ends vanish on dark and on white
-      const known = shown.rows.map((row) => values[row]).filter(Number.isFinite);
+      const known = rows.map((row) => values[row]).filter(Number.isFinite);
       if (!known.length) return { of: () => look.quiet, names: [] };
       const [low, high] = Data.ends(known);
       const { share } = Data.axis(low, high, { log: Data.spansDecades(low, high) });
       const levels = Array.from({ length: LEVELS + 1 }, (_, k) => Figure.shade(k / LEVELS, stops));
       const of = (row) => (Number.isFinite(values[row]) ? levels[Math.round(LEVELS * share(values[row]))] : look.quiet);
       return { of, names: [], scale: { low, high, levels } };
-    }
+    });
 
     // ---- the canvas
 
@@ -162,6 +155,10 @@ const Front = (() => {
         svg("path", { d: "M-5 -5L5 5M-5 5L5 -5", stroke: look.quiet, "stroke-width": 2 }), svg("title", { text: `${clip(name, 60)}: ${clip(caption, 120)}` })));
     }
 
+    function spotOf({ clientX, clientY }) {
+      const { left, top } = plane.getBoundingClientRect();
+      return [clientX - left, clientY - top];
+    }
     const spot = (row) => names().map((column, k) => drawn.axes[k].to(app.numbers(column)[row]));
     // The front from its cheap end, as x has it.
     const climbed = () => (app.wayOf(shown.state.x) === "min" ? drawn.line : [...drawn.line].reverse());
@@ -174,9 +171,10 @@ const Front = (() => {
     // ---- limits: lines that are dragged, with a handle for the keyboard
 
     const limited = () => names().map((column, k) => ({ column, k, way: shown.page.budgets.columns[column], range: shown.budgeted.ranges[column] }))
-      .filter(({ column, way, range }) => way && range && range[0] < range[1] && app.isNumeric(column));
+      .filter(({ column, way, range }) => way && range && range[0] < range[1] && app.isNumeric(column))
+      .map((one) => ({ ...one, steps: Budgets.scale(one.range, one.way) }));
     const handles = new Map(); // by column: a drag or the focus survives what is drawn anew
-    function handle({ column, k, way, range }) {
+    function handle({ column, k, way, range, steps }) {
       const [width, height] = drawn.size;
       const axis = drawn.axes[k];
       const text = shown.state[`b.${column}`];
@@ -188,7 +186,6 @@ const Front = (() => {
       }
       const node = handles.get(column);
       const { label, unit } = shown.columns[column];
-      const steps = Budgets.scale(range, way);
       const said = `${label} ${way === "max" ? "at least" : "at most"}`;
       for (const [name, value_] of Object.entries({
         class: `limit ${text === "" ? "free" : "set"} ${k ? "across" : "upright"}`, "aria-label": `${said}${unit ? `, ${unit}` : ""}`, "aria-valuemin": 0, "aria-valuemax": Budgets.STEPS,
@@ -215,19 +212,16 @@ const Front = (() => {
       handles.get(column).focus({ preventScroll: true });
       handles.get(column).setPointerCapture(event.pointerId);
     }
-    function drag({ clientX, clientY, pointerId }, column) {
-      if (!handles.get(column).hasPointerCapture(pointerId)) return;
-      const { k, way, range } = find(column);
-      const box = plane.getBoundingClientRect();
-      const steps = Budgets.scale(range, way);
-      put(column, steps.limit(steps.step(String(drawn.axes[k].from(k ? clientY - box.top : clientX - box.left)))));
+    function drag(event, column) {
+      if (!handles.get(column).hasPointerCapture(event.pointerId)) return;
+      const { k, steps } = find(column);
+      put(column, steps.limit(steps.step(String(drawn.axes[k].from(spotOf(event)[k])))));
     }
     function step(event, column) {
       const by = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10, Home: -Budgets.STEPS, End: Budgets.STEPS }[event.key];
       if (by === undefined) return;
       event.preventDefault();
-      const { way, range } = find(column);
-      const steps = Budgets.scale(range, way);
+      const { steps } = find(column);
       put(column, steps.limit(Math.min(Budgets.STEPS, Math.max(0, steps.step(shown.state[`b.${column}`]) + by))));
     }
 
@@ -258,8 +252,7 @@ const Front = (() => {
     }
 
     function nearest(event) {
-      const box = plane.getBoundingClientRect();
-      const [px, py] = [event.clientX - box.left, event.clientY - box.top];
+      const [px, py] = spotOf(event);
       let [best, least] = [-1, NEAR_PX ** 2];
       for (let k = 0; k < drawn.points.length; k += 1) {
         // Of points on the same spot, one on the front is meant.
@@ -274,9 +267,8 @@ const Front = (() => {
       if (k < 0) return;
       tip.replaceChildren(...(lines ?? hoverText(drawn.points[k])).map((text) => element("div", { textContent: text })));
       const [[width, height], x] = [drawn.size, drawn.x[k]];
-      tip.style.left = `${x > width / 2 ? "" : x + 12}px`;
-      tip.style.right = `${x > width / 2 ? width - x + 12 : ""}px`;
-      tip.style.top = `${Math.max(0, Math.min(drawn.y[k] - 16, height - tip.offsetHeight))}px`;
+      const top = Math.max(0, Math.min(drawn.y[k] - 16, height - tip.offsetHeight));
+      Object.assign(tip.style, { top: `${top}px`, left: x > width / 2 ? "" : `${x + 12}px`, right: x > width / 2 ? `${width - x + 12}px` : "" });
     }
 
     let [pointed, pressed] = [-1, null];
@@ -288,10 +280,7 @@ const Front = (() => {
       showTip(k);
       app.hover(k < 0 ? null : app.keyOf(drawn.points[k]));
     });
-    plane.addEventListener("pointerleave", () => {
-      pointed = -1;
-      leave();
-    });
+    plane.addEventListener("pointerleave", leave);
     plane.addEventListener("pointerdown", (event) => { pressed = event.target.closest(".limit") ? null : [event.clientX, event.clientY]; });
     plane.addEventListener("click", (event) => {
       if (!drawn || !pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
@@ -301,10 +290,7 @@ const Front = (() => {
 
     // ---- walking: arrow keys go along the front, and what is reached is read out
 
-    const reached = element("p", { className: "unseen", role: "status" });
-    const walker = svg("g", { class: "walker", tabindex: 0, role: "application", "aria-label": "points of the front: arrow keys walk, Enter chooses, Enter again opens the design",
-      on: { keydown: walk, focus: () => reach(walked), blur: leave } }, svg("rect", { x: LEFT, y: TOP, fill: "none", "pointer-events": "none" }));
-    root.append(reached);
+    for (const [event, heard] of Object.entries({ keydown: walk, focus: () => reach(walked), blur: leave })) walker.addEventListener(event, heard);
     let walked = null; // the key of the point that was reached
     const path = () => (drawn.line.length ? drawn.line : drawn.points.filter((row) => shown.onFront.has(row)));
 
@@ -333,6 +319,7 @@ const Front = (() => {
     }
 
     function leave() {
+      pointed = -1;
       tip.hidden = true;
       app.hover(null);
     }
@@ -344,11 +331,6 @@ const Front = (() => {
     }
 
     // ---- drawing
-
-    const overlay = svg("svg", { role: "group", "aria-label": "Chart" });
-    const picture = svg("g", { role: "img" });
-    overlay.append(picture);
-    plot.append(overlay);
 
     // Points as nodes: of a picture that is kept, and on paper, where canvases stay empty.
     function pointNodes() {
@@ -376,14 +358,10 @@ const Front = (() => {
       }).join(", ") : "nothing is within the limits";
       picture.setAttribute("aria-label", `${labels.join(" against ")}: ${app.many(drawn.line.length)} points on the front, ${ranges}. The tables below hold the numbers.`);
       const { names: words, scale } = tint;
-      const square = (colour) => {
-        const node = element("span", { className: "key" });
-        node.style.background = colour;
-        return node;
-      };
+      const square = (background) => element("span", { className: "key", style: { background } });
       const { budgeted } = shown;
       const reason = budgeted.misfits.length ? `${app.many(budgeted.misfits.reduce((sum, row) => sum + budgeted.weight(row), 0))} settings ${budgeted.isUnable(budgeted.misfits[0]) ? "cannot run on" : "do not fit"} ${clip(shown.state.hardware ? app.chipName(shown.state.hardware) : "the chip", 40)}` : "";
-      part("#caption").replaceChildren(...words.map(([name, colour]) => element("span", {}, square(colour), ` ${clip(name, 32)}`)),
+      caption.replaceChildren(...words.map(([name, colour]) => element("span", {}, square(colour), ` ${clip(name, 32)}`)),
         ...(scale ? [element("span", {}, `${title(shown.colour)}: ${number(scale.low)} `, ...scale.levels.filter((_, k) => k % 4 === 0).map(square), ` ${number(scale.high)}`)] : []),
         ...(cited().length ? [element("span", { textContent: "× published, on its own data" })] : []), ...(reason ? [element("span", { id: "misfits", textContent: reason })] : []));
     }
@@ -392,12 +370,12 @@ const Front = (() => {
       const size = [plane.clientWidth, plane.clientHeight];
       if (!shown || !size[0]) return;
       look = app.style();
-      tint = tintOf();
+      tint = tinted(shown.colour, shown.rows, look.dark);
       place(size);
       for (const [name, value] of [["width", size[0]], ["height", size[1]], ["viewBox", `0 0 ${size.join(" ")}`]]) overlay.setAttribute(name, value);
       paint();
       picture.replaceChildren(...nodes(look.paper));
-      for (const [name, value] of [["width", size[0] - LEFT - RIGHT], ["height", size[1] - TOP - BELOW]]) walker.firstChild.setAttribute(name, value);
+      for (const [name, value] of [["x", LEFT], ["y", TOP], ["width", size[0] - LEFT - RIGHT], ["height", size[1] - TOP - BELOW]]) walker.firstChild.setAttribute(name, value);
       const held = look.paper ? [] : [walker, ...limited().map(handle)];
       if (overlay.children.length - 1 !== held.length || held.some((node, k) => overlay.children[k + 1] !== node)) overlay.replaceChildren(picture, ...held);
       if (!shown.moving) describe();
@@ -420,7 +398,7 @@ const Front = (() => {
 
     async function image(format) {
       look = Figure.print(shown.page.palette);
-      tint = tintOf();
+      tint = tinted(shown.colour, shown.rows, look.dark);
       const [width, height] = drawn.size;
       const whole = svg("svg", { xmlns: "http://www.w3.org/2000/svg", width, height, viewBox: `0 0 ${width} ${height}`, "font-family": "sans-serif", "font-size": 12 },
         svg("rect", { width, height, fill: look.page }), ...nodes(true));
@@ -436,4 +414,3 @@ const Front = (() => {
 
   return { view, tabs: ["always"] };
 })();
-Views.front = Front;

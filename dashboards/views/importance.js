@@ -1,7 +1,7 @@
 "use strict";
 // Which parameter matters for which objective, all in one chart: bars of a random forest's permutation importance where it
 // explains enough to say so, and the means of each objective at the values of the parameter that is chosen.
-const Importance = (() => {
+Views.importance = (() => {
   const MOST = 10; // parameters with a line
   const LITTLE = 0.3; // explained variance below which a ranking says nothing
   const { element, button } = Dom;
@@ -11,9 +11,8 @@ const Importance = (() => {
     let parameter = null;
 
     function draw(shown) {
-      const { page, state, columns } = shown;
-      const isOf = ({ task, hardware, objective }) => page.objectives[objective] && (!task || !columns.task || state.task === task) && (!hardware || hardware === state.hardware);
-      const found = page.importance.filter(isOf);
+      const { page, columns } = shown;
+      const found = page.importance.filter((one) => page.objectives[one.objective] && app.concerns(one));
       const told = found.filter(({ r2 }) => r2 >= LITTLE);
       const label = (column, n = 40) => clip(columns[column]?.label ?? column, n);
       const ofParameter = (one, column) => one.parameters.find((each) => each.column === column);
@@ -26,11 +25,8 @@ const Importance = (() => {
         parameter = column;
         draw(shown);
       }, { title: `means of ${column}`, "aria-pressed": column === parameter });
-      const bar = (one, column) => {
-        const fill = element("span", { className: "fill" });
-        fill.style.width = `${100 * share(one, column)}%`;
-        return [element("span", { className: "track" }, fill), element("small", { textContent: ` ${Math.round(100 * share(one, column))}\u202f%` })];
-      };
+      const bar = (one, column) => [element("span", { className: "track" }, element("span", { className: "fill", style: { width: `${100 * share(one, column)}%` } })),
+        element("small", { textContent: ` ${Math.round(100 * share(one, column))}\u202f%` })];
       const chart = Dom.table("Importance", [["parameter", "text"], ...told.map(({ objective }) => [label(objective)])], ranked.map((column) => [Dom.rowHead(choose(column)),
         ...told.map((one) => bar(one, column))]));
       const silent = found.filter((one) => !told.includes(one)).map(({ objective, r2 }) => `${label(objective)} (${Math.round(100 * Math.max(0, r2))}\u202f% explained)`);
@@ -53,4 +49,3 @@ const Importance = (() => {
 
   return { view, tabs: ["matters"], has: (page) => (page.importance ?? []).length > 0 };
 })();
-Views.importance = Importance;

@@ -1,7 +1,7 @@
 "use strict";
 // Parallel coordinates: an axis per limit, objective and parameter, a line per design. What is brushed on an axis is a
 // limit or a filter of its column, which the sentence and the filters hold too.
-const Parallel = (() => {
+Views.parallel = (() => {
   const MAX_AXES = 24; // that the page chooses itself
   const DIM_LINES = 2000; // beside the front's: more would hide it
   const DRAG_PX = 4; // what is pressed and let go nearer than this is a click
@@ -17,14 +17,8 @@ const Parallel = (() => {
 
   function view(root, app) {
     const { number, clip, title, many, change } = app;
-    const count = element("small");
-    const lines = element("canvas", { role: "img" });
-    const [strong, marks] = ["strong", "marks"].map((className) => element("canvas", { className, "aria-hidden": "true" }));
-    const frame = element("div", { className: "axes" });
-    const plane = element("div", { className: "plane" }, lines, strong, marks, frame);
-    const scroll = Dom.scroll("Axes, which scroll sideways", plane);
-    root.append(element("h2", { textContent: "Parallel coordinates " }, count), scroll,
-      element("p", { className: "caption", textContent: "Strong: on the front. Drag along an axis to keep a part of it, and click it to keep all. ↑ ↓: which way is better." }));
+    const [count, scroll, plane, lines] = Dom.parts(root, "h2 small", ".scroll", ".plane", "canvas");
+    const [strong, marks, frame] = Dom.parts(root, ".strong", ".marks", ".axes");
     let shown = null;
     let axes = [];
     let [look, width, gap] = [null, 0, 0];
@@ -88,11 +82,10 @@ const Parallel = (() => {
         // The page may draw its axes anew meanwhile: the plane stays.
         const shareAt = ({ clientY }) => Math.min(1, Math.max(0, 1 - (clientY - plane.getBoundingClientRect().top - TOP) / HEIGHT));
         const from = shareAt(event);
-        const ended = (last) => {
+        addEventListener("pointerup", (last) => {
           const ends = [from, shareAt(last)].sort((a, b) => a - b);
           keep(axis, (ends[1] - ends[0]) * HEIGHT < DRAG_PX ? null : ends);
-        };
-        addEventListener("pointerup", ended, { once: true });
+        }, { once: true });
       });
     }
 
@@ -102,22 +95,16 @@ const Parallel = (() => {
       frame.replaceChildren(...axes.map((axis, k) => {
         const { column, lacks } = axis;
         const labels = [...axis.ticks.map(([value, text]) => [axis.words.length ? axis.share(text) : axis.share(value), text]), ...(lacks ? [[NaN, "none"]] : [])];
-        const ticks = element("div", { className: "ticks" }, ...labels.filter(([share]) => Number.isNaN(share) || (share > -0.01 && share < 1.01)).map(([share, text]) => {
-          const label = element("span", { textContent: clip(text, 40) });
-          label.style.top = `${heightOf(share) - TOP}px`;
-          return label;
-        }));
+        const ticks = element("div", { className: "ticks" }, ...labels.filter(([share]) => Number.isNaN(share) || (share > -0.01 && share < 1.01)).map(([share, text]) =>
+          element("span", { textContent: clip(text, 40), style: { top: `${heightOf(share) - TOP}px` } })));
         const kept = keptOn(axis);
-        const part = element("div", { className: "kept", hidden: kept === null });
-        if (kept) Object.assign(part.style, { top: `${(1 - Math.min(1, kept[1])) * HEIGHT}px`, height: `${Math.max(2, (Math.min(1, kept[1]) - Math.max(0, kept[0])) * HEIGHT)}px` });
+        const style = kept && { top: `${(1 - Math.min(1, kept[1])) * HEIGHT}px`, height: `${Math.max(2, (Math.min(1, kept[1]) - Math.max(0, kept[0])) * HEIGHT)}px` };
+        const part = element("div", { className: "kept", hidden: kept === null, style });
         const rail = element("div", { className: "rail", data: { column } }, part);
         brushed(axis, rail);
         const arrow = { max: "↑ ", min: "↓ " }[wayOf(column)] ?? "";
-        const node = element("div", { className: "axis" }, element("div", { className: "head" }, element("span", { className: "name",
-          textContent: clip(`${arrow}${title(column)}`, 80), title: column })), ticks, rail);
-        node.style.left = `${across(k)}px`;
-        node.style.width = `${(k + 1 < axes.length ? gap : RIGHT) - 8}px`;
-        return node;
+        return element("div", { className: "axis", style: { left: `${across(k)}px`, width: `${(k + 1 < axes.length ? gap : RIGHT) - 8}px` } },
+          element("div", { className: "head" }, element("span", { className: "name", textContent: clip(`${arrow}${title(column)}`, 80), title: column })), ticks, rail);
       }));
     }
 
@@ -186,4 +173,3 @@ const Parallel = (() => {
 
   return { view, tabs: ["all"] };
 })();
-Views.parallel = Parallel;

@@ -1,7 +1,7 @@
 "use strict";
 // What a limit buys: the best that designs reach as it moves and the others stay, each step what dse pick takes at that limit,
 // corrected for the luck of the best where that is known; and where the curve bends, and where nobody tried.
-const Price = (() => {
+Views.price = (() => {
   const PARTS = { "a tenth": 0.1, half: 0.5, twice: 2, "ten times": 10 }; // of a limit
   const [LEAST_PX, MOST_PX, HEIGHT_PX] = [260, 440, 240];
   const { element, button, svg } = Dom;
@@ -72,4 +72,3 @@ const Price = (() => {
 
   return { view, tabs: ["matters"], has: ({ budgets }) => budgets.maximise !== null && Object.keys(budgets.columns).length > 1 };
 })();
-Views.price = Price;

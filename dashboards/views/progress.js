@@ -49,45 +49,34 @@ const Progress = (() => {
 
   function view(root, app) {
     const { clip, number, plural } = app;
-    const plot = element("div", { className: "plot", role: "img" });
-    const caption = element("p", { className: "caption" });
-    const figure = element("div", { className: "growth" }, plot, caption);
-    const lists = element("div", { className: "lists" });
-    root.append(element("div", { className: "body" }, figure, lists));
+    const [figure, plot, caption, lists] = Dom.parts(root, ".growth", ".plot", ".caption span", ".lists");
     let [shown, drawn] = [null, ""];
-
-    const isChosen = ({ task, hardware }, { state }) =>
-      (!task || !shown.columns.task || state.task === task)
-      && (!hardware || !state.hardware || state.hardware === hardware);
 
     // The curves of the task and the chip that the page shows.
     function chosen() {
       const { figure: whole } = shown.page.progress;
-      const traces = whole.data.filter(({ meta }) => isChosen(meta, shown));
+      const traces = whole.data.filter(({ meta }) => app.concerns(meta));
       const several = new Set(traces.map(({ name }) => name)).size > 1;
       const data = traces.map((trace) => ({ ...trace, showlegend: several && trace.showlegend }));
       return { data, layout: { ...whole.layout, margin: { ...whole.layout.margin, t: several ? 32 : 8 } } };
     }
 
     function words() {
-      const ends = shown.page.progress.hypervolume.filter((one) => isChosen(one, shown));
-      return ends.map(({ task, hardware, hypervolume, trials, hours }) =>
+      return shown.page.progress.hypervolume.filter(app.concerns).map(({ task, hardware, hypervolume, trials, hours }) =>
         `${[task, hardware].filter(Boolean).map((text) => clip(text, 40)).join(" on ") || "all designs"}: hypervolume ` +
         `${number(hypervolume, true)} after ${plural(trials, "trial")}${hours === null ? "" : ` and ${duration(3600 * hours)}`}`);
     }
 
     function draw() {
-      const { progress } = shown?.page ?? {};
-      const has = Boolean(progress?.figure) && chosen().data.length > 0;
-      figure.hidden = !has;
-      if (!has) return;
+      const { progress } = shown.page;
+      figure.hidden = !progress.figure || chosen().data.length === 0;
+      if (figure.hidden) return;
       const look = app.style();
       const key = JSON.stringify([progress.hypervolume, progress.trials.done, words(), look.dark]);
       if (key === drawn) return;
       drawn = key;
       plot.setAttribute("aria-label", `How the front grew. ${words().join("; ")}.`);
-      caption.textContent = `Hypervolume of the front, in steps: ${words().join("; ")}. ` +
-        "Normalised over all designs of a task and a chip, without budgets; 1 would be a design that is best in everything.";
+      caption.textContent = words().join("; ");
       Figure.draw(plot, chosen(), look);
     }
 

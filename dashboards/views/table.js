@@ -1,7 +1,7 @@
 "use strict";
 // The front, or every design, as a table: sorted by any column, searched, chosen from by keyboard, marked where another
 // view points.
-const Table = (() => {
+Views.table = (() => {
   const ROWS = 50; // before all are asked for
   const [COLUMNS_ON_PAPER, ROWS_ON_PAPER] = [8, 5]; // of a report, with a row per trial
   const SETTINGS = ["phi", "theta", "read_out_ms", "weight_bits", "pruned_after"]; // in which points of a trial differ
@@ -85,18 +85,13 @@ const Table = (() => {
       part("#front-count").textContent = isWhole() ? `${app.many(all.length)} of ${app.plural(every.length, "setting")}`
         : `${app.plural(all.length, "setting")} that no other beats in ${objectives.map((c) => columns[c].label).join(", ")}`;
       if (document.activeElement !== part("#find")) part("#find").value = state.find;
-      part("#all-rows").hidden = visible.length === front.length;
-      part("#all-rows").textContent = `Show all ${app.many(front.length)}`;
+      Object.assign(part("#all-rows"), { hidden: visible.length === front.length, textContent: `Show all ${app.many(front.length)}` });
     });
 
     // The first row of each trial and task, in the order of the table.
     function firstOfTrials(some) {
-      const { columns } = shown;
-      const seen = new Set();
-      return some.filter((row) => {
-        const name = columns.trial.values[row];
-        return !seen.has(name) && seen.add(name);
-      });
+      const [trials, seen] = [shown.columns.trial.values, new Set()];
+      return some.filter((row) => !seen.has(trials[row]) && seen.add(trials[row]));
     }
 
     function hover(key) {
@@ -105,10 +100,7 @@ const Table = (() => {
     }
 
     const keyAt = (event) => event.target.closest("tbody tr")?.dataset.key;
-    table.addEventListener("click", (event) => { if (keyAt(event)) app.change({ chosen: keyAt(event) }); });
-    table.addEventListener("keydown", (event) => {
-      if (event.key === "Enter" && keyAt(event)) app.change({ chosen: keyAt(event) });
-    });
+    for (const kind of ["click", "keydown"]) table.addEventListener(kind, (event) => { if (keyAt(event) && (kind === "click" || event.key === "Enter")) app.change({ chosen: keyAt(event) }); });
     table.addEventListener("pointerover", (event) => app.hover(keyAt(event) ?? null));
     table.addEventListener("pointerleave", () => app.hover(null));
     part("#once").addEventListener("change", (event) => app.change({ once: event.target.checked ? "1" : "0" }));
@@ -125,4 +117,3 @@ const Table = (() => {
 
   return { view, tabs: ["choose", "all"] };
 })();
-Views.table = Table;

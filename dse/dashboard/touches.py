@@ -15,15 +15,17 @@ import numpy as np
 from dse import dataset, store
 from dse.dataset.assemble import New
 from dse.deploy.bundle import Bundle
+from dse.deploy.c.code import Code
+from dse.deploy.c.replay import pushed
 from dse.deploy.export import bundle_of
-from dse.deploy.form import rule_of
+from dse.deploy.form import Unsupported, rule_of
 from dse.deploy.reference import Reference, of_new
-from dse.deploy.verify import target_named
+from dse.deploy.targets.wasm import Wasm
 from dse.measure.on_chips import columns_on
 from dse.measure.run import load_of
 from dse.models.snn.respond import respond
 from dse.neurons.fixed_point import BITS
-from dse.records import Array, Ints, Network
+from dse.records import Array, Ints, Network, Signals
 from dse.study import pricing
 from dse.study.precision import AS_TRAINED
 from dse.study.record import load_records
@@ -97,12 +99,9 @@ def gather_touches(
         hardware: names or files of profiles for the energy; empty: those of the study.
 
     Returns:
-        designs: {"trial.point": what it needs}: `module`, its WebAssembly (target `wasm`), whose exports
-            begin with `prefix`; `classes`; `n_channels`; `first`, number of the output neuron of the first
-            class, None of a classifier that only counts; `step_ms` of its input, `network_ms` of a network
-            step; `of`, the part of the split; `input`, a key of inputs; and per recording `label`, `time_ms`
-            (the answer of `dse evaluate`) and `energy`, {chip: {pace: uJ until the end of each step}}, None
-            where unknown.
+        designs: {"trial.point": what it needs}: what `machine_of` returns; `of`, the part of the split;
+            `input`, a key of inputs; and per recording `label`, `time_ms` (the answer of `dse evaluate`)
+            and `energy`, {chip: {pace: uJ until the end of each step}}, None where unknown.
             One that cannot be played: `why`.
         inputs: {key: recordings}: `name`, `true` class, `counts` of input spikes per step and their
             `channels`, base64 of little-endian uint16 as all arrays here.
@@ -130,27 +129,23 @@ def _of_point(
     bundle = bundle_of(study, point)
     if bundle.heads and not bundle.head:
         raise NotPlayed("A network that answers several tasks at once is not played.")
-    module = _module(bundle)
+    try:
+        form = Wasm().form(bundle)
+    except Unsupported as error:
+        raise NotPlayed(str(error)) from None
     part, reference = _held(study, bundle, read)
-    data, fitted = reference.dataset, bundle.fitted
-    first: int | None = None
-    energies: list[dict[str, Any]] | list[None] = [None] * reference.n_recordings
-    if isinstance(fitted, Network):
-        first = rule_of(bundle, reference.n_steps, fitted.sizes[-1], reference.step_ms).first
-        energies = _energies(study, bundle, reference, hardware)
+    data = reference.dataset
+    options: list[str] = []
+    if form.encoder is not None and isinstance(reference.inputs, Signals):
+        options = pushed(reference.inputs.values, form.encoder)[1]
     names, target = bundle.answers, bundle.answered(np.asarray(data.target[data.test]))
+    is_network = isinstance(bundle.fitted, Network)
     played = {
-        "module": base64.b64encode(module).decode("ascii"),
-        "prefix": bundle.prefix,
-        "classes": list(names),
-        "first": first,
-        "n_channels": data.spikes.n_channels,
-        "step_ms": data.spikes.step_ms,
-        "network_ms": reference.step_ms,
+        **machine_of(bundle, form, options),
         "of": part,
         "label": reference.label.tolist(),
         "time_ms": reference.time_ms.tolist(),
-        "energy": energies,
+        "energy": _energies(study, bundle, reference, hardware) if is_network else [None] * len(target),
     }
     recordings = []
     for i, sample in enumerate(data.test.tolist()):
@@ -169,14 +164,52 @@ def _of_point(
     return played, recordings
 
 
-def _module(bundle: Bundle) -> bytes:
-    target = target_named("wasm")
-    if why := target.refusal(bundle):
-        raise NotPlayed(why)
+def machine_of(bundle: Bundle, form: Code, options: Sequence[str] = ()) -> dict[str, Any]:
+    """Return a design as a page runs it.
+
+    Args:
+        bundle: of the design.
+        form: of the bundle as C.
+        options: of the compiler, which samples that are not whole numbers need (`pushed`).
+
+    Returns:
+        `module`, its WebAssembly (target `wasm`), whose exports begin with `prefix`; `classes`; `n_channels`;
+        `first`, number of the output neuron of the first class, None of a classifier that only counts;
+        `n_steps` of a window, `step_ms` of its input, `network_ms` of a network step. `samples`, None where
+        spikes are made elsewhere: `n` sensors; whether they are `whole` numbers; `at`, where the window of a
+        recording begins, a contact being `onset` away from the first sample; `cut`, steps of the recordings
+        that a stream is cut into, 0: into none, and `every`, steps from one to the next.
+    """
+    first, per_sample, samples = None, 1, None
+    if isinstance(network := bundle.fitted, Network):
+        per_sample = network.steps_per_sample
+        timing = form.n_steps * per_sample, network.sizes[-1], form.step_ms / per_sample
+        first = rule_of(bundle, *timing).first
+    if form.encoder is not None:
+        cut, apart = form.cut_steps or 0, form.every_steps or 1
+        samples = {
+            "n": form.encoder.n_sensors,
+            "whole": not options,
+            "at": form.window,
+            "onset": float(np.float32(form.onset_threshold)),
+            "cut": cut,
+            "every": -(-cut // apart) * apart,
+        }
     with tempfile.TemporaryDirectory(prefix="dse-touch-") as folder:
-        target.write(bundle, Path(folder))
+        Wasm().emit(form, bundle, Path(folder), *options)
         [path] = Path(folder).glob("*.wasm")
-        return path.read_bytes()
+        module = path.read_bytes()
+    return {
+        "module": base64.b64encode(module).decode("ascii"),
+        "prefix": bundle.prefix,
+        "classes": list(bundle.answers),
+        "first": first,
+        "n_channels": form.n_channels,
+        "n_steps": form.n_steps,
+        "step_ms": form.step_ms,
+        "network_ms": form.step_ms / per_sample,
+        "samples": samples,
+    }
 
 
 def _held(study: Study, bundle: Bundle, read: dict[str, New]) -> tuple[str, Reference]:

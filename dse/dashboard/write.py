@@ -25,7 +25,7 @@ PLOTLY = "plotly-strict.min.js.gz"
 """plotly.js without `eval`: plotly.js-strict-dist-min of npm, in the version of the package plotly."""
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
 _SHARED = ("dom", "data", "figure")
-_MODULES = {"page": (*_SHARED, "details", "budgets", "touch", "answer", "views"), "trial": _SHARED}
+_MODULES = {"page": (*_SHARED, "details", "budgets", "samples", "touch", "answer", "views"), "trial": _SHARED}
 """The scripts that the views and the main script of each page call."""
 
 _MODULES_RUN = "'wasm-unsafe-eval'"

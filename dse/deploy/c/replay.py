@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dse.deploy.c.plan import Plan
-from dse.deploy.form import Frame
+from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
 from dse.deploy.reference import Reference, Run
 from dse.recordings import EventSource, trials_of
 from dse.records import Bools, Floats, Ints, Rasters, Signals
@@ -71,25 +71,24 @@ def of_spikes(reference: Reference, steps: Sequence[int] | Ints | None = None) -
 
 
 def of_recordings(reference: Reference, plan: Frame) -> Recorded:
-    """Return the commands that push what was recorded, and what its samples ask of the compiler.
-
-    There are none where C makes no spikes of recordings. Samples are pushed as floating point if they, or
-    the thresholds, are not whole.
-    """
+    """Return the commands that push what was recorded, if C makes spikes of it; options of the compiler."""
     inputs, n_steps = reference.inputs, reference.dataset.n_steps
     starts = reference.first_step.tolist()
     if plan.encoder is not None and isinstance(inputs, Signals):
-        values, options = inputs.values, ["-DDSE_REAL_SAMPLES"]
-        if plan.encoder.takes_whole and (values == np.rint(values)).all() and (np.abs(values) < 2**24).all():
-            values, options = values.astype(np.int32), []
-        else:
-            values = values.astype(np.float32)
+        values, options = pushed(inputs.values, plan.encoder)
         pieces = [values[a:b] for a, b in pairwise(inputs.offsets)]
         commands = [of_samples(x, first, n_steps) for x, first in zip(pieces, starts, strict=True)]
         return Recorded(commands, options)
     if plan.pooling is not None and inputs is not None and not isinstance(inputs, Signals | Rasters):
         return Recorded([_of_events(inputs, i, plan, first, n_steps) for i, first in enumerate(starts)])
     return Recorded()
+
+
+def pushed(values: Floats, encoder: SendOnDeltaForm | ReceptorsForm) -> tuple[Ints | Floats, list[str]]:
+    """Return samples as C takes them, and its options: real ones, if they or the thresholds are not whole."""
+    if encoder.takes_whole and (values == np.rint(values)).all() and (np.abs(values) < 2**24).all():
+        return values.astype(np.int32), []
+    return values.astype(np.float32), ["-DDSE_REAL_SAMPLES"]
 
 
 def _of_events(source: EventSource, i: int, plan: Frame, first: int, n_steps: int) -> Ints:

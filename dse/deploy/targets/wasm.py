@@ -53,8 +53,8 @@ class Wasm(InC):
         "`__heap_base` on"
     )
 
-    def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
-        """Write the files of `c99`, and dse.wasm, which exports the functions of src/dse.h and its memory."""
+    def emit(self, form: Code, bundle: Bundle, folder: Path, *options: str) -> None:
+        """Write the files of `c99`, and dse.wasm: functions of src/dse.h, memory; `options` compile it."""
         check(_NEEDED)
         super().emit(form, bundle, folder)
         source, prefix = host.classifier_in(folder)
@@ -65,7 +65,7 @@ class Wasm(InC):
             own.write_text(f'#include "{source.stem}.h"\n{prefix}t {prefix}net;\n', encoding="utf-8")
             exports = [f"-Wl,--export={x}" for x in named]
             sources = [own, *sorted(source.parent.glob("*.c"))]
-            options = f"-I{source.parent}", *_MODULE, *exports
+            options = f"-I{source.parent}", *_MODULE, *exports, *options
             built(f"{sources[-1].name} {_REFUSED}", sources, _module(folder), options)
 
     def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
