@@ -18,9 +18,9 @@ from benchmarks.peers import Population
 from dse import dataset, seeds
 from dse.config import SearchSpace
 from dse.engine.events import dense, gather
+from dse.models.snn.cohort import PROBE_SAMPLES
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import initialise, populations_of
-from dse.models.snn.cohort import PROBE_SAMPLES
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Generators
 from dse.neurons.surrogate import exponential
