@@ -170,6 +170,19 @@ def test_leaving_the_block_ends_a_running_job_at_once():
     assert _gone(pid)
 
 
+def test_workers_end_where_psutil_finds_no_process(monkeypatch):
+    """Without /proc, as in some containers and chroots, loky asks psutil in vain, and kills nobody."""
+    psutil = pytest.importorskip("psutil")
+
+    def process(pid=None):
+        raise psutil.NoSuchProcess(pid)
+
+    with Workers(1) as workers:
+        [(_, pid)] = mapped(workers, sleep, [0.0])
+        monkeypatch.setattr(psutil, "Process", process)
+    assert _gone(pid)
+
+
 def test_ctrl_c_while_a_task_is_submitted_leaves_no_worker(tmp_path, monkeypatch):
     place = tmp_path / "pid"
     submit = loky.Loky.submit

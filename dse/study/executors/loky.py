@@ -85,7 +85,11 @@ class Loky:
         with contextlib.suppress(queue.Empty):  # loky would look for tasks that `kill_workers` has dropped
             while True:
                 slot._work_ids.get_nowait()
+        workers = list(slot._processes or ())  # None: one has died
         slot.shutdown(wait=True, kill_workers=True)
+        for worker in filter(_lives, workers):  # without /proc, loky takes each for one that has ended
+            os.kill(worker, signal.SIGKILL)
+            os.waitid(os.P_PID, worker, os.WEXITED | os.WNOWAIT)
 
     def close(self) -> None:
         """End all workers at once."""
