@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dse.models.counts.kernels import Kernels
+from dse.models.counts.kernels import Kernels, begins
 from dse.models.training import Training
 from dse.records import Parameters
 from dse.testing.small import spikes_of
@@ -75,6 +75,19 @@ def test_counts_are_those_of_the_definition(rises, thresholds):
     assert np.allclose(answers.additions - answers.input_spikes.mean(axis=0), lengths * in_bin)
 
 
+def test_kernels_of_older_versions_are_counted_from_the_first_bin():
+    data = on_and_off()
+    arrays = FAMILY.fit(data, Training(), rngs).network.arrays
+    older = {name: values for name, values in arrays.items() if name != "whole"}
+    rises, lengths = FAMILY.counts(data, data.validation, arrays), np.array([40])
+    [now], [before] = (list(FAMILY.inputs(x, rises, lengths)) for x in (arrays, older))
+    anew = [3, 4, 9, 10]  # of every other group of three, dilations 1 and 2
+    assert begins(arrays)[anew].tolist() == [8, 16, 8, 16] and not begins(older).any()
+    others = np.setdiff1d(np.arange(14), anew)
+    assert np.array_equal(now[:, others], before[:, others])
+    assert (now[:, anew] <= before[:, anew]).all() and (now[:, anew] < before[:, anew]).any()
+
+
 def test_planes_that_are_no_pairs_all_add():
     data = on_and_off()
     three = replace(data, positions=np.array([[0, 0, 0], [0, 0, 1], [0, 0, 2], [1, 0, 0]], np.int32))
@@ -106,6 +119,7 @@ def test_few_bins_and_few_places():
         ("place", np.array([0, 0, 1, 7])),
         ("dilations", np.array([1, 2, 1 << 30])),
         ("groups", np.ones((3, 2), np.int8)),
+        ("whole", np.zeros(2, np.uint8)),
         ("0/0/weight", np.ones((14, 3), np.int64)),
         ("1/0/bias", np.ones(2, np.int32)),
     ],
