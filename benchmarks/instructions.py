@@ -1,6 +1,7 @@
 """Cycles of the C on Cortex-M: fitted on random classifiers, predicted for others that were not used.
 
-    python -m benchmarks.instructions [--core cortex_m4] [--of counts] [--fit 130] [--test 20] [--csv FILE]
+    python -m benchmarks.instructions [--core cortex_m4] [--compiler gcc] [--of counts] [--fit 130]
+        [--test 20] [--csv FILE]
 
 Every classifier is written as C (target `c99`), compiled for the core and executed in an emulator on two
 recordings of random spikes; all its decisions are checked. The cycles per kind of work, which profiles
@@ -11,7 +12,9 @@ share their decays, one to three hidden layers, recurrent or not, delayed inputs
 8 or 4 bits, both rules. Classifiers of spike counts take turns: nearest neighbours, naive Bayes, perceptrons,
 and extreme learning machines in double and in single precision, all trained on random spikes of classes whose
 channels differ in rate. Of integers: linear classifiers, perceptrons of 8 bits and kernels, whose counting
-costs what it costs the others: what the profile quotes is taken off, and the rest is fitted.
+costs what it costs the others: what the profile quotes is taken off, and the rest is fitted; convolutions can
+be fitted with them (--of integers convolutions). Without a fit (--fit 0) it is the profile that predicts, of
+gcc `mcu_*_gcc`.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ import argparse
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +31,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import nnls
 
+from benchmarks.gcc import by_gcc
 from dse.config import Sections
 from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
@@ -58,32 +62,43 @@ STEP_MS = 5.0
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--core", choices=CORES, default="cortex_m4")
-    parser.add_argument("--of", choices=("networks", *FAMILIES), default="networks", help="classifiers")
-    parser.add_argument("--fit", type=int, default=130, help="classifiers of the fit, after those to predict")
-    parser.add_argument("--test", type=int, default=20, help="classifiers to predict")
+    parser.add_argument("--compiler", choices=("clang", "gcc"), default="clang")
+    all_of = ("networks", *FAMILIES)
+    parser.add_argument("--of", choices=all_of, nargs="+", default=["networks"], help="classifiers")
+    parser.add_argument("--fit", type=int, default=130, help="classifiers to fit, after those to predict")
+    parser.add_argument("--test", type=int, default=20, help="classifiers to predict, of each kind")
     parser.add_argument("--csv", help="file for a row per classifier")
     options = parser.parse_args()
     target = known("targets")[options.core]()
+    profile = target.core.profile
+    if options.compiler == "gcc":
+        target, profile = by_gcc(target), f"{profile}_gcc"
     rows, names = [], []
-    for seed in range(options.test + options.fit):
-        made = made_network(seed) if options.of == "networks" else made_of_counts(seed, options.of)
+    for seed, of in product(range(options.test + options.fit), options.of):
+        made = made_network(seed) if of == "networks" else made_of_counts(seed, of)
         rows.append(counted(target, *made))
         names.append(made[0].sections.kinds["model"])
     kinds = list(dict.fromkeys(kind for of_kinds, _, _ in rows for kind in of_kinds))
     work = np.array([[of_kinds.get(kind, 0.0) for kind in kinds] for of_kinds, _, _ in rows])
     instructions, cycles = (np.array(column) for column in list(zip(*rows, strict=True))[1:])
-    fit = slice(options.test, None)
-    costs = quoted(target.core.profile, kinds) if options.of == "integers" else np.full(len(kinds), np.nan)
+    n_tested = options.test * len(options.of)
+    fit = slice(n_tested, None)
+    costs = np.full(len(kinds), np.nan)
+    if "integers" in options.of or not options.fit:
+        costs = quoted(profile, kinds, "tally" if options.fit else "")
     free = np.isnan(costs)
     left = 1 - work[:, ~free] @ costs[~free] / cycles
-    costs[free] = nnls((work[:, free] / cycles[:, None])[fit], left[fit])[0]
+    if free.any():
+        costs[free] = nnls((work[:, free] / cycles[:, None])[fit], left[fit])[0]
     for kind, cost in zip(kinds, costs, strict=True):
         print(f"{kind}: {cost:.3g}")
     per_instruction = cycles / instructions
     low, mean, high = (f(per_instruction) for f in (np.min, np.mean, np.max))
     print(f"cycles per instruction: {mean:.3f} ({low:.3f}-{high:.3f})")
     error = work @ costs / cycles - 1
-    for what, errors in (("fit", error[fit]), ("not used", error[: options.test])):
+    for what, errors in (("fit", error[fit]), ("not used", error[:n_tested])):
+        if not len(errors):
+            continue
         off = np.abs(errors)
         within = np.count_nonzero(off <= 0.05)
         print(
@@ -91,10 +106,10 @@ def main() -> None:
             f"{off.max():.1%} at most"
         )
     for name in dict.fromkeys(names):
-        off = np.abs(error[: options.test][[each == name for each in names[: options.test]]])
+        off = np.abs(error[:n_tested][[each == name for each in names[:n_tested]]])
         print(f"not used, {name}: {len(off)}, {off.mean():.1%} in the mean, {off.max(initial=0):.1%} at most")
     if options.csv:
-        columns = dict(zip(kinds, work.T, strict=True))
+        columns = {"model": names} | dict(zip(kinds, work.T, strict=True))
         table = pd.DataFrame(columns | {"instructions": instructions, "cycles": cycles, "error": error})
         table.to_csv(options.csv, index_label="classifier")
 
@@ -117,10 +132,10 @@ def made_network(seed: int) -> tuple[Bundle, Reference, int]:
     return made, of_spikes(made, fired, STEP_MS), bits
 
 
-def quoted(profile: str, kinds: list[str]) -> Array:
-    """Return the cycles that a profile quotes per kind of counting spikes, NaN of other kinds."""
+def quoted(profile: str, kinds: list[str], begin: str) -> Array:
+    """Return the cycles that a profile quotes of the kinds whose names begin so, NaN of other kinds."""
     figures = load(profile).at("value")
-    return np.array([figures[kind] if kind.startswith("tally") else np.nan for kind in kinds], np.float64)
+    return np.array([figures[kind] if kind.startswith(begin) else np.nan for kind in kinds], np.float64)
 
 
 FAMILIES: dict[str, Callable[[float, list[int], np.random.Generator], tuple[Any, ...]]] = {
