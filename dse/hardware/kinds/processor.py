@@ -17,9 +17,9 @@ instructions, loads, stores and taken branches, and Arm's tables without wait st
 (`dse.deploy.targets.emulator.Core`): one per instruction, one more per load unless the next load or store
 hides it, and two per taken branch; of a Cortex-M7 and a Cortex-M33 by their ratio of CoreMark per MHz to a
 Cortex-M4. `benchmarks.instructions` fits the cycles per kind of work on random networks and tests them on
-others; ranges are the largest error of a prediction. Encoder and preprocessing are left out, as elsewhere.
-Neurons `xylo_lif`, whose states saturate, take 7 cycles per update more than the CUBA-LIF neurons that they
-are counted as: networks of them take 6 to 14 % more than predicted.
+others, compiled by clang, of profiles `*_gcc` by gcc; ranges hold the errors. Encoder and preprocessing are
+left out, as elsewhere. Neurons `xylo_lif`, whose states saturate, take 7 cycles per update more than the
+CUBA-LIF neurons that they are counted as: networks of them take 6 to 14 % more than predicted.
 
 A spike walks the weights of its targets and adds them up, one by one. A layer at rest is passed over; of any
 other, every neuron is looked at in every step, and those that are not at rest are updated. Of every set of
