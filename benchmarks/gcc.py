@@ -16,7 +16,16 @@ from dse.deploy.run import TargetError
 from dse.deploy.targets.emulated import MEMORY, Emulated
 from dse.deploy.targets.emulator import FLAGS, LINKER_SCRIPT, Core, Program
 
-GCC = shutil.which("arm-none-eabi-gcc")
+
+def _found() -> str | None:
+    """Return the compiler; None where it or its C library, newlib, is missing."""
+    if (gcc := shutil.which("arm-none-eabi-gcc")) is None:
+        return None
+    done = subprocess.run([gcc, "-print-file-name=libc.a"], capture_output=True, text=True, check=False)
+    return gcc if Path(done.stdout.strip()).is_file() else None
+
+
+GCC = _found()
 _FLOATS = {
     "cortex_m4": ("-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
     "cortex_m7": ("-mfloat-abi=hard", "-mfpu=fpv5-sp-d16"),
@@ -59,7 +68,7 @@ def linked(sources: Sequence[Path], core: Core, folder: Path, script: str, *opti
         TargetError: the compiler is missing or refuses them.
     """
     if GCC is None:
-        raise TargetError("arm-none-eabi-gcc is not installed (Debian: gcc-arm-none-eabi)")
+        raise TargetError("arm-none-eabi-gcc or its newlib is not installed")
     cpu = core.name.replace("cortex_", "cortex-")
     command = [GCC, f"-mcpu={cpu}", "-mthumb", *_FLOATS.get(core.name, ()), *FLAGS, *options]
     program, place = folder / "program", folder / "program.ld"

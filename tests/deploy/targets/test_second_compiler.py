@@ -1,6 +1,6 @@
 """C by gcc: the engine's spikes and decisions, cycles as predicted, and the self-test on a board of qemu.
 
-Skipped where arm-none-eabi-gcc or qemu-system-arm are missing (Debian: gcc-arm-none-eabi, qemu-system-arm).
+Skipped where they are missing (Debian: gcc-arm-none-eabi, libnewlib-arm-none-eabi, qemu-system-arm).
 """
 
 import re
