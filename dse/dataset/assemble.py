@@ -125,13 +125,13 @@ def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | N
         out, faults = in_turn(of, design.evaluation.groups)
         if faults:
             raise RecordingError("\n".join(faults))
+    sources, targets = [_Read(recordings, positions, of.used)], [codes]
     left_out, held = design.left_out, test
-    if left_out is not None:  # with the spikes of the whole
+    if left_out is not None:  # with the spikes of the whole, those of who is left out among them
         train, validation, held = without(recordings.columns, left_out, train, validation)
         of = dataclasses.replace(of, train=train, validation=validation)
     joint = of.heads
     fitted = cropped(recordings, design, train, making.progress)
-    sources, targets = [_Read(recordings, positions, of.used)], [codes]
     if design.test is not None and making.only is None:
         if len(test):
             raise RecordingError(

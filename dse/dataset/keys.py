@@ -14,7 +14,7 @@ from dse.config.yaml_lines import Raw
 from dse.records import Bools, Ints
 
 # Raised when the same sections and recordings give another data set than before.
-_VERSION = 2
+_VERSION = 3
 _OF_SPIKES = ("window", "preprocessing", "encoder")
 _LABELS = ("columns", "class_names")
 # Keys that were added later, with the value that leaves data sets as they were before: it is not hashed, so

@@ -130,6 +130,18 @@ def test_each_group_is_answered_without_its_recordings(tmp_path):
         assert points[name].tolist() == [pytest.approx(7 / 9)] * 3
 
 
+def test_signals_of_a_group_that_is_left_out_are_encoded_too(tmp_path):
+    """Only the signals that a data set uses become spikes: those that it is tested on are among them."""
+    path = written(tmp_path, by_channel().cumsum(axis=1), evaluation={"leave_out": "force"})
+    space = yaml.safe_load(path.read_text())
+    space["data"] |= {"kind": "time_series", "signal": "spikes"}
+    space["encoder"] = {"kind": "send_on_delta", "thresholds": [1.0]}
+    path.write_text(yaml.safe_dump(space))
+    study = explore.run(load_space(path), tmp_path / "r", progress=False)
+    [record] = study.runs(0)
+    assert record["unseen"] == {"force": {"1": 1.0, "2": 1.0, "3": pytest.approx(1 / 3)}}
+
+
 def test_decisions_have_their_own_accuracy_on_groups(tmp_path):
     decision = {"phi": [0, 2], "theta": [0.4, 0.6]}
     changes = {"training": FEW, "evaluation": HONEST, "search": {"repeats": 2}}
