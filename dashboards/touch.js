@@ -219,7 +219,7 @@ const Touch = (() => {
 
     function verdict({ answer, isOver, steps, source }) {
       const { classes, n_steps: most, network_ms: ms } = known.design;
-      if (!answer) return !isOver || source.isLive ? "" : steps ? `no answer: the samples end before the window, of ${number(most)}, does` : "no contact, so that no window begins";
+      if (!answer) return !isOver || source.isLive ? "" : steps ? `no answer: the samples end before the window, of ${number(most)} steps, does` : "no contact, so that no window begins";
       const [name, truth] = [answer.label, source.true].map((label) => (label < 0 ? "no class" : clip(classes[label], 40)));
       const time = answer.steps * ms;
       Object.assign(node.dataset, { recording: known.recordings.indexOf(source), label: answer.label, time }); // for other scripts

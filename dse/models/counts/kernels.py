@@ -146,7 +146,8 @@ class Kernels(Sliding):
                     is_above = values[:, : lengths[-1]] > threshold
                     between = np.add.reduceat(is_above, since, axis=1, dtype=np.int32)
                     above[:, part, k, m] = between.cumsum(axis=1).T
-                    above[lengths >= anew, part, k, m] -= is_above[:, :anew].sum(axis=1)
+                    if anew:
+                        above[lengths >= anew, part, k, m] -= is_above[:, :anew].sum(axis=1)
         yield from above.reshape(len(lengths), len(counts), -1)
 
     def n_weights(self, arrays: Mapping[str, Array], n_features: Array) -> Array:
