@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import cast
@@ -33,8 +33,8 @@ class DecisionGrid:
     read_out_every_ms: distance of the read-outs of spiking networks; None: the usual number of them.
     """
 
-    phi: np.ndarray
-    theta: np.ndarray
+    phi: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
     phi_step: int | None = None
     read_out_every_ms: float | None = None
 
@@ -55,9 +55,9 @@ class DecisionGrid:
         phi: Raw = self.phi.tolist()
         if self.phi_step is not None:
             phi = {"up_to": "outputs", "step": self.phi_step}
-        every_ms = self.read_out_every_ms
-        every: dict[str, Raw] = {} if every_ms is None else {"read_out_every_ms": every_ms}
-        return {"phi": phi, "theta": self.theta.tolist(), **every}
+        every_ms: Raw = self.read_out_every_ms
+        rest = {} if every_ms is None else {"read_out_every_ms": every_ms}
+        return {"phi": phi, "theta": self.theta.tolist(), **rest}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

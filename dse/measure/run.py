@@ -2,7 +2,7 @@
 
 A run answers to targets (one, or the heads of a joint net and all of them together), on parts of the samples
 (validation, test, moved windows, groups that a training left out), at places: after each input length, and at
-every (phi, theta). `_Target` and `_How` are these keys; accuracies are computed for all of them alike.
+every (phi, theta). `_Target` and `DecisionGrid` are these keys; accuracies of all are computed alike.
 
 The full read-out answers at the end of the window: a spiking network by argmax of its output spike counts
 (lowest class on ties), any other classifier as it does. Earlier read-outs answer after a shorter input. Every
@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dse import registry, store
+from dse.config.space import DecisionGrid
 from dse.hardware.cost import NotApplicable
 from dse.hardware.profile import Profile
 from dse.measure import decision
@@ -92,20 +93,6 @@ UnseenTargets = Mapping[str, Mapping[str, OfTargets]]
 
 
 @dataclass(frozen=True)
-class _How:
-    """Where answers are read out: the arguments of `measure` of these names."""
-
-    phi: Array
-    theta: Array
-    weight_bits: int = 8
-    read_out_every_ms: float | None = None
-
-    @property
-    def has_grid(self) -> bool:
-        return bool(len(self.phi) and len(self.theta))
-
-
-@dataclass(frozen=True)
 class _Target:
     """What is to be answered: the classes of a data set, or one head of them.
 
@@ -131,6 +118,10 @@ class _Target:
         """Those of the input lengths after which it is answered."""
         return slice(-1, None) if self.is_joint else slice(None)
 
+    def decides(self, grid: DecisionGrid) -> bool:
+        """Return whether it is decided before the end of the window too."""
+        return bool(len(grid.phi) and len(grid.theta)) and not self.is_joint
+
     def truth(self, samples: Ints) -> Ints:
         """Return the true classes of some samples, (n,)."""
         classes = self.dataset.target[samples]
@@ -140,12 +131,12 @@ class _Target:
         """Return the output spikes that answer, (n, T, output)."""
         return response.output[..., self.outputs]
 
-    def steps(self, response: Response, how: _How) -> Ints:
+    def steps(self, response: Response, grid: DecisionGrid) -> Ints:
         """Return the steps after which a response is read out, (k,)."""
-        steps = read_out_steps(response.output.shape[1], response.step_ms, how.read_out_every_ms)
+        steps = read_out_steps(response.output.shape[1], response.step_ms, grid.read_out_every_ms)
         return steps[self.lengths]
 
-    def label(self, answers: Response | Answers, how: _How) -> Ints:
+    def label(self, answers: Response | Answers, grid: DecisionGrid) -> Ints:
         """Return the class that is answered after k input lengths, (n, k); -1 where heads name no class."""
         if isinstance(answers, Answers):
             label = answers.label[:, self.lengths]
@@ -154,16 +145,16 @@ class _Target:
             counts = answers.output.sum(axis=1, dtype=np.int64)
             return joint_label(head_answers(self.dataset, counts), self.dataset.heads)[:, None]
         output = self.output(answers)
-        counts = [output[:, :n].sum(axis=1, dtype=np.int64) for n in self.steps(answers, how)]
+        counts = [output[:, :n].sum(axis=1, dtype=np.int64) for n in self.steps(answers, grid)]
         return np.asarray(np.stack(counts, axis=1).argmax(axis=2))
 
-    def accuracies(self, answers: Response | Answers, samples: Ints, how: _How) -> Accuracies:
+    def accuracies(self, answers: Response | Answers, samples: Ints, grid: DecisionGrid) -> Accuracies:
         """Return the accuracies of the answers to some samples."""
-        truth, grid = self.truth(samples), None
-        if how.has_grid and isinstance(answers, Response) and not self.is_joint:
-            surface = decision.surface(self.output(answers), truth, how.phi, how.theta, answers.step_ms)
-            grid = surface.accuracy
-        return Accuracies(_share_right(self.label(answers, how), truth), grid)
+        truth, decided = self.truth(samples), None
+        if self.decides(grid) and isinstance(answers, Response):
+            surface = decision.surface(self.output(answers), truth, grid.phi, grid.theta, answers.step_ms)
+            decided = surface.accuracy
+        return Accuracies(_share_right(self.label(answers, grid), truth), decided)
 
     def confusion(self, label: Ints, truth: Ints) -> Ints:
         """Return the confusion of (n,) answers; of joint classes, a last column counts the labels -1."""
@@ -191,11 +182,9 @@ class _Answered:
 def measure(
     outcome: Outcome,
     dataset: Dataset,
-    phi: Array,
-    theta: Array,
+    grid: DecisionGrid,
     hardware: Sequence[Profile],
     weight_bits: int = 8,
-    read_out_every_ms: float | None = None,
     moved: Iterable[Moved] = (),
     unseen: UnseenTargets | None = None,
 ) -> Measurement:
@@ -204,26 +193,23 @@ def measure(
     Args:
         outcome: what the model family returned.
         dataset: what it was trained on.
-        phi: spike offsets of the decision grid.
-        theta: its confidences; both empty for the full read-out only. Spiking families alone have one.
+        grid: of decisions, with numbers of phi; empty for the read-outs only. Spiking families alone have it.
         hardware: profiles that the full read-out is priced on.
         weight_bits: bits per weight of a spiking network.
-        read_out_every_ms: distance of the input lengths after which a spiking network is read out; None:
-            `READ_OUTS` of them, evenly spaced.
         moved: of each shift.
         unseen: accuracies on groups after trainings without them; None: there were none.
 
     Raises:
         ValueError: a response holds no samples, or the grid is out of range.
     """
-    how, targets = _How(phi, theta, weight_bits, read_out_every_ms), _targets(dataset)
+    targets = _targets(dataset)
     shifts: dict[str, list[Accuracies]] = {name: [] for name in targets}
     at, n_shifted = [], 0
     for shift, samples, answers in _and_unmoved(moved, outcome, dataset):
         at.append(shift)
         n_shifted = len(samples)
         for name, target in targets.items():
-            shifts[name].append(target.accuracies(answers, samples, how))
+            shifts[name].append(target.accuracies(answers, samples, grid))
     files: dict[str, Columns] = {}
     of_targets = {}
     for name, target in targets.items():
@@ -231,10 +217,10 @@ def measure(
             column: {fold: of_fold[name] for fold, of_fold in of_column.items()}
             for column, of_column in (unseen or {}).items()
         }
-        answered = _with_shifts(_answered(outcome, target, how, folds), shifts[name], n_shifted)
+        answered = _with_shifts(_answered(outcome, target, grid, folds, weight_bits), shifts[name], n_shifted)
         of_targets[name] = _numbers(answered, hardware)
         suffix = f"_{name}.npz" if name else ".npz"
-        files |= {f"{x}{suffix}": y for x, y in _files(answered, target, how, at[1:], folds).items()}
+        files |= {f"{x}{suffix}": y for x, y in _files(answered, target, grid, at[1:], folds).items()}
     numbers = of_targets.pop("")
     if of_targets:
         names = [name for name in ("accuracy", "accuracy_test") if name in numbers.columns]
@@ -243,26 +229,16 @@ def measure(
     return Measurement(numbers, files)
 
 
-def accuracies(
-    answers: Response | Answers,
-    dataset: Dataset,
-    samples: Ints,
-    phi: Array,
-    theta: Array,
-    read_out_every_ms: float | None = None,
-) -> OfTargets:
+def accuracies(answers: Response | Answers, dataset: Dataset, samples: Ints, grid: DecisionGrid) -> OfTargets:
     """Return the accuracies of answers, '' of the target, and of a joint one also of each head, by name.
 
     Args:
         answers: to the samples.
         dataset: their classes and heads.
         samples: (n,) sample numbers, n >= 1.
-        phi: spike offsets of the decision grid.
-        theta: its confidences.
-        read_out_every_ms: as of `measure`.
+        grid: as of `measure`.
     """
-    how = _How(phi, theta, read_out_every_ms=read_out_every_ms)
-    return {name: x.accuracies(answers, samples, how) for name, x in _targets(dataset).items()}
+    return {name: x.accuracies(answers, samples, grid) for name, x in _targets(dataset).items()}
 
 
 def _targets(dataset: Dataset) -> dict[str, _Target]:
@@ -300,18 +276,17 @@ def _with_shifts(answered: _Answered, shifts: Sequence[Accuracies], n: int) -> _
 
 
 def records_for_objectives(
-    outcome: Outcome, dataset: Dataset, phi: Array, theta: Array, hardware: Sequence[Profile]
+    outcome: Outcome, dataset: Dataset, grid: DecisionGrid, hardware: Sequence[Profile]
 ) -> list[tuple[Needs, Points | FullReadOut | Priced]]:
     """Return what objectives measure of one run of a single target, each with what needs it.
 
     Args:
         outcome: what the model family returned.
         dataset: what it was trained on, without heads.
-        phi: spike offsets of the decision grid.
-        theta: its confidences.
+        grid: as of `measure`.
         hardware: profiles; one that cannot run the classifier adds nothing.
     """
-    answered = _answered(outcome, _Target(dataset), _How(phi, theta), {})
+    answered = _answered(outcome, _Target(dataset), grid, {})
     points = [one for one in (answered.read_outs, answered.grid) if one is not None]
     records: list[tuple[Needs, Points | FullReadOut | Priced]] = [("points", one) for one in points]
     records.append(("full_read_out", answered.full))
@@ -349,12 +324,12 @@ def _numbers(answered: _Answered, hardware: Sequence[Profile]) -> Numbers:
 def _files(
     answered: _Answered,
     target: _Target,
-    how: _How,
+    grid: DecisionGrid,
     shifts: Sequence[int],
     unseen: Mapping[str, Mapping[str, Accuracies]],
 ) -> dict[str, Columns]:
     """Return the arrays of a target, as in `Measurement.files`, without head and suffix in their names."""
-    read_outs, grid, answer = answered.read_outs, answered.grid, answered.full
+    read_outs, answer = answered.read_outs, answered.full
     matrices = {"validation": answer.confusion, "test": answer.confusion_test}
     files: dict[str, Columns] = {
         "confusion": {name: x[:, : target.n_classes] for name, x in matrices.items() if x is not None}
@@ -370,19 +345,23 @@ def _files(
         **{name: x.read_outs for name, x in folds.items()},
         **store.work_arrays(read_outs.load),
     }
-    if grid is not None:
-        declared = registry.columns("points")
+    if answered.grid is not None:
+        declared, decided = registry.columns("points"), measured("points", answered.grid)
         files["surface"] = {
-            **{"phi": np.array(how.phi), "theta": np.array(how.theta)},
-            **{name: x for name, x in measured("points", grid).items() if not declared[name].of_design},
+            **{"phi": grid.phi, "theta": grid.theta},
+            **{name: x for name, x in decided.items() if not declared[name].of_design},
             **{name: x.grid for name, x in folds.items() if x.grid is not None},
-            **store.work_arrays(grid.load),
+            **store.work_arrays(answered.grid.load),
         }
     return files
 
 
 def _answered(
-    outcome: Outcome, target: _Target, how: _How, unseen: Mapping[str, Mapping[str, Accuracies]]
+    outcome: Outcome,
+    target: _Target,
+    grid: DecisionGrid,
+    unseen: Mapping[str, Mapping[str, Accuracies]],
+    weight_bits: int = 8,
 ) -> _Answered:
     """Return what a run answers to a target; a family answers in one way, on validation and on test."""
     validation, test, dataset = outcome.validation, outcome.test, target.dataset
@@ -391,20 +370,19 @@ def _answered(
         raise ValueError(
             f"a response must have at least one sample and one step, got output of shape {shape}"
         )
-    truth, label = target.truth(dataset.validation), target.label(validation, how)
+    truth, label = target.truth(dataset.validation), target.label(validation, grid)
     right, of_test = _share_right(label, truth), None
     label_test = truth_test = None
     if test is not None:
-        truth_test, label_test = target.truth(dataset.test), target.label(test, how)
+        truth_test, label_test = target.truth(dataset.test), target.label(test, grid)
         of_test = _share_right(label_test, truth_test)
     if isinstance(validation, Response):
-        assert not isinstance(test, Answers)
-        spiking = _of_spikes(outcome.network, validation, test, target, how, right, of_test)
-        read_outs, grid, of_lengths, decisions_test = spiking
+        spiking = _of_spikes(outcome, target, grid, weight_bits, right, of_test)
+        read_outs, decided, of_lengths, decisions_test = spiking
         most = int(target.output(validation).sum(axis=(1, 2), dtype=np.int64).max())
     else:
         read_outs = _of_answers(validation, right, of_test, target)
-        grid, of_lengths, decisions_test, most = None, {}, None, None
+        decided, of_lengths, decisions_test, most = None, {}, None, None
     joint = target.is_joint
     full = FullReadOut(
         outcome=outcome,
@@ -413,7 +391,7 @@ def _answered(
         confusion=target.confusion(label[:, -1], truth),
         decision_latency_ms=read_outs.decision_latency_ms[-1].item(),
         read_outs=None if joint else read_outs,
-        decisions=None if grid is None else grid.decisions,
+        decisions=None if decided is None else decided.decisions,
         decisions_test=decisions_test,
         confusion_test=None
         if label_test is None or truth_test is None
@@ -424,7 +402,7 @@ def _answered(
             column: {fold: float(x.read_outs[-1]) for fold, x in of.items()} for column, of in unseen.items()
         },
     )
-    return _Answered(read_outs, grid, full, of_lengths)
+    return _Answered(read_outs, decided, full, of_lengths)
 
 
 def _share_right(label: Ints, truth: Ints) -> Floats:
@@ -461,31 +439,27 @@ def _of_answers(answers: Answers, right: Floats, of_test: Floats | None, target:
 
 
 def _of_spikes(
-    network: Network | Parameters,
-    response: Response,
-    test: Response | None,
+    outcome: Outcome,
     target: _Target,
-    how: _How,
+    grid: DecisionGrid,
+    weight_bits: int,
     right: Floats,
     of_test: Floats | None,
 ) -> tuple[Points, Points | None, Columns, DecisionSurface | None]:
     """Return the read-outs of a spiking classifier and the grid, as `_Answered`, and the test set's surface.
 
     Args:
-        network: what was trained.
-        response: to the validation samples.
-        test: to those of the test set; None without one.
+        outcome: of the training, which answers with spikes.
         target: what is answered.
-        how: read-outs and grid.
+        grid: of decisions.
+        weight_bits: bits per weight.
         right: (k,) accuracy of the read-outs.
         of_test: (k,) the same of the test set.
     """
-    output, truth, step_ms = (
-        target.output(response),
-        target.truth(target.dataset.validation),
-        response.step_ms,
-    )
-    lengths = target.steps(response, how)
+    network, response, test = outcome.network, outcome.validation, outcome.test
+    assert isinstance(response, Response) and not isinstance(test, Answers)
+    output, truth = target.output(response), target.truth(target.dataset.validation)
+    lengths, step_ms = target.steps(response, grid), response.step_ms
     counted = [response.spikes, response.updates, response.updates > 0]
     done = np.concatenate(counted, axis=2, dtype=np.int32).cumsum(axis=1, dtype=np.int64)
     fired_test = None if test is None else test.spikes[..., 1:].sum(axis=2, dtype=np.int64).cumsum(axis=1)
@@ -507,7 +481,7 @@ def _of_spikes(
             decision_latency_ms=latency_ms,
             spikes=work[..., : response.spikes.shape[2]],
             n_weights=np.full(np.shape(accuracy), network.n_weights),
-            load=load_of(network, response, work, n_steps, how.weight_bits),
+            load=load_of(network, response, work, n_steps, weight_bits),
             decisions=decisions,
             spikes_test=spikes_test,
             n_inputs=None if sizes is None else sizes[0],
@@ -517,16 +491,16 @@ def _of_spikes(
     summed_test = None if fired_test is None else fired_test[:, lengths - 1].sum(axis=0)
     work = done[:, lengths - 1].mean(axis=0)
     read_outs = points(right, of_test, lengths * step_ms, lengths, work, summed_test)
-    if not how.has_grid or target.is_joint:
+    if not target.decides(grid):
         return read_outs, None, {}, None
-    decisions = decision.surface(output, truth, how.phi, how.theta, step_ms, done)
-    early = decision.early(output, truth, lengths, how.phi, how.theta, step_ms)
+    decisions = decision.surface(output, truth, grid.phi, grid.theta, step_ms, done)
+    early = decision.early(output, truth, lengths, grid.phi, grid.theta, step_ms)
     of_lengths: Columns = {name: x for name, x in early.items() if name not in ("time_ms", "accuracy")}
     surface_test = None
     if test is not None and fired_test is not None:
         output_test, truth_test = target.output(test), target.truth(target.dataset.test)
         surface_test = decision.surface(
-            output_test, truth_test, how.phi, how.theta, step_ms, fired_test[..., None]
+            output_test, truth_test, grid.phi, grid.theta, step_ms, fired_test[..., None]
         )
         summed_test = np.rint(surface_test.work[..., 0] * len(output_test)).astype(np.int64)
         for end in ("p", "h"):
@@ -535,7 +509,7 @@ def _of_spikes(
             of_lengths |= zip((f"t_{end}_test_ms", f"accuracy_at_t_{end}_test"), times, strict=True)
     latency_ms = decisions.decision_latency_ms
     accuracy_test = None if surface_test is None else surface_test.accuracy
-    grid = points(
+    decided = points(
         decisions.accuracy,
         accuracy_test,
         latency_ms,
@@ -544,7 +518,7 @@ def _of_spikes(
         summed_test,
         decisions,
     )
-    return read_outs, grid, of_lengths, surface_test
+    return read_outs, decided, of_lengths, surface_test
 
 
 def read_out_steps(n_steps: int, step_ms: float, every_ms: float | None) -> Ints:

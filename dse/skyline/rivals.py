@@ -48,9 +48,9 @@ class Odds:
     """How spiking designs stand against the others, over the samples of an accuracy and of a cost.
 
     on: the accuracy. cheaper: the probability that the cheapest spiking design of equal accuracy costs less.
-    more_accurate: that the best spiking design of equal cost is more accurate. best: that the best one is, at
-    any cost. times, gain, most: the ratio of these costs, and the differences of these accuracies; infinite
-    where one side has no such design.
+    more_accurate: that the best spiking design of equal cost is more accurate. best: that the one that is
+    expected to be the best at any cost is. times, gain, most: the ratio of these costs, and the differences
+    of these accuracies; infinite where one side has no such design.
     """
 
     on: str
@@ -97,13 +97,9 @@ class Rivals:
     def rows(self) -> list[dict[str, object]]:
         """The finalists as rows, each with the answer and the probabilities."""
         stated = {
-            f"spiking_{name}{odds.on.removeprefix('accuracy')}": value
+            f"spiking_{name}{odds.on.removeprefix('accuracy')}": getattr(odds, name)
             for odds in self.odds
-            for name, value in (
-                ("cheaper", odds.cheaper),
-                ("more_accurate", odds.more_accurate),
-                ("best", odds.best),
-            )
+            for name in ("cheaper", "more_accurate", "best")
         }
         return [
             {
@@ -183,11 +179,12 @@ def odds_of(
 ) -> Odds:
     """Return how one side stands against the other, from joint samples, (draw, row) each.
 
-    In each sample, equal accuracy is the highest accuracy that both sides reach, less a standard error;
-    equal cost is what the cheaper side needs for its own best accuracy, less the same. Equal costs and equal
-    accuracies count as half.
+    At any cost, the designs with the highest means compete: in a sample, the side with more designs has the
+    luckier one. In each sample, equal accuracy is the highest that both sides reach, less a standard error;
+    equal cost is what the cheaper side needs for its own best accuracy, less the same. Equal ones count half.
     """
     ours_best, theirs_best = ours.max(axis=1), theirs.max(axis=1)
+    most = ours[:, ours.mean(axis=0).argmax()] - theirs[:, theirs.mean(axis=0).argmax()]
     level = np.minimum(ours_best, theirs_best) - error
     our_cost, their_cost = _least(our_costs, ours, level), _least(their_costs, theirs, level)
     limit = np.minimum(
@@ -199,10 +196,10 @@ def odds_of(
         on,
         _half(their_cost - our_cost),
         _half(gain),
-        _half(ours_best - theirs_best),
+        _half(most),
         _spread(our_cost / their_cost),
         _spread(gain),
-        _spread(ours_best - theirs_best),
+        _spread(most),
     )
 
 

@@ -36,6 +36,11 @@ _HINT = "change it back, or use another study name or --results folder"
 _PLACES = tuple(f"{section}.{key}" for section in ("data", "test") for key in PLACES)
 
 
+def _matters(key: str) -> bool:
+    """Return whether a key of a search space may change results."""
+    return (not key.startswith("execution.") or key == "execution.device") and key not in _PLACES
+
+
 def join(space: SearchSpace, folder: Path) -> None:
     """Check that another coordinator works on the same search space in a folder, but for section `execution`.
 
@@ -46,7 +51,7 @@ def join(space: SearchSpace, folder: Path) -> None:
     texts = [
         f"{key} is {new!r}, but {old!r} in the study that runs in {folder}"
         for key, old, new in changes(_started_with(folder / store.SPACE, now), now)
-        if (not key.startswith("execution.") or key == "execution.device") and key not in _PLACES
+        if _matters(key)
     ]
     if space.search.racing is not None:
         texts.append(f"search.racing: {folder} runs, and its designs race against all others of one process")
@@ -108,8 +113,7 @@ def claim(space: SearchSpace, book: store.Book) -> list[str]:
         faults = [
             Fault(str(space.source), 0, f"{key} is {new!r}, but {folder} was started with {old!r}; {_HINT}")
             for key, old, new in changes(before, now)
-            if (not key.startswith("execution.") or key == "execution.device")
-            and key not in _PLACES
+            if _matters(key)
             and not (key == "search.n_trials" and _count(new) >= _count(old))
             and not (key == "hardware" and old[:1] == new[:1])
             and not key.startswith("precision")

@@ -18,21 +18,23 @@ from dse.dataset import cache
 from dse.hardware.profile import of_space
 from dse.recordings import PLACES, RecordingError
 from dse.recordings.files import locate
-from dse.study import health, precision, pricing
+from dse.study import health, pricing
 from dse.study import tables as both
-from dse.study import trials as tables
 from dse.study.claim import Coordinator, claim, join, process_before
+from dse.study.data_sets import DataSets
 from dse.study.executors import loky
 from dse.study.known import KnownBefore
 from dse.study.ledger import Ledger
 from dse.study.mended import opened
 from dse.study.points import PointsTable
-from dse.study.precision import fronts
 from dse.study.progress import shown
 from dse.study.racing import Race
 from dse.study.results import Study
+from dse.study.rounding import round_fronts
 from dse.study.runs import UNTRAINED, Runs
 from dse.study.searches import Batches, FrontRepeats, Search, n_trials
+from dse.study.session import Session
+from dse.study.training import Training
 from dse.study.workers import OutOfTime, Workers
 
 if TYPE_CHECKING:
@@ -95,25 +97,27 @@ def run(
         coordinator.begin(book)
         ledger = Ledger(book)
         workers = at_the_end.enter_context(_workers(space, n_workers, folder, until_s))
-        runs = Runs(space, book, profiles, workers, report, coordinator)
-        results_tables = _Tables(PointsTable(space, folder, profiles), runs, ledger, coordinator, on_trial)
-        before = None if space.limits is None else KnownBefore(space, profiles, runs.shape)
+        session = Session(space, book, tuple(profiles), workers, report)
+        data = DataSets(session)
+        runs = Runs(session, data, on_trial)
+        training = Training(session, data, runs, coordinator)
+        results_tables = _Tables(PointsTable(space, folder, profiles), runs, ledger, coordinator)
+        before = None if space.limits is None else KnownBefore(space, profiles, data.shape)
         runs.recall(ledger.entries)
-        results_tables.know_ended()
         if coordinator.is_first:
             runs.forget_checkpoints()
         report.expect(n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
 
         def train(search: Search) -> None:
             while (asked := search.ask()) is not None:
-                runs.complete(asked.entries, asked.repeats, results_tables.refresh, asked.until)
+                training.complete(asked.entries, asked.repeats, results_tables.refresh, asked.until)
                 search.tell(asked)
 
         stopped = ""
         try:
             with workers:
-                batches = Batches(space, ledger, runs, before, report)
-                race = Race(batches, space, folder, profiles, runs, book) if space.search.racing else None
+                batches = Batches(session, ledger, runs, data, before)
+                race = Race(batches, session, runs) if space.search.racing else None
                 train(race or batches)
                 if not coordinator.leads:
                     report.note("the process that writes the tables ends the study")
@@ -121,8 +125,10 @@ def run(
                 runs.recall(ledger.entries)
                 if race is not None and (sentence := race.saved(ledger.entries)):
                     report.note(sentence)
-                train(FrontRepeats(space, ledger, runs, results_tables.points, report))
-                _round_front(space, ledger, runs, results_tables)
+                train(FrontRepeats(session, ledger, runs, results_tables.points))
+                round_fronts(
+                    session, runs, data, ledger.entries, results_tables.points, results_tables.refresh
+                )
         except OutOfTime:
             runs.recall(ledger.entries)
             stopped = "its time is over (search.stop.minutes); the same command goes on"
@@ -190,39 +196,12 @@ def _keep_audit(space: SearchSpace, book: store.Book) -> None:
 class _Tables:
     """The tables of a study, written now and then so that they can be read while a long study runs."""
 
-    def __init__(
-        self,
-        points: PointsTable,
-        runs: Runs,
-        ledger: Ledger,
-        coordinator: Coordinator,
-        on_trial: Callable[[dict[str, Any]], object] | None = None,
-    ) -> None:
-        self._points, self._space = points, points.space
-        self._runs, self._ledger, self._coordinator = runs, ledger, coordinator
+    def __init__(self, points: PointsTable, runs: Runs, ledger: Ledger, coordinator: Coordinator) -> None:
+        self._points, self._runs, self._ledger, self._coordinator = points, runs, ledger, coordinator
         self._due = time.monotonic()
-        self._on_trial = on_trial
-        self._ended: set[int] = set()
-
-    def know_ended(self) -> None:
-        """Remember the trials that have ended before."""
-        self._ended = set(self._newly_ended())
-
-    def _newly_ended(self) -> list[int]:
-        n = self._space.search.repeats
-        runs = self._runs.trials()
-        return [trial for trial in runs if trial not in self._ended and len(runs[trial]) >= n]
 
     def refresh(self) -> None:
-        """Report trials that have ended, and write the tables unless they are recent.
-
-        Writing takes at most `_REFRESH_SHARE` of the time.
-        """
-        for trial in self._newly_ended() if self._on_trial is not None else ():
-            self._ended.add(trial)
-            table = tables.trials_table(self._space, {trial: self._runs.of(trial)})
-            assert self._on_trial is not None  # else there was no trial to report
-            self._on_trial({str(name): store.plain_cell(value) for name, value in table.iloc[0].items()})
+        """Write the tables unless they are recent: that takes at most `_REFRESH_SHARE` of the time."""
         began = time.monotonic()
         if began >= self._due:
             self.write()
@@ -242,16 +221,3 @@ class _Tables:
             return
         both.write(self._points, self._runs.trials(), self._ledger.entries)
         store.back_up(self._ledger.book)
-
-
-def _round_front(space: SearchSpace, ledger: Ledger, runs: Runs, results_tables: _Tables) -> None:
-    """Evaluate designs on each family's fronts, and near them, at the precisions of the search space."""
-    precisions = space.precision
-    if precisions is None or not precisions.settings:
-        return
-    chosen: set[int] = set()
-    for table, front in fronts(results_tables.points(), space.objectives):
-        chosen |= precision.near(table, front, space.objectives, precisions.within)
-    runs.evaluate(
-        [e for e in ledger.entries if e.trial in chosen], precisions.settings, results_tables.refresh
-    )

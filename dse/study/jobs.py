@@ -1,18 +1,15 @@
-"""The jobs of a worker: prepare a data set, or train a cohort of runs and record each run.
+"""The job of a worker that trains a cohort of runs, measures and records each.
 
 A job holds paths and settings only; spikes are read from the prepared data set as a memory map.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
 import json
 import math
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,16 +25,13 @@ from dse.config.contracts import (
     placed,
     trains_in_cohorts,
 )
-from dse.config.resolved import LeftOut, Sections
-from dse.dataset.cache import mark_used, usual_root
-from dse.dataset.files import read_meta
+from dse.config.resolved import Sections
+from dse.config.space import DecisionGrid
+from dse.dataset.cache import usual_root
 from dse.hardware.profile import Profile
 from dse.measure.heads import head_sizes, head_slices
 from dse.measure.numbers import Numbers
 from dse.measure.run import Measurement, Moved, OfTargets, UnseenTargets, accuracies, measure
-from dse.models.snn.quantise import rounded
-from dse.neurons.fixed_point import STATE_LIMIT
-from dse.recordings import RecordingError
 from dse.recordings.windows import with_crops
 from dse.records import (
     Answers,
@@ -50,12 +44,14 @@ from dse.records import (
     Response,
 )
 from dse.search.cohorts import Demand
-from dse.study import checkpoints, precision
+from dse.study import checkpoints
 from dse.study.checkpoints import Checkpoint
+from dse.study.data_sets import Fold, Loaded, Prepared, load, timer
 from dse.study.executors.work import Failure
-from dse.study.precision import Setting
+from dse.study.ledger import Entry
 from dse.study.record import RunRecord, plain_rungs
-from dse.study.results import sections_found
+from dse.study.results import trained_on
+from dse.study.session import Session
 
 PROCESS_BYTES = 320 * 2**20
 """Memory of a worker in addition to arrays, rounded up: interpreter, libraries, compiled kernels."""
@@ -70,43 +66,6 @@ _SAMPLES = 128
 _MOST_SAMPLES = 1024
 """Training samples that tell how far phi reaches, at most."""
 
-# Shortest time between two messages about the work in progress.
-_MESSAGE_S = 0.5
-
-
-@dataclasses.dataclass(frozen=True)
-class Preparation:
-    """Prepare data sets that have most of their work in common, one after the other.
-
-    designs: key of the data set -> sections of its design. base: folder that recordings are relative to.
-    cache: root of the cache. threads: number of threads that simulate trials.
-    progress_file: in which the work in progress is written, now and then.
-    """
-
-    designs: Mapping[str, Sections]
-    base: Path
-    cache: Path
-    threads: int = 1
-    progress_file: Path | None = None
-
-
-@dataclasses.dataclass(frozen=True)
-class Fold:
-    """A training of a design without some groups.
-
-    sections: of the design, with the groups left out.
-    data: folder of its prepared data set, whose test set they are.
-    """
-
-    sections: Sections
-    data: Path
-
-    @property
-    def left_out(self) -> LeftOut:
-        """The groups."""
-        assert self.sections.left_out is not None
-        return self.sections.left_out
-
 
 @dataclasses.dataclass(frozen=True)
 class Run:
@@ -115,9 +74,7 @@ class Run:
     sections: of the design.
     data: folder of the prepared data set, named as its key; base: folder that recordings are relative to.
     folder: file of the run.
-    phi, theta: decision grid. hardware: profiles that the full read-out is priced on.
-    phi_step: distance of phi up to what the outputs of training samples reach; None: phi is given.
-    read_out_every_ms: as of `dse.measure.run.measure`.
+    decision: grid. hardware: profiles that the full read-out is priced on.
     folds: groups that this run leaves out of training in turn.
     """
 
@@ -129,17 +86,23 @@ class Run:
     data: Path
     base: Path
     folder: Path
-    phi: tuple[float, ...]
-    theta: tuple[float, ...]
+    decision: DecisionGrid
     hardware: tuple[Profile, ...]
-    phi_step: int | None = None
-    read_out_every_ms: float | None = None
     folds: tuple[Fold, ...] = ()
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """Trial and repeat."""
+        return self.trial, self.repeat
 
     @property
     def study(self) -> Path:
         """The folder of the study."""
         return self.folder.parents[1]
+
+    def loaded(self, threads: int = 1) -> Loaded:
+        """Return its data set, as `dse.study.data_sets.load` does."""
+        return load(self.data, self.sections, self.base, threads)
 
     def measured(
         self, outcome: Outcome, data: Dataset, weight_bits: int = 8, unseen: UnseenTargets | None = None
@@ -152,17 +115,8 @@ class Run:
             weight_bits: bits per weight of a spiking network.
             unseen: accuracies of the trainings without some groups.
         """
-        return measure(
-            outcome,
-            data,
-            np.array(self.phi),
-            np.array(self.theta),
-            self.hardware,
-            weight_bits,
-            self.read_out_every_ms,
-            self._moved(outcome.network, data),
-            unseen,
-        )
+        moved = self._moved(outcome.network, data)
+        return measure(outcome, data, self.decision, self.hardware, weight_bits, moved, unseen)
 
     def _moved(self, fitted: Network | Parameters, data: Dataset) -> Iterator[Moved]:
         """Yield what the run answers to moved windows of the validation samples with room for every shift."""
@@ -173,6 +127,24 @@ class Run:
         samples = data.validation[fits[data.validation]]
         for shift in evaluation.shifts:
             yield shift, samples, self.sections.model.respond(fitted, dataset.shifted(data, shift), samples)
+
+
+def run_of(session: Session, entry: Entry, repeat: int, prepared: Prepared) -> Run:
+    """Return the run of a design in a study, on its data set."""
+    space = session.space
+    return Run(
+        trial=entry.trial,
+        repeat=repeat,
+        design=entry.design,
+        seed=space.seed,
+        sections=prepared.sections,
+        data=prepared.data,
+        base=space.source.parent,
+        folder=store.run_file(session.folder, entry.trial, repeat),
+        decision=space.decision,
+        hardware=session.profiles,
+        folds=prepared.folds,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -221,66 +193,6 @@ def demand(run: Run, data: Dataset, threads: int = 1) -> Demand:
     )
 
 
-def prepare(job: Preparation) -> Iterator[str | tuple[str, Failure]]:
-    """Make the data sets that are not in the cache.
-
-    Yields:
-        The key of a data set that cannot be made, and why; a text is work in progress (`Workers.stream`).
-    """
-    is_due = _timer(_MESSAGE_S)
-
-    def say(text: str) -> None:
-        if job.progress_file is not None and is_due():
-            with contextlib.suppress(OSError):
-                job.progress_file.write_text(text, "utf-8")
-
-    for key, sections in job.designs.items():
-        try:
-            with store.explained(job.cache):
-                dataset.prepare(sections, job.base, job.cache, job.threads, say)
-        except store.StoreError:
-            raise  # a full disk is not the data set's fault
-        except Exception as error:
-            yield key, Failure.of(error)
-    if job.progress_file is not None:
-        job.progress_file.unlink(missing_ok=True)
-
-
-@dataclasses.dataclass(frozen=True)
-class Loaded:
-    """A data set in a worker.
-
-    leak: why evaluations on the data know the labels; '' if they do not.
-    fitted: section -> key -> plain value that was fitted to the recordings.
-    """
-
-    data: Dataset
-    leak: str
-    fitted: Mapping[str, Mapping[str, object]]
-
-
-_last: dict[Path, Loaded] = {}  # the data set that this process loaded last, by its folder
-
-
-def load(run: Run, threads: int = 1) -> Loaded:
-    """Return the data set of a run; a process keeps the one that it loaded last.
-
-    It is complete in memory or mapped, so it may be evicted from the cache while it is in use.
-
-    Raises:
-        StoreError: the cache cannot be written.
-        RecordingError: the data set was evicted, and its recordings have changed or cannot be read.
-    """
-    if run.data not in _last:
-        _last.clear()  # before the next one takes memory
-        with store.explained(run.data.parent):
-            data = dataset.load_or_prepare(run.sections, run.base, run.data, threads)
-        meta = read_meta(run.data)
-        _last[run.data] = Loaded(data, meta.transductive, meta.fitted)
-    mark_used(run.data)
-    return _last[run.data]
-
-
 def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
     """Train the runs of a cohort, first without their folds; measure and publish each as it finishes.
 
@@ -307,10 +219,10 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
     left = [number for number in range(len(job.runs)) if number not in failed and number not in published]
     if not left:
         return
-    loaded = load(job.runs[0], job.threads)
+    loaded = job.runs[0].loaded(job.threads)
     missing = set(left)
     for numbers, points in _at_one_epoch(job, left):
-        span = Span([point.state for point in points], job.until, _timer(job.checkpoint_s))
+        span = Span([point.state for point in points], job.until, timer(job.checkpoint_s))
         for place, ended in _outcomes(_of(job, numbers), loaded.data, span=span):
             number, rungs = numbers[place], points[place].rungs if points else {}
             if isinstance(ended, Rung) and ended.outcome is None:
@@ -352,19 +264,6 @@ def _at_one_epoch(job: TrainingJob, numbers: Sequence[int]) -> Iterator[tuple[li
         yield list(members), [point for point in members.values() if point is not None]
 
 
-def _timer(seconds: float) -> Callable[[], bool]:
-    """Return a function that is true where so many seconds have passed since it last was."""
-    last_s = time.monotonic()
-
-    def is_due() -> bool:
-        nonlocal last_s
-        due = time.monotonic() - last_s >= seconds
-        last_s = time.monotonic() if due else last_s
-        return due
-
-    return is_due
-
-
 def _of(job: TrainingJob, numbers: Sequence[int]) -> TrainingJob:
     """Return a job of some of the runs."""
     return dataclasses.replace(job, runs=tuple(job.runs[number] for number in numbers))
@@ -373,7 +272,7 @@ def _of(job: TrainingJob, numbers: Sequence[int]) -> TrainingJob:
 def _without(job: TrainingJob, fold: Fold) -> Iterator[tuple[int, OfTargets | Failure]]:
     """Train the runs of a cohort without a fold; yield the number and the accuracies of each on the fold."""
     run = dataclasses.replace(job.runs[0], sections=fold.sections, data=fold.data)
-    data = load(run, job.threads).data
+    data = run.loaded(job.threads).data
     where = f"without {fold.left_out.column} {fold.left_out.name}"
     try:
         for number, outcome in _outcomes(job, data, f"{where}: "):
@@ -383,11 +282,7 @@ def _without(job: TrainingJob, fold: Fold) -> Iterator[tuple[int, OfTargets | Fa
                 yield number, dataclasses.replace(failure, message=f"{where}: {failure.message}")
             else:
                 assert outcome.test is not None  # the fold is the test set
-                phi, theta = np.array(run.phi), np.array(run.theta)
-                yield (
-                    number,
-                    accuracies(outcome.test, data, data.test, phi, theta, run.read_out_every_ms),
-                )
+                yield number, accuracies(outcome.test, data, data.test, run.decision)
     except (store.StoreError, MemoryError):
         raise
     except Exception as error:
@@ -445,10 +340,8 @@ def fitted_again(folder: Path, record: RunRecord, parts: Sequence[str]) -> Netwo
         RecordingError: the recordings that it was trained on are not found.
         TrainingDiverged: it does not learn from these.
     """
-    for sections, base, key in sections_found(folder, record):
-        if key == record.data:
-            return trained_alone(sections, base, record.seed, record.design, record.repeat, parts)
-    raise RecordingError(f"{folder}: the recordings of trial {record.trial} are not found, or have changed")
+    about = trained_on(folder, record)
+    return trained_alone(*about, record.seed, record.design, record.repeat, parts)
 
 
 def trained_alone(
@@ -478,7 +371,7 @@ def trained_alone(
     if parts:
         whole = np.sort(np.concatenate([getattr(data, part) for part in parts]))
         data = dataclasses.replace(data, train=whole)
-    run = Run(0, repeat, design, seed, sections, folder, base, folder, (), (), ())
+    run = Run(0, repeat, design, seed, sections, folder, base, folder, DecisionGrid(), ())
     ((_, outcome),) = _outcomes(TrainingJob((run,)), data)
     if isinstance(outcome, Exception):
         raise outcome
@@ -525,11 +418,13 @@ def _publish(
     outcome = ended.outcome if isinstance(ended, Rung) else ended
     assert outcome is not None  # the training pauses here
     data, leak = loaded.data, loaded.leak
+    grid = job.decision
     if only_full:
-        job = dataclasses.replace(job, phi=(), theta=())
-    elif job.phi_step is not None and isinstance(outcome.validation, Response):
+        grid = dataclasses.replace(grid, theta=np.zeros(0))
+    elif grid.phi_step is not None and isinstance(outcome.validation, Response):
         most = most_output_spikes(job.sections.model, outcome.network, data)
-        job = dataclasses.replace(job, phi=tuple(range(0, most + job.phi_step, job.phi_step)))
+        grid = dataclasses.replace(grid, phi=np.arange(0, most + grid.phi_step, grid.phi_step))
+    job = dataclasses.replace(job, decision=grid)
     measurement = job.measured(outcome, data, unseen=unseen)
     record = RunRecord(
         trial=job.trial,
@@ -583,57 +478,3 @@ def most_output_spikes(model: Family, fitted: Network | Parameters, data: Datase
 def _response_arrays(response: Response | Answers, data: Dataset, index: Ints) -> dict[str, Array]:
     """Return the response to some samples, with their numbers and their (joint) classes, `target`."""
     return {**store.response_arrays(response, index), "target": np.asarray(data.target[index])}
-
-
-@dataclass(frozen=True)
-class Rounding:
-    """Evaluate a trained run at some settings."""
-
-    run: Run
-    settings: tuple[Setting, ...]
-
-
-def evaluate(job: Rounding) -> Iterator[tuple[Setting, Failure | None]]:
-    """Evaluate a run at its settings, one after the other; each result is stored at once.
-
-    Yields:
-        A setting, and None after it is stored, or why it failed. An error that fails all settings is raised.
-    """
-    loaded = load(job.run)
-    network = store.fitted_of(store.load_arrays(job.run.folder / "weights.npz"))
-    trained = RunRecord.from_plain(store.read_record(job.run.folder), job.run.folder)
-    run = job.run
-    if run.phi_step is not None:  # the same settings as in training
-        surface = next(x for x in trained.files if x.startswith("surface"))
-        phi = store.load_arrays(run.folder / surface)["phi"]
-        run = dataclasses.replace(run, phi=tuple(phi.tolist()))
-    for setting in job.settings:
-        why = None
-        try:
-            _evaluate(run, setting, network, loaded, trained)
-        except (store.StoreError, MemoryError):
-            raise  # a full disk is not the run's fault
-        except Exception as error:
-            why = Failure.of(error)
-        yield setting, why
-
-
-def _evaluate(run: Run, setting: Setting, network: object, loaded: Loaded, trained: RunRecord) -> None:
-    """Measure a run at a setting and publish its file."""
-    if not isinstance(network, Network):
-        raise TypeError(f"only a Network can be rounded, got {type(network).__name__}")
-    data, columns = loaded.data, trained.measured.columns
-    fewer = rounded(network, *setting)
-    validation = run.sections.model.respond(fewer, data, data.validation)
-    test = run.sections.model.respond(fewer, data, data.test) if data.test.size else None
-    assert isinstance(validation, Response)  # a network answers with spikes
-    health = {
-        "peak_state": validation.peak_state,
-        "overflows_24_bit": validation.peak_state > STATE_LIMIT,
-        "n_weights_dense": fewer.n_weights_dense,
-    }
-    reported = {name: x for name, x in health.items() if name in columns}  # not every family reports all
-    outcome = Outcome(fewer, validation, test, {}, reported, columns.get("train_s", 0.0))
-    measurement = run.measured(outcome, data, setting[0])
-    numbers = measurement.numbers.with_columns(transductive=bool(loaded.leak))
-    precision.save(run.folder, setting, dataclasses.replace(trained, numbers=numbers), measurement.files)

@@ -24,8 +24,6 @@ from typing import Any
 import numpy as np
 
 from dse import store
-from dse.config import SearchSpace
-from dse.hardware.profile import Profile
 from dse.measure.numbers import Numbers
 from dse.records import Floats
 from dse.search.racing import best
@@ -34,6 +32,7 @@ from dse.study.ledger import Entry
 from dse.study.record import RunRecord
 from dse.study.runs import Runs
 from dse.study.searches import Asked, Search
+from dse.study.session import Session
 
 SAVED = "racing/saved"
 
@@ -47,19 +46,11 @@ Group = tuple[str, ...]
 class Race:
     """The racing of one study: a search whose batches are asked for round by round."""
 
-    def __init__(
-        self,
-        search: Search,
-        space: SearchSpace,
-        folder: Path,
-        profiles: Sequence[Profile],
-        runs: Runs,
-        book: store.Book,
-    ) -> None:
+    def __init__(self, search: Search, session: Session, runs: Runs) -> None:
+        space, book = session.space, session.book
         assert space.search.racing is not None
-        self._search = search
-        self._space, self._folder, self._profiles = space, folder, tuple(profiles)
-        self._runs, self._book = runs, book
+        self._search, self._runs = search, runs
+        self._space, self._book, self._profiles = space, book, session.profiles
         self._eta = space.search.racing.eta
         self._rungs = space.search.racing.at(min(space.parts["training"].range("epochs")))
         rounds = (one for of_batch in rounds_of(book).values() for one in of_batch)

@@ -140,18 +140,22 @@ class Study:
         return dataset.stages(sections, self.folder, sample)
 
     def dataset(self, trial: int) -> Dataset:
-        """Return the data set of the first run of a trial, from the cache.
+        """Return the data set of the first run of a trial, prepared again where the cache has it no more.
 
         Raises:
-            StoreError: as in `runs`, or the data set was evicted from the cache.
+            StoreError: as in `runs`, or its recordings are not found, or cannot be read.
         """
         from dse import dataset
         from dse.dataset import cache
+        from dse.recordings import RecordingError
 
-        data = dataset.find(cache.usual_root(), load_records(self.folder, trial)[0].data)
-        if data is None:
-            raise store.StoreError(f"{self.folder}: the data set of trial {trial} is no longer in the cache")
-        return data
+        root, record = cache.usual_root(), load_records(self.folder, trial)[0]
+        data = dataset.find(root, record.data)
+        try:
+            return data or dataset.load(dataset.prepare(*trained_on(self.folder, record), root))
+        except RecordingError as error:
+            lost = f"the data set of trial {trial} is no longer in the cache"
+            raise store.StoreError(f"{self.folder}: {lost}: {error}") from None
 
     def chip(self, name: str) -> Profile:
         """Return a hardware profile: the study's copy, or a shipped one."""
@@ -192,6 +196,20 @@ def sections_found(folder: Path, record: RunRecord) -> Iterator[tuple[Sections, 
     for base in (Path.cwd(), folder, folder.parent.parent):
         with contextlib.suppress(RecordingError, ValueError, OSError):
             yield sections, base, dataset.dataset_key(sections, base)
+
+
+def trained_on(folder: Path, record: RunRecord) -> tuple[Sections, Path]:
+    """Return the sections of a run, and the folder of the recordings that it was trained on.
+
+    Raises:
+        RecordingError: they are not found, or have changed.
+    """
+    from dse.recordings import RecordingError
+
+    for sections, base, key in sections_found(folder, record):
+        if key == record.data:
+            return sections, base
+    raise RecordingError(f"{folder}: the recordings of trial {record.trial} are not found, or have changed")
 
 
 def is_earlier(folder: Path) -> bool:

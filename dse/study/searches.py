@@ -21,13 +21,14 @@ from dse.search.proposals import Limited, Sampler, limited
 from dse.search.space import design_at
 from dse.seeds import design_key
 from dse.study import trials as tables
+from dse.study.data_sets import DataSets
 from dse.study.known import KnownBefore
 from dse.study.ledger import Entry, Ledger
 from dse.study.precision import fronts
-from dse.study.progress import Progress
 from dse.study.queue import on_axes
 from dse.study.record import RunRecord
 from dse.study.runs import Runs
+from dse.study.session import Session
 
 if TYPE_CHECKING:
     import pandas
@@ -64,15 +65,10 @@ class FrontRepeats:
     """
 
     def __init__(
-        self,
-        space: SearchSpace,
-        ledger: Ledger,
-        runs: Runs,
-        points: Callable[[], pandas.DataFrame],
-        report: Progress,
+        self, session: Session, ledger: Ledger, runs: Runs, points: Callable[[], pandas.DataFrame]
     ) -> None:
-        self._space, self._ledger, self._runs = space, ledger, runs
-        self._points, self._report = points, report
+        self._space, self._report = session.space, session.progress
+        self._ledger, self._runs, self._points = ledger, runs, points
 
     def ask(self) -> Asked | None:
         """Return the designs on the fronts that lack repeats."""
@@ -101,23 +97,18 @@ class Batches:
     """The batches of one study.
 
     Args:
-        space: its search space.
+        session: of the study.
         ledger: its designs.
         runs: its runs.
+        data: the data sets of its designs.
         before: what is known of a design before it is trained; None without limits.
-        report: is told what happens.
     """
 
     def __init__(
-        self,
-        space: SearchSpace,
-        ledger: Ledger,
-        runs: Runs,
-        before: KnownBefore | None,
-        report: Progress,
+        self, session: Session, ledger: Ledger, runs: Runs, data: DataSets, before: KnownBefore | None
     ) -> None:
-        self._space, self._ledger, self._runs = space, ledger, runs
-        self._before, self._report = before, report
+        space = self._space = session.space
+        self._ledger, self._runs, self._before, self._report = ledger, runs, before, session.progress
         self._excluded = {design_key(e.design) for e in ledger.entries if e.excluded}
         self._number = 0
         directions = [direction for _, direction in space.objectives]
@@ -126,7 +117,7 @@ class Batches:
         if before is not None:
             self._sampler = self._limited = limited(self._sampler, self._check)
             if before.needs_data and space.n_designs is not None and space.n_designs <= _MOST_PREPARED:
-                runs.shapes(design_at(space, index) for index in range(space.n_designs))
+                data.shapes(design_at(space, index) for index in range(space.n_designs))
 
     def of(self, number: int) -> list[Entry]:
         """Return the designs of a batch that are trained."""

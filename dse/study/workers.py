@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from typing import Any, TypeVar
 
@@ -22,6 +22,9 @@ Job = TypeVar("Job")
 Part = TypeVar("Part")
 
 _GLANCE_S = 0.5  # between looks at what running jobs say
+# How often work is begun that the machine ends, before it is left to the next session: beside others, beside
+# others again, and alone with the whole machine.
+_ATTEMPTS = 3
 
 
 class OutOfTime(Exception):
@@ -108,6 +111,28 @@ class Workers:
         finally:
             if running:  # the caller has stopped: nobody reads the results of running jobs
                 self._executor.close()
+
+    def attempts(
+        self,
+        function: Callable[[Job], Iterable[Part]],
+        jobs: Sequence[Job],
+        admitted: Callable[[Iterable[Job]], Iterable[Job]] = iter,
+    ) -> Iterator[tuple[Job, Part | Failure, list[Job] | None]]:
+        """Yield what `stream` does, each with a list that takes jobs to be tried again; None: it is over.
+
+        Args:
+            function: as of `stream`.
+            jobs: at first; what the machine ended is tried again, at last one job at a time.
+            admitted: returns those of some jobs that begin, as workers become free.
+        """
+        waiting = list(jobs)
+        for attempt in range(_ATTEMPTS if waiting else 0):
+            again = None if attempt == _ATTEMPTS - 1 else list[Job]()
+            for at_once in [admitted(waiting)] if again is not None else ([job] for job in admitted(waiting)):
+                yield from ((job, part, again) for job, part in self.stream(function, at_once))
+            if not again:
+                return
+            waiting = again
 
     def _parts(self, ended: Future[bytes]) -> list[Any]:
         """Return the parts of a task that has ended."""

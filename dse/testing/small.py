@@ -15,7 +15,7 @@ import numpy as np
 from dse import seeds
 from dse.config import load_space
 from dse.config.contracts import Generators
-from dse.dataset.cache import usual_root
+from dse.config.space import DecisionGrid
 from dse.hardware.profile import load
 from dse.measure.objectives import FullReadOut, Points, Priced
 from dse.measure.run import records_for_objectives
@@ -25,8 +25,7 @@ from dse.study.results import Study
 
 N_CLASSES = 3
 CHIP = "loihi1_silicon"
-PHI, THETA = np.array([0, 2]), np.array([0.25, 0.5, 0.75])
-"""Decision grid."""
+GRID = DecisionGrid(np.array([0, 2]), np.array([0.25, 0.5, 0.75]))
 SPACE = {
     "study": "small",
     "data": {
@@ -39,7 +38,7 @@ SPACE = {
     "preprocessing": {"bin_ms": 2},
     "model": {"kind": "snn", "hidden": {"choice": [4, 6, 9]}},
     "training": {"epochs": 3, "batch_size": 8},
-    "decision": {"phi": PHI, "theta": THETA},
+    "decision": GRID.to_plain(),
     "precision": {"weight_bits": [4, 8]},
     "hardware": [CHIP],
     "objectives": ["accuracy", "energy_uj"],
@@ -142,8 +141,8 @@ def _write_touches(path: Path) -> None:
 
 
 @functools.cache
-def _trained(_of_cache: Path) -> Path:
-    """Return the folder of a study that is trained once per cache and goes with the process."""
+def _trained() -> Path:
+    """Return the folder of a study that is trained once and goes with the process."""
     folder = Path(tempfile.mkdtemp(prefix="dse-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     _write_touches(folder / "touch.npz")
@@ -155,7 +154,7 @@ def _trained(_of_cache: Path) -> Path:
 class SmallStudy(Study):
     """A finished study of small networks: `dse.figures.Results`."""
 
-    folder: Path = field(default_factory=lambda: _trained(usual_root()))
+    folder: Path = field(default_factory=_trained)
 
 
 def records() -> dict[str, list[Points | FullReadOut | Priced]]:
@@ -171,7 +170,7 @@ def records() -> dict[str, list[Points | FullReadOut | Priced]]:
     by_needs: dict[str, list[Points | FullReadOut | Priced]] = {}
     for outcome in (spiking, other):
         chips = [load(CHIP), load("op_4.6_0.9")]
-        for needs, record in records_for_objectives(outcome, data, PHI, THETA, chips):
+        for needs, record in records_for_objectives(outcome, data, GRID, chips):
             by_needs.setdefault(needs, []).append(_evaluated(record))
     return by_needs
 

@@ -29,6 +29,12 @@ def test_probabilities_are_shares_of_the_samples_and_ties_count_half():
     assert (odds.cheaper, odds.best) == ((1 + 1 + 0.5 + 0) / 4, (1 + 0.5 + 0 + 0) / 4)
 
 
+def test_a_side_with_many_designs_is_not_more_accurate_for_the_luck_of_one():
+    drawn = np.random.default_rng(3).normal(0.8, 0.05, (4000, 51))
+    odds = odds_of("accuracy", drawn[:, 1:], drawn[:, :1], np.ones((4000, 50)), np.ones((4000, 1)), 0.05)
+    assert abs(odds.best - 0.5) < 0.05 and abs(odds.most.median) < 0.01
+
+
 def test_a_side_that_is_never_as_cheap_is_less_accurate_at_equal_cost():
     odds = odds_of("accuracy", samples([0.9]), samples([0.8]), samples([100]), samples([1]), 0.0)
     assert odds.more_accurate == 0 and odds.gain.median == -math.inf
@@ -91,14 +97,9 @@ def test_what_a_coin_decides_is_open():
 
 
 def test_a_chip_that_runs_one_side_says_so():
-    found = rivals(
-        POINTS.iloc[:3],
-        SPIKES[:3],
-        {"accuracy": drawn(POINTS.iloc[:3], 0.01)},
-        "energy_uj",
-        np.ones((2, 3)),
-        ["linear"],
-    )
+    few = POINTS.iloc[:3]
+    accuracies = {"accuracy": drawn(few, 0.01)}
+    found = rivals(few, SPIKES[:3], accuracies, "energy_uj", np.ones((2, 3)), ["linear"])
     assert not found.odds and found.answer.startswith("spike") and found.unable == ("linear",)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dse import store
+from dse.config.space import DecisionGrid
 from dse.measure.objectives import need_no_decisions
 from dse.models.snn.family import SNN
 from dse.models.training import Training
@@ -34,8 +35,7 @@ def cohort(folder, until=None, checkpoint_s=0.0, points_at_rung=False, **trainin
             data=folder / "data",
             base=folder,
             folder=store.run_file(folder / "study", number, 0),
-            phi=(0, 4),
-            theta=(0.5, 0.9),
+            decision=DecisionGrid(np.array([0, 4]), np.array([0.5, 0.9])),
             hardware=(),
         )
         for number in range(2)

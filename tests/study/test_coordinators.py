@@ -24,7 +24,7 @@ CHILDREN = multiprocessing.get_context("forkserver")
 def quick(monkeypatch):
     tiny_study.register()
     monkeypatch.setattr(workers, "Loky", InProcess)
-    monkeypatch.setattr("dse.study.runs._GLANCE_S", 0.05)
+    monkeypatch.setattr("dse.study.training._GLANCE_S", 0.05)
 
 
 def space_of(folder, **changes):

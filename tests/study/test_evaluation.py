@@ -9,7 +9,7 @@ import dse
 from dse import store
 from dse.config import ConfigError, load_space
 from dse.study import explore, jobs
-from dse.study.runs import Runs
+from dse.study.training import Training
 from tests.installed import needs_papers
 
 LABEL = np.tile(np.repeat([0, 1, 2], 3), 2)
@@ -289,7 +289,7 @@ def test_what_only_recordings_show_is_refused_before_any_training(
         changes = {name: section for name, section in changes.items() if name != "data"}
         monkeypatch.setattr("tests.study.test_evaluation.FORCE", np.tile(np.repeat([0, 1, 2], 3), 2) // 2 + 1)
     path = written(tmp_path, by_channel(), **changes)
-    monkeypatch.setattr(Runs, "_planned", lambda *_: pytest.fail("nothing must be trained"))
+    monkeypatch.setattr(Training, "_planned", lambda *_: pytest.fail("nothing must be trained"))
     with pytest.raises(ConfigError) as caught:
         explore.run(load_space(path), tmp_path / "r", progress=False)
     [fault] = caught.value.faults

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dse import store
+from dse.config.space import DecisionGrid
 from dse.hardware.profile import load
 from dse.measure.on_chips import columns_on
 from dse.models.counts.knn import KNN
@@ -45,8 +46,7 @@ def run(folder, model, number=0, **training):
         data=folder / "data",
         base=folder,
         folder=store.run_file(folder, number, 0),
-        phi=(0, 4),
-        theta=(0.5, 0.9),
+        decision=DecisionGrid(np.array([0, 4]), np.array([0.5, 0.9])),
         hardware=(),
     )
 
@@ -120,7 +120,7 @@ def test_a_family_that_trains_alone_has_no_company(tmp_path):
 def test_a_run_of_a_joint_target_records_every_head(tmp_path):
     data = joint(n_steps=20)
     save(data, tmp_path / "data")
-    grid = {"phi": (0,), "theta": (0.5, 0.9), "hardware": (load("op_4.6_0.9"),)}
+    grid = {"decision": DecisionGrid(np.array([0]), np.array([0.5, 0.9])), "hardware": (load("op_4.6_0.9"),)}
     spiking = dataclasses.replace(run(tmp_path, SNN((6,)), 0, epochs=1, batch_size=16), **grid)
     counting = dataclasses.replace(run(tmp_path, KNN(window_ms=20.0, channels="each"), 1), **grid)
     for one in (spiking, counting):
@@ -157,7 +157,10 @@ def test_phi_reaches_what_the_outputs_of_training_samples_reach(tmp_path, monkey
     monkeypatch.setattr(jobs, "_SAMPLES", 7)
     data = joint(n_steps=20)
     save(data, tmp_path / "data")
-    one = dataclasses.replace(run(tmp_path, SNN((6,)), epochs=1, batch_size=16), phi=(), phi_step=3)
+    one = dataclasses.replace(
+        run(tmp_path, SNN((6,)), epochs=1, batch_size=16),
+        decision=DecisionGrid(theta=np.array([0.5, 0.9]), phi_step=3),
+    )
     list(jobs.train(jobs.TrainingJob((one,))))
     network = store.fitted_of(store.load_arrays(one.folder / "weights.npz"))
     output = SNN((6,)).respond(network, data, data.train).output

@@ -12,15 +12,16 @@ import pytest
 import dse
 from dse import store
 from dse.config import load_space
+from dse.config.space import DecisionGrid
 from dse.measure.run import measure
 from dse.models.counts.knn import KNN
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import rounded
 from dse.models.training import Training
 from dse.records import Outcome
-from dse.study import explore, jobs, precision
-from dse.study.jobs import Rounding, evaluate
+from dse.study import explore, jobs, precision, rounding
 from dse.study.precision import AS_TRAINED, common, evaluations, fronts, missing, near, refusal
+from dse.study.rounding import Rounding, evaluate
 from dse.study.workers import Workers
 from tests.joint_data import joint
 from tests.models.snn.toy import toy
@@ -43,8 +44,7 @@ def trained(folder, data, model, name="run"):
         data=folder / "data",
         base=folder,
         folder=store.run_file(folder / name, 0, 0),
-        phi=(0, 3),
-        theta=(0.4, 0.9),
+        decision=DecisionGrid(np.array([0, 3]), np.array([0.4, 0.9])),
         hardware=(),
     )
     assert list(jobs.train(jobs.TrainingJob((run,)))) == [(0, None)]
@@ -79,7 +79,7 @@ def test_a_setting_holds_what_a_run_of_the_rounded_network_would_measure(run):
         fewer = rounded(network, *setting)
         said = run.sections.model.respond(fewer, data, data.validation)
         outcome = Outcome(fewer, said, None, {})
-        alone = measure(outcome, data, np.array(run.phi), np.array(run.theta), (), setting[0])
+        alone = measure(outcome, data, run.decision, (), setting[0])
         columns = record.measured.columns
         for name in ("accuracy", "n_weights", "synaptic_operations", "itr_bits"):
             assert columns[name] == alone.numbers.columns[name], name
@@ -173,7 +173,7 @@ def test_a_setting_that_fails_stops_no_other(run, monkeypatch):
             raise ValueError("weights must be kind")
         return rounded(network, weight_bits, pruned)
 
-    monkeypatch.setattr(jobs, "rounded", moody)
+    monkeypatch.setattr(rounding, "rounded", moody)
     ended = dict(evaluate(Rounding(run, SETTINGS)))
     assert [setting for setting, why in ended.items() if why is None] == [(4, 0.0), (4, 0.5)]
     failed = ended[2, 0.0]
@@ -251,7 +251,7 @@ def test_a_study_evaluates_its_front_and_goes_on_where_it_was_stopped(tmp_path, 
     front = set(dse.open(found.folder).skyline().rows["trial"])
 
     space = load_space(write_space(tmp_path, SMALL, PRECISION))  # no other study: nothing is trained for it
-    evaluate, count = jobs.evaluate, 0
+    evaluate, count = rounding.evaluate, 0
 
     def stream(self, function, jobs):
         nonlocal count

@@ -3,7 +3,7 @@
 import pytest
 
 from dse.study import explore
-from dse.study.runs import Runs
+from dse.study.training import Training
 from dse.study.workers import Workers
 from tests.tiny_study import make_space
 
@@ -28,10 +28,10 @@ def rows(study):
 def test_time_ends_a_search_which_goes_on(search, monkeypatch):
     """No job begins that cannot end, and what ended is in the tables."""
     ended = []
-    clock = Runs._clock
+    clock = Training._clock
     settings = {"sampler": "grid", "stop": {"minutes": 5}}
     with monkeypatch.context() as patch:
-        patch.setattr(Runs, "_clock", lambda runs, job: (ended.append(job), clock(runs, job)))
+        patch.setattr(Training, "_clock", lambda runs, job: (ended.append(job), clock(runs, job)))
         patch.setattr(Workers, "left_s", property(lambda _: 0.0 if len(ended) >= 2 else 100.0))
         stopped = search("timed", search=settings)
     assert len(ended) == len(stopped.trials) == 2

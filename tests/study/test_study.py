@@ -17,7 +17,7 @@ from dse.dataset.cache import usual_root
 from dse.measure import decision
 from dse.measure.run import read_out
 from dse.recordings import RecordingError
-from dse.study import claim, explore, results, runs
+from dse.study import claim, data_sets, explore, results, runs, training
 from dse.study import jobs as study_jobs
 from dse.study.executors.work import Failure
 from dse.study.ledger import read_entries
@@ -162,7 +162,7 @@ def test_tasks_share_spikes_with_each_other_and_with_another_study(tmp_path, mon
 
     def watched(self, function, given):
         given = list(given)
-        preparations.extend(given if function is study_jobs.prepare else [])
+        preparations.extend(given if function is data_sets.prepare else [])
         return stream(self, function, given)
 
     monkeypatch.setattr(Workers, "stream", watched)
@@ -229,13 +229,13 @@ def test_what_a_worker_had_prepared_before_it_died_is_used(tmp_path, monkeypatch
     stream, n_designs = Workers.stream, []
 
     def dies(self, function, jobs):
-        if function is not study_jobs.prepare:
+        if function is not data_sets.prepare:
             yield from stream(self, function, jobs)
             return
         for job in jobs:
             n_designs.append(len(job.designs))
             first = dict(list(job.designs.items())[:1])
-            assert not list(study_jobs.prepare(dataclasses.replace(job, designs=first)))
+            assert not list(data_sets.prepare(dataclasses.replace(job, designs=first)))
             yield job, Failure.died("signal 9")
 
     monkeypatch.setattr(Workers, "stream", dies)
@@ -466,17 +466,17 @@ def test_a_design_beyond_the_budget_is_not_trained_until_there_is_more(tmp_path)
 def test_real_networks_do_not_depend_on_cohorts(tmp_path, monkeypatch):
     space = load_space(spaces.write_space(tmp_path, ("search: {sampler: grid, batch: 2}", "")))
     with monkeypatch.context() as patch:
-        patch.setattr(runs, "_LONGEST_S", 0.0)
+        patch.setattr(training, "_LONGEST_S", 0.0)
         alone = explore.run(space, tmp_path / "alone", progress=False)
     counts = []
-    plain = runs.Runs._planned
+    plain = training.Training._planned
 
     def counted(self, *arguments):
         planned = plain(self, *arguments)
         counts.extend(len(cohort.runs) for cohort in planned)
         return planned
 
-    monkeypatch.setattr(runs.Runs, "_planned", counted)
+    monkeypatch.setattr(training.Training, "_planned", counted)
     together = explore.run(space, tmp_path / "together", progress=False)
     assert counts == [3, 3]
     assert_same(together, alone)

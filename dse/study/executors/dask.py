@@ -2,7 +2,7 @@
 
 A task runs alone in its worker's process, from the folder that the coordinator runs in. What it finishes is
 on the disk that coordinator and workers share: nothing stays on a worker. A task whose worker is lost ends;
-whether it is begun again is decided by `dse.study.runs`, within its bound, so a cluster of ours has Dask
+whether it is begun again is decided by `dse.study.workers`, within its bound, so a cluster of ours has Dask
 begin none again by itself.
 """
 

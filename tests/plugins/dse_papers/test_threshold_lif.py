@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dse.config.space import DecisionGrid
 from dse.deploy import bundle
 from dse.encoders.threshold import Threshold
 from dse.measure.objectives.first_spike import first_spike_ms
@@ -169,7 +170,7 @@ def test_hard_cases_of_learning(arithmetic):
 def test_a_joint_target_has_an_output_per_class_of_each_head():
     data = joint()
     outcome = fit(ThresholdLIF(weights="learnt", threshold=2.0), data)
-    found = measure(outcome, data, np.zeros(0), np.zeros(0), ())
+    found = measure(outcome, data, DecisionGrid(), ())
     assert outcome.network.sizes == (12, 5)
     assert found.numbers.columns["accuracy_texture"] > 0.9 and found.numbers.columns["accuracy_profile"] > 0.9
     assert outcome.history["accuracy_train"][0] > 0.9

@@ -31,8 +31,9 @@ def workers():
     """Two workers of a cluster of ours, which end with it."""
     with Workers(2, Dask(2, None, None)) as started:
         yield started
-        processes = list(started._executor._client.run(os.getpid).values())
-    assert len(processes) == 2
+        client = started._executor._client
+        until(lambda: len(client.run(os.getpid)) == 2, "a lost worker to be there again")
+        processes = list(client.run(os.getpid).values())
     until(lambda: not any(map(lives, processes)), "the workers to end")
 
 
