@@ -37,36 +37,23 @@ _MESSAGE_S = 0.5  # shortest time between two messages about the work in progres
 
 
 @dataclasses.dataclass(frozen=True)
-class Fold:
-    """A training of a design without some groups.
-
-    sections: of the design, with the groups left out.
-    data: folder of its prepared data set, whose test set they are.
-    failure: why there is none.
-    """
-
-    sections: Sections
-    data: Path
-    failure: Failure | None = None
-
-    @property
-    def left_out(self) -> LeftOut:
-        """The groups."""
-        assert self.sections.left_out is not None
-        return self.sections.left_out
-
-
-@dataclasses.dataclass(frozen=True)
 class Prepared:
     """The data set of a design.
 
     sections: of the design, with its fold. data: folder of the data set, named as its key.
-    folds: the groups that its runs leave out of training in turn.
+    folds: the same without each of the groups that its runs leave out of training in turn, which are the test
+        sets; or why there is none.
     """
 
     sections: Sections
     data: Path
-    folds: tuple[Fold, ...] = ()
+    folds: tuple[Prepared | Failure, ...] = ()
+
+    @property
+    def left_out(self) -> LeftOut:
+        """The groups, of a fold."""
+        assert self.sections.left_out is not None
+        return self.sections.left_out
 
 
 class DataSets:
@@ -163,21 +150,17 @@ class DataSets:
 
     def _with_folds(self, found: Mapping[Member, Prepared | Failure]) -> dict[Member, Prepared | Failure]:
         """Prepare the data sets without the groups that evaluations leave out."""
-        folds: dict[Member, list[Fold]] = {}
+        folds: dict[Member, list[Prepared]] = {}
         for member, one in found.items():
             if isinstance(one, Prepared):
                 without = [dataclasses.replace(one.sections, left_out=x) for x in dataset.left_out(one.data)]
-                keys = [dataset.dataset_key(sections, self._base) for sections in without]
-                folds[member] = [Fold(*x) for x in zip(without, map(self.cache.joinpath, keys), strict=True)]
+                of = [Prepared(x, self.cache / dataset.dataset_key(x, self._base)) for x in without]
+                folds[member] = of
         failures = self._prepare({x.data.name: x.sections for of in folds.values() for x in of})
+        made = {k: tuple(failures.get(x.data.name, x) for x in of) for k, of in folds.items()}
         return {
-            member: dataclasses.replace(
-                one,
-                folds=tuple(dataclasses.replace(x, failure=failures.get(x.data.name)) for x in folds[member]),
-            )
-            if isinstance(one, Prepared)
-            else one
-            for member, one in found.items()
+            k: dataclasses.replace(x, folds=made[k]) if isinstance(x, Prepared) else x
+            for k, x in found.items()
         }
 
     def _warn(self, keys: Iterable[str]) -> None:

@@ -46,7 +46,7 @@ from dse.records import (
 from dse.search.cohorts import Demand
 from dse.study import checkpoints
 from dse.study.checkpoints import Checkpoint
-from dse.study.data_sets import Fold, Loaded, Prepared, load, timer
+from dse.study.data_sets import Loaded, Prepared, load, timer
 from dse.study.executors.work import Failure
 from dse.study.ledger import Entry
 from dse.study.record import RunRecord, plain_rungs
@@ -88,7 +88,7 @@ class Run:
     folder: Path
     decision: DecisionGrid
     hardware: tuple[Profile, ...]
-    folds: tuple[Fold, ...] = ()
+    folds: tuple[Prepared | Failure, ...] = ()
 
     @property
     def key(self) -> tuple[int, int]:
@@ -206,6 +206,7 @@ def train(job: TrainingJob) -> Iterator[tuple[int, Failure | None]]:
     unseen: list[dict[str, dict[str, OfTargets]]] = [{} for _ in job.runs]
     failed: dict[int, Failure] = {}
     for fold in job.runs[0].folds if job.until is None else ():
+        assert isinstance(fold, Prepared)  # or it would not be trained
         left = [number for number in range(len(job.runs)) if number not in failed]
         for place, result in _without(_of(job, left), fold) if left else ():
             if isinstance(result, Failure):
@@ -269,7 +270,7 @@ def _of(job: TrainingJob, numbers: Sequence[int]) -> TrainingJob:
     return dataclasses.replace(job, runs=tuple(job.runs[number] for number in numbers))
 
 
-def _without(job: TrainingJob, fold: Fold) -> Iterator[tuple[int, OfTargets | Failure]]:
+def _without(job: TrainingJob, fold: Prepared) -> Iterator[tuple[int, OfTargets | Failure]]:
     """Train the runs of a cohort without a fold; yield the number and the accuracies of each on the fold."""
     run = dataclasses.replace(job.runs[0], sections=fold.sections, data=fold.data)
     data = run.loaded(job.threads).data

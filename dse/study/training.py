@@ -184,7 +184,7 @@ class Training:
             entry, why = missing[trial, repeat], one if isinstance(one, Failure) else None
             if isinstance(one, Prepared):
                 one = dataclasses.replace(one, folds=one.folds[repeat % n_repeats :: n_repeats])
-                why = next(filter(None, (fold.failure for fold in one.folds)), None)
+                why = next((fold for fold in one.folds if isinstance(fold, Failure)), None)
                 if why is None:
                     runs.append(jobs.run_of(self._session, entry, repeat, one))
             if why is not None and why.by_machine:
