@@ -162,31 +162,9 @@ class Dask:
 
     def _check(self, paths: Sequence[Path]) -> None:
         """Compare versions and files of the workers that there are with those here."""
-        about = _of_this_process()
-        wanted = [str(path.absolute()) for path in paths]
-
-        def look() -> tuple[dict[str, str], list[str]]:  # sent whole: a worker may have no dse, or another
-            import importlib.metadata
-            import os
-            import platform
-
-            versions = {"python": ".".join(platform.python_version_tuple()[:2])}
-            try:
-                import dse
-
-                versions["dse"] = dse.__version__
-            except ImportError:
-                versions["dse"] = "none"
-            for name in about:
-                if name not in versions:
-                    try:
-                        versions[name] = importlib.metadata.version(name)
-                    except importlib.metadata.PackageNotFoundError:
-                        versions[name] = "none"
-            return versions, [path for path in wanted if not os.path.exists(path)]
-
+        about, wanted = _of_this_process(), [str(path.absolute()) for path in paths]
         with self._answering():
-            seen = self._client.run(look, on_error="return")
+            seen = self._client.run(_seen, wanted, on_error="return")
         for worker, answer in seen.items():
             if isinstance(answer, BaseException) and self._cluster is not None:
                 continue  # it has ended, and another one like it is started
@@ -244,6 +222,11 @@ def _of_this_process() -> dict[str, str]:
     """Return name -> version of what results depend on."""
     versions = {name: importlib.metadata.version(name) for name in _OF_RESULTS}
     return {"python": ".".join(platform.python_version_tuple()[:2]), "dse": dse.__version__} | versions
+
+
+def _seen(paths: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+    """Return the versions of a worker, and the paths that it does not see."""
+    return _of_this_process(), [path for path in paths if not os.path.exists(path)]
 
 
 def _another(worker: str, name: str, version: str, here: str) -> Unusable:
