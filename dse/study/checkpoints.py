@@ -58,14 +58,7 @@ def folders(study: Path, trial: int, repeat: int) -> dict[int, Path]:
 
 
 def newest(study: Path, trial: int, repeat: int, training: str) -> Checkpoint | None:
-    """Return the newest checkpoint of a run; damaged ones, and those of another training, are removed.
-
-    Args:
-        study: its folder.
-        trial: number of the trial.
-        repeat: of the trial.
-        training: what the result of the training follows from, as in `save`.
-    """
+    """Return the newest checkpoint of a run; damaged ones, and those of another training, are removed."""
     for epochs, folder in folders(study, trial, repeat).items():
         try:
             plain = store.load_run(folder)
@@ -79,12 +72,7 @@ def newest(study: Path, trial: int, repeat: int, training: str) -> Checkpoint | 
 
 
 def made_as(plain: Mapping[str, Any], epochs: int) -> tuple[int, int, str]:
-    """Return the schema of a checkpoint, its epochs, and what the training follows from.
-
-    Args:
-        plain: its record.
-        epochs: by its folder, for a record of an earlier version.
-    """
+    """Return schema, epochs (by the folder, in records of earlier versions) and training of a checkpoint."""
     return plain["states"], plain.get("epochs", epochs), plain["training"]
 
 
@@ -97,12 +85,8 @@ def save(
 ) -> None:
     """Publish a checkpoint of a run, then remove its older ones.
 
-    Args:
-        study: its folder.
-        epochs: that it has trained.
-        training: what the result of the training follows from; a training of anything else cannot go on.
-        record: with at least trial and repeat; at a rung, the whole record of a run.
-        state: from which the training goes on.
+    A training of anything else than `training` cannot go on from its state. The record has at least trial and
+    repeat; at a rung it is that of a run.
     """
     trial, repeat = int(record["trial"]), int(record["repeat"])
     path = store.run_file(rung_folder(study, epochs), trial, repeat)

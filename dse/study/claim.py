@@ -60,14 +60,10 @@ def join(space: SearchSpace, folder: Path) -> None:
 
 
 def _started_with(path: Path, now: dict[str, Any]) -> dict[str, Any]:
-    """Return the search space of a study, with the defaults of keys that it did not know when it began.
-
-    Args:
-        path: of its copy.
-        now: the search space that it is compared with.
+    """Return the search space of a study, with the defaults of keys of `now` that it did not know.
 
     Raises:
-        StoreError: the copy is missing or damaged.
+        StoreError: its copy at `path` is missing or damaged.
     """
     before = plain_space(path)
     chips = {"hardware": now.get("hardware", [])}  # files of chips lie beside another file

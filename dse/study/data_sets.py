@@ -187,11 +187,7 @@ class DataSets:
             raise error_of(self._space.source, faults)
 
     def _prepare(self, needed: Mapping[str, Sections]) -> dict[str, Failure]:
-        """Make the data sets that are not in the cache; return the failures by key.
-
-        Args:
-            needed: key -> sections of a design.
-        """
+        """Make the data sets, key -> sections, that are not in the cache; return the failures by key."""
         failures: dict[str, Failure] = {}
         for job, event, again in self._workers.attempts(prepare, self._preparations(needed)):
             if isinstance(event, str):

@@ -293,13 +293,9 @@ def _without(job: TrainingJob, fold: Prepared) -> Iterator[tuple[int, OfTargets 
 def _outcomes(
     job: TrainingJob, data: Dataset, prefix: str = "", span: Span | None = None
 ) -> Iterator[tuple[int, Outcome | Rung | Exception]]:
-    """Train the runs of a job on a data set.
+    """Train the runs of a job on a data set, over a span of epochs if their trainings can pause.
 
-    Args:
-        job: of the runs.
-        data: what they train on.
-        prefix: begins the names of their random generators.
-        span: from where to where, of families whose trainings can pause; None: from the start to the end.
+    `prefix` begins the names of their random generators.
     """
     first = job.runs[0]
     family = first.sections.model
@@ -407,14 +403,8 @@ def _publish(
 ) -> None:
     """Measure a run that has finished, or stands at a rung, and write its record and its arrays.
 
-    Args:
-        job: the run.
-        device: where it trains.
-        ended: what it is now.
-        loaded: what it was trained on.
-        unseen: accuracies of the trainings without some groups.
-        rungs: epochs -> what was measured there before.
-        only_full: measure its full read-out alone.
+    `unseen` are accuracies of the trainings without some groups, `rungs` what was measured before, by epochs;
+    `only_full` leaves out decisions.
     """
     outcome = ended.outcome if isinstance(ended, Rung) else ended
     assert outcome is not None  # the training pauses here

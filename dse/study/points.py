@@ -171,15 +171,8 @@ def drawn(
 ) -> dict[str, Array]:
     """Return hardware columns of some points of a trial for samples of a chip's numbers, (draw, row) each.
 
-    Args:
-        answers: of the trial.
-        profile: the chip.
-        figures: samples of its numbers, the same for all trials that are compared.
-        columns: some of `dse.measure.on_chips.DRAWN`.
-        rows: the points, as row numbers of `answers`.
-
-    Returns:
-        NaN for points that the chip cannot run.
+    The points are row numbers of the answers; the samples are the same for all trials that are compared. NaN
+    stands where the chip cannot run a point.
     """
     n_draws = len(next(iter(figures.values())))
     samples = {name: np.full((n_draws, len(rows)), np.nan) for name in columns}

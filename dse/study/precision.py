@@ -108,14 +108,7 @@ def near(
 
 
 def save(run: Path, setting: Setting, record: RunRecord, parts: Mapping[str, Mapping[str, Array]]) -> None:
-    """Write the results of a run at a setting.
-
-    Args:
-        run: its file.
-        setting: at which it was measured.
-        record: of the run, with the numbers that were measured there.
-        parts: name, such as read_out.npz -> its arrays.
-    """
+    """Write what a run measured at a setting: its record with these numbers, and the arrays of its parts."""
     weight_bits, pruned = setting
     about = {"study": run.parents[1].absolute().name, "weight_bits": weight_bits, "pruned": pruned}
     store.save_run(file_of(run, setting), {**record.to_plain(), **about}, parts, replaces=True)

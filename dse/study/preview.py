@@ -224,10 +224,8 @@ def _without_spikes(
 def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None]) -> dict[str, object]:
     """Return how many designs of a grid are never trained, which limit each cannot meet, and what is left.
 
-    Args:
-        space: search space.
-        announced: returns the shape of a design's data set where it follows from the recordings' headers and
-            labels; a data set that is prepared already is read from the cache.
+    `announced` returns the shape of a design's data set as far as headers and labels tell; one that is
+    prepared already is read from the cache.
     """
     total = space.n_designs
     if not space.limits or total is None:
@@ -378,10 +376,7 @@ def _too_large(look: _Look) -> Refusal | None:
 def _of_evaluation(space: SearchSpace, first: Sections, recordings: Recordings) -> dict[str, object]:
     """Return the entries of `dse check`: sentences about moved windows, and the number of trainings.
 
-    Args:
-        space: search space.
-        first: a design of it; only its target is varied.
-        recordings: of the design.
+    They are of the recordings of the first design, whose target alone is varied.
     """
     evaluation = first.evaluation
     if evaluation is None:

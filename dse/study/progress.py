@@ -188,14 +188,8 @@ def seconds_left(
     """Return the estimated time until the missing work is done, or None while there is no estimate.
 
     The first run of each worker is not measured, since it includes preparing the data and compiling; there is
-    an estimate once runs have ended at `_LEAST` later moments, of which those of a cohort are one.
-
-    Args:
-        ended_s: when runs ended, rising.
-        work: of each of these runs, in any unit.
-        missing: work of the runs that have not ended, in the same unit.
-        n_workers: workers that train at a time.
-        now_s: the present, on the same clock.
+    an estimate once runs have ended at `_LEAST` later moments, of which those of a cohort are one. Moments
+    rise, on the clock of `now_s`; work is in any unit.
     """
     ended, done = np.asarray(ended_s, np.float64), np.cumsum(work)
     last = np.flatnonzero(np.diff(ended, append=np.inf) > _APART_S)  # runs that end together

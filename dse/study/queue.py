@@ -28,10 +28,9 @@ def on_axes(space: SearchSpace, design: Mapping[str, object]) -> dict[str, Raw] 
 
 
 def axis_value(axis: Axis, written: object) -> tuple[Raw] | None:
-    """Return the value of an axis that equals a written one, a whole number also on an axis of reals.
+    """Return the value of an axis that equals a written one, alone in a tuple; None if it is not on the axis.
 
-    Returns:
-        The value, alone in a tuple; None if it is not on the axis.
+    A whole number is on an axis of reals too.
     """
     value = plain(written)
     if axis.values is not None:

@@ -146,9 +146,7 @@ class Race:
     def _reasons(self, waiting: Mapping[int, Sequence[RunRecord]], epochs: int) -> dict[int, str]:
         """Return trial -> why it stops, of the designs at a rung that do not go on.
 
-        Args:
-            waiting: trial -> records of its runs at the rung; other designs stood there before.
-            epochs: of the rung.
+        Those wait whose runs have these records at the rung; other designs stood there before.
         """
         repeats, goals = self._space.search.repeats, self._space.objectives
         stood: dict[Group, dict[int, Floats]] = {}
@@ -181,9 +179,7 @@ class Race:
     ) -> Iterator[tuple[Group, Floats]]:
         """Yield the objectives of a full read-out in each group of a trial; NaN where it has none.
 
-        Args:
-            records: runs of the trial.
-            numbers: of each, at its end or at a rung.
+        `numbers` are of each of its runs, at the end or at a rung.
         """
         design = records[0].design
         for head in list[str | None](numbers[0].of_heads) or [None]:

@@ -213,16 +213,9 @@ def certainty(
 def _resampled(record: RunRecord, index: Ints, right: Bools, n_draws: int) -> Floats:
     """Return a run's accuracies with recordings weighted at random, less their mean, (draw, point).
 
-    Weights are exponential (the Bayesian bootstrap). Two answers of the run's own, one right and one wrong,
-    keep accuracies of 0 and 1 uncertain.
-
-    Source: Rubin, Ann. Stat. 9, 1981.
-
-    Args:
-        record: of the run.
-        index: (n,) numbers of the recordings.
-        right: (n, point) whether the answer is right.
-        n_draws: number of resamples.
+    Weights are exponential (the Bayesian bootstrap; Rubin, Ann. Stat. 9, 1981). Two answers of the run's own,
+    one right and one wrong, keep accuracies of 0 and 1 uncertain. `right` says of each recording of `index`
+    whether a point answers it right, (n, point).
     """
     weights = np.stack([_weights(int(i), n_draws) for i in index], axis=1)
     rng = generator(_SEED, {}, "own answers", record.trial, record.repeat)

@@ -45,15 +45,8 @@ def round_fronts(
 ) -> None:
     """Evaluate designs on each family's fronts, and near them, unless they are evaluated already.
 
-    A family without other precisions is skipped, with a note.
-
-    Args:
-        session: of the study.
-        runs: its runs.
-        data: their data sets.
-        entries: all designs.
-        points: returns the table of design points.
-        after_each: called when a setting of a run has ended.
+    A family without other precisions is skipped, with a note. `after_each` is called when a setting of a run
+    has ended.
 
     Raises:
         StoreError: results cannot be written (the disk is full); nothing finished is lost.

@@ -153,10 +153,7 @@ class Training:
     ) -> Iterator[jobs.TrainingJob]:
         """Yield jobs as they can begin, without the runs that another coordinator trains or has trained.
 
-        Args:
-            waiting: the jobs.
-            running: runs that are claimed and have not ended; those of each job are added.
-            tried: runs that were begun before; those of each job are added.
+        The runs of each job are added to those that run, and to those that were tried.
         """
         for job in waiting:
             runs = job.runs

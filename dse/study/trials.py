@@ -39,10 +39,7 @@ def trials_table(
 ) -> pandas.DataFrame:
     """Return one row per trial: its design, the numbers of its full read-out, status and reason.
 
-    Args:
-        space: the search space of the study.
-        trials: trial number -> records of its runs.
-        excluded: designs that were not trained, with the reason; their status is 'excluded'.
+    Excluded designs were not trained; their status is 'excluded', with the reason.
     """
     import pandas
 

@@ -16,6 +16,7 @@ from dse.records import Answers, Dataset, Head, Layer, Network, Outcome, Paramet
 from tests.layers import cuba_parameters
 from tests.saved_data import in_a_row
 
+GRID, NO_GRID = DecisionGrid(np.array([0]), np.array([0.6])), DecisionGrid()
 LOIHI, OPERATIONS = load("loihi1_silicon"), load("op_4.6_0.9")
 
 
@@ -61,7 +62,7 @@ def outcome():
 
 
 def test_the_full_read_out(outcome, dataset):
-    found = measure(outcome, dataset, DecisionGrid(), [])
+    found = measure(outcome, dataset, NO_GRID, [])
     assert found.numbers.columns == {
         "accuracy": pytest.approx(2 / 3),  # 0 right (tie), 1 right, silent sample answers 0 and is 1
         "accuracy_se": pytest.approx(float(wilson_se(2, 3))),
@@ -111,10 +112,10 @@ def test_neurons_that_no_chip_holds_are_priced_as_operations(outcome, dataset):
     layers = tuple(replace(layer, neuron="lif") for layer in network.layers)
     other = replace(outcome, network=replace(network, layers=layers))
     m4 = load("mcu_m4")
-    found = measure(other, dataset, DecisionGrid(), [LOIHI, OPERATIONS, m4])
+    found = measure(other, dataset, NO_GRID, [LOIHI, OPERATIONS, m4])
     assert found.numbers.hardware["loihi1_silicon"] == {}
     assert found.numbers.columns["n_weights"] == 25
-    as_cuba = measure(outcome, dataset, DecisionGrid(), [OPERATIONS])
+    as_cuba = measure(outcome, dataset, NO_GRID, [OPERATIONS])
     # The same additions; what updates cost is no part of that convention.
     assert (
         found.numbers.hardware["op_4.6_0.9"]["energy_uj"]
@@ -127,7 +128,7 @@ def test_neurons_that_no_chip_holds_are_priced_as_operations(outcome, dataset):
 
 
 def test_points_count_the_work_up_to_the_decision(outcome, dataset):
-    found = measure(outcome, dataset, DecisionGrid(np.array([0]), np.array([0.6])), [LOIHI])
+    found = measure(outcome, dataset, GRID, [LOIHI])
     points = {name: x.item() for name, x in found.files["surface.npz"].items() if "/" not in name}
     # Decided after 1, 2 and (never, so at the end) 4 steps.
     assert points["decision_latency_ms"] == pytest.approx(2.0 * (1 + 2 + 4) / 3)
@@ -160,9 +161,7 @@ def test_points_count_the_work_up_to_the_decision(outcome, dataset):
 
 
 def test_every_read_out_counts_its_own_work(outcome, dataset):
-    found = measure(outcome, dataset, DecisionGrid(np.array([0]), np.array([0.6])), [LOIHI]).files[
-        "read_out.npz"
-    ]
+    found = measure(outcome, dataset, GRID, [LOIHI]).files["read_out.npz"]
     assert found["decision_latency_ms"].tolist() == [2.0, 4.0, 6.0, 8.0]
     assert found["spikes_per_inference"][0] == pytest.approx((3 * 3 + 1) / 3)
     assert found["spikes_per_inference"][-1] == pytest.approx((3 * 12 + 5) / 3)
@@ -172,12 +171,7 @@ def test_every_read_out_counts_its_own_work(outcome, dataset):
     human = ~np.isnan(found["t_h_ms"])
     assert np.array_equal(~np.isnan(found["t_h_test_ms"]), human)
     assert (np.diff(found["synaptic_operations"]) > 0).all()
-    assert (
-        found["t_p_ms"][-1]
-        == measure(outcome, dataset, DecisionGrid(np.array([0]), np.array([0.6])), []).numbers.columns[
-            "t_p_ms"
-        ]
-    )
+    assert found["t_p_ms"][-1] == measure(outcome, dataset, GRID, []).numbers.columns["t_p_ms"]
 
 
 @pytest.mark.parametrize(
@@ -192,7 +186,7 @@ def test_read_outs_are_as_far_apart_as_requested(outcome, dataset, every_ms, tim
 
 def test_without_a_test_set_nothing_is_summed_over_it(outcome, dataset):
     alone = replace(outcome, test=None)
-    columns = measure(alone, dataset, DecisionGrid(np.array([0]), np.array([0.6])), []).numbers.columns
+    columns = measure(alone, dataset, GRID, []).numbers.columns
     assert not [name for name in columns if "_test" in name or name == "spikes_total_no_input"]
 
 
@@ -236,14 +230,14 @@ def test_a_classifier_of_8_bits_takes_a_byte_per_number(answered, dataset):
     of_bits = {}
     for bits in (None, 8, 64):
         said = replace(answered, validation=replace(answered.validation, stored_bits=bits))
-        numbers = measure(said, dataset, DecisionGrid(), [chip]).numbers
+        numbers = measure(said, dataset, NO_GRID, [chip]).numbers
         of_bits[bits] = numbers.columns["memory_bytes"], numbers.hardware["asic45_memory"]["energy_uj"]
     assert [of_bits[bits][0] for bits in (None, 8, 64)] == [80, 20, 160]
     assert of_bits[8][1] < of_bits[None][1]  # multiplied and read as bytes
 
 
 def test_a_network_is_priced_by_its_additions_too(outcome, dataset):
-    found = measure(outcome, dataset, DecisionGrid(np.array([0]), np.array([0.6])), [OPERATIONS])
+    found = measure(outcome, dataset, GRID, [OPERATIONS])
     assert found.numbers.hardware["op_4.6_0.9"]["energy_uj"] == pytest.approx(48 * 0.9e-6)
     on_it = columns_on(OPERATIONS, store.work_of(found.files["surface.npz"]))
     assert set(on_it) == {"energy_uj", "energy_uj_low", "energy_uj_high"}
@@ -292,7 +286,7 @@ def test_answers_to_joint_classes_are_answers_of_heads(answered, dataset):
         classes=("felt|slow", "silk|slow", "silk|fast"),
         heads=_HEADS,
     )
-    found = measure(answered, joint, DecisionGrid(), [])
+    found = measure(answered, joint, NO_GRID, [])
     assert found.numbers.columns["accuracy"] == pytest.approx(1 / 3)
     assert found.numbers.of_heads["texture"].columns["accuracy"] == pytest.approx(2 / 3)
     assert found.numbers.of_heads["speed"].columns["accuracy"] == pytest.approx(2 / 3)
@@ -308,14 +302,14 @@ def test_ties_go_to_the_lowest_class_and_counts_do_not_overflow():
 
 def test_what_pruning_removed_costs_nothing(outcome, dataset):
     assert isinstance(outcome.network, Network) and isinstance(outcome.validation, Response)
-    whole = measure(outcome, dataset, DecisionGrid(), [LOIHI])
+    whole = measure(outcome, dataset, NO_GRID, [LOIHI])
     first, last = outcome.network.layers
     kept = np.array(first.weight)
     kept[:3] = 0  # each of the 3 inputs reaches 2 of 5 neurons
     network = replace(outcome.network, layers=(replace(first, weight=kept), last))
     said = replace(outcome.validation, synapses=(2.0, 2.0, 0.0))
     made = replace(outcome, network=network, validation=said)
-    found = measure(made, dataset, DecisionGrid(), [LOIHI])
+    found = measure(made, dataset, NO_GRID, [LOIHI])
     assert found.numbers.columns["n_weights"] == 2 * 3 + 5 * 2
     assert found.numbers.columns["synaptic_operations"] == 8 * 2 + 4 * 2
     assert found.numbers.columns["spikes_total"] == whole.numbers.columns["spikes_total"]
@@ -331,8 +325,8 @@ def test_several_networks_in_one_are_measured_but_on_no_chip(outcome, dataset):
     together = Parameters({"n_weights": np.array(25)}, 3)
     made = replace(outcome, network=together, validation=said)
     chips = [LOIHI, OPERATIONS]
-    found = measure(made, dataset, DecisionGrid(np.array([0]), np.array([0.6])), chips)
-    whole = measure(outcome, dataset, DecisionGrid(np.array([0]), np.array([0.6])), chips)
+    found = measure(made, dataset, GRID, chips)
+    whole = measure(outcome, dataset, GRID, chips)
     rates = {"input_spike_rate_hz", "spike_rate_hz"}  # how many neurons there are it does not say
     assert found.numbers.columns == {
         name: x for name, x in whole.numbers.columns.items() if name not in rates
@@ -350,4 +344,4 @@ def test_a_response_without_steps_is_refused(outcome, dataset):
     with pytest.raises(
         ValueError, match=r"must have at least one sample and one step, got output of shape \(3, 0, 2\)"
     ):
-        measure(replace(outcome, validation=nothing), dataset, DecisionGrid(), [])
+        measure(replace(outcome, validation=nothing), dataset, NO_GRID, [])

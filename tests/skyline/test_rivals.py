@@ -97,8 +97,7 @@ def test_what_a_coin_decides_is_open():
 
 
 def test_a_chip_that_runs_one_side_says_so():
-    few = POINTS.iloc[:3]
-    accuracies = {"accuracy": drawn(few, 0.01)}
+    few, accuracies = POINTS.iloc[:3], {"accuracy": drawn(POINTS.iloc[:3], 0.01)}
     found = rivals(few, SPIKES[:3], accuracies, "energy_uj", np.ones((2, 3)), ["linear"])
     assert not found.odds and found.answer.startswith("spike") and found.unable == ("linear",)
 

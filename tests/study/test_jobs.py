@@ -157,10 +157,8 @@ def test_phi_reaches_what_the_outputs_of_training_samples_reach(tmp_path, monkey
     monkeypatch.setattr(jobs, "_SAMPLES", 7)
     data = joint(n_steps=20)
     save(data, tmp_path / "data")
-    one = dataclasses.replace(
-        run(tmp_path, SNN((6,)), epochs=1, batch_size=16),
-        decision=DecisionGrid(theta=np.array([0.5, 0.9]), phi_step=3),
-    )
+    grid = DecisionGrid(theta=np.array([0.5, 0.9]), phi_step=3)
+    one = dataclasses.replace(run(tmp_path, SNN((6,)), epochs=1, batch_size=16), decision=grid)
     list(jobs.train(jobs.TrainingJob((one,))))
     network = store.fitted_of(store.load_arrays(one.folder / "weights.npz"))
     output = SNN((6,)).respond(network, data, data.train).output

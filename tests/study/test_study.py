@@ -176,9 +176,7 @@ def test_tasks_share_spikes_with_each_other_and_with_another_study(tmp_path, mon
         "spikes": 1,
         "dataset": 2,
     }
-    assert [(len(job.designs), job.threads) for job in preparations] == [(2, 12)], (
-        "one waits for the other's spikes"
-    )
+    assert [(len(job.designs), job.threads) for job in preparations] == [(2, 12)], "one waits for the other"
     shutil.rmtree(tmp_path / "results")
     explore.run(space, tmp_path / "results", progress=False)
     assert len(preparations) == 1, "another study finds the data sets"
