@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, Placement
+from dse.hardware.plan import Misfit, Placement, largest
 from dse.records import Ints, Workload
 
 _PRACTICE_BITS = 8  # per weight, in the logs that `practice` counts weights of
@@ -306,13 +306,10 @@ def _change(net: Architecture, rules: Rules, wrong: _Broken, broken: tuple[_Brok
 
 def _largest(axis: _Axis, mends: Callable[[Architecture], bool]) -> tuple[float, str] | None:
     """Return how far an axis must change to mend, as a share of its value, and in words; None: cannot."""
-    low, high = axis.least, axis.present
-    if low >= high or not mends(axis.changed(low)):
+    if axis.least >= axis.present or not mends(axis.changed(axis.least)):
         return None
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if mends(axis.changed(middle)) else (low, middle)
-    return 1 - low / axis.present, axis.text(low)
+    n = largest(axis.least, axis.present - 1, lambda n: mends(axis.changed(n)))
+    return 1 - n / axis.present, axis.text(n)
 
 
 def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:

@@ -33,7 +33,7 @@ from typing import Self
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, Placement, Plan, per_count
+from dse.hardware.plan import Misfit, Placement, Plan, of_cycles, per_count
 from dse.hardware.profile import Figures, Number, Profile, count, figure
 from dse.records import Floats, Workload
 from dse.registry import register
@@ -131,14 +131,13 @@ class GateArray(Profile):
         """Return the plan of a spiking network (`Profile.plan`)."""
         work = _stored(load), _SHARE_BITS, _slot_bits(load)
         cells, mhz = _cells(figures, *work), self.clock_mhz.value
-        cycles = _cycles(load, figures)
         static_mw = figures["leakage_mw"] + mhz * 1e-3 * (
             figures["clock_pj"] + cells * figures["cell_clock_pj"]
         )
-        computing_pj = (cells * figures["cell_pj"])[..., None]
-        return Plan(
-            energy_pj={cause: computing_pj * per_count for cause, per_count in cycles.items()},
-            time_ns=np.sum(list(cycles.values()), axis=0)[..., None, :] * (1e3 / mhz),
+        return of_cycles(
+            _cycles(load, figures),
+            cells * figures["cell_pj"],
+            mhz,
             static_mw=static_mw,
             idle_mw=static_mw,
             placement=self._placement(load, round(self.n_cells(*work))),

@@ -29,6 +29,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -111,16 +112,9 @@ class Mesh(Profile):
     def rules(self) -> Rules:
         """What a core and the chip hold."""
         practice = self.practice_weights_per_core
-        whole = {
-            name: int(getattr(self, name).value)
-            for name in Rules.__annotations__
-            if name not in ("skips_zero_weights", "practice") and getattr(self, name) is not None
-        }
-        return Rules(
-            **whole,
-            skips_zero_weights=bool(self.skips_zero_weights.value),
-            practice=(practice.low, practice.high) if practice.low > 0 else None,
-        )
+        known = Rules.__annotations__
+        numbers: Any = {name: int(x) for name, x in self.at("value").items() if name in known}
+        return Rules(**numbers, practice=(practice.low, practice.high) if practice.low > 0 else None)
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""

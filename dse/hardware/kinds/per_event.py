@@ -26,12 +26,11 @@ Sources: those of the profiles; the rule for the crossbar is derived from what t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, Placement, Plan, per_count
+from dse.hardware.plan import Misfit, Placement, Plan, largest, per_count
 from dse.hardware.profile import Figures, Number, Profile, claim, count, figure
 from dse.records import Workload
 from dse.registry import register
@@ -190,7 +189,7 @@ class PerEvent(Profile):
                 stored = tuple(math.ceil(k * n) for k, n in zip(shares, dense.dense, strict=True))
                 return sum(self._mapping(replace(dense, stored=stored)).cores) <= self.cores.value
 
-            n = _largest(load.sizes[layer], fits)
+            n = largest(0, load.sizes[layer], fits)
             if n and (best is None or load.sizes[layer] - n < best[0]):
                 best = (load.sizes[layer] - n, layer, n)
         return None if best is None else f"{best[2]} neurons in layer {best[1]}"
@@ -244,15 +243,3 @@ def _copied(n: int, held: int, after: int, recurrent: bool, axons_per_source: in
         if needed <= n_cores:
             return n_cores, copies
         n_cores = needed
-
-
-def _largest(most: int, fits: Callable[[int], bool]) -> int:
-    """Return the largest number up to `most` that fits, 0 if none; what is larger never fits better."""
-    low, high = 0, most
-    while low < high:
-        middle = (low + high + 1) // 2
-        if fits(middle):
-            low = middle
-        else:
-            high = middle - 1
-    return low

@@ -67,7 +67,7 @@ from dse.hardware.kinds.memory_hierarchy import (
     as_lists,
     n_states,
 )
-from dse.hardware.plan import Misfit, Placement, Plan, per_count
+from dse.hardware.plan import Misfit, Placement, Plan, of_cycles, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure, optional
 from dse.records import Floats, Operations, Workload
 from dse.registry import register
@@ -195,13 +195,11 @@ class Processor(Profile):
     def _plan(
         self, figures: Figures, cycles: Mapping[str, Floats], waking_mw: Floats, placement: Placement
     ) -> Plan:
-        total: Floats = np.sum(list(cycles.values()), axis=0)
-        cycle_pj = figures["cycle_nj"] * 1e3
-        clock_mhz = self.clock_mhz.value
-        running_mw = figures["cycle_nj"] * clock_mhz
-        return Plan(
-            energy_pj={cause: cycle_pj[..., None] * per_count for cause, per_count in cycles.items()},
-            time_ns=total[..., None, :] * (1e3 / clock_mhz),
+        running_mw = figures["cycle_nj"] * self.clock_mhz.value
+        return of_cycles(
+            cycles,
+            figures["cycle_nj"] * 1e3,
+            self.clock_mhz.value,
             static_mw=np.zeros_like(running_mw),  # in the energy of a cycle
             idle_mw=np.minimum(figures["sleep_uw"] * 1e-3 + waking_mw, running_mw),
             placement=placement,
