@@ -28,7 +28,7 @@ from dse.config import ConfigError, Sections
 from dse.config.values import read_object, refuse
 from dse.deploy import checks
 from dse.deploy.card import card, stated
-from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
+from dse.deploy.classifier import RULE, BundleError, Classifier, Input, InputKind
 from dse.deploy.prefix import DEFAULT, checked
 from dse.deploy.statement import digest, statement
 from dse.deploy.stream import Item, Stream, Windows
@@ -86,9 +86,7 @@ class Bundle(Classifier):
     @property
     def digest(self) -> str:
         """SHA-256 of what answers: weights, design, decision rule, classes; of nothing that was measured."""
-        rule = "phi", "theta", "read_out_ms", "head"
-        content: dict[str, Any] = {name: getattr(self, name) for name in rule}
-        content |= {"classes": self.classes, "heads": store.heads_document(self.heads)}
+        content = {**self.rule, "classes": self.classes, "heads": store.heads_document(self.heads)}
         content |= {"weights": digest(weights(self.fitted)), "sections": self.sections.to_plain()}
         text: str = sealed(content)["checksum"]
         return text
@@ -178,9 +176,7 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Mapping[str, Path]
         document = _Document(
             schema=SCHEMA,
             sections=sections,
-            decision=_Decision(
-                phi=bundle.phi, theta=bundle.theta, read_out_ms=bundle.read_out_ms, head=bundle.head
-            ),
+            decision=_Decision(**bundle.rule),
             heads=tuple(_Head(**head) for head in store.heads_document(bundle.heads)),
             plugins=plugins,
             targets=verdicts,
@@ -393,13 +389,10 @@ def _bundle(document: _Document, arrays: Mapping[str, Array], where: str, plugin
     bundle = Bundle(
         fitted=store.fitted_of({k: x for k, x in arrays.items() if not k.endswith(_8_BIT)}),
         sections=Sections.from_plain(document.sections, where),
-        phi=decision.phi,
-        theta=decision.theta,
-        read_out_ms=decision.read_out_ms,
         heads=heads,
-        head=decision.head,
         plugins=plugins,
         targets=document.targets,
+        **{name: getattr(decision, name) for name in RULE},
         **{name: getattr(document, name) for name in _SHARED},
         **{name: store.plain(getattr(document, name)) for name in _PLAIN},
     )

@@ -21,6 +21,8 @@ class BundleError(ValueError):
 
 
 InputKind = Literal["samples", "spikes", "events"]
+RULE = "phi", "theta", "read_out_ms", "head"
+"""Fields of a classifier that decide when and with what it answers."""
 _LARGEST = float(np.finfo(np.float32).max)
 _MOST = 2**31
 
@@ -112,6 +114,11 @@ class Classifier:
     input: Input | None = None
     targets: Mapping[str, Verdict] = field(default_factory=dict)
     prefix: str = DEFAULT
+
+    @property
+    def rule(self) -> dict[str, Any]:
+        """The decision rule, and the head that answers."""
+        return {name: getattr(self, name) for name in RULE}
 
     @property
     def n_outputs(self) -> int:

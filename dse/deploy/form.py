@@ -358,8 +358,8 @@ class Frame:
     n_channels: of the input spikes. n_steps: input steps of the window. step_ms: duration of an input step.
     window: where it begins in a recording: start, middle or contact_onset. onset_threshold: of the contact.
     cut_steps, every_steps: length and distance of the recordings that a stream is cut into; None: into none.
-    front_end: what is pushed. no_front_end: why spikes are pushed although the design has an encoder or
-        preprocessing; '' where it does not apply.
+    no_front_end: why spikes are pushed although the design has an encoder or preprocessing; '' where it does
+        not apply.
     t0_us, n_bins: of simulated trials, the time that bins are counted from, and how many there are; None:
         from the first event to the last.
     """
@@ -370,7 +370,6 @@ class Frame:
     classes: tuple[str, ...]
     window: str
     onset_threshold: float
-    front_end: FrontEnd
     no_front_end: str
     encoder: SendOnDeltaForm | ReceptorsForm | None = None
     pooling: Pooling | None = None
@@ -378,6 +377,11 @@ class Frame:
     n_bins: int | None = None
     cut_steps: int | None = None
     every_steps: int | None = None
+
+    @property
+    def front_end(self) -> FrontEnd:
+        """What is pushed."""
+        return "samples" if self.encoder else "events" if self.pooling else "spikes"
 
     @property
     def channel_words(self) -> int:
@@ -429,7 +433,7 @@ def frame_of(bundle: Classifier) -> Frame:
     if bundle.input is None:
         raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
     taken, window, data = bundle.input, bundle.sections.window, bundle.sections.data
-    front_end, no_front_end, encoder, pools = _front_end(bundle.sections, taken)
+    encoder, pools, no_front_end = _front_end(bundle.sections, taken)
     t0_us = n_bins = None
     if isinstance(data, SceneTrials):
         trials, t0_us = data.read(Path()), 0  # nothing is simulated
@@ -441,7 +445,6 @@ def frame_of(bundle: Classifier) -> Frame:
         classes=bundle.answers,
         window=window.at,
         onset_threshold=window.onset_threshold,
-        front_end=front_end,
         no_front_end=no_front_end,
         encoder=encoder,
         pooling=pools,
@@ -454,28 +457,27 @@ def frame_of(bundle: Classifier) -> Frame:
 
 def _front_end(
     sections: Sections, taken: Input
-) -> tuple[FrontEnd, str, SendOnDeltaForm | ReceptorsForm | None, Pooling | None]:
-    """Return what is pushed, why it is spikes where recordings are none, and what makes them."""
+) -> tuple[SendOnDeltaForm | ReceptorsForm | None, Pooling | None, str]:
+    """Return what makes spikes of what is pushed; else why spikes are pushed where recordings are none."""
     encoder, preprocessing = sections.encoder, sections.preprocessing
-    pools, why = None, ""
-    if encoder is not None and preprocessing is not None:
+    if encoder is None:
+        pools = None if preprocessing is None else pooling(preprocessing, taken.width, taken.height)
+        if pools is None or pools.rate_floor_hz <= 0:
+            return None, pools, ""
+        why = "preprocessing.rate_floor_hz needs the whole window before its first spike"
+    elif preprocessing is not None:
         why = "an encoder of pooled events is not written in C"
-    elif encoder is not None and not isinstance(encoder, Deltas | Receptors):
+    elif not isinstance(encoder, Deltas | Receptors):
         why = f"encoder {sections.kinds['encoder']} is not written in C"
-    elif encoder is not None and sections.window.remove_mean:
+    elif sections.window.remove_mean:
         why = "window.remove_mean needs the whole window before its first spike"
-    elif encoder is not None and isinstance(sections.data, RasterFile):
+    elif isinstance(sections.data, RasterFile):
         why = "an encoder of spikes is not written in C"
     elif isinstance(encoder, Receptors):
-        return "samples", "", ReceptorsForm(taken.n_channels, encoder, taken.step_ms), None
-    elif isinstance(encoder, Deltas):
-        return "samples", "", send_on_delta_form(encoder, taken.n_channels), None
-    elif preprocessing is not None:
-        pools = pooling(preprocessing, taken.width, taken.height)
-        if pools.rate_floor_hz <= 0:
-            return "events", "", None, pools
-        why = "preprocessing.rate_floor_hz needs the whole window before its first spike"
-    return "spikes", why, None, None
+        return ReceptorsForm(taken.n_channels, encoder, taken.step_ms), None, ""
+    else:
+        return send_on_delta_form(encoder, taken.n_channels), None, ""
+    return None, None, why
 
 
 def send_on_delta_form(encoder: Deltas, n_sensors: int) -> SendOnDeltaForm:

@@ -20,11 +20,12 @@ from dse.deploy.c.text import filled, wrapped
 from dse.deploy.form import common_exponent
 from dse.records import Array, Ints
 
-_BYTES = {
-    **{"double": 8, "int64_t": 8, "uint64_t": 8},
-    **{"float": 4, "int32_t": 4, "uint32_t": 4, "dse_level_t": 4},
-    **{"uint16_t": 2, "int16_t": 2, "uint8_t": 1, "int8_t": 1},
-}
+_OTHERS = {"double": "float64", "float": "float32", "dse_level_t": "int32"}
+
+
+def dtype_of(kind: str) -> np.dtype[Any]:
+    """Return the type of an array that holds numbers of a type of C."""
+    return np.dtype(_OTHERS.get(kind, kind.removesuffix("_t")))
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Member:
     @property
     def width(self) -> int:
         """Bytes of one number."""
-        return _BYTES[self.kind]
+        return dtype_of(self.kind).itemsize
 
     @property
     def is_array(self) -> bool:
@@ -133,7 +134,7 @@ class Table:
     @property
     def width(self) -> int:
         """Bytes of one number."""
-        return _BYTES[self.kind]
+        return dtype_of(self.kind).itemsize
 
     @property
     def n(self) -> int:

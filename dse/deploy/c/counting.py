@@ -52,23 +52,11 @@ class Classifier:
     slides: str = ""
     most_in_window: int = 1
 
-    def fed(
-        self,
-        values: Mapping[str, object],
-        tables: Sequence[Table],
-        members: str,
-        parts: Mapping[str, int],
-        **changes: Any,
-    ) -> Classifier:
+    def fed(self, **more: Any) -> Classifier:
         """Return it with what makes its counts: more values, tables, variables and parts of the code."""
-        return replace(
-            self,
-            values={**self.values, **values},
-            tables=(*self.tables, *tables),
-            members=(*self.members, members),
-            parts={**self.parts, **parts},
-            **changes,
-        )
+        values, parts = ({**getattr(self, name), **more.pop(name)} for name in ("values", "parts"))
+        tables, members = ((*getattr(self, name), *more.pop(name)) for name in ("tables", "members"))
+        return replace(self, values=values, parts=parts, tables=tables, members=members, **more)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,7 +243,8 @@ def _of_levels(classifier: Classifier, arrays: Mapping[str, Array], ends: Sequen
         "rest": (1 << shift) - 1,
         "held": HELD,
     }
-    return classifier.fed(values, tables, "levels_members.txt", {"levels": 1})
+    members, parts = ("levels_members.txt",), {"levels": 1}
+    return classifier.fed(values=values, tables=tables, members=members, parts=parts)
 
 
 def _wired(arrays: Mapping[str, Array]) -> tuple[tuple[Table, Table], int]:
@@ -427,7 +416,8 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
         "back": back,
         "most_level": MOST_LEVEL if highest > MOST_LEVEL else 0,
     }
-    return readout.fed(values, tables, "kernels_members.txt", {"kernels": 1}, slides="kernels.c")
+    more = {"members": ("kernels_members.txt",), "parts": {"kernels": 1}, "slides": "kernels.c"}
+    return readout.fed(values=values, tables=tables, **more)
 
 
 def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
@@ -463,7 +453,8 @@ def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_
         "least_passed": -LOWEST,
     }
     parts = {"convolutions": 1, "several_convolutions": int(n_layers > 1)}
-    return readout.fed(values, tables, "tcn_members.txt", parts, slides="tcn.c", most_in_window=HIGHEST)
+    more = {"members": ("tcn_members.txt",), "slides": "tcn.c", "most_in_window": HIGHEST}
+    return readout.fed(values=values, tables=tables, parts=parts, **more)
 
 
 def _units(

@@ -49,11 +49,7 @@ def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
     Raises:
         TargetError: there is no compiler, or its first complaint.
     """
-    command = [*compiler(), *WARNINGS, *options, *map(str, sources), "-o", str(program)]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    except OSError as error:
-        raise TargetError(f"the C compiler {command[0]} does not run: {error.strerror}") from None
+    done = _ran([*compiler(), *WARNINGS, *options, *map(str, sources), "-o", str(program)])
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines()
         raise TargetError(f"the C compiler refuses the code: {lines[0] if lines else 'no message'}")
@@ -83,11 +79,14 @@ def compiler_name() -> str:
 
 def _answer(command: Sequence[str], option: str) -> str:
     """Return what a compiler says of itself."""
+    return _ran([*command, option]).stdout.strip()
+
+
+def _ran(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
     try:
-        done = subprocess.run([*command, option], capture_output=True, text=True, check=False)
+        return subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
         raise TargetError(f"the C compiler {command[0]} does not run: {error.strerror}") from None
-    return done.stdout.strip()
 
 
 def sizes(folder: Path, *options: str) -> dict[str, float]:
