@@ -124,14 +124,7 @@ def per_count(
 
 
 def of_cycles(cycles: Mapping[str, Floats], cycle_pj: Floats, clock_mhz: float, **beside: Any) -> Plan:
-    """Return the plan of a program or a circuit at a clock.
-
-    Args:
-        cycles: cause -> (D..., F).
-        cycle_pj: (D...), energy of each.
-        clock_mhz: of the chip.
-        beside: other fields of the plan.
-    """
+    """Return the plan of what takes (D..., F) cycles by cause, of (D...) pJ each; `beside`: its rest."""
     total: Floats = np.sum(list(cycles.values()), axis=0)
     energy_pj = {cause: cycle_pj[..., None] * of_cause for cause, of_cause in cycles.items()}
     return Plan(energy_pj=energy_pj, time_ns=total[..., None, :] * (1e3 / clock_mhz), **beside)

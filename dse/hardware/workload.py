@@ -60,23 +60,19 @@ class _Operations:
     number_bits: int = param(32, doc="bits per stored number", low=1, high=_MOST_BITS)
 
     def inference(self) -> Inference:
-        load = Operations(
-            macs=np.asarray(self.macs, np.float64),
-            additions=np.asarray(self.additions, np.float64),
-            updates=np.asarray(self.updates, np.float64),
-            n_weights=np.asarray(self.n_weights, np.float64),
-            duration_ms=np.asarray(self.duration_ms, np.float64),
-            number_bits=self.number_bits,
-        )
-        return Inference(
-            load=load, per_step=False, n_weights=self.n_weights, n_steps=1, step_ms=self.duration_ms
-        )
+        counts: Any = {name: np.asarray(x, np.float64) for name, x in vars(self).items()}
+        load = Operations(**counts | {"number_bits": self.number_bits})
+        return Inference(load, False, self.n_weights, n_steps=1, step_ms=self.duration_ms)
 
 
 _COUNTS = ("spikes", "mean_rate")
-_OF_NEURONS = ("updates", "recurrent", "mapping", "stored", "resonators")  # the input has none of these
+_OF_NEURONS = {
+    **{"updates": "updates", "recurrent": "recurrent", "mapping": "cores"},
+    **{"stored": "stored", "resonators": "resonators"},
+}
+"""Keys of lists -> of a layer's mapping; the input has none of these."""
 _IN_INPUT = ("neurons", *_COUNTS)
-_IN_LAYER = (*_IN_INPUT, "updates", "recurrent", "cores", "stored", "resonators")
+_IN_LAYER = (*_IN_INPUT, *_OF_NEURONS.values())
 _Entry = dict[str, tuple[Raw, Keys]]  # key -> what is written, and where
 
 
@@ -98,12 +94,7 @@ def load_inference(path: str | Path) -> Inference:
 
 
 def read_inference(text: str, source: str) -> Inference:
-    """Read a workload (see the head of this module).
-
-    Args:
-        text: YAML or JSON.
-        source: what faults call the file.
-    """
+    """Read a workload, YAML or JSON (see the head of this module); `source` is what faults call it."""
     document = parse(text, source)
     document.check()
     inference = _inference(document)
@@ -177,7 +168,7 @@ def _entries(data: Mapping[str, Raw], report: Report) -> list[_Entry] | None:
         return _flat(data, layers, report)
     for key in (*_COUNTS, *_OF_NEURONS):
         if key in data:
-            inner = "cores" if key == "mapping" else key
+            inner = _OF_NEURONS.get(key, key)
             report((key,), f"{key} must be given in each layer (as {inner}) if layers are mappings")
     entries: list[_Entry] = []
     for index, layer in enumerate(layers):
@@ -218,18 +209,12 @@ def _flat(data: Mapping[str, Raw], layers: list[Raw], report: Report) -> list[_E
             report((key,), f"{key} must be a list of {expected}, one per {which}, got {got}")
             continue
         for index, value in enumerate(values):
-            entries[first + index]["cores" if key == "mapping" else key] = (value, (key, index))
+            entries[first + index][_OF_NEURONS.get(key, key)] = (value, (key, index))
     return entries
 
 
 def _layer(entry: _Entry, n_steps: int | None, report: Report) -> dict[str, Any]:
-    """Return the values of a layer by key, spikes and updates per step; INVALID after a fault.
-
-    Args:
-        entry: as written.
-        n_steps: of the workload; None if that is wrong itself.
-        report: called with (path, sentence) for every mistake.
-    """
+    """Return the values of a layer by key, spikes and updates per step; INVALID after a fault."""
     neurons = _value(entry, "neurons", int, INVALID, report, low=1, high=_MOST_NEURONS)
     most = None if neurons is INVALID else neurons
     rate = _counts(entry, "mean_rate", 1.0, n_steps, report)

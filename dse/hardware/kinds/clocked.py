@@ -164,7 +164,6 @@ def _hidden_weights(load: Workload) -> float:
     for layer in range(1, len(load.sizes) - 1):
         before = load.sizes[layer - 1] if layer > 1 else 0
         recurrent = load.sizes[layer] if load.recurrent[layer - 1] else 0
-        dense = load.dense[layer - 1]
-        stored = dense if load.stored is None else load.stored[layer - 1]
-        total += load.sizes[layer] * (before + recurrent) * stored / dense
+        stored = (load.stored or load.dense)[layer - 1]
+        total += load.sizes[layer] * (before + recurrent) * stored / load.dense[layer - 1]
     return total

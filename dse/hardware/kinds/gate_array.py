@@ -216,15 +216,10 @@ def _weight_bits(load: Workload) -> int:
     return max(load.weight_bits, min(_MOST_WEIGHT_BITS, load.weight_bits + _SCALE_BITS))
 
 
-def _used(load: Workload) -> tuple[int, ...]:
-    """Return the weights into each layer that are not 0."""
-    return load.dense if load.stored is None else load.stored
-
-
 def _stored(load: Workload) -> Stored:
     return Stored.smallest(
         n_all=sum(load.dense),
-        n_used=sum(_used(load)),
+        n_used=sum(load.stored or load.dense),
         n_bits=_weight_bits(load) + load.delay_bits,
         n_neurons=sum(load.sizes[1:]),
         n_rows=sum(load.sizes),
@@ -235,7 +230,9 @@ def _stored(load: Workload) -> Stored:
 def _memories(load: Workload) -> Memories:
     """Return the memories of a network before it is trained."""
     n = sum(load.sizes[1:])
-    most_inputs = max(of_layer // size for of_layer, size in zip(_used(load), load.sizes[1:], strict=True))
+    most_inputs = max(
+        of_layer // size for of_layer, size in zip(load.stored or load.dense, load.sizes[1:], strict=True)
+    )
     n_words = -(-load.sizes[0] // load.copies // WORD_CHANNELS)
     of_input = max(1, (load.n_slots - 1).bit_length()) + max(1, (n_words - 1).bit_length())
     return {

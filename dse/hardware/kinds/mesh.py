@@ -174,14 +174,9 @@ def _work(
     update_work: tuple[float, ...],
     rules: Rules,
 ) -> _Work:
-    """Return the work of a network.
+    """Return the work of a network on so many cores of each layer.
 
-    Args:
-        net: the network.
-        cores: of each layer after the input.
-        synapses: per layer, input first, weights other than 0 that a spike reaches; None: all.
-        update_work: per layer after the input, how often an update counts (`Workload.update_work`).
-        rules: of the chip.
+    Of each layer, input first, a spike reaches so many synapses; None: all.
     """
     sizes, recurrent, n_layers = net.sizes, net.recurrent, len(net.sizes)
     fan_out = [a + b * loops for a, b, loops in zip((*sizes[1:], 0), sizes, (False, *recurrent), strict=True)]
