@@ -103,10 +103,10 @@ class Classifier:
     fitted: Network | Parameters
     sections: Sections
     classes: tuple[str, ...]
-    phi: float | None
-    theta: float | None
-    record: Mapping[str, object]
-    evidence: Mapping[str, Any]
+    phi: float | None = None
+    theta: float | None = None
+    record: Mapping[str, object] = field(default_factory=dict)
+    evidence: Mapping[str, Any] = field(default_factory=dict)
     read_out_ms: float | None = None
     heads: tuple[Head, ...] = ()
     head: str = ""

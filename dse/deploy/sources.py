@@ -53,10 +53,6 @@ class End(NamedTuple):
 def played(bundle: Bundle, recordings: Iterable[Recording]) -> Iterator[Decision | End]:
     """Yield the decisions on recordings, one after the other, as they fall, and `End` after each.
 
-    Args:
-        bundle: as read.
-        recordings: that it takes.
-
     Raises:
         BundleError: the bundle cannot run on a stream.
         RecordingError: an item does not fit.
@@ -86,13 +82,7 @@ def recordings_of_file(bundle: Bundle, data_file: str, windows: Windows | None =
 def recordings_of(
     recordings: Recordings, first_step: Ints, windows: Windows | None = None
 ) -> Iterator[Recording]:
-    """Yield recordings as a stream takes them.
-
-    Args:
-        recordings: as read.
-        first_step: (n,) where the window of each begins.
-        windows: where they begin instead.
-    """
+    """Yield recordings as a stream takes them: windows begin at their (n,) first steps, or by a rule."""
     is_sampled = isinstance(recordings, Signals | Rasters)
     t0_us = None if is_sampled or trials_of(recordings) is None else 0  # type: ignore[arg-type]
     for i, first in enumerate(first_step.tolist()):
@@ -125,9 +115,6 @@ def recordings_of_lines(
         taken: what the classifier takes.
         name: of the source, for messages.
         windows: where windows begin.
-
-    Raises:
-        RecordingError: a line is malformed; the message names it.
     """
     items, is_over = _items_of_lines(_lines(chunks, name), taken, name), False
 

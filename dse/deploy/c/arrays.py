@@ -108,9 +108,7 @@ def laid_out(members: Sequence[M]) -> list[M]:
 def struct_bytes(members: Sequence[Member], of_reals: bool = False) -> int:
     """Return the size of variables as declared: what the compiler reports as data and bss.
 
-    Args:
-        members: the variables.
-        of_reals: whether samples are real numbers, so that the levels of an encoder are double.
+    Of real samples (`of_reals`) the levels of an encoder are double.
     """
     used = 0
     for m in laid_out(members):

@@ -122,8 +122,7 @@ class Code(Frame):
     def source(self, apart: bool = False) -> str:
         """Return the text of dse.c, but for its title and the names of classes.
 
-        Args:
-            apart: whether it loads its tables, which stand in it none the less (`weights.beside`).
+        Tables that it loads (`apart`) stand in it none the less (`weights.beside`).
         """
         cleared = [x for x in self.members() if x.is_cleared]
         arrays = [x for x in cleared if x.lengths]

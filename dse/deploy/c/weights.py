@@ -17,13 +17,7 @@ from dse.deploy.c.text import filled
 
 
 def beside(source: str, tables: Sequence[Table], names: str) -> tuple[str, bytes]:
-    """Return a source whose tables are in a block, and the block.
-
-    Args:
-        source: with the definitions of the tables, in one place.
-        tables: of the classifier.
-        names: of its classes, in C.
-    """
+    """Return a source whose tables are in a block, and the block, given the names of classes in C."""
     defined = "\n".join(table.text for table in tables)
     before, after = source.split(defined)
     named = re.compile(rf"\b({'|'.join(table.name for table in tables)})\b")

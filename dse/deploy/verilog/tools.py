@@ -93,9 +93,6 @@ def placed(board: Board, folder: Path) -> Mapping[str, float]:
 
     Returns:
         What it takes: cells, memory_blocks, multipliers; and clock_mhz, the fastest clock.
-
-    Raises:
-        TargetError: it does not fit.
     """
     python = check(board)
     script = (
@@ -121,13 +118,7 @@ def placed(board: Board, folder: Path) -> Mapping[str, float]:
 
 
 def simulated(board: Board, folder: Path, commands: Sequence[Ints], sensors: int = 0) -> replay.Played:
-    """Run commands in the core whose Verilog lies in a folder.
-
-    Args:
-        board: whose tools simulate.
-        folder: with the Verilog.
-        commands: of each window.
-        sensors: samples of a step, in commands that push them.
+    """Run commands of windows, with samples of so many sensors, in the core whose Verilog lies in a folder.
 
     Returns:
         Spikes of layer 1: of all neurons, counted through all layers; as `counts` the clock cycles of all
@@ -149,16 +140,9 @@ def run_simulation(
     given: bytes,
     options: Sequence[str] = (),
 ) -> bytes:
-    """Return what a program writes that drives a simulated module.
+    """Return what a program writes that drives the simulated module `top` of the blocks in a folder.
 
-    Args:
-        board: whose tools simulate.
-        folder: with the Verilog.
-        top: module that is simulated.
-        blocks: files of Verilog that are read.
-        driver: C++ that includes TOP.cc, as yosys writes it.
-        given: what the program reads.
-        options: of the compiler.
+    The driver is C++ that includes TOP.cc, as yosys writes it; the options are of its compiler.
     """
     python = check(board)
     script = f"read_verilog {' '.join(blocks)}; hierarchy -top {top}; write_cxxrtl {top}.cc"

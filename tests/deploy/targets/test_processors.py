@@ -26,9 +26,7 @@ def test_spikes_and_decisions_equal(target, case, number, tmp_path):
     if why := emulator.missing():
         pytest.skip(why)
     made, fired = case(number)
-    target.write(made, tmp_path)
-    verdict = target.verify(made, tmp_path, nets.reference(made, fired))
-    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired)
+    verdict = nets.faithful(target, made, nets.reference(made, fired), tmp_path)
     assert [name.split()[0] for name in verdict.run_by] == ["ziglang", "unicorn"]
     figures = verdict.figures
     assert figures["ram_bytes"] == code_size.footprint(plan_of(made))["ram_bytes"]
@@ -63,9 +61,7 @@ def test_a_module_of_web_assembly_has_every_spike_and_no_imports(number, tmp_pat
     import wasmtime
 
     made, fired = nets.case(number)
-    target.write(made, tmp_path)
-    verdict = target.verify(made, tmp_path, nets.reference(made, fired))
-    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired)
+    verdict = nets.faithful(target, made, nets.reference(made, fired), tmp_path)
     module = tmp_path / "dse.wasm"
     assert verdict.figures["module_bytes"] == module.stat().st_size < 20_000
     assert verdict.figures["instructions_per_inference"] > 1000
