@@ -151,7 +151,7 @@ def _cost(
     flat_out = dynamic + static
     throttled_low, throttled_high = _throttled_range_uj(plan, time_us, waiting_us)
     step_us = load.step_us(time_us)
-    placement = plan.placement
+    placement, idle_w = plan.placement, plan.idle_mw * 1e-3
     causes = [sum_of_products(counts, per_count[0]) * 1e-6 for per_count in plan.energy_pj.values()]
 
     def value(x: Floats) -> Floats:
@@ -170,7 +170,8 @@ def _cost(
         hardware_latency_ms=value(time_us[0] * 1e-3),
         pipeline_ms=value(load.pipeline_us(step_us[0]) * 1e-3),
         idle_mw=float(plan.idle_mw[0]),
-        power_idle_w=_idle_w(plan),
+        # A value of 0 stands for one that nobody has published.
+        power_idle_w=Interval(float(idle_w[0]) or math.nan, float(idle_w[1]), float(idle_w[2])),
         power_w=_power_w(plan, dynamic, time_us, profile.interval_only),
         n_cores=placement.core_range if placement else Interval(0, 0, 0),
         misfits=placement.misfits if placement else (),
@@ -223,12 +224,6 @@ def _static_uj(plan: Plan, time_us: Floats, waiting_us: Floats) -> tuple[Floats,
     """Return the static energy of computing and of waiting, (D, ...) each; mW x us = nJ."""
     lead = (slice(None), *[None] * (time_us.ndim - 1))
     return plan.static_mw[lead] * time_us * 1e-3, plan.idle_mw[lead] * waiting_us * 1e-3
-
-
-def _idle_w(plan: Plan) -> Interval[float]:
-    """Return the power at rest; a value of 0 stands for one that nobody has published."""
-    value, low, high = (float(x) * 1e-3 for x in plan.idle_mw)
-    return Interval(value or math.nan, low, high)
 
 
 def _power_w(plan: Plan, dynamic_uj: Floats, time_us: Floats, interval_only: bool) -> Interval[Floats]:

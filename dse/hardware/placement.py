@@ -319,20 +319,10 @@ def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
             yield from _cores_axes(net, rules, layer)
     for layer in range(len(net.sizes) - 1):
         yield _size_axis(net, layer)
-    for name, least in (("weight", 1), ("delay", 0)):
-        yield _Axis(
-            getattr(net, f"{name}_bits"),
-            least,
-            lambda n, key=f"{name}_bits": replace(net, **{key: n}),  # type: ignore[misc]
-            lambda n, name=name: f"{name}s of at most {n} bits",  # type: ignore[misc]
-        )
+    yield _field_axis(net, "weight_bits", 1, "weights of at most {} bits")
+    yield _field_axis(net, "delay_bits", 0, "delays of at most {} bits")
     if net.peak_state:
-        yield _Axis(
-            net.peak_state,
-            0,
-            lambda peak: replace(net, peak_state=peak),
-            "states (peak_state) of at most {}".format,
-        )
+        yield _field_axis(net, "peak_state", 0, "states (peak_state) of at most {}")
     if rules.skips_zero_weights:
         yield _Axis(
             100,
@@ -344,6 +334,13 @@ def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
                 f"at least {100 - percent} % of the weights {'left ' if net.stored else ''}pruned"
             ),
         )
+
+
+def _field_axis(net: Architecture, name: str, least: int, text: str) -> _Axis:
+    def changed(n: int) -> Architecture:
+        return replace(net, **{name: n})  # type: ignore[arg-type]
+
+    return _Axis(getattr(net, name), least, changed, text.format)
 
 
 def _size_axis(net: Architecture, layer: int) -> _Axis:

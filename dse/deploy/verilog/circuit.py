@@ -82,7 +82,8 @@ class Circuit:
     @property
     def memories(self) -> Memories:
         """Words and bits of a word of every memory; what is the same in every word takes none."""
-        form, n = self.form, sum(self.form.sizes[1:])
+        form, n, encoder = self.form, sum(self.form.sizes[1:]), self.encoder
+        per_sensor = 0 if encoder is None else encoder.n_levels + bool(encoder.first)
         varying = int(np.bitwise_or.reduce(self.keeps ^ self.keeps[0]))
         return {
             **self.stored.memories,
@@ -92,16 +93,8 @@ class Circuit:
             "inputs": (1 << (self.sample_bits + self.word_bits), 16),
             "counts": (1 << max(1, bits(form.sizes[-1] - 1)), bits(form.network_steps)),
             **({"joint": (len(form.rule.joint), 8)} if form.rule.joint else {}),
-            **self._levels,
+            **({"levels": (per_sensor * encoder.n_sensors, self.level_bits)} if encoder else {}),
         }
-
-    @property
-    def _levels(self) -> Memories:
-        """Memories of the encoder."""
-        if self.encoder is None:
-            return {}
-        per_sensor = self.encoder.n_levels + bool(self.encoder.first)
-        return {"levels": (per_sensor * self.encoder.n_sensors, self.level_bits)}
 
     @property
     def most_cycles(self) -> int:

@@ -40,7 +40,7 @@ class Board:
     synthesis: command of yosys. router, routing: of nextpnr, and its options for the chip.
     pins: file of constraints, its suffix tells nextpnr's option. placed: suffix of what nextpnr writes.
     packer: its options follow. bitstream: file that configures the chip.
-    cells, memory, multiplier: names of what the chip has in the report of nextpnr.
+    counted: column -> name of what the chip has in the report of nextpnr.
     """
 
     profile: str
@@ -53,9 +53,7 @@ class Board:
     placed: str
     packer: str
     bitstream: str
-    cells: str
-    memory: str
-    multiplier: str
+    counted: Mapping[str, str]
 
     @functools.cached_property
     def chip(self) -> GateArray:
@@ -112,8 +110,7 @@ def placed(board: Board, folder: Path) -> Mapping[str, float]:
         for file in (board.bitstream, f"top.{board.constraints}"):
             shutil.copyfile(place / file, folder / file)
     used = report["utilization"]
-    kinds = {"cells": board.cells, "memory_blocks": board.memory, "multipliers": board.multiplier}
-    taken = {name: float(used[kind]["used"]) for name, kind in kinds.items()}
+    taken = {name: float(used[kind]["used"]) for name, kind in board.counted.items()}
     return taken | {"clock_mhz": round(min(x["achieved"] for x in report["fmax"].values()), 2)}
 
 

@@ -28,6 +28,7 @@ Source: SANA-FE (REFERENCES.md), whose energy and `simple` time it reproduces fr
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -179,13 +180,15 @@ def _work(
     Of each layer, input first, a spike reaches so many synapses; None: all.
     """
     sizes, recurrent, n_layers = net.sizes, net.recurrent, len(net.sizes)
-    fan_out = [a + b * loops for a, b, loops in zip((*sizes[1:], 0), sizes, (False, *recurrent), strict=True)]
+
+    def onward(of_layers: Sequence[int]) -> list[int]:
+        """Return how many of the next layer's and, where it is recurrent, its own each layer sends to."""
+        within = (n * loops for n, loops in zip(of_layers, recurrent, strict=True))
+        return [a + b for a, b in zip((*of_layers, 0), (0, *within), strict=True)]
+
+    fan_out, destinations = onward(sizes[1:]), onward(cores)
     reached = fan_out if synapses is None else synapses
     shares = [a / b if b else 1.0 for a, b in zip(reached, fan_out, strict=True)]
-    destinations = [
-        a + b * loops for a, b, loops in zip((*cores, 0), (0, *cores), (False, *recurrent), strict=True)
-    ]
-
     # Counts: steps, spikes of each layer, updates of each layer after the input.
     spikes, updates = slice(1, 1 + n_layers), slice(1 + n_layers, 2 * n_layers)
     events = np.zeros((len(_EVENTS), 2 * n_layers))
