@@ -1,5 +1,6 @@
 """Random classifiers and recordings of spikes, with what the engine does on them."""
 
+import re
 import tempfile
 from dataclasses import replace
 from itertools import pairwise
@@ -66,6 +67,14 @@ def seen_faithful(target, made, engine, folder):
     verdict = target.verify(made, folder, engine)
     assert verdict.kind == "faithful" and verdict.n_recordings == engine.n_recordings, verdict.reason
     return verdict
+
+
+def spoil(source):
+    """Change the weights of the first layer in a C source."""
+    text = source.read_text()
+    begin = text.index("weights_1[")
+    table = text[begin : text.index("}", begin)]
+    source.write_text(text.replace(table, re.sub(r"-?\b\d+,", "3,", table)))
 
 
 def case(number):
