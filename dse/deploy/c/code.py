@@ -111,6 +111,11 @@ class Code(Frame):
         return sum(table.n_bytes for table in self.tables)
 
     @property
+    def footprint(self) -> dict[str, float]:
+        """Its memory, but for code; the stack holds a few words more."""
+        return {"ram_bytes": float(self.ram_bytes), "table_bytes": float(self.table_bytes)}
+
+    @property
     def n_classes(self) -> int:
         return len(self.classes)
 

@@ -215,12 +215,7 @@ class LayerPlan(LayerForm):
             turning = zip(("first", "second"), (population.cosine, population.sine), numbers, strict=True)
             return [(kind, f"{x}_{k}", np.where(self.turns, turn, keep), None) for x, turn, keep in turning]
         return [
-            (
-                kind,
-                f"{name}_{state}_{k}",
-                values,
-                int(values.flat[0]) if np.unique(values).size == 1 else None,
-            )
+            (kind, f"{name}_{state}_{k}", values, _common(values))
             for state, values in zip("uv", numbers, strict=True)
         ]
 
@@ -249,3 +244,9 @@ class LayerPlan(LayerForm):
         if self.state_bits == 64:
             return f"({x} * {number}) / {unit}"
         return f"LEAK({x}, {number}, {unit})"
+
+
+def _common(parameter: Array) -> int | None:
+    """Return the parameter that all neurons share, None where they differ."""
+    values = np.unique(parameter)
+    return int(values[0]) if values.size == 1 else None

@@ -76,8 +76,8 @@ class C99(InC):
         if kind not in _INSTRUCTIONS:
             _INSTRUCTIONS[kind] = _instructions(plan)
         if (instructions := _INSTRUCTIONS[kind]) is None:
-            return code_size.footprint(plan)
-        return code_size.footprint(plan) | {"flash_bytes": instructions + code_size.constant_bytes(plan)}
+            return plan.footprint
+        return plan.footprint | {"flash_bytes": instructions + code_size.constant_bytes(plan)}
 
     def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
         """Compile the C in a folder with replay.c, and execute it; without commands, push the input spikes.

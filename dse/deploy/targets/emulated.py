@@ -65,7 +65,7 @@ class Emulated(InC):
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its memory before it is written: in flash constants exactly, code from measured parts."""
         plan = code_of(bundle)
-        return code_size.footprint(plan) | self._flash(plan)
+        return plan.footprint | self._flash(plan)
 
     def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""

@@ -10,7 +10,6 @@ from dse import registry
 from dse.config.settings import Training
 from dse.dataset.assemble import New
 from dse.deploy.bundle import Bundle, Input
-from dse.deploy.c import code_size
 from dse.deploy.c.counting import counting_plan_of
 from dse.deploy.reference import of_new
 from dse.deploy.targets import emulator
@@ -74,7 +73,7 @@ def test_answers_are_those_of_the_engine(model, read_out_ms, tmp_path):
     verdict = nets.faithful(C99(), made, reference, tmp_path)
     assert len(set(reference.label.tolist())) > 1
     if "ram_bytes" in verdict.figures:
-        assert verdict.figures["ram_bytes"] == code_size.footprint(counting_plan_of(made))["ram_bytes"]
+        assert verdict.figures["ram_bytes"] == counting_plan_of(made).ram_bytes
         assert C99().footprint(made)["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], rel=0.05)
     assert verdict.compiler.endswith("-Os")
 

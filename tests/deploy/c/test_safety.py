@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import code_size, host, replay
+from dse.deploy.c import host, replay
 from dse.deploy.c.plan import plan_of
 from dse.deploy.reference import of_recordings
 from dse.deploy.stream import Stream
@@ -210,7 +210,7 @@ def test_ram_is_one_number_wherever_it_is_stated(encoder, tmp_path):
     verdict = nets.faithful(C99(), made, of_recordings(made, tmp_path / "touch.npz"), tmp_path / "c99")
     assert verdict.run_by == (host.compiler_version(),)
     stated, plan = C99().footprint(made)["ram_bytes"], plan_of(made)
-    assert verdict.figures["ram_bytes"] == stated == code_size.footprint(plan)["ram_bytes"]
+    assert verdict.figures["ram_bytes"] == stated == plan.ram_bytes
     readme = (tmp_path / "c99" / "README.md").read_text()
     assert f"| {stated:.0f} |" in readme
     of_reals = host.sizes(tmp_path / "c99", "-DDSE_REAL_SAMPLES")["ram_bytes"]
