@@ -19,7 +19,7 @@ given are those that the mean rates let expect (`dse.hardware.inference`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -109,8 +109,7 @@ def _inference(document: Document) -> Inference | None:
         report((), f"a workload must be a mapping of keys to values, got {echo(data)}")
         return None
     if "layers" in data:
-        network = _network(data, report)
-        return None if document.faults or network is None else network()
+        return _network(data, document)
     if "macs" in data or "additions" in data:
         operations = read_object(_Operations, data, (), report)
         return None if operations is None else operations.inference()
@@ -118,8 +117,9 @@ def _inference(document: Document) -> Inference | None:
     return None
 
 
-def _network(data: Mapping[str, Raw], report: Report) -> Callable[[], Inference] | None:
-    """Return what makes the inference of a network if no mistake was reported; None if nothing can."""
+def _network(data: Mapping[str, Raw], document: Document) -> Inference | None:
+    """Return the inference of a network, None after reporting every mistake in a document's data."""
+    report = document.report
     keys = read_object(_Network, data, (), report, also=("layers", *_COUNTS, *_OF_NEURONS))
     entries = _entries(data, report)
     if entries is None:
@@ -133,29 +133,27 @@ def _network(data: Mapping[str, Raw], report: Report) -> Callable[[], Inference]
             path: Keys = ("layers", lack[0])
             report(path, f"{dotted(path)} must have {key}, because other layers do")
 
-    def made() -> Inference:
-        assert keys is not None  # else there were mistakes
-        sizes, recurrent, resonators = (
-            tuple(layer[key] for layer in layers) for key in ("neurons", "recurrent", "resonators")
-        )
-        net = Workload(
-            sizes=sizes,
-            recurrent=recurrent[1:],
-            n_steps=np.zeros(()),
-            spikes=np.zeros(len(sizes)),
-            updates=None,
-            step_ms=keys.step_ms,
-            weight_bits=keys.weight_bits,
-            stored=stored,
-            delay_bits=keys.delay_bits,
-            cores=tuple(layer["cores"] for layer in layers[1:]) if "cores" in entries[1] else None,
-            resonators=resonators[1:] if any(resonators) else None,
-        )
-        updates = [layer["updates"] for layer in layers[1:]] if "updates" in entries[1] else None
-        spikes = [layer["spikes"] for layer in layers]
-        return of_network(net, keys.n_steps, spikes, updates, keys.pipeline_steps)
-
-    return made
+    if keys is None or document.faults:
+        return None
+    sizes, recurrent, resonators = (
+        tuple(layer[key] for layer in layers) for key in ("neurons", "recurrent", "resonators")
+    )
+    net = Workload(
+        sizes=sizes,
+        recurrent=recurrent[1:],
+        n_steps=np.zeros(()),
+        spikes=np.zeros(len(sizes)),
+        updates=None,
+        step_ms=keys.step_ms,
+        weight_bits=keys.weight_bits,
+        stored=stored,
+        delay_bits=keys.delay_bits,
+        cores=tuple(layer["cores"] for layer in layers[1:]) if "cores" in entries[1] else None,
+        resonators=resonators[1:] if any(resonators) else None,
+    )
+    updates = [layer["updates"] for layer in layers[1:]] if "updates" in entries[1] else None
+    spikes = [layer["spikes"] for layer in layers]
+    return of_network(net, keys.n_steps, spikes, updates, keys.pipeline_steps)
 
 
 def _entries(data: Mapping[str, Raw], report: Report) -> list[_Entry] | None:
