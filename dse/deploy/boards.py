@@ -62,12 +62,7 @@ def board_named(name: str) -> Board:
 
 
 def write_projects(target: str, folder: Path) -> None:
-    """Write what boards need beside the files of their target: a project, and the commands into README.md.
-
-    Args:
-        target: its name; one that no board has gets nothing.
-        folder: with its files.
-    """
+    """Write what the boards of a target need beside its files: a project, and the commands into README.md."""
     boards = [board for board in BOARDS.values() if board.target == target]
     if any(board.environment for board in boards):
         (folder / _PROJECT).write_text(filled(_PROJECT, boards=boards), encoding="utf-8")

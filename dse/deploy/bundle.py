@@ -28,7 +28,7 @@ from dse.config import ConfigError, Sections
 from dse.config.values import read_object, refuse
 from dse.deploy import checks
 from dse.deploy.card import card, stated
-from dse.deploy.classifier import BundleError, Classifier, Input, InputKind
+from dse.deploy.classifier import RULE, BundleError, Classifier, Input, InputKind
 from dse.deploy.prefix import DEFAULT, checked
 from dse.deploy.statement import digest, statement
 from dse.deploy.stream import Item, Stream, Windows
@@ -86,9 +86,7 @@ class Bundle(Classifier):
     @property
     def digest(self) -> str:
         """SHA-256 of what answers: weights, design, decision rule, classes; of nothing that was measured."""
-        rule = "phi", "theta", "read_out_ms", "head"
-        content: dict[str, Any] = {name: getattr(self, name) for name in rule}
-        content |= {"classes": self.classes, "heads": store.heads_document(self.heads)}
+        content = {**self.rule, "classes": self.classes, "heads": store.heads_document(self.heads)}
         content |= {"weights": digest(weights(self.fitted)), "sections": self.sections.to_plain()}
         text: str = sealed(content)["checksum"]
         return text
@@ -178,9 +176,7 @@ def write(bundle: Bundle, folder: Path, targets: Mapping[str, Mapping[str, Path]
         document = _Document(
             schema=SCHEMA,
             sections=sections,
-            decision=_Decision(
-                phi=bundle.phi, theta=bundle.theta, read_out_ms=bundle.read_out_ms, head=bundle.head
-            ),
+            decision=_Decision(**bundle.rule),
             heads=tuple(_Head(**head) for head in store.heads_document(bundle.heads)),
             plugins=plugins,
             targets=verdicts,
@@ -281,11 +277,7 @@ def read(folder: str | Path, edited: Collection[str] = ()) -> Bundle:
 
 
 def check_unedited(folder: Path) -> None:
-    """Check that no file of a target was edited; a folder without a bundle, or with a damaged one, passes.
-
-    Raises:
-        BundleError: one was.
-    """
+    """Check that no file of a target was edited; a folder without a bundle, or with a damaged one, passes."""
     try:
         files = _document(folder).files
     except (BundleError, StoreError, ValueError):
@@ -297,11 +289,7 @@ def check_unedited(folder: Path) -> None:
 
 
 def target_files(folder: Path, name: str) -> dict[str, Path]:
-    """Return the files of a target that a bundle lists, and no others, by their names in the target's folder.
-
-    Raises:
-        BundleError: the bundle is no more, or damaged.
-    """
+    """Return the files of a target that a bundle lists, by their names in the target's folder."""
     root = f"{_TARGETS}/{name}/"
     try:
         own = [listed for listed in _document(folder).files if listed.startswith(root)]
@@ -350,12 +338,7 @@ def _document(folder: Path) -> _Document:
 
 
 def _check_files(folder: Path, document: _Document, edited: Collection[str]) -> None:
-    """Check that the files of a bundle are as it lists them; others, such as compiled programs, are ignored.
-
-    Raises:
-        BundleError: one is missing or damaged, or of no target.
-        ValueError: a path leaves the folder, or names no regular file.
-    """
+    """Check that the files of a bundle are as it lists them; others, such as programs, are ignored."""
     files = document.files
     if _WEIGHTS not in files:
         raise ValueError(f"key 'files' must list {_WEIGHTS}")
@@ -375,13 +358,7 @@ def _check_files(folder: Path, document: _Document, edited: Collection[str]) -> 
 
 
 def _bundle(document: _Document, arrays: Mapping[str, Array], where: str, plugins: tuple[str, ...]) -> Bundle:
-    """Return the bundle of a document and its arrays.
-
-    Raises:
-        ValueError: keys disagree.
-        ConfigError: a section is wrong.
-        StoreError: an array is missing.
-    """
+    """Return the bundle of a document and its arrays."""
     decision, classes = document.decision, document.classes
     if not classes:
         raise ValueError("key 'classes' must name at least one class")
@@ -393,13 +370,10 @@ def _bundle(document: _Document, arrays: Mapping[str, Array], where: str, plugin
     bundle = Bundle(
         fitted=store.fitted_of({k: x for k, x in arrays.items() if not k.endswith(_8_BIT)}),
         sections=Sections.from_plain(document.sections, where),
-        phi=decision.phi,
-        theta=decision.theta,
-        read_out_ms=decision.read_out_ms,
         heads=heads,
-        head=decision.head,
         plugins=plugins,
         targets=document.targets,
+        **{name: getattr(decision, name) for name in RULE},
         **{name: getattr(document, name) for name in _SHARED},
         **{name: store.plain(getattr(document, name)) for name in _PLAIN},
     )
@@ -408,11 +382,7 @@ def _bundle(document: _Document, arrays: Mapping[str, Array], where: str, plugin
 
 
 def _check_classifier(bundle: Bundle, arrays: Mapping[str, Array]) -> None:
-    """Check the arrays of a classifier; 8-bit matrices, which others read, must be those of the network.
-
-    Raises:
-        ValueError: shapes, ranges or numbers disagree with the description.
-    """
+    """Check the arrays of a classifier; 8-bit matrices, which others read, must be those of the network."""
     fitted, model = bundle.fitted, bundle.sections.model
     expected = _fitted_type(model)
     if not isinstance(fitted, expected):
@@ -458,11 +428,7 @@ def _8_bit(fitted: Network | Parameters) -> dict[str, Array]:
 
 
 def _copied(source: str, bundle: Path) -> str:
-    """Copy the file of a plugin into a bundle; return the name of the plugin in the bundle.
-
-    Raises:
-        StoreError: it cannot be read or written.
-    """
+    """Copy the file of a plugin into a bundle; return the name of the plugin in the bundle."""
     if not source.endswith(".py"):
         return source
     folder = bundle / _PLUGINS

@@ -66,15 +66,7 @@ class Stated:
 
 
 def stated(evidence: Mapping[str, Any], n_answers: int) -> Stated:
-    """Return what a card says of a bundle's evidence.
-
-    Args:
-        evidence: of the bundle.
-        n_answers: classes that it answers.
-
-    Raises:
-        ValueError: it is none, or of other classes.
-    """
+    """Return what a card says of a bundle's evidence."""
     found = read_object(Stated, store.plain(dict(evidence)), (), refuse, also=evidence)
     assert found is not None  # a mistake raises
     rows = () if found.confusion is None else found.confusion.counts
@@ -86,12 +78,7 @@ def stated(evidence: Mapping[str, Any], n_answers: int) -> Stated:
 
 
 def card(bundle: Classifier, targets: Mapping[str, Verdict]) -> str:
-    """Return the model card of a bundle, Markdown.
-
-    Args:
-        bundle: what it holds.
-        targets: the verdicts of the targets in it.
-    """
+    """Return the model card of a bundle, Markdown, with the verdicts of the targets in it."""
     known_of = stated(bundle.evidence, len(bundle.answers))
     title = f"{known_of.study}: a classifier of {', '.join(bundle.answers)}"
     known: dict[str, Any] = registry.known("targets") if targets else {}

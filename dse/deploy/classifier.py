@@ -21,6 +21,8 @@ class BundleError(ValueError):
 
 
 InputKind = Literal["samples", "spikes", "events"]
+RULE = "phi", "theta", "read_out_ms", "head"
+"""Fields of a classifier that decide when and with what it answers."""
 _LARGEST = float(np.finfo(np.float32).max)
 _MOST = 2**31
 
@@ -101,10 +103,10 @@ class Classifier:
     fitted: Network | Parameters
     sections: Sections
     classes: tuple[str, ...]
-    phi: float | None
-    theta: float | None
-    record: Mapping[str, object]
-    evidence: Mapping[str, Any]
+    phi: float | None = None
+    theta: float | None = None
+    record: Mapping[str, object] = field(default_factory=dict)
+    evidence: Mapping[str, Any] = field(default_factory=dict)
     read_out_ms: float | None = None
     heads: tuple[Head, ...] = ()
     head: str = ""
@@ -112,6 +114,11 @@ class Classifier:
     input: Input | None = None
     targets: Mapping[str, Verdict] = field(default_factory=dict)
     prefix: str = DEFAULT
+
+    @property
+    def rule(self) -> dict[str, Any]:
+        """The decision rule, and the head that answers."""
+        return {name: getattr(self, name) for name in RULE}
 
     @property
     def n_outputs(self) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,19 +27,8 @@ from dse.study import precision
 from dse.study.record import RunRecord, load_records
 from dse.study.results import Study, sections_found
 
-
-@dataclass(frozen=True)
-class _Setting:
-    """The setting of a design point; each field is None if it does not apply.
-
-    head: the answering head of a joint net; '' for all of them together.
-    """
-
-    phi: float | None
-    theta: float | None
-    read_out_ms: float | None
-    precision: precision.Setting
-    head: str
+_NUMBERS = "weight_bits", "pruned_after", "phi", "theta", "read_out_ms"
+"""Columns of a point that say how its network is rounded and decides."""
 
 
 def export(
@@ -99,14 +87,13 @@ def bundle_of(study: Study, point: Mapping[str, Any], refit: Sequence[str] = ())
     records = load_records(study.folder, trial)
     if records[0].sections and (why := _sections_of(study, records[0]).reads_labels):
         raise BundleError(f"{study.folder}: trial {trial} cannot be deployed: {why}")
-    bits, pruned, phi, theta, read_out_ms = (
-        _number(point.get(x)) for x in ("weight_bits", "pruned_after", "phi", "theta", "read_out_ms")
-    )
+    stated = [name for name in _NUMBERS if not _is_missing(point.get(name))]
+    numbers: dict[str, Any] = {name: float(point[name]) for name in stated}
     # The trained precision if it states none, or more bits than were trained.
-    at_precision = BITS if bits is None else min(int(bits), BITS), pruned or 0.0
+    bits, pruned = numbers.pop("weight_bits", BITS), numbers.pop("pruned_after", 0.0)
+    setting = min(int(bits), BITS), pruned
     head = next((head.name for head in records[0].heads if head.name == point.get("task")), "")
-    setting = _Setting(phi, theta, read_out_ms, at_precision, head)
-    accuracies = np.array([_accuracy(study, record, setting) for record in records])
+    accuracies = np.array([_accuracy(study, record, numbers, setting, head) for record in records])
     chosen = records[int(np.abs(accuracies - accuracies.mean()).argmin())]
     artefacts = store.run_file(study.folder, trial, chosen.repeat)
     evidence = {
@@ -119,7 +106,7 @@ def bundle_of(study: Study, point: Mapping[str, Any], refit: Sequence[str] = ())
         "data": chosen.data,
         "recordings": _recordings(study, chosen),
         "licence": _licence(study, chosen),
-        "confusion": _confusion(artefacts, setting.head),
+        "confusion": _confusion(artefacts, head),
         "warnings": study.warnings,
         "environment": store.document(study.folder, store.ENVIRONMENT, []),
     }
@@ -129,24 +116,22 @@ def bundle_of(study: Study, point: Mapping[str, Any], refit: Sequence[str] = ())
         fitted, evidence["refit"] = fitted_again(study.folder, chosen, refit), list(refit)
     else:
         fitted = store.fitted_of(store.load_arrays(artefacts / "weights.npz"))
-    if setting.precision != precision.AS_TRAINED:
+    if setting != precision.AS_TRAINED:
         assert isinstance(fitted, Network)  # nothing else was evaluated at another precision
-        evidence["precision"] = dict(zip(("weight_bits", "pruned"), setting.precision, strict=True))
-        fitted = rounded(fitted, *setting.precision)
+        evidence["precision"] = dict(zip(("weight_bits", "pruned"), setting, strict=True))
+        fitted = rounded(fitted, *setting)
     sections = dataclasses.replace(_sections_of(study, chosen), test=None)
     return Bundle(
         fitted=fitted,
         sections=sections,
         classes=chosen.classes,
-        phi=setting.phi,
-        theta=setting.theta,
         record={str(name): store.plain(value) for name, value in point.items() if not _is_missing(value)},
         evidence=evidence,
-        read_out_ms=setting.read_out_ms,
         heads=chosen.heads,
-        head=setting.head,
+        head=head,
         plugins=_plugins(sections, fitted),
         input=_input(sections, fitted, study.folder, artefacts),
+        **numbers,
     )
 
 
@@ -187,14 +172,7 @@ def _sections_of(study: Study, record: RunRecord) -> Sections:
 
 
 def _input(sections: Sections, fitted: Network | Parameters, study: Path, artefacts: Path) -> Input | None:
-    """Return what recordings a design takes; None if that is not known any more.
-
-    Args:
-        sections: of the design.
-        fitted: its classifier.
-        study: folder of the study.
-        artefacts: folder of the run; its response tells what the sections leave open.
-    """
+    """Return what recordings a design takes; None if neither its sections nor the files of a run say it."""
     encoder, preprocessing = sections.encoder, sections.preprocessing
     response = store.load_arrays(artefacts / "response.npz")
     if "shape" in response:
@@ -238,39 +216,35 @@ def _plugins(sections: Sections, fitted: Network | Parameters) -> tuple[str, ...
     return tuple(dict.fromkeys(plugin.source for plugin in plugins))
 
 
-def _number(value: Any) -> float | None:
-    """Return a value of a column as a number, None if it is missing."""
-    return None if _is_missing(value) else float(value)
-
-
-def _accuracy(study: Study, record: RunRecord, setting: _Setting) -> float:
-    """Return the validation accuracy of one run at a setting."""
+def _accuracy(
+    study: Study, record: RunRecord, rule: Mapping[str, float], setting: precision.Setting, head: str
+) -> float:
+    """Return the validation accuracy of one run at a decision rule and a precision, of a head or of all."""
     where = f"{study.folder}: trial {record.trial}"
     if record.numbers is None:
         raise ValueError(f"{where} failed: {record.reason}")
     folder = store.run_file(study.folder, record.trial, record.repeat)
     archive, own = folder, record
-    if setting.precision != precision.AS_TRAINED:
+    if setting != precision.AS_TRAINED:
         evaluated = precision.evaluations(folder)
-        if setting.precision not in evaluated:
-            weight_bits, pruned = setting.precision
+        if setting not in evaluated:
+            weight_bits, pruned = setting
             raise ValueError(f"{where} was not evaluated at {weight_bits} bits with {pruned:g} pruned")
-        archive, own = evaluated[setting.precision]
+        archive, own = evaluated[setting]
 
     def arrays(kind: str) -> Mapping[str, Array]:
-        name = f"{kind}_{setting.head}.npz" if setting.head else f"{kind}.npz"
-        return store.load_arrays(archive / name)
+        return store.load_arrays(archive / (f"{kind}_{head}.npz" if head else f"{kind}.npz"))
 
-    if setting.phi is not None and setting.theta is not None:
-        measured = arrays("surface")
-        at = np.isclose(measured["phi"], setting.phi)[:, None] & np.isclose(measured["theta"], setting.theta)
-        missing = f"phi {setting.phi:g}, theta {setting.theta:g}"
-    elif setting.read_out_ms is not None:
+    if "phi" in rule and "theta" in rule:
+        measured, phi, theta = arrays("surface"), rule["phi"], rule["theta"]
+        at = np.isclose(measured["phi"], phi)[:, None] & np.isclose(measured["theta"], theta)
+        missing = f"phi {phi:g}, theta {theta:g}"
+    elif "read_out_ms" in rule:
         measured = arrays("read_out")
-        at = np.isclose(measured["decision_latency_ms"], setting.read_out_ms)
-        missing = f"{setting.read_out_ms:g} ms"
+        at = np.isclose(measured["decision_latency_ms"], rule["read_out_ms"])
+        missing = f"{rule['read_out_ms']:g} ms"
     else:
-        return float(own.measured.of_head(setting.head).columns["accuracy"])
+        return float(own.measured.of_head(head).columns["accuracy"])
     if not at.any():
         raise ValueError(f"{where} was not evaluated at {missing}")
     return float(measured["accuracy"][at][0])

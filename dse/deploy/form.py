@@ -16,7 +16,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -85,9 +85,19 @@ class LayerForm:
         return UNITS_PER_STEP
 
     @property
+    def forward_steps(self) -> Ints:
+        """Weights from the layer before, (input, neuron) in steps of the 8-bit grid, -128 to 127."""
+        return _in_steps(self.weights)
+
+    @property
+    def ring_steps(self) -> Ints:
+        """Recurrent weights likewise, (neuron, neuron); without any, no rows."""
+        return _in_steps(np.zeros((0, self.n_neurons)) if self.recurrent is None else self.recurrent)
+
+    @property
     def most_spikes(self) -> int:
         """Of a neuron in a step."""
-        return most_spikes(self.population)
+        return int(getattr(self.population, "most_spikes", 1))
 
     @property
     def turns(self) -> Bools:
@@ -123,12 +133,7 @@ class Net:
 
 
 def net_of(network: Network, n_steps: int | None = None) -> Net:
-    """Return the form of a network.
-
-    Args:
-        network: as trained.
-        n_steps: network steps of a window, which the bounds of states follow from; None: unknown.
-    """
+    """Return the form of a network; its states are bounded within a window of so many network steps."""
     layers, arriving = [], 1
     for k, layer in enumerate(network.layers, 1):
         layers.append(_layer(k, layer, network.arithmetic, n_steps, arriving))
@@ -139,20 +144,14 @@ def net_of(network: Network, n_steps: int | None = None) -> Net:
 
 
 def network_in(bundle: Classifier, holder: str) -> Network:
-    """Return the network of a bundle.
-
-    Args:
-        bundle: what is exported.
-        holder: begins the sentence, such as 'Loihi holds'.
-    """
+    """Return the network of a bundle; `holder` begins what refuses any other: 'Loihi holds'."""
     if isinstance(bundle.fitted, Network):
         return bundle.fitted
     kind = bundle.sections.kinds["model"]
     raise Unsupported(f"{holder} networks of neurons, and family {kind} is none")
 
 
-def in_steps(weights: Floats) -> Ints:
-    """Return weights on the 8-bit grid in its steps, -128 to 127."""
+def _in_steps(weights: Floats) -> Ints:
     return np.rint(weights.astype(np.float64) * _STEPS_PER_UNIT).astype(np.int64)
 
 
@@ -162,26 +161,17 @@ def common_exponent(weights: Ints) -> int:
     return max((common & -common).bit_length() - 1, 0)
 
 
-def most_spikes(population: object) -> int:
-    """Return how often a neuron can spike in a step."""
-    return int(population.most_spikes) if isinstance(population, xylo_lif.Population) else 1
-
-
 def _layer(k: int, layer: Layer, arithmetic: Arithmetic, n_steps: int | None, arriving: int) -> LayerForm:
     """Return layer k, whose inputs spike up to `arriving` times in a step."""
     population = population_of(layer.neuron, layer.parameters)
     rounding = quantise if arithmetic == "integer" else np.asarray
-    forward, back = rounding(layer.weight).T, None
-    if layer.recurrent is not None:
-        back = rounding(layer.recurrent).T
-    bound = None
-    if n_steps is not None and arithmetic == "integer" and isinstance(population, _BOUNDED):
-        both = in_steps(forward) * arriving
-        if back is not None:
-            both = np.concatenate([both, in_steps(back) * most_spikes(population)])
-        bound = bounds(both, population, n_steps)
+    back = None if layer.recurrent is None else rounding(layer.recurrent).T
     delays = None if layer.delay is None else layer.delay.T
-    return LayerForm(k, layer.neuron, population, forward, back, delays, bound)
+    form = LayerForm(k, layer.neuron, population, rounding(layer.weight).T, back, delays, None)
+    if n_steps is None or arithmetic != "integer" or not isinstance(population, _BOUNDED):
+        return form
+    both = np.concatenate([form.forward_steps * arriving, form.ring_steps * form.most_spikes])
+    return replace(form, bounds=bounds(both, population, n_steps))
 
 
 @dataclass(frozen=True)
@@ -225,14 +215,7 @@ class Rule:
 
 
 def rule_of(bundle: Classifier, network_steps: int, n_outputs: int, step_ms: float) -> Rule:
-    """Return the decision of a bundle of a network.
-
-    Args:
-        bundle: as read.
-        network_steps: of a window.
-        n_outputs: output neurons.
-        step_ms: duration of a network step.
-    """
+    """Return the decision of a bundle of a network, given its window in network steps and their duration."""
     sizes = [len(head.classes) for head in bundle.heads]
     heads = tuple(zip(np.cumsum([0, *sizes]).tolist(), sizes, strict=False))
     named = {head.name: part for head, part in zip(bundle.heads, heads, strict=True)}
@@ -254,13 +237,9 @@ def rule_of(bundle: Classifier, network_steps: int, n_outputs: int, step_ms: flo
 def simplest_fraction(theta: float, largest_total: int) -> Fraction:
     """Return the fraction f with m / S >= f exactly where float64(m / S) >= theta, for 0 <= m <= S.
 
-    The engine divides in float64 and compares with theta. Rounding keeps order, so among all fractions m / S
-    with S up to the largest total, those that pass lie above those that do not. Any fraction between the two
-    sides decides alike; the simplest is taken: 7 / 20 for theta = 0.35.
-
-    Args:
-        theta: in [0, 1].
-        largest_total: largest S, >= 1.
+    The engine divides in float64 and compares with theta in [0, 1]. Rounding keeps order, so among all
+    fractions m / S with S up to the largest total, at least 1, those that pass lie above those that do not.
+    Any fraction between the two sides decides alike; the simplest is taken: 7 / 20 for theta = 0.35.
     """
     if theta <= 0:
         return Fraction(0)
@@ -358,8 +337,8 @@ class Frame:
     n_channels: of the input spikes. n_steps: input steps of the window. step_ms: duration of an input step.
     window: where it begins in a recording: start, middle or contact_onset. onset_threshold: of the contact.
     cut_steps, every_steps: length and distance of the recordings that a stream is cut into; None: into none.
-    front_end: what is pushed. no_front_end: why spikes are pushed although the design has an encoder or
-        preprocessing; '' where it does not apply.
+    no_front_end: why spikes are pushed although the design has an encoder or preprocessing; '' where it does
+        not apply.
     t0_us, n_bins: of simulated trials, the time that bins are counted from, and how many there are; None:
         from the first event to the last.
     """
@@ -370,7 +349,6 @@ class Frame:
     classes: tuple[str, ...]
     window: str
     onset_threshold: float
-    front_end: FrontEnd
     no_front_end: str
     encoder: SendOnDeltaForm | ReceptorsForm | None = None
     pooling: Pooling | None = None
@@ -378,6 +356,11 @@ class Frame:
     n_bins: int | None = None
     cut_steps: int | None = None
     every_steps: int | None = None
+
+    @property
+    def front_end(self) -> FrontEnd:
+        """What is pushed."""
+        return "samples" if self.encoder else "events" if self.pooling else "spikes"
 
     @property
     def channel_words(self) -> int:
@@ -411,11 +394,7 @@ class Spiking(Frame, Net):
 
 
 def spiking_of(bundle: Classifier) -> Spiking:
-    """Return all that runs of a bundle of a network.
-
-    Raises:
-        Unsupported: the bundle does not say what recordings it takes.
-    """
+    """Return all that runs of a bundle of a network."""
     network, frame = bundle.fitted, frame_of(bundle)
     assert isinstance(network, Network)
     per_sample = network.steps_per_sample
@@ -429,7 +408,7 @@ def frame_of(bundle: Classifier) -> Frame:
     if bundle.input is None:
         raise Unsupported("the bundle does not say what recordings it takes: export it again beside its data")
     taken, window, data = bundle.input, bundle.sections.window, bundle.sections.data
-    front_end, no_front_end, encoder, pools = _front_end(bundle.sections, taken)
+    encoder, pools, no_front_end = _front_end(bundle.sections, taken)
     t0_us = n_bins = None
     if isinstance(data, SceneTrials):
         trials, t0_us = data.read(Path()), 0  # nothing is simulated
@@ -441,7 +420,6 @@ def frame_of(bundle: Classifier) -> Frame:
         classes=bundle.answers,
         window=window.at,
         onset_threshold=window.onset_threshold,
-        front_end=front_end,
         no_front_end=no_front_end,
         encoder=encoder,
         pooling=pools,
@@ -454,28 +432,27 @@ def frame_of(bundle: Classifier) -> Frame:
 
 def _front_end(
     sections: Sections, taken: Input
-) -> tuple[FrontEnd, str, SendOnDeltaForm | ReceptorsForm | None, Pooling | None]:
-    """Return what is pushed, why it is spikes where recordings are none, and what makes them."""
+) -> tuple[SendOnDeltaForm | ReceptorsForm | None, Pooling | None, str]:
+    """Return what makes spikes of what is pushed; else why spikes are pushed where recordings are none."""
     encoder, preprocessing = sections.encoder, sections.preprocessing
-    pools, why = None, ""
-    if encoder is not None and preprocessing is not None:
+    if encoder is None:
+        pools = None if preprocessing is None else pooling(preprocessing, taken.width, taken.height)
+        if pools is None or pools.rate_floor_hz <= 0:
+            return None, pools, ""
+        why = "preprocessing.rate_floor_hz needs the whole window before its first spike"
+    elif preprocessing is not None:
         why = "an encoder of pooled events is not written in C"
-    elif encoder is not None and not isinstance(encoder, Deltas | Receptors):
+    elif not isinstance(encoder, Deltas | Receptors):
         why = f"encoder {sections.kinds['encoder']} is not written in C"
-    elif encoder is not None and sections.window.remove_mean:
+    elif sections.window.remove_mean:
         why = "window.remove_mean needs the whole window before its first spike"
-    elif encoder is not None and isinstance(sections.data, RasterFile):
+    elif isinstance(sections.data, RasterFile):
         why = "an encoder of spikes is not written in C"
     elif isinstance(encoder, Receptors):
-        return "samples", "", ReceptorsForm(taken.n_channels, encoder, taken.step_ms), None
-    elif isinstance(encoder, Deltas):
-        return "samples", "", send_on_delta_form(encoder, taken.n_channels), None
-    elif preprocessing is not None:
-        pools = pooling(preprocessing, taken.width, taken.height)
-        if pools.rate_floor_hz <= 0:
-            return "events", "", None, pools
-        why = "preprocessing.rate_floor_hz needs the whole window before its first spike"
-    return "spikes", why, None, None
+        return ReceptorsForm(taken.n_channels, encoder, taken.step_ms), None, ""
+    else:
+        return send_on_delta_form(encoder, taken.n_channels), None, ""
+    return None, None, why
 
 
 def send_on_delta_form(encoder: Deltas, n_sensors: int) -> SendOnDeltaForm:

@@ -59,9 +59,7 @@ class NetworkModule(torch.nn.Module):
     def run(self, rows: Rows, samples: slice) -> list[Tensor]:
         """Return the spikes of every layer, (step, sample, neuron) each, in the step in which they fire.
 
-        Args:
-            rows: input spikes with their delayed copies (dse.engine.events).
-            samples: of the rows.
+        Rows of input spikes have their delayed copies (dse.engine.events).
         """
         fired: list[Tensor] = []
         for k, layer in enumerate(self.network.layers):

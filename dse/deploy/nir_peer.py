@@ -67,15 +67,9 @@ READERS: dict[str, Reader] = {"norse": norse, "snntorch": snntorch}
 def run(
     module: torch.nn.Module, n_layers: int, n_inputs: int, spikes: Any, n_recordings: int, n_steps: int
 ) -> list[Any]:
-    """Return per layer (n_spikes, 3) recording, step and neuron of every spike of some recordings.
+    """Return per layer (n_spikes, 3) recording, step and neuron of every spike of a module at rest.
 
-    Args:
-        module: at rest.
-        n_layers: number of nodes layer_<k>.
-        n_inputs: of the graph.
-        spikes: (n_spikes, 3) recording, step, input; sorted by step.
-        n_recordings: recordings 0 to n_recordings - 1.
-        n_steps: steps to run.
+    Input spikes are (n_spikes, 3) recording, step, input; sorted by step.
     """
     fired: list[list[Any]] = [[np.zeros((0, 3), np.int64)] for _ in range(n_layers)]
     step = 0

@@ -46,13 +46,7 @@ class Run:
 
     @classmethod
     def of_fired(cls, bundle: Classifier, reference: Reference, fired: Sequence[Ints]) -> Self:
-        """Return the run of a target that only spikes: its bundle's rule decides from the last layer.
-
-        Args:
-            bundle: the decision rule.
-            reference: the recordings.
-            fired: as in `Reference`.
-        """
+        """Return the run of a target that only spikes: its bundle's rule decides from the last layer."""
         n, n_steps, spikes = reference.n_recordings, reference.n_steps, np.asarray(fired[-1], np.int64)
         assert isinstance(bundle.fitted, Network)
         output = np.zeros((n, n_steps, bundle.fitted.sizes[-1]), np.uint8)
@@ -95,19 +89,18 @@ class Reference(Run):
         return gather(data.spikes, data.test, data.start[data.test], data.n_steps, delays, per_sample)
 
 
-def of_recordings(bundle: Classifier, data_file: str | Path, *, repair: bool = False) -> Reference:
+def of_recordings(bundle: Classifier, data_file: str | Path) -> Reference:
     """Return what a bundle does on recordings.
 
     Args:
         bundle: as read.
         data_file: recordings of the kind that it was trained on, labelled or not.
-        repair: whether to continue after faults in event files.
 
     Raises:
         BundleError: its classifier refuses the recordings.
         RecordingError: the recordings do not fit.
     """
-    return of_new(bundle, prepared(bundle, data_file, repair=repair), data_file)
+    return of_new(bundle, prepared(bundle, data_file), data_file)
 
 
 def of_new(bundle: Classifier, new: New, where: str | Path) -> Reference:

@@ -23,7 +23,7 @@ from dse.deploy.reference import prepared
 from dse.deploy.stream import Item, Passed, Stream, Windows
 from dse.deploy.window import Decision
 from dse.recordings import RecordingError, Recordings, trials_of
-from dse.records import Array, Block, Ints, Rasters, Signals
+from dse.records import Block, Ints, Rasters, Signals
 
 _CHUNK = 2**16
 _LONGEST_LINE = 2**22
@@ -52,10 +52,6 @@ class End(NamedTuple):
 
 def played(bundle: Bundle, recordings: Iterable[Recording]) -> Iterator[Decision | End]:
     """Yield the decisions on recordings, one after the other, as they fall, and `End` after each.
-
-    Args:
-        bundle: as read.
-        recordings: that it takes.
 
     Raises:
         BundleError: the bundle cannot run on a stream.
@@ -86,13 +82,7 @@ def recordings_of_file(bundle: Bundle, data_file: str, windows: Windows | None =
 def recordings_of(
     recordings: Recordings, first_step: Ints, windows: Windows | None = None
 ) -> Iterator[Recording]:
-    """Yield recordings as a stream takes them.
-
-    Args:
-        recordings: as read.
-        first_step: (n,) where the window of each begins.
-        windows: where they begin instead.
-    """
+    """Yield recordings as a stream takes them: windows begin at their (n,) first steps, or by a rule."""
     is_sampled = isinstance(recordings, Signals | Rasters)
     t0_us = None if is_sampled or trials_of(recordings) is None else 0  # type: ignore[arg-type]
     for i, first in enumerate(first_step.tolist()):
@@ -125,13 +115,19 @@ def recordings_of_lines(
         taken: what the classifier takes.
         name: of the source, for messages.
         windows: where windows begin.
-
-    Raises:
-        RecordingError: a line is malformed; the message names it.
     """
-    lines = _Lines(_lines(chunks, name), taken, name)
-    while not lines.are_over:
-        yield Recording(lines.recording(), windows)
+    items, is_over = _items_of_lines(_lines(chunks, name), taken, name), False
+
+    def recording() -> Iterator[Item]:
+        nonlocal is_over
+        for item in items:
+            if item is None:
+                return
+            yield item
+        is_over = True
+
+    while not is_over:
+        yield Recording(recording(), windows)
 
 
 def _lines(chunks: Iterable[bytes], name: str) -> Iterator[list[bytes]]:
@@ -147,79 +143,56 @@ def _lines(chunks: Iterable[bytes], name: str) -> Iterator[list[bytes]]:
         yield [rest]
 
 
-class _Lines:
-    """Lines of a text, in the order of their numbers."""
+def _items_of_lines(arriving: Iterable[list[bytes]], taken: Input, name: str) -> Iterator[Item | None]:
+    """Yield what lines say, events that have arrived together as a block; None: a recording has ended."""
+    number, has_begun, last_us = 0, False, 0
+    events: list[list[int]] = []
 
-    def __init__(self, arriving: Iterator[list[bytes]], taken: Input, name: str) -> None:
-        self.are_over = False
-        self._arriving, self._waiting, self._number = arriving, list[bytes](), 0
-        self._input, self._name = taken, name
-
-    def recording(self) -> Iterator[Item]:
-        """Yield the items of the next recording."""
-        has_begun, last_us = False, 0
-        while self._waiting or self._wait():
-            events: list[list[int]] = []
-            while self._waiting:
-                line = self._waiting.pop()
-                self._number += 1
-                fields = line.decode("ascii", "replace").replace(",", " ").replace(";", " ").split()
-                if not has_begun and not (fields and _is_number(fields[0])):
-                    continue  # the names of columns
-                has_begun = True
-                if self._input.kind == "events" and len(fields) > 1:
-                    events.append(self._event(fields, last_us))
-                    last_us = events[-1][0]
-                    continue
-                if events:
-                    yield _block(events)
-                    events = []
-                if not fields:
-                    return
-                item = self._time(fields, last_us) if self._input.kind == "events" else self._sample(fields)
-                last_us = item.t_us if isinstance(item, Passed) else last_us
-                yield item
-            if events:
-                yield _block(events)
-
-    def _wait(self) -> bool:
-        """Wait for lines; return whether any arrived."""
-        for lines in self._arriving:
-            if lines:
-                self._waiting = lines[::-1]
-                return True
-        self.are_over = True
-        return False
-
-    def _sound(self, fault: str) -> None:
+    def check(fault: str) -> None:
         if fault:
-            raise RecordingError(f"{self._name}: line {self._number} {fault}")
+            raise RecordingError(f"{name}: line {number} {fault}")
 
-    def _sample(self, fields: list[str]) -> Array:
-        wrong = next((field for field in fields if not _is_number(field)), None)
-        self._sound("" if wrong is None else f"must have numbers, got '{wrong}'")
-        values = np.array([float(field) for field in fields])
-        self._sound(self._input.fault_of_sample(values))
-        return values
-
-    def _time(self, fields: list[str], last_us: int) -> Passed:
-        [t_us] = self._whole(fields)
-        self._sound(self._input.fault_of_time(t_us, last_us))
-        return Passed(t_us)
-
-    def _event(self, fields: list[str], last_us: int) -> list[int]:
-        if len(fields) != 4:
-            self._sound(f"must have the 4 numbers t_us x y polarity, got {len(fields)}")
-        t_us, x, y, polarity = event = self._whole(fields)
-        self._sound(self._input.fault_of_event(t_us, x, y, polarity, last_us))
-        return event
-
-    def _whole(self, fields: list[str]) -> list[int]:
+    def whole(fields: list[str]) -> list[int]:
         try:
             return [int(field) for field in fields]
         except ValueError:
             text = f"must have whole numbers, got '{' '.join(fields)}'"
-        raise RecordingError(f"{self._name}: line {self._number} {text}")
+            raise RecordingError(f"{name}: line {number} {text}") from None
+
+    for lines in arriving:
+        for line in lines:
+            number += 1
+            fields = line.decode("ascii", "replace").replace(",", " ").replace(";", " ").split()
+            if not has_begun and not (fields and _is_number(fields[0])):
+                continue  # the names of columns
+            has_begun = True
+            if events and len(fields) < 2:
+                yield _block(events)
+                events = []
+            if not fields:
+                has_begun, last_us = False, 0
+                yield None
+            elif taken.kind != "events":
+                wrong = next((field for field in fields if not _is_number(field)), None)
+                check("" if wrong is None else f"must have numbers, got '{wrong}'")
+                values = np.array([float(field) for field in fields])
+                check(taken.fault_of_sample(values))
+                yield values
+            elif len(fields) == 1:
+                [t_us] = whole(fields)
+                check(taken.fault_of_time(t_us, last_us))
+                last_us = t_us
+                yield Passed(t_us)
+            else:
+                if len(fields) != 4:
+                    check(f"must have the 4 numbers t_us x y polarity, got {len(fields)}")
+                t_us, x, y, polarity = event = whole(fields)
+                check(taken.fault_of_event(t_us, x, y, polarity, last_us))
+                last_us = t_us
+                events.append(event)
+        if events:
+            yield _block(events)
+            events = []
 
 
 def _is_number(field: str) -> bool:

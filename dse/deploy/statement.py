@@ -25,14 +25,7 @@ def statement(
     arrays: Mapping[str, Array],
     weights: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return the statement about a classifier, as plain data.
-
-    Args:
-        sections: of its design.
-        evidence: of its bundle.
-        arrays: its weights.
-        weights: name of their file -> SHA-256 of the file.
-    """
+    """Return the statement about a classifier, as plain data; `weights`: their file -> its SHA-256."""
     sessions = evidence.get("environment") or [{}]
     versions: Mapping[str, str] = sessions[-1].get("versions", {})
     recordings = str(evidence.get("recordings") or "").split()

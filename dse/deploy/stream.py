@@ -95,6 +95,8 @@ class Stream:
             into recordings, as recordings are in training, each with one window.
         t0_us: time that bins of events are counted from; None: the first event.
 
+    `input` says what it takes.
+
     Raises:
         BundleError: the bundle cannot run on a stream; one sentence says why.
     """
@@ -107,40 +109,25 @@ class Stream:
         window = bundle.sections.window
         if window.remove_mean:
             raise BundleError("window.remove_mean must be false on a stream: a mean is known at the end")
-        self._bundle, self._input = bundle, bundle.input
+        self._bundle, self.input = bundle, bundle.input
         self._cut = window.cut_steps if windows is None else None
         self._every = window.every_steps or self._cut or 0
-        self._windows = _usual(bundle, self._input) if windows is None else windows
+        self._windows = _usual(bundle, self.input) if windows is None else windows
         self._numbers = itertools.count()
         self._step = 0
         self._last_us = 0
         self._bins: Bins | None = None
-        self._n_in = self._input.n_channels
+        self._n_in = self.input.n_channels
         try:
             if (settings := bundle.sections.preprocessing) is not None:
-                pools = pooling(settings, self._input.width, self._input.height)
+                pools = pooling(settings, self.input.width, self.input.height)
                 self._bins = Bins(pools, settings.every_event, t0_us)
                 self._n_in = pools.n_channels
-            self._open = opener_of(bundle, self._input)
+            self._open = opener_of(bundle, self.input)
             first = _Track(self)
         except ValueError as error:
             raise BundleError(str(error)) from None
         self._tracks = [] if self._cut else [first]
-
-    @property
-    def input(self) -> Input:
-        """What it takes."""
-        return self._input
-
-    @property
-    def step_ms(self) -> float:
-        """Duration of an input step."""
-        return self._input.step_ms
-
-    @property
-    def n_steps(self) -> int:
-        """Input steps so far."""
-        return self._step
 
     @property
     def n_open(self) -> int:
@@ -165,9 +152,9 @@ class Stream:
             got = (
                 "events" if isinstance(item, Block) else "a time" if isinstance(item, Passed) else "a sample"
             )
-            raise RecordingError(f"the bundle takes {self._input.kind}, got {got}")
+            raise RecordingError(f"the bundle takes {self.input.kind}, got {got}")
         if isinstance(item, Passed):
-            if fault := self._input.fault_of_time(item.t_us, self._last_us):
+            if fault := self.input.fault_of_time(item.t_us, self._last_us):
                 raise RecordingError(f"a time {fault}")
             self._last_us = item.t_us
             return self._binned(self._bins.advance(item.t_us))  # type: ignore[union-attr]
@@ -175,10 +162,10 @@ class Stream:
             self._check_events(item)
             return self._binned(self._bins.push(item))  # type: ignore[union-attr]
         sample = np.asarray(item)
-        if fault := self._input.fault_of_sample(sample):
+        if fault := self.input.fault_of_sample(sample):
             raise RecordingError(f"a sample {fault}")
         row = sample.astype(np.float32)
-        if self._input.kind == "spikes":
+        if self.input.kind == "spikes":
             return self.push(Spiking(np.flatnonzero(row).astype(np.int32)))
         return self._advance(_Step(row, _NONE, None, None))
 
@@ -208,14 +195,14 @@ class Stream:
     def _check_events(self, block: Block) -> None:
         if not len(block.t_us):
             return
-        width, height, last_us = self._input.width, self._input.height, self._last_us
+        width, height, last_us = self.input.width, self.input.height, self._last_us
         at = _first_fault(block.t_us, block.x, block.y, block.polarity, last_us, width, height)
         if at >= 0:
             last_us = int(block.t_us[at - 1]) if at else last_us
             t_us, x, y, polarity = (
                 int(column[at]) for column in (block.t_us, block.x, block.y, block.polarity)
             )
-            fault = self._input.fault_of_event(t_us, x, y, polarity, last_us)
+            fault = self.input.fault_of_event(t_us, x, y, polarity, last_us)
             raise RecordingError(f"event {at} {fault}")
         self._last_us = int(block.t_us[-1])
 
@@ -241,7 +228,7 @@ class _Track:
         sections = stream._bundle.sections
         self._encoder, self._encodes_from = None, 0
         if sections.encoder is not None:
-            self._encoder = sections.encoder.running(stream._n_in, stream.step_ms)
+            self._encoder = sections.encoder.running(stream._n_in, stream.input.step_ms)
             if stream._bins is not None:
                 # Spikes of recordings are stored, and encoded, from where training windows may begin.
                 self._encodes_from = max(self._rule.first - sections.window.jitter_steps, 0)
@@ -262,7 +249,7 @@ class _Track:
                 moved = np.abs(values - self._first_values).max() if self._rule.rule == "onset" else 0.0
         touches = bool(moved is not None and moved >= self._onset_threshold)
         if self._left and self._begins(touches):
-            begin_ms = (self.begin + self._step) * self._stream.step_ms
+            begin_ms = (self.begin + self._step) * self._stream.input.step_ms
             self.windows.append(self._stream._open(next(self._stream._numbers), begin_ms))
             self._left -= 1
         self._touched = touches

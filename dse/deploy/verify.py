@@ -90,14 +90,7 @@ def export_targets(
 
 
 def _with_prefix(bundle: Bundle, prefix: str, names: Sequence[str], others: Sequence[str]) -> Bundle:
-    """Return a bundle with another prefix of names in C.
-
-    Args:
-        bundle: as read.
-        prefix: the other one.
-        names: of targets to be written.
-        others: of those that stay as they are.
-    """
+    """Return a bundle with another prefix of names in C; targets `others` stay as they are."""
     try:
         changed = dataclasses.replace(bundle, prefix=checked(prefix))
     except ValueError as error:
@@ -123,18 +116,7 @@ def publish(
     recordings: str | Path | None = None,
     kept: Mapping[str, Mapping[str, Path]] | None = None,
 ) -> dict[str, Verified]:
-    """Write a bundle with targets, and run them first.
-
-    Args:
-        bundle: what is exported.
-        folder: to write.
-        names: of targets.
-        recordings: to run them on, or None.
-        kept: the files of targets that `bundle` states already, as of `write`.
-
-    Raises:
-        BundleError, RecordingError, StoreError: as of `export_targets`.
-    """
+    """Write a bundle with targets, and run them first; `kept`: files of targets that it states already."""
     reference = of_recordings(bundle, recordings) if names and recordings is not None else None
 
     def run(name: str, target: Target, place: Path) -> Verdict:

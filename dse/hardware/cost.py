@@ -85,10 +85,8 @@ def cost(profile: Profile, load: Workload | Operations) -> Cost:
         NotApplicable: the chip cannot run such a classifier.
         ValueError: counts that are negative or not finite, or shapes that do not belong together.
     """
-    load.check()
-    plan, counts = profile.plan(load, profile.ends), profile.counts(load)
-    time_us = _time_us(plan, counts)
-    return _cost(profile, plan, load, counts, time_us, _waiting_us(load, time_us))
+    plan, counts, time_us, waiting_us = _timed(profile, load, profile.ends)
+    return _cost(profile, plan, load, counts, time_us, waiting_us)
 
 
 def cost_of_steps(profile: Profile, load: Workload) -> Cost:
@@ -101,11 +99,9 @@ def cost_of_steps(profile: Profile, load: Workload) -> Cost:
         profile: the chip.
         load: spikes (..., step, layer), updates (..., step, layer - 1) and n_steps (..., step), all 1.
     """
-    load.check()
-    plan, counts = profile.plan(load, profile.ends), profile.counts(load)
-    time_us = _time_us(plan, counts)
-    waiting_us = _waiting_us(load, time_us).sum(axis=-1)
-    return _cost(profile, plan, load.over_steps(), counts.sum(axis=-2), time_us.sum(axis=-1), waiting_us)
+    plan, counts, *of_steps = _timed(profile, load, profile.ends)
+    time_us, waiting_us = (us.sum(axis=-1) for us in of_steps)
+    return _cost(profile, plan, load.over_steps(), counts.sum(axis=-2), time_us, waiting_us)
 
 
 @dataclass(frozen=True)
@@ -129,12 +125,20 @@ def drawn(profile: Profile, load: Workload | Operations, figures: Figures) -> Dr
     Raises:
         NotApplicable, ValueError: as `cost`.
     """
+    plan, counts, time_us, waiting_us = _timed(profile, load, figures)
+    static, waiting = _static_uj(plan, time_us, waiting_us)
+    energy = _energy_uj(plan, counts) + static
+    return Drawn(energy, energy + waiting, load.step_us(time_us), time_us * 1e-3)
+
+
+def _timed(
+    profile: Profile, load: Workload | Operations, figures: Figures
+) -> tuple[Plan, Floats, Floats, Floats]:
+    """Return the plan of a load, its counts, and the times to compute and to wait for input, (D, ...)."""
     load.check()
     plan, counts = profile.plan(load, figures), profile.counts(load)
     time_us = _time_us(plan, counts)
-    static, waiting = _static_uj(plan, time_us, _waiting_us(load, time_us))
-    energy = _energy_uj(plan, counts) + static
-    return Drawn(energy, energy + waiting, load.step_us(time_us), time_us * 1e-3)
+    return plan, counts, time_us, np.maximum(np.asarray(load.input_ms, np.float64) * 1e3 - time_us, 0.0)
 
 
 def _cost(
@@ -151,7 +155,7 @@ def _cost(
     flat_out = dynamic + static
     throttled_low, throttled_high = _throttled_range_uj(plan, time_us, waiting_us)
     step_us = load.step_us(time_us)
-    placement = plan.placement
+    placement, idle_w = plan.placement, plan.idle_mw * 1e-3
     causes = [sum_of_products(counts, per_count[0]) * 1e-6 for per_count in plan.energy_pj.values()]
 
     def value(x: Floats) -> Floats:
@@ -170,7 +174,8 @@ def _cost(
         hardware_latency_ms=value(time_us[0] * 1e-3),
         pipeline_ms=value(load.pipeline_us(step_us[0]) * 1e-3),
         idle_mw=float(plan.idle_mw[0]),
-        power_idle_w=_idle_w(plan),
+        # A value of 0 stands for one that nobody has published.
+        power_idle_w=Interval(float(idle_w[0]) or math.nan, float(idle_w[1]), float(idle_w[2])),
         power_w=_power_w(plan, dynamic, time_us, profile.interval_only),
         n_cores=placement.core_range if placement else Interval(0, 0, 0),
         misfits=placement.misfits if placement else (),
@@ -214,21 +219,10 @@ def _time_us(plan: Plan, counts: Floats) -> Floats:
     return time_us
 
 
-def _waiting_us(load: Workload | Operations, time_us: Floats) -> Floats:
-    """Return the time that the hardware waits for the sensor's input, (D, ...)."""
-    return np.maximum(np.asarray(load.input_ms, np.float64) * 1e3 - time_us, 0.0)
-
-
 def _static_uj(plan: Plan, time_us: Floats, waiting_us: Floats) -> tuple[Floats, Floats]:
     """Return the static energy of computing and of waiting, (D, ...) each; mW x us = nJ."""
     lead = (slice(None), *[None] * (time_us.ndim - 1))
     return plan.static_mw[lead] * time_us * 1e-3, plan.idle_mw[lead] * waiting_us * 1e-3
-
-
-def _idle_w(plan: Plan) -> Interval[float]:
-    """Return the power at rest; a value of 0 stands for one that nobody has published."""
-    value, low, high = (float(x) * 1e-3 for x in plan.idle_mw)
-    return Interval(value or math.nan, low, high)
 
 
 def _power_w(plan: Plan, dynamic_uj: Floats, time_us: Floats, interval_only: bool) -> Interval[Floats]:

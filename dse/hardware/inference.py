@@ -80,14 +80,10 @@ def of_network(
     updates: Sequence[PerStep] | None,
     pipeline_steps: int | None = None,
 ) -> Inference:
-    """Return an inference of a network.
+    """Return an inference of a network, from its mean counts per step, or lists of them.
 
-    Args:
-        net: the network; its counts play no part, and what pruning left is spread evenly.
-        n_steps: of the inference.
-        spikes: per step of each layer, input first.
-        updates: per step of each layer after the input; None: as the mean rates let expect.
-        pipeline_steps: of the inference.
+    Counts of the network itself play no part, and what pruning left is spread evenly. Updates are those that
+    mean rates let expect, unless they are given.
     """
     left = [a / b for a, b in zip(net.stored or net.dense, net.dense, strict=True)]
     if updates is None:
@@ -110,17 +106,11 @@ def of_network(
         updates=laid_out(updates),
         synapses=None if net.stored is None else _reached(net, left),
     )
-    n_weights = sum(net.dense if net.stored is None else net.stored)
-    return Inference(load, per_step, n_weights, n_steps, net.step_ms, pipeline_steps)
+    return Inference(load, per_step, sum(net.stored or net.dense), n_steps, net.step_ms, pipeline_steps)
 
 
 def _reached(net: Workload, left: Sequence[float]) -> tuple[float, ...]:
-    """Return how many weights other than 0 a spike of each layer reaches.
-
-    Args:
-        net: the network.
-        left: share of the weights into each layer that pruning left.
-    """
+    """Return how many weights other than 0 a spike of each layer reaches, of the shares that are left."""
     forward = [n * share for n, share in zip(net.sizes[1:], left, strict=True)]
     within = [x * back for x, back in zip(forward, net.recurrent, strict=True)]
     return tuple(a + b for a, b in zip((*forward, 0.0), (0.0, *within), strict=True))

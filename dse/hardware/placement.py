@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, Placement
+from dse.hardware.plan import Misfit, Placement, largest
 from dse.records import Ints, Workload
 
 _PRACTICE_BITS = 8  # per weight, in the logs that `practice` counts weights of
@@ -306,13 +306,10 @@ def _change(net: Architecture, rules: Rules, wrong: _Broken, broken: tuple[_Brok
 
 def _largest(axis: _Axis, mends: Callable[[Architecture], bool]) -> tuple[float, str] | None:
     """Return how far an axis must change to mend, as a share of its value, and in words; None: cannot."""
-    low, high = axis.least, axis.present
-    if low >= high or not mends(axis.changed(low)):
+    if axis.least >= axis.present or not mends(axis.changed(axis.least)):
         return None
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if mends(axis.changed(middle)) else (low, middle)
-    return 1 - low / axis.present, axis.text(low)
+    n = largest(axis.least, axis.present - 1, lambda n: mends(axis.changed(n)))
+    return 1 - n / axis.present, axis.text(n)
 
 
 def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
@@ -322,20 +319,10 @@ def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
             yield from _cores_axes(net, rules, layer)
     for layer in range(len(net.sizes) - 1):
         yield _size_axis(net, layer)
-    for name, least in (("weight", 1), ("delay", 0)):
-        yield _Axis(
-            getattr(net, f"{name}_bits"),
-            least,
-            lambda n, key=f"{name}_bits": replace(net, **{key: n}),  # type: ignore[misc]
-            lambda n, name=name: f"{name}s of at most {n} bits",  # type: ignore[misc]
-        )
+    yield _field_axis(net, "weight_bits", 1, "weights of at most {} bits")
+    yield _field_axis(net, "delay_bits", 0, "delays of at most {} bits")
     if net.peak_state:
-        yield _Axis(
-            net.peak_state,
-            0,
-            lambda peak: replace(net, peak_state=peak),
-            "states (peak_state) of at most {}".format,
-        )
+        yield _field_axis(net, "peak_state", 0, "states (peak_state) of at most {}")
     if rules.skips_zero_weights:
         yield _Axis(
             100,
@@ -347,6 +334,13 @@ def _axes(net: Architecture, rules: Rules) -> Iterator[_Axis]:
                 f"at least {100 - percent} % of the weights {'left ' if net.stored else ''}pruned"
             ),
         )
+
+
+def _field_axis(net: Architecture, name: str, least: int, text: str) -> _Axis:
+    def changed(n: int) -> Architecture:
+        return replace(net, **{name: n})  # type: ignore[arg-type]
+
+    return _Axis(getattr(net, name), least, changed, text.format)
 
 
 def _size_axis(net: Architecture, layer: int) -> _Axis:

@@ -6,8 +6,10 @@ with the counts of any number of design points.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import bisect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -101,6 +103,11 @@ class Plan:
     running_mw: Floats | None = None
 
 
+def largest(least: int, most: int, fits: Callable[[int], bool]) -> int:
+    """Return the largest number that fits, of those from one that does; what is larger never fits better."""
+    return least + bisect.bisect_left(range(least + 1, most + 1), x=True, key=lambda n: not fits(n))
+
+
 def per_count(
     load: Workload, *, step: float = 0.0, spike: Sequence[float] = (), update: Sequence[float] = ()
 ) -> Floats:
@@ -114,6 +121,13 @@ def per_count(
     """
     n_layers = len(load.sizes)
     return np.array([step, *(spike or [0.0] * n_layers), *(update or [0.0] * (n_layers - 1))], np.float64)
+
+
+def of_cycles(cycles: Mapping[str, Floats], cycle_pj: Floats, clock_mhz: float, **beside: Any) -> Plan:
+    """Return the plan of what takes (D..., F) cycles by cause, of (D...) pJ each; `beside`: its rest."""
+    total: Floats = np.sum(list(cycles.values()), axis=0)
+    energy_pj = {cause: cycle_pj[..., None] * of_cause for cause, of_cause in cycles.items()}
+    return Plan(energy_pj=energy_pj, time_ns=total[..., None, :] * (1e3 / clock_mhz), **beside)
 
 
 def energy_only(energy_pj: Mapping[str, Floats]) -> Plan:

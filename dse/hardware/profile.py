@@ -22,7 +22,7 @@ from dse.config.locate import names_a_file, shipped_profiles
 from dse.config.parts import Chip, KeyFault, Written, whole_profile
 from dse.config.settings import Schedule
 from dse.config.space import SearchSpace
-from dse.config.values import Report, echo, read_fields, read_object
+from dse.config.values import Report, echo, read_fields
 from dse.config.yaml_lines import Document, Raw, dump, parse
 from dse.hardware.plan import Misfit, NotApplicable, Plan
 from dse.records import Floats, Operations, Workload
@@ -352,24 +352,16 @@ def _profile(document: Document, text: str) -> Profile | None:
     if cls is None:
         return None
     figures = cls.numbers()
-    about = read_object(_About, data, (), report, also=figures)
+    about, _ = read_fields(_About, data, (), report, also=figures)
     for key in ("name", "doc"):
         if data.get(key) == "":
             report((key,), f"{key} must not be empty")
-    if about is not None and about.name and not names_a_file(about.name):
-        report(("name",), f"name must be valid as a file name, got '{about.name}'")
+    if (name := about.get("name")) and not names_a_file(name):
+        report(("name",), f"name must be valid as a file name, got '{name}'")
     numbers: dict[str, Any] = {name: _number(name, figure, data, report) for name, figure in figures.items()}
-    if about is None or document.faults:
+    if document.faults:
         return None
-    return cls(
-        name=about.name,
-        doc=about.doc,
-        interval_only=about.interval_only,
-        text=text,
-        programmable=about.programmable,
-        label=about.label,
-        **numbers,
-    )
+    return cls(text=text, **{key: about[key] for key in about.keys() - {"kind", "like"}}, **numbers)
 
 
 def _kind(data: Mapping[str, Raw], report: Report) -> type[Profile] | None:

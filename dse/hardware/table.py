@@ -119,11 +119,12 @@ def cost_row(
         ValueError: contacts overlap.
     """
     quantiles = None if n_draws is None else UNKNOWN
+    counted = Counter(getattr(profile, name).evidence for name in profile.stated)
     row = CostRow(
         hardware=profile.name,
         n_weights=inference.n_weights,
         decision_ms=inference.decision_ms,
-        evidence=evidence_of(profile),
+        evidence={word: counted[word] for word in get_args(Evidence) if word in counted},
         energy_quantiles_uj=quantiles,
         energy_throttled_quantiles_uj=quantiles,
         power_mw=None if schedule is None else UNKNOWN,
@@ -145,12 +146,6 @@ def cost_row(
     if schedule is not None and priced.timed:
         row = _with_power(row, plan, schedule)
     return row
-
-
-def evidence_of(profile: Profile) -> dict[str, int]:
-    """Return how many numbers of a profile there are of each class of evidence, best first."""
-    counted = Counter(getattr(profile, name).evidence for name in profile.stated)
-    return {word: counted[word] for word in get_args(Evidence) if word in counted}
 
 
 def _energies(plan: Plan, counts: Floats, priced: Cost) -> dict[str, Any]:

@@ -19,7 +19,7 @@ given are those that the mean rates let expect (`dse.hardware.inference`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -60,23 +60,19 @@ class _Operations:
     number_bits: int = param(32, doc="bits per stored number", low=1, high=_MOST_BITS)
 
     def inference(self) -> Inference:
-        load = Operations(
-            macs=np.asarray(self.macs, np.float64),
-            additions=np.asarray(self.additions, np.float64),
-            updates=np.asarray(self.updates, np.float64),
-            n_weights=np.asarray(self.n_weights, np.float64),
-            duration_ms=np.asarray(self.duration_ms, np.float64),
-            number_bits=self.number_bits,
-        )
-        return Inference(
-            load=load, per_step=False, n_weights=self.n_weights, n_steps=1, step_ms=self.duration_ms
-        )
+        counts: Any = {name: np.asarray(x, np.float64) for name, x in vars(self).items()}
+        load = Operations(**counts | {"number_bits": self.number_bits})
+        return Inference(load, False, self.n_weights, n_steps=1, step_ms=self.duration_ms)
 
 
 _COUNTS = ("spikes", "mean_rate")
-_OF_NEURONS = ("updates", "recurrent", "mapping", "stored", "resonators")  # the input has none of these
+_OF_NEURONS = {
+    **{"updates": "updates", "recurrent": "recurrent", "mapping": "cores"},
+    **{"stored": "stored", "resonators": "resonators"},
+}
+"""Keys of lists -> of a layer's mapping; the input has none of these."""
 _IN_INPUT = ("neurons", *_COUNTS)
-_IN_LAYER = (*_IN_INPUT, "updates", "recurrent", "cores", "stored", "resonators")
+_IN_LAYER = (*_IN_INPUT, *_OF_NEURONS.values())
 _Entry = dict[str, tuple[Raw, Keys]]  # key -> what is written, and where
 
 
@@ -98,12 +94,7 @@ def load_inference(path: str | Path) -> Inference:
 
 
 def read_inference(text: str, source: str) -> Inference:
-    """Read a workload (see the head of this module).
-
-    Args:
-        text: YAML or JSON.
-        source: what faults call the file.
-    """
+    """Read a workload, YAML or JSON (see the head of this module); `source` is what faults call it."""
     document = parse(text, source)
     document.check()
     inference = _inference(document)
@@ -118,8 +109,7 @@ def _inference(document: Document) -> Inference | None:
         report((), f"a workload must be a mapping of keys to values, got {echo(data)}")
         return None
     if "layers" in data:
-        network = _network(data, report)
-        return None if document.faults or network is None else network()
+        return _network(data, document)
     if "macs" in data or "additions" in data:
         operations = read_object(_Operations, data, (), report)
         return None if operations is None else operations.inference()
@@ -127,8 +117,9 @@ def _inference(document: Document) -> Inference | None:
     return None
 
 
-def _network(data: Mapping[str, Raw], report: Report) -> Callable[[], Inference] | None:
-    """Return what makes the inference of a network if no mistake was reported; None if nothing can."""
+def _network(data: Mapping[str, Raw], document: Document) -> Inference | None:
+    """Return the inference of a network, None after reporting every mistake in a document's data."""
+    report = document.report
     keys = read_object(_Network, data, (), report, also=("layers", *_COUNTS, *_OF_NEURONS))
     entries = _entries(data, report)
     if entries is None:
@@ -142,29 +133,27 @@ def _network(data: Mapping[str, Raw], report: Report) -> Callable[[], Inference]
             path: Keys = ("layers", lack[0])
             report(path, f"{dotted(path)} must have {key}, because other layers do")
 
-    def made() -> Inference:
-        assert keys is not None  # else there were mistakes
-        sizes, recurrent, resonators = (
-            tuple(layer[key] for layer in layers) for key in ("neurons", "recurrent", "resonators")
-        )
-        net = Workload(
-            sizes=sizes,
-            recurrent=recurrent[1:],
-            n_steps=np.zeros(()),
-            spikes=np.zeros(len(sizes)),
-            updates=None,
-            step_ms=keys.step_ms,
-            weight_bits=keys.weight_bits,
-            stored=stored,
-            delay_bits=keys.delay_bits,
-            cores=tuple(layer["cores"] for layer in layers[1:]) if "cores" in entries[1] else None,
-            resonators=resonators[1:] if any(resonators) else None,
-        )
-        updates = [layer["updates"] for layer in layers[1:]] if "updates" in entries[1] else None
-        spikes = [layer["spikes"] for layer in layers]
-        return of_network(net, keys.n_steps, spikes, updates, keys.pipeline_steps)
-
-    return made
+    if keys is None or document.faults:
+        return None
+    sizes, recurrent, resonators = (
+        tuple(layer[key] for layer in layers) for key in ("neurons", "recurrent", "resonators")
+    )
+    net = Workload(
+        sizes=sizes,
+        recurrent=recurrent[1:],
+        n_steps=np.zeros(()),
+        spikes=np.zeros(len(sizes)),
+        updates=None,
+        step_ms=keys.step_ms,
+        weight_bits=keys.weight_bits,
+        stored=stored,
+        delay_bits=keys.delay_bits,
+        cores=tuple(layer["cores"] for layer in layers[1:]) if "cores" in entries[1] else None,
+        resonators=resonators[1:] if any(resonators) else None,
+    )
+    updates = [layer["updates"] for layer in layers[1:]] if "updates" in entries[1] else None
+    spikes = [layer["spikes"] for layer in layers]
+    return of_network(net, keys.n_steps, spikes, updates, keys.pipeline_steps)
 
 
 def _entries(data: Mapping[str, Raw], report: Report) -> list[_Entry] | None:
@@ -177,7 +166,7 @@ def _entries(data: Mapping[str, Raw], report: Report) -> list[_Entry] | None:
         return _flat(data, layers, report)
     for key in (*_COUNTS, *_OF_NEURONS):
         if key in data:
-            inner = "cores" if key == "mapping" else key
+            inner = _OF_NEURONS.get(key, key)
             report((key,), f"{key} must be given in each layer (as {inner}) if layers are mappings")
     entries: list[_Entry] = []
     for index, layer in enumerate(layers):
@@ -218,18 +207,12 @@ def _flat(data: Mapping[str, Raw], layers: list[Raw], report: Report) -> list[_E
             report((key,), f"{key} must be a list of {expected}, one per {which}, got {got}")
             continue
         for index, value in enumerate(values):
-            entries[first + index]["cores" if key == "mapping" else key] = (value, (key, index))
+            entries[first + index][_OF_NEURONS.get(key, key)] = (value, (key, index))
     return entries
 
 
 def _layer(entry: _Entry, n_steps: int | None, report: Report) -> dict[str, Any]:
-    """Return the values of a layer by key, spikes and updates per step; INVALID after a fault.
-
-    Args:
-        entry: as written.
-        n_steps: of the workload; None if that is wrong itself.
-        report: called with (path, sentence) for every mistake.
-    """
+    """Return the values of a layer by key, spikes and updates per step; INVALID after a fault."""
     neurons = _value(entry, "neurons", int, INVALID, report, low=1, high=_MOST_NEURONS)
     most = None if neurons is INVALID else neurons
     rate = _counts(entry, "mean_rate", 1.0, n_steps, report)

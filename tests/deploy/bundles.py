@@ -1,11 +1,12 @@
 """Studies of small rasters, bundles of made-up networks, and what their engine does on made-up spikes."""
 
+import json
 from itertools import pairwise
 
 import numpy as np
 
 from dse.config import load_space
-from dse.deploy.bundle import Bundle
+from dse.deploy.bundle import Bundle, sealed
 from dse.deploy.reference import of_recordings
 from dse.neurons import cuba_lif, parameters_of, resonator
 from dse.records import Layer, Network
@@ -131,3 +132,22 @@ def reference(made, rasters, folder):
     """Return what the engine of a bundle does on rasters."""
     np.savez(folder / "rasters.npz", spikes=rasters)
     return of_recordings(made, folder / "rasters.npz")
+
+
+def document(**changes):
+    """Change keys of bundle.json, `a__b` for a key within a; its checksum agrees."""
+
+    def damage(folder):
+        content = json.loads((folder / "bundle.json").read_text())
+        for path, value in changes.items():
+            *parents, key = path.split("__")
+            part = content
+            for parent in parents:
+                part = part[parent]
+            if value is None:
+                del part[key]
+            else:
+                part[key] = value
+        (folder / "bundle.json").write_text(json.dumps(sealed(content)))
+
+    return damage

@@ -1,15 +1,15 @@
 """The bundle's folder: what is in it, and what is refused."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dse import registry
-from dse.deploy.bundle import Bundle, BundleError, read, sealed, weights, write
+from dse.deploy.bundle import Bundle, BundleError, read, weights, write
 from dse.neurons.fixed_point import quantise
 from dse.records import Head, Layer, Network, Parameters
+from tests.deploy.bundles import document
 from tests.layers import cuba_parameters
 from tests.spaces import RASTER, sections
 
@@ -74,9 +74,7 @@ def test_the_card_names_the_commonest_mistakes_first_and_the_licence(made, tmp_p
 )
 def test_evidence_that_no_card_can_state_is_refused(made, tmp_path, confusion, message):
     write(made, tmp_path / "b")
-    document = json.loads((tmp_path / "b" / "bundle.json").read_text())
-    document["evidence"]["confusion"] = confusion
-    (tmp_path / "b" / "bundle.json").write_text(json.dumps(sealed(document)))
+    document(evidence__confusion=confusion)(tmp_path / "b")
     with pytest.raises(BundleError, match=message):
         read(tmp_path / "b")
 

@@ -13,11 +13,11 @@ import pytest
 from dse import store
 from dse.cli import main
 from dse.deploy import bundle, checks
-from dse.deploy.bundle import BundleError, read, sealed, write
+from dse.deploy.bundle import BundleError, read, write
 from dse.deploy.export import export
 from dse.deploy.verify import export_targets
 from dse.testing.targets import small_bundle, small_recordings
-from tests.deploy.bundles import JOINT, explored
+from tests.deploy.bundles import JOINT, document, explored
 from tests.installed import needs_papers
 from tests.plugins import with_targets
 
@@ -38,25 +38,6 @@ def whole(tmp_path_factory):
 def folder(whole, tmp_path):
     shutil.copytree(whole / "bundle", tmp_path / "b")
     return tmp_path / "b"
-
-
-def document(**changes):
-    """Change keys of bundle.json, `a__b` for a key within a; its checksum agrees."""
-
-    def damage(folder):
-        content = json.loads((folder / "bundle.json").read_text())
-        for path, value in changes.items():
-            *parents, key = path.split("__")
-            part = content
-            for parent in parents:
-                part = part[parent]
-            if value is None:
-                del part[key]
-            else:
-                part[key] = value
-        (folder / "bundle.json").write_text(json.dumps(sealed(content)))
-
-    return damage
 
 
 def arrays(**changes):

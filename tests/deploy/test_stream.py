@@ -212,10 +212,6 @@ def test_another_family_answers_when_its_input_is_complete():
         fitted=fitted,
         sections=replace(plain, model=family),
         classes=data.classes,
-        phi=None,
-        theta=None,
-        record={},
-        evidence={},
         read_out_ms=8 * data.spikes.step_ms,
         input=recordings,
     )

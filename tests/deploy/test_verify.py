@@ -11,7 +11,7 @@ import dse
 from dse import store
 from dse.cli import main
 from dse.deploy import bundle
-from dse.deploy.bundle import BundleError, sealed
+from dse.deploy.bundle import BundleError
 from dse.deploy.c import replay
 from dse.deploy.verdict import Verdict
 from dse.deploy.verify import Verified, export_targets, verify
@@ -19,6 +19,7 @@ from dse.recordings import RecordingError
 from dse.records import Parameters
 from dse.testing.targets import small_bundle, small_recordings
 from tests.command import document
+from tests.deploy import bundles
 from tests.plugins import arrays_target, with_targets
 from tests.spaces import RASTER, sections
 
@@ -48,9 +49,7 @@ def other_weights(folder):
     path = folder / "targets" / "arrays" / "network.npz"
     arrays = store.load_arrays(path)
     store.save_arrays(path, arrays | {"0/weight": -arrays["0/weight"]})
-    document = json.loads((folder / "bundle.json").read_text())
-    document["files"]["targets/arrays/network.npz"] = store.checksum(path)
-    (folder / "bundle.json").write_text(json.dumps(sealed(document)))
+    bundles.document(**{"files__targets/arrays/network.npz": store.checksum(path)})(folder)
 
 
 def test_targets_are_written_run_and_stamped(folder, touch):
@@ -195,10 +194,8 @@ def test_less_than_before_is_drift(before, now, drifts):
 
 def test_bundles_without_the_newer_words_are_read(folder, touch):
     export_targets(folder, ["arrays"], touch)
-    document = json.loads((folder / "bundle.json").read_text())
-    for name in ("run_by", "output_f1", "compiler"):
-        del document["targets"]["arrays"][name]
-    (folder / "bundle.json").write_text(json.dumps(sealed(document)))
+    newer = ("run_by", "output_f1", "compiler")
+    bundles.document(**{f"targets__arrays__{name}": None for name in newer})(folder)
     verdict = bundle.read(folder).targets["arrays"]
     found = verdict.kind, verdict.run_by, verdict.output_f1, verdict.compiler
     assert found == ("faithful", (), None, "")

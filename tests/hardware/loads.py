@@ -24,6 +24,10 @@ def silent(sizes, **more):
 
 
 def operations(macs, additions=0.0, updates=0.0, n_weights=0.0, duration_ms=0.0, number_bits=8):
-    """Return the work of any other classifier."""
+    """Return the work of any other classifier, of as many design points as any count has."""
     counts = (np.asarray(x, dtype=float) for x in (macs, additions, updates, n_weights, duration_ms))
-    return Operations(*counts, number_bits)
+    return Operations(*np.broadcast_arrays(*counts), number_bits)
+
+
+PLAIN = network((24, 50, 7), [46, 100, 10], [400, 70])
+"""A network in which layers are updated seldom."""

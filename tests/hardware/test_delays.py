@@ -2,16 +2,12 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from dse.hardware.cost import cost
 from dse.hardware.profile import load, names
-from dse.records import Workload
+from tests.hardware.loads import PLAIN
 
-PLAIN = Workload(
-    (24, 50, 7), (False, False), np.array(100.0), np.array([46.0, 100, 10]), np.array([400.0, 70]), 1.0
-)
 LATE = replace(PLAIN, delay_bits=6)
 
 

@@ -6,17 +6,10 @@ import pytest
 from dse.hardware.cost import cost, drawn
 from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import load
-from dse.records import Operations
-from tests.hardware.loads import network
+from tests.hardware.loads import network, operations
 
 NAME = "op_4.6_0.9"
 PROFILE = load(NAME)
-
-
-def operations(macs, additions, updates=0.0):
-    macs = np.asarray(macs, dtype=float)
-    nothing = np.zeros_like(macs)
-    return Operations(macs, np.asarray(additions, dtype=float), nothing + updates, nothing, nothing)
 
 
 def test_energy_by_hand():

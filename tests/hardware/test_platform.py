@@ -5,16 +5,9 @@ import pytest
 
 from dse.hardware.cost import cost
 from dse.hardware.profile import load
-from dse.records import Workload
+from tests.hardware.loads import network
 
-NETWORK = Workload(
-    sizes=(4, 3),
-    recurrent=(False,),
-    n_steps=np.array([500.0, 0.0]),
-    spikes=np.array([[90.0, 20.0], [0.0, 0.0]]),
-    updates=np.array([[600.0], [0.0]]),
-    step_ms=2.0,
-)
+NETWORK = network((4, 3), [[90, 20], [0, 0]], [[600], [0]], n_steps=[500, 0], step_ms=2.0)
 
 
 @pytest.mark.parametrize(

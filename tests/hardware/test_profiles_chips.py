@@ -9,28 +9,19 @@ from hypothesis import strategies as st
 
 from dse.hardware.cost import NotApplicable, cost, drawn
 from dse.hardware.profile import load, names
-from dse.records import Operations, Workload
 from tests.hardware import loads
 from tests.hardware.figures_of import figures_of
 
-NETWORK = Workload(
+NETWORK = loads.network(
     (16, 20, 7),
-    (True, False),
-    np.array([100.0, 100.0, 0.0]),
-    np.array([[40.0, 90.0, 9.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
-    np.array([[800.0, 300.0], [0.0, 0.0], [0.0, 0.0]]),
-    1.0,
+    [[40, 90, 9], [0, 0, 0], [0, 0, 0]],
+    [[800, 300], [0, 0], [0, 0]],
+    n_steps=[100, 100, 0],
+    recurrent=(True, False),
     weight_bits=4,
 )
 PRUNED = replace(NETWORK, synapses=(3.0, 5.0, 0.0), stored=(140, 30))
-CLASSIFIER = Operations(
-    macs=np.array([1000.0, 2000.0, 0.0]),
-    additions=np.array([50.0, 0.0, 0.0]),
-    updates=np.array([10.0, 3.0, 0.0]),
-    n_weights=np.array([1000.0, 1000.0, 1000.0]),
-    duration_ms=np.array([100.0, 50.0, 0.0]),
-    number_bits=8,
-)
+CLASSIFIER = loads.operations([1000, 2000, 0], [50, 0, 0], [10, 3, 0], 1000, duration_ms=[100, 50, 0])
 INTERVALS = ("energy_uj", "energy_throttled_uj", "static_uj", "static_throttled_uj", "step_time_us")
 RUN_ANYTHING = {"asic45_memory", "op_4.6_0.9", *(name for name in names() if name.startswith("mcu_"))}
 

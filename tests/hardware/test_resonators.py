@@ -2,18 +2,15 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from dse.hardware.cost import NotApplicable, cost
 from dse.hardware.profile import load, names
 from dse.hardware.workload import read_inference
 from dse.records import Workload
+from tests.hardware.loads import PLAIN
 
 # 24 inputs, 50 neurons of which 20 resonate, 7 outputs; 100 steps, 400 + 70 updates.
-PLAIN = Workload(
-    (24, 50, 7), (False, False), np.array(100.0), np.array([46.0, 100, 10]), np.array([400.0, 70]), 1.0
-)
 MIXED = replace(PLAIN, resonators=(20, 0))
 FIXED = {
     *("loihi1_silicon", "loihi1_davies", "loihi1_kerasspiking", "xylo_imu"),

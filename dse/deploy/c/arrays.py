@@ -20,11 +20,12 @@ from dse.deploy.c.text import filled, wrapped
 from dse.deploy.form import common_exponent
 from dse.records import Array, Ints
 
-_BYTES = {
-    **{"double": 8, "int64_t": 8, "uint64_t": 8},
-    **{"float": 4, "int32_t": 4, "uint32_t": 4, "dse_level_t": 4},
-    **{"uint16_t": 2, "int16_t": 2, "uint8_t": 1, "int8_t": 1},
-}
+_OTHERS = {"double": "float64", "float": "float32", "dse_level_t": "int32"}
+
+
+def dtype_of(kind: str) -> np.dtype[Any]:
+    """Return the type of an array that holds numbers of a type of C."""
+    return np.dtype(_OTHERS.get(kind, kind.removesuffix("_t")))
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Member:
     @property
     def width(self) -> int:
         """Bytes of one number."""
-        return _BYTES[self.kind]
+        return dtype_of(self.kind).itemsize
 
     @property
     def is_array(self) -> bool:
@@ -107,9 +108,7 @@ def laid_out(members: Sequence[M]) -> list[M]:
 def struct_bytes(members: Sequence[Member], of_reals: bool = False) -> int:
     """Return the size of variables as declared: what the compiler reports as data and bss.
 
-    Args:
-        members: the variables.
-        of_reals: whether samples are real numbers, so that the levels of an encoder are double.
+    Of real samples (`of_reals`) the levels of an encoder are double.
     """
     used = 0
     for m in laid_out(members):
@@ -133,7 +132,7 @@ class Table:
     @property
     def width(self) -> int:
         """Bytes of one number."""
-        return _BYTES[self.kind]
+        return dtype_of(self.kind).itemsize
 
     @property
     def n(self) -> int:

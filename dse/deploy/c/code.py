@@ -111,6 +111,11 @@ class Code(Frame):
         return sum(table.n_bytes for table in self.tables)
 
     @property
+    def footprint(self) -> dict[str, float]:
+        """Its memory, but for code; the stack holds a few words more."""
+        return {"ram_bytes": float(self.ram_bytes), "table_bytes": float(self.table_bytes)}
+
+    @property
     def n_classes(self) -> int:
         return len(self.classes)
 
@@ -122,8 +127,7 @@ class Code(Frame):
     def source(self, apart: bool = False) -> str:
         """Return the text of dse.c, but for its title and the names of classes.
 
-        Args:
-            apart: whether it loads its tables, which stand in it none the less (`weights.beside`).
+        Tables that it loads (`apart`) stand in it none the less (`weights.beside`).
         """
         cleared = [x for x in self.members() if x.is_cleared]
         arrays = [x for x in cleared if x.lengths]

@@ -56,14 +56,6 @@ _PARTS = {
 CORTEX_M, CORTEX_M0_PLUS = ({name: sizes[k] for name, sizes in _PARTS.items()} for k in range(2))
 
 
-def footprint(code: Code) -> dict[str, float]:
-    """Return ram_bytes, all static data as a compiler lays it out, and table_bytes, constants.
-
-    The stack holds a few words more.
-    """
-    return {"ram_bytes": float(code.ram_bytes), "table_bytes": float(code.table_bytes)}
-
-
 def constant_bytes(code: Code) -> float:
     """Return the bytes of all constants: tables, names of classes, those of an encoder, pools of pixels."""
     encoder, pools = code.encoder, code.pooling

@@ -40,7 +40,6 @@ class Classifier:
     parts: of the code (dse.deploy.c.code_size), with how often each occurs.
     slides: template of what is done at the end of every window, of what spikes have added up to; '': nothing,
         they are counted by window.
-    most_in_window: that it adds to a count then.
     """
 
     template: str
@@ -50,25 +49,12 @@ class Classifier:
     members: tuple[str, ...] = ()
     parts: Mapping[str, int] = field(default_factory=dict)
     slides: str = ""
-    most_in_window: int = 1
 
-    def fed(
-        self,
-        values: Mapping[str, object],
-        tables: Sequence[Table],
-        members: str,
-        parts: Mapping[str, int],
-        **changes: Any,
-    ) -> Classifier:
+    def fed(self, **more: Any) -> Classifier:
         """Return it with what makes its counts: more values, tables, variables and parts of the code."""
-        return replace(
-            self,
-            values={**self.values, **values},
-            tables=(*self.tables, *tables),
-            members=(*self.members, members),
-            parts={**self.parts, **parts},
-            **changes,
-        )
+        values, parts = ({**getattr(self, name), **more.pop(name)} for name in ("values", "parts"))
+        tables, members = ((*getattr(self, name), *more.pop(name)) for name in ("tables", "members"))
+        return replace(self, values=values, parts=parts, tables=tables, members=members, **more)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +65,7 @@ class CountingPlan(Code):
     classifier: what looks at the counts.
     ends: (window,) input step that ends each counting window; the last ends with the answer.
     rows: (window,) where the counts of each window lie among the features; -1: not looked at.
-    per_window: counts of a window: one per channel, or one of all.
+    per_window: counts of a window: one per channel, or one of all. most: that a count can hold.
     labels: what each class of training answers.
     """
 
@@ -88,6 +74,7 @@ class CountingPlan(Code):
     ends: tuple[int, ...]
     rows: tuple[int, ...]
     per_window: int
+    most: int
     labels: tuple[int, ...]
 
     template: ClassVar[str] = "counting.c"
@@ -120,13 +107,6 @@ class CountingPlan(Code):
         if self.classifier.values.get("reads_levels"):  # of which there are negative ones
             return "int32_t"
         return "uint16_t" if self.most < 2**16 else "uint32_t"
-
-    @property
-    def most(self) -> int:
-        """Return the most that a count can hold: spikes of a window, or what slides."""
-        if self.classifier.slides:
-            return len(self.ends) * self.classifier.most_in_window
-        return _most(self.ends, self.per_window, self.n_channels)
 
     def members(self) -> list[Member]:
         """Return all variables."""
@@ -221,8 +201,11 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
     n_features = (max(rows) + 1) * per_window
     classes = np.unique(fitted.arrays["target"]) if isinstance(model, KNN) else fitted.arrays["classes"]
     ends = tuple(edges[1 : n + 1].tolist())
-    most = HELD if reads_levels(model) else _most(ends, per_window, frame.n_channels)
-    most = n * model.most_in_bin if isinstance(model, Sliding) else most
+    most = most_spikes([0, *ends], 1 if per_window > 1 else frame.n_channels)
+    if isinstance(model, Sliding):
+        most = n * model.most_in_bin
+    elif reads_levels(model):
+        most = HELD
     classifier = _classifier(model, fitted.arrays, column, n_features, most, frame.n_steps)
     return CountingPlan(
         **vars(frame),
@@ -231,6 +214,7 @@ def counting_plan_of(bundle: Bundle) -> CountingPlan:
         ends=ends,
         rows=rows,
         per_window=per_window,
+        most=most,
         labels=tuple(bundle.answered(classes).tolist()),
     )
 
@@ -255,7 +239,8 @@ def _of_levels(classifier: Classifier, arrays: Mapping[str, Array], ends: Sequen
         "rest": (1 << shift) - 1,
         "held": HELD,
     }
-    return classifier.fed(values, tables, "levels_members.txt", {"levels": 1})
+    members, parts = ("levels_members.txt",), {"levels": 1}
+    return classifier.fed(values=values, tables=tables, members=members, parts=parts)
 
 
 def _wired(arrays: Mapping[str, Array]) -> tuple[tuple[Table, Table], int]:
@@ -269,11 +254,6 @@ def _highest(arrays: Mapping[str, Array], n_steps: int, n_places: int) -> Floats
     """Return the largest magnitude of each level after some steps, (place,)."""
     rises = np.abs(arrays["sign"].astype(np.int64))
     return n_steps * np.bincount(arrays["place"], rises, n_places).astype(np.float64)
-
-
-def _most(ends: Sequence[int], per_window: int, n_channels: int) -> int:
-    """Return the most spikes of a counting window that one count can hold."""
-    return most_spikes([0, *ends], 1 if per_window > 1 else n_channels)
 
 
 def _classifier(
@@ -427,7 +407,8 @@ def _sliding(readout: Classifier, arrays: Mapping[str, Array], n_steps: int) -> 
         "back": back,
         "most_level": MOST_LEVEL if highest > MOST_LEVEL else 0,
     }
-    return readout.fed(values, tables, "kernels_members.txt", {"kernels": 1}, slides="kernels.c")
+    more = {"members": ("kernels_members.txt",), "parts": {"kernels": 1}, "slides": "kernels.c"}
+    return readout.fed(values=values, tables=tables, **more)
 
 
 def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_steps: int) -> Classifier:
@@ -463,7 +444,8 @@ def _convolving(readout: Classifier, model: TCN, arrays: Mapping[str, Array], n_
         "least_passed": -LOWEST,
     }
     parts = {"convolutions": 1, "several_convolutions": int(n_layers > 1)}
-    return readout.fed(values, tables, "tcn_members.txt", parts, slides="tcn.c", most_in_window=HIGHEST)
+    members = ("tcn_members.txt",)
+    return readout.fed(values=values, tables=tables, parts=parts, members=members, slides="tcn.c")
 
 
 def _units(

@@ -29,15 +29,7 @@ def write(
 ) -> None:
     """Write the files of a classifier into an empty folder; the same arguments give the same bytes.
 
-    Args:
-        code: what is written.
-        folder: it is empty or missing.
-        title: a line about the classifier.
-        version: of dse.
-        prefix: of the names (`dse.deploy.prefix`).
-        digest: of the classifier (`Bundle.digest`).
-        tests: windows of its self-test; without any there is none.
-        apart: whether its tables are a file, weights.bin, which the code loads.
+    Without windows to test there is no self-test. `apart`: it loads its tables, a file weights.bin.
     """
     heading, title, source = markdown(title), c_comment(title), code.source(apart)
     names, values = strings(code.classes), _values(code, version, prefix)

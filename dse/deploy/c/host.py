@@ -44,16 +44,8 @@ def compiler(language: Literal["cc", "c++"] = "cc") -> list[str]:
 
 
 def compiled(sources: Sequence[Path], program: Path, *options: str) -> None:
-    """Compile and link sources without a warning.
-
-    Raises:
-        TargetError: there is no compiler, or its first complaint.
-    """
-    command = [*compiler(), *WARNINGS, *options, *map(str, sources), "-o", str(program)]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    except OSError as error:
-        raise TargetError(f"the C compiler {command[0]} does not run: {error.strerror}") from None
+    """Compile and link sources without a warning."""
+    done = _ran([*compiler(), *WARNINGS, *options, *map(str, sources), "-o", str(program)])
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if "error" in line] or done.stderr.splitlines()
         raise TargetError(f"the C compiler refuses the code: {lines[0] if lines else 'no message'}")
@@ -83,24 +75,20 @@ def compiler_name() -> str:
 
 def _answer(command: Sequence[str], option: str) -> str:
     """Return what a compiler says of itself."""
+    return _ran([*command, option]).stdout.strip()
+
+
+def _ran(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
     try:
-        done = subprocess.run([*command, option], capture_output=True, text=True, check=False)
+        return subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
         raise TargetError(f"the C compiler {command[0]} does not run: {error.strerror}") from None
-    return done.stdout.strip()
 
 
 def sizes(folder: Path, *options: str) -> dict[str, float]:
     """Return the memory of the C in a folder as compiled here for size; nothing without the program `size`.
 
     ram_bytes are the memory of one classifier, flash_bytes code and constants.
-
-    Args:
-        folder: of `files.write`.
-        options: of the compiler, with the names of the prefix dse_.
-
-    Raises:
-        TargetError: there is no compiler, or the code does not compile.
     """
     if (size := shutil.which("size")) is None:
         return {}
@@ -125,12 +113,9 @@ def classifier_in(folder: Path) -> tuple[Path, str]:
 
 
 def driven(folder: Path, place: Path, *options: str) -> tuple[list[Path], list[str]]:
-    """Return the sources and options that compile the C in a folder with replay.c to drive it.
+    """Return the sources and options that compile the C in a folder with replay.c, put into a place.
 
-    Args:
-        folder: of `files.write`.
-        place: folder for replay.c with the names of the classifier.
-        options: of the compiler, with the names of the prefix dse_.
+    Options of the compiler have the names of the prefix dse_.
     """
     source, prefix = classifier_in(folder)
     driver = place / "replay.c"
@@ -145,16 +130,7 @@ def driven(folder: Path, place: Path, *options: str) -> tuple[list[Path], list[s
 
 
 def played(folder: Path, commands: Sequence[Ints | Floats], *options: str) -> replay.Played:
-    """Run recordings through the C in a folder.
-
-    Args:
-        folder: of `files.write`.
-        commands: per recording, int32 numbers for replay.c that begin with INIT and end with ANSWER.
-        options: of the compiler, with the names of the prefix dse_.
-
-    Raises:
-        TargetError: there is no compiler, the code does not compile, or the program fails.
-    """
+    """Run recordings through the C in a folder: numbers that begin with INIT and end with ANSWER each."""
     with tempfile.TemporaryDirectory() as temporary:
         program = replaying(folder, Path(temporary), "-O1", "-DDSE_TRACE", *options)
         return replay.parsed(told(program, commands))
@@ -168,11 +144,7 @@ def replaying(folder: Path, place: Path, *options: str) -> Path:
 
 
 def told(program: Path, commands: Sequence[Ints | Floats], *arguments: str) -> Ints:
-    """Return what a program of `replaying` writes of recordings, int32.
-
-    Raises:
-        TargetError: the program fails.
-    """
+    """Return what a program of `replaying` writes of recordings, int32."""
     numbers = np.concatenate(commands).astype(np.int32).tobytes()
     done = subprocess.run([program, *arguments], input=numbers, capture_output=True, check=False)
     if done.returncode:

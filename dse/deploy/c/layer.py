@@ -11,7 +11,7 @@ import numpy as np
 from dse.deploy.bounds import Bounds
 from dse.deploy.c.arrays import Matrix, Table, stored
 from dse.deploy.c.text import filled, indented
-from dse.deploy.form import LayerForm, in_steps
+from dse.deploy.form import LayerForm
 from dse.neurons import cuba_lif, resonator, xylo_lif
 from dse.neurons.fixed_point import DECAY_SCALE
 from dse.records import Array
@@ -103,8 +103,8 @@ class LayerPlan(LayerForm):
     @classmethod
     def of(cls, layer: LayerForm, fixed: bool = False) -> LayerPlan:
         """Return a layer whose weights are stored; fixed: in a form that follows from none."""
-        back = None if layer.recurrent is None else stored(in_steps(layer.recurrent), fixed=fixed)
-        forward = stored(in_steps(layer.weights), layer.delays, fixed)
+        back = None if layer.recurrent is None else stored(layer.ring_steps, fixed=fixed)
+        forward = stored(layer.forward_steps, layer.delays, fixed)
         return cls(**vars(layer), forward=forward, back=back)
 
     @property

@@ -51,12 +51,7 @@ class Executed(NamedTuple):
 
 
 def of_spikes(reference: Reference, steps: Sequence[int] | Ints | None = None) -> list[Ints]:
-    """Return the commands that push the input spikes of every window.
-
-    Args:
-        reference: what is run.
-        steps: (n,) network steps until each answer, where a window ends; None: whole windows.
-    """
+    """Return the commands that push the input spikes of every window, up to (n,) network steps; None: all."""
     n, n_steps, spikes = reference.n_recordings, reference.dataset.n_steps, reference.spikes_in
     needed = np.full(n, n_steps)
     if steps is not None:
@@ -110,12 +105,7 @@ def _of_events(source: EventSource, i: int, plan: Frame, first: int, n_steps: in
 
 
 def of_window(counts: Ints, channels: Ints) -> Ints:
-    """Return the commands of a window of spikes.
-
-    Args:
-        counts: (step,) spikes of each step.
-        channels: of the spikes, step by step.
-    """
+    """Return the commands of a window, given (step,) numbers of spikes and their channels, step by step."""
     commands = np.full(2 * len(channels) + len(counts), STEP)
     at = 2 * np.arange(len(channels)) + np.repeat(np.arange(len(counts)), counts)
     commands[at], commands[at + 1] = SPIKE, channels
@@ -123,13 +113,7 @@ def of_window(counts: Ints, channels: Ints) -> Ints:
 
 
 def of_samples(values: Ints | Floats, start: int, n_steps: int) -> Ints:
-    """Return the commands of a recording of samples, up to the end of its window.
-
-    Args:
-        values: (step, sensor) int32 or float32.
-        start: first step of the window.
-        n_steps: its length.
-    """
+    """Return the commands of (step, sensor) samples, int32 or float32, up to the end of their window."""
     bits = np.ascontiguousarray(values[: start + n_steps]).view(np.int32)
     pushes = np.column_stack([np.full(len(bits), SAMPLE), bits, np.full(len(bits), STEP)])
     before = pushes[:start, :-1]
@@ -140,9 +124,7 @@ def of_samples(values: Ints | Floats, start: int, n_steps: int) -> Ints:
 def hostile(plan: Frame, real: bool = False) -> list[Ints]:
     """Return commands of windows that no sensor gives: all spikes, bursts, many at random; leaping samples.
 
-    Args:
-        plan: the classifier.
-        real: whether samples are float32.
+    Real samples are float32.
     """
     shape = plan.n_steps, plan.n_channels
     step = np.arange(plan.n_steps)[:, None]
@@ -159,9 +141,7 @@ def hostile(plan: Frame, real: bool = False) -> list[Ints]:
 def windows(numbers: Ints, width: int) -> Iterator[tuple[Ints, Ints, Ints]]:
     """Yield what replay.c has written of each window: rows of numbers, its answer, and the output spikes.
 
-    Args:
-        numbers: all that it wrote.
-        width: of a row: 3 of spikes, 1 of times.
+    A row of spikes has a width of 3, one of times of 1.
     """
     at = 0
     for end in np.flatnonzero(numbers == -1).tolist():

@@ -12,22 +12,12 @@ import struct
 import zlib
 from collections.abc import Sequence
 
-import numpy as np
-
-from dse.deploy.c.arrays import Table, laid_out
+from dse.deploy.c.arrays import Table, dtype_of, laid_out
 from dse.deploy.c.text import filled
-
-_TYPES = {"float": "<f4", "double": "<f8"}
 
 
 def beside(source: str, tables: Sequence[Table], names: str) -> tuple[str, bytes]:
-    """Return a source whose tables are in a block, and the block.
-
-    Args:
-        source: with the definitions of the tables, in one place.
-        tables: of the classifier.
-        names: of its classes, in C.
-    """
+    """Return a source whose tables are in a block, and the block, given the names of classes in C."""
     defined = "\n".join(table.text for table in tables)
     before, after = source.split(defined)
     named = re.compile(rf"\b({'|'.join(table.name for table in tables)})\b")
@@ -40,10 +30,7 @@ def beside(source: str, tables: Sequence[Table], names: str) -> tuple[str, bytes
 
 
 def _block(layout: int, tables: Sequence[Table]) -> bytes:
-    # uint8_t is u1, int16_t is i2.
-    kinds = [_TYPES.get(x.kind, f"<{x.kind[0]}{x.width}") for x in tables]
-    arrays = (np.ascontiguousarray(x.values, kind) for x, kind in zip(tables, kinds, strict=True))
-    body = b"".join(x.tobytes() for x in arrays)
+    body = b"".join(x.values.astype(dtype_of(x.kind).newbyteorder("<")).tobytes() for x in tables)
     widest = max(4, *(x.width for x in tables))
     body += bytes(-len(body) % widest)
     return struct.pack("<4I", layout, 16 + len(body), zlib.crc32(body), 0) + body

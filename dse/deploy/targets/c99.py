@@ -48,13 +48,7 @@ class InC(BackEnd[Code]):
 
     @abstractmethod
     def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
-        """Compile the C in a folder with replay.c, and execute it.
-
-        Args:
-            form: what was written.
-            folder: of the files.
-            reference: the recordings.
-            recorded: commands that push them, or none: then their input spikes are pushed.
+        """Compile the C in a folder with replay.c, and execute it; without commands, push the input spikes.
 
         Raises:
             TargetError: it does not compile or run here.
@@ -82,11 +76,15 @@ class C99(InC):
         if kind not in _INSTRUCTIONS:
             _INSTRUCTIONS[kind] = _instructions(plan)
         if (instructions := _INSTRUCTIONS[kind]) is None:
-            return code_size.footprint(plan)
-        return code_size.footprint(plan) | {"flash_bytes": instructions + code_size.constant_bytes(plan)}
+            return plan.footprint
+        return plan.footprint | {"flash_bytes": instructions + code_size.constant_bytes(plan)}
 
     def executed(self, form: Code, folder: Path, reference: Reference, recorded: Recorded) -> Executed:
-        """Compile and run the files on this machine (`InC`); figures are the memory of src/dse.c."""
+        """Compile the C in a folder with replay.c, and execute it; without commands, push the input spikes.
+
+        Raises:
+            TargetError: it does not compile or run here.
+        """
         commands, options = recorded.commands or replay.of_spikes(reference), recorded.options
         played, sizes = host.played(folder, commands, *options), host.sizes(folder, *options)
         return Executed(played, sizes, host.compiler_name(), (host.compiler_version(),))

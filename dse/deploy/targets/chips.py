@@ -59,6 +59,5 @@ def inputs_of(net: Net) -> dict[str, object]:
 
 def decision_of(bundle: Classifier) -> dict[str, object]:
     """Return the decision rule, the parts of a joint target, and the names of the classes."""
-    rule = {name: getattr(bundle, name) for name in ("phi", "theta", "read_out_ms", "head")}
     heads = [{"name": x.name, "classes": list(x.classes)} for x in bundle.heads]
-    return {**rule, "heads": heads, "classes": list(bundle.classes)}
+    return {**bundle.rule, "heads": heads, "classes": list(bundle.classes)}

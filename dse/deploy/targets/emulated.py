@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -65,7 +65,7 @@ class Emulated(InC):
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its memory before it is written: in flash constants exactly, code from measured parts."""
         plan = code_of(bundle)
-        return code_size.footprint(plan) | self._flash(plan)
+        return plan.footprint | self._flash(plan)
 
     def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""
@@ -124,13 +124,7 @@ class Emulated(InC):
     def inferred(
         self, folder: Path, reference: Reference, steps: Ints | None = None, *options: str
     ) -> tuple[Machine, replay.Played]:
-        """Execute the C in a folder on the input spikes of every window, up to its answer.
-
-        Args:
-            folder: of the C.
-            reference: what is run.
-            steps: (n,) network steps until each answer; None: those of the reference.
-            options: of the compiler.
+        """Execute the C in a folder on the input spikes of every window, up to (n,) steps or its answer.
 
         Returns:
             The machine, which has counted, and the answers.
@@ -169,16 +163,30 @@ def _readme(core: Core) -> str:
 
 def _played(machine: Machine, commands: Iterable[Array]) -> replay.Played:
     """Run recordings through replay.c in the emulator."""
-    answers = []
+    run = functools.partial(machine.call, "main")
+    return replay.parsed(in_memory(commands, machine.write, machine.read, run))
+
+
+def in_memory(
+    commands: Iterable[Array],
+    write: Callable[[str, bytes], object],
+    read: Callable[[str, int], bytes],
+    run: Callable[[], object],
+) -> Ints:
+    """Return what replay.c writes of recordings, int32, where memory/stdio.h stands for files.
+
+    The first bytes of its variables are written and read; `run` calls the program.
+    """
+    written = []
     for numbers in commands:
-        words = np.ascontiguousarray(numbers, np.int32)
-        machine.write("memory_in", words.tobytes())
+        words = np.ascontiguousarray(numbers, "<i4")
+        write("memory_in", words.tobytes())
         for name, value in (("memory_n_in", len(words)), ("memory_read", 0), ("memory_n_out", 0)):
-            machine.write(name, value.to_bytes(4, "little"))
-        machine.call("main")
-        length = int.from_bytes(machine.read("memory_n_out"), "little")
-        answers.append(np.frombuffer(machine.read("memory_out", 4 * length), np.int32))
-    return replay.parsed(np.concatenate(answers))
+            write(name, value.to_bytes(4, "little"))
+        run()
+        n_bytes = 4 * int.from_bytes(read("memory_n_out", 4), "little")
+        written.append(np.frombuffer(read("memory_out", n_bytes), "<i4"))
+    return np.concatenate(written)
 
 
 def _of_functions(machine: Machine, plan: Plan, reference: Reference) -> Mapping[str, float]:

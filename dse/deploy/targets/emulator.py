@@ -119,11 +119,7 @@ _NEEDED = {"ziglang": "cross-compiler", "unicorn": "emulator"}
 
 
 def missing(needed: Mapping[str, str] = _NEEDED) -> str:
-    """Return why no program can be compiled and executed here, one sentence; '' if it can.
-
-    Args:
-        needed: package -> what it is.
-    """
+    """Return why no program can be compiled and executed here, by packages that are needed; '' if it can."""
     for name, what in needed.items():
         if importlib.util.find_spec(name) is None:
             return f"{name}, the {what}, is not installed: pip install 'dse-spiking[targets]'"
@@ -152,11 +148,7 @@ def compiler_name() -> str:
 
 
 def compiled(sources: Sequence[Path], core: Core, *options: str) -> Program:
-    """Compile sources for a core and link them.
-
-    Raises:
-        TargetError: the compiler is missing or refuses them.
-    """
+    """Compile sources for a core and link them."""
     check()
     with tempfile.TemporaryDirectory() as folder:
         script, program = Path(folder) / "program.ld", Path(folder) / "program"
@@ -315,11 +307,7 @@ class Machine:
             raise TargetError(f"the emulator refuses to count blocks: error {failed}")
 
     def call(self, function: str, *arguments: int) -> int:
-        """Call a function with up to four whole numbers; return what it returns.
-
-        Raises:
-            TargetError: the program does what a processor does not allow.
-        """
+        """Call a function with up to four whole numbers; return what it returns."""
         import unicorn
 
         of, uc = self._set, self._uc

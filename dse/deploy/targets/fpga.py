@@ -32,6 +32,7 @@ from dse.records import Ints, Signals
 from dse.registry import register
 
 _REPORT = "report.json"
+_COUNTED = "cells", "memory_blocks", "multipliers"
 
 
 class Fpga(BackEnd[Circuit]):
@@ -141,9 +142,7 @@ class Ice40(Fpga):
         placed="asc",
         packer="icepack",
         bitstream="top.bin",
-        cells="ICESTORM_LC",
-        memory="ICESTORM_RAM",
-        multiplier="ICESTORM_DSP",
+        counted=dict(zip(_COUNTED, ("ICESTORM_LC", "ICESTORM_RAM", "ICESTORM_DSP"), strict=True)),
     )
 
 
@@ -170,7 +169,5 @@ class Ecp5(Fpga):
         placed="textcfg",
         packer="ecppack",
         bitstream="top.bit",
-        cells="TRELLIS_COMB",
-        memory="DP16KD",
-        multiplier="MULT18X18D",
+        counted=dict(zip(_COUNTED, ("TRELLIS_COMB", "DP16KD", "MULT18X18D"), strict=True)),
     )

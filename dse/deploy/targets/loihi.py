@@ -38,7 +38,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.form import Net, Unsupported, in_steps, net_of, network_in
+from dse.deploy.form import Net, Unsupported, net_of, network_in
 from dse.deploy.reference import Reference
 from dse.deploy.run import interpreter, of_script, require
 from dse.deploy.targets import BackEnd, Engine, Run
@@ -130,9 +130,9 @@ def _write_net(path: Path, bundle: Bundle, net: Net) -> None:
             group.create_dataset("type", (1,), "S10", [kind])
             group["shape"] = np.array([layer.n_neurons], np.int64)
             group["inFeatures"], group["outFeatures"] = len(layer.weights), layer.n_neurons
-            _put(group, "weight", 2 * in_steps(layer.weights).T)
+            _put(group, "weight", 2 * layer.forward_steps.T)
             if layer.recurrent is not None:
-                _put(group, "weight_rec", 2 * in_steps(layer.recurrent).T)
+                _put(group, "weight_rec", 2 * layer.ring_steps.T)
             if layer.delays is not None:
                 _put(group, "delay", layer.delays.T)
             neuron = {

@@ -18,7 +18,7 @@ from dse.deploy.c.replay import Executed, Recorded
 from dse.deploy.reference import Reference
 from dse.deploy.run import TargetError
 from dse.deploy.targets.c99 import InC
-from dse.deploy.targets.emulated import MEMORY
+from dse.deploy.targets.emulated import MEMORY, in_memory
 from dse.deploy.targets.emulator import built, check, versions
 from dse.records import Ints
 from dse.registry import register
@@ -110,24 +110,20 @@ def _replayed(program: Path, commands: Sequence[Ints]) -> Ints:
     exports: Any = wasmtime.Instance(store, loaded, []).exports(store)
     memory, at = exports["memory"], {name: exports[name].value(store) for name in _IN_MEMORY}
 
-    def write(name: str, numbers: Ints) -> None:
-        memory.write(store, numbers.astype("<i4").tobytes(), at[name])
+    def write(name: str, content: bytes) -> None:
+        memory.write(store, content, at[name])
 
-    def read(name: str, n: int) -> Ints:
-        return np.frombuffer(memory.read(store, at[name], at[name] + 4 * n), "<i4")
+    def read(name: str, n_bytes: int) -> bytes:
+        return bytes(memory.read(store, at[name], at[name] + n_bytes))
 
-    written = []
-    for of_window in commands:
-        write("memory_in", of_window)
-        for name, value in (("memory_n_in", len(of_window)), ("memory_read", 0), ("memory_n_out", 0)):
-            write(name, np.array([value]))
+    def run() -> None:
         try:
             if code := exports["replay"](store):
                 raise TargetError(f"the program failed: exit code {code}")
         except wasmtime.Trap as trap:
             raise TargetError(f"the program failed: {trap.message.splitlines()[-1].strip()}") from None
-        written.append(read("memory_out", int(read("memory_n_out", 1)[0])))
-    return np.concatenate(written)
+
+    return in_memory(commands, write, read, run)
 
 
 def _called(module: Path, prefix: str, commands: Sequence[Ints]) -> tuple[Ints, Ints, int]:

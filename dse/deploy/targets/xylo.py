@@ -46,7 +46,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.form import LayerForm, Net, Unsupported, in_steps, net_of, network_in
+from dse.deploy.form import LayerForm, Net, Unsupported, net_of, network_in
 from dse.deploy.reference import Reference
 from dse.deploy.run import of_script
 from dse.deploy.targets import BackEnd, Engine, Run
@@ -137,9 +137,9 @@ def specification(net: Net) -> dict[str, Any]:
     n_in, end = begins[1], begins[-2]
     weights = np.zeros((begins[-1], begins[-1]), np.int64)  # from and to inputs, hidden neurons, outputs
     for before, (begin, after), layer in zip(begins, pairwise(begins[1:]), net.layers, strict=False):
-        weights[before:begin, begin:after] = in_steps(layer.weights)
+        weights[before:begin, begin:after] = layer.forward_steps
         if layer.recurrent is not None:
-            weights[begin:after, begin:after] = in_steps(layer.recurrent)
+            weights[begin:after, begin:after] = layer.ring_steps
     populations = [_population(layer) for layer in hidden]
     neurons = {"dash_syn": "current_shift", "dash_mem": "voltage_shift", "threshold": "threshold"}
     return {

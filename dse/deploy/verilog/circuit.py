@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dse.deploy.form import LayerForm, SendOnDeltaForm, Spiking, Unsupported, common_exponent, in_steps
+from dse.deploy.form import LayerForm, SendOnDeltaForm, Spiking, Unsupported, common_exponent
 from dse.hardware.kinds.gate_array import LIST_CYCLES, WORD_CHANNELS, Memories, Stored
 from dse.neurons import cuba_lif
 from dse.neurons.fixed_point import DECAY_SCALE
@@ -82,7 +82,8 @@ class Circuit:
     @property
     def memories(self) -> Memories:
         """Words and bits of a word of every memory; what is the same in every word takes none."""
-        form, n = self.form, sum(self.form.sizes[1:])
+        form, n, encoder = self.form, sum(self.form.sizes[1:]), self.encoder
+        per_sensor = 0 if encoder is None else encoder.n_levels + bool(encoder.first)
         varying = int(np.bitwise_or.reduce(self.keeps ^ self.keeps[0]))
         return {
             **self.stored.memories,
@@ -92,16 +93,8 @@ class Circuit:
             "inputs": (1 << (self.sample_bits + self.word_bits), 16),
             "counts": (1 << max(1, bits(form.sizes[-1] - 1)), bits(form.network_steps)),
             **({"joint": (len(form.rule.joint), 8)} if form.rule.joint else {}),
-            **self._levels,
+            **({"levels": (per_sensor * encoder.n_sensors, self.level_bits)} if encoder else {}),
         }
-
-    @property
-    def _levels(self) -> Memories:
-        """Memories of the encoder."""
-        if self.encoder is None:
-            return {}
-        per_sensor = self.encoder.n_levels + bool(self.encoder.first)
-        return {"levels": (per_sensor * self.encoder.n_sensors, self.level_bits)}
 
     @property
     def most_cycles(self) -> int:
@@ -124,15 +117,15 @@ def bits(number: int) -> int:
 
 
 def of_form(form: Spiking) -> Circuit:
-    """Return the circuit of a network.
-
-    Raises:
-        Unsupported: Verilog cannot hold it.
-    """
+    """Return the circuit of a network."""
     _check(form)
     rows, delays, targets, lengths = _rows(form)
     factor = common_exponent(rows)
-    reaching = [sign * _reaching(layer) for layer in form.layers for sign in (1, -1)]
+    reaching = [
+        sign * np.concatenate([layer.forward_steps, layer.ring_steps])
+        for layer in form.layers
+        for sign in (1, -1)
+    ]
     sums = max(int(np.maximum(x, 0).sum(axis=0).max()) for x in reaching)
     of_first = form.layers[0].delays
     of_others = [x.delays for x in form.layers[1:] if x.delays is not None]
@@ -208,21 +201,15 @@ def _keeps(form: Spiking, decay: str) -> Ints:
     return DECAY_SCALE - np.concatenate(of_layers).astype(np.int64)
 
 
-def _reaching(layer: LayerForm) -> Ints:
-    """Return the weights that reach a layer, recurrent ones last, (input, neuron) in 8-bit steps."""
-    forward = in_steps(layer.weights)
-    return forward if layer.recurrent is None else np.concatenate([forward, in_steps(layer.recurrent)])
-
-
 def _rows(form: Spiking) -> tuple[Ints, Ints, Ints, Ints]:
     """Return all weights, delays and targets, and the length of each row, as in `Circuit`."""
     first = form.layers[0]
-    blocks = [_block(in_steps(first.weights), _delays(first), 0)]
+    blocks = [_block(first.forward_steps, _delays(first), 0)]
     ends = np.cumsum(form.sizes[1:]).tolist()
     for layer, after, end in zip(form.layers, (*form.layers[1:], None), ends, strict=True):
         nothing = np.zeros((layer.n_neurons, 0), np.int64)
-        own = nothing if layer.recurrent is None else in_steps(layer.recurrent)
-        next_, later = (nothing, nothing) if after is None else (in_steps(after.weights), _delays(after))
+        own = nothing if layer.recurrent is None else layer.ring_steps
+        next_, later = (nothing, nothing) if after is None else (after.forward_steps, _delays(after))
         weights, delays = np.hstack([own, next_]), np.hstack([np.zeros_like(own), later])
         blocks.append(_block(weights, delays, end - own.shape[1]))
     weights, delays, targets = (np.concatenate([x.ravel() for x in of]) for of in zip(*blocks, strict=True))

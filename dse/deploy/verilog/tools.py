@@ -40,7 +40,7 @@ class Board:
     synthesis: command of yosys. router, routing: of nextpnr, and its options for the chip.
     pins: file of constraints, its suffix tells nextpnr's option. placed: suffix of what nextpnr writes.
     packer: its options follow. bitstream: file that configures the chip.
-    cells, memory, multiplier: names of what the chip has in the report of nextpnr.
+    counted: column -> name of what the chip has in the report of nextpnr.
     """
 
     profile: str
@@ -53,9 +53,7 @@ class Board:
     placed: str
     packer: str
     bitstream: str
-    cells: str
-    memory: str
-    multiplier: str
+    counted: Mapping[str, str]
 
     @functools.cached_property
     def chip(self) -> GateArray:
@@ -93,9 +91,6 @@ def placed(board: Board, folder: Path) -> Mapping[str, float]:
 
     Returns:
         What it takes: cells, memory_blocks, multipliers; and clock_mhz, the fastest clock.
-
-    Raises:
-        TargetError: it does not fit.
     """
     python = check(board)
     script = (
@@ -115,19 +110,12 @@ def placed(board: Board, folder: Path) -> Mapping[str, float]:
         for file in (board.bitstream, f"top.{board.constraints}"):
             shutil.copyfile(place / file, folder / file)
     used = report["utilization"]
-    kinds = {"cells": board.cells, "memory_blocks": board.memory, "multipliers": board.multiplier}
-    taken = {name: float(used[kind]["used"]) for name, kind in kinds.items()}
+    taken = {name: float(used[kind]["used"]) for name, kind in board.counted.items()}
     return taken | {"clock_mhz": round(min(x["achieved"] for x in report["fmax"].values()), 2)}
 
 
 def simulated(board: Board, folder: Path, commands: Sequence[Ints], sensors: int = 0) -> replay.Played:
-    """Run commands in the core whose Verilog lies in a folder.
-
-    Args:
-        board: whose tools simulate.
-        folder: with the Verilog.
-        commands: of each window.
-        sensors: samples of a step, in commands that push them.
+    """Run commands of windows, with samples of so many sensors, in the core whose Verilog lies in a folder.
 
     Returns:
         Spikes of layer 1: of all neurons, counted through all layers; as `counts` the clock cycles of all
@@ -149,16 +137,9 @@ def run_simulation(
     given: bytes,
     options: Sequence[str] = (),
 ) -> bytes:
-    """Return what a program writes that drives a simulated module.
+    """Return what a program writes that drives the simulated module `top` of the blocks in a folder.
 
-    Args:
-        board: whose tools simulate.
-        folder: with the Verilog.
-        top: module that is simulated.
-        blocks: files of Verilog that are read.
-        driver: C++ that includes TOP.cc, as yosys writes it.
-        given: what the program reads.
-        options: of the compiler.
+    The driver is C++ that includes TOP.cc, as yosys writes it; the options are of its compiler.
     """
     python = check(board)
     script = f"read_verilog {' '.join(blocks)}; hierarchy -top {top}; write_cxxrtl {top}.cc"

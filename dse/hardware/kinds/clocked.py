@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, Placement, Plan
+from dse.hardware.plan import Misfit, Placement, Plan, of_cycles
 from dse.hardware.profile import Figures, Number, Profile, count, figure
 from dse.records import Floats, Workload, sum_of_products
 from dse.registry import register
@@ -68,12 +68,11 @@ class Clocked(Profile):
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
-        cycles = _cycles(load, figures)
-        cycle_ns = 1e3 / self.clock_mhz.value
-        computing_mw = figures["computing_uw"] * 1e-3
-        return Plan(
-            energy_pj={cause: (computing_mw * cycle_ns)[..., None] * per for cause, per in cycles.items()},
-            time_ns=cycle_ns * np.sum(list(cycles.values()), axis=0)[..., None, :],
+        clock_mhz = self.clock_mhz.value
+        return of_cycles(
+            _cycles(load, figures),
+            figures["computing_uw"] * 1e-3 * (1e3 / clock_mhz),
+            clock_mhz,
             static_mw=(figures["core_idle_uw"] + figures["io_uw"]) * 1e-3,
             idle_mw=(figures["core_idle_uw"] + figures["io_waiting_uw"]) * 1e-3,
             placement=self._placement(load),
@@ -165,7 +164,6 @@ def _hidden_weights(load: Workload) -> float:
     for layer in range(1, len(load.sizes) - 1):
         before = load.sizes[layer - 1] if layer > 1 else 0
         recurrent = load.sizes[layer] if load.recurrent[layer - 1] else 0
-        dense = load.dense[layer - 1]
-        stored = dense if load.stored is None else load.stored[layer - 1]
-        total += load.sizes[layer] * (before + recurrent) * stored / dense
+        stored = (load.stored or load.dense)[layer - 1]
+        total += load.sizes[layer] * (before + recurrent) * stored / load.dense[layer - 1]
     return total

@@ -33,7 +33,7 @@ from typing import Self
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, Placement, Plan, per_count
+from dse.hardware.plan import Misfit, Placement, Plan, of_cycles, per_count
 from dse.hardware.profile import Figures, Number, Profile, count, figure
 from dse.records import Floats, Workload
 from dse.registry import register
@@ -131,14 +131,13 @@ class GateArray(Profile):
         """Return the plan of a spiking network (`Profile.plan`)."""
         work = _stored(load), _SHARE_BITS, _slot_bits(load)
         cells, mhz = _cells(figures, *work), self.clock_mhz.value
-        cycles = _cycles(load, figures)
         static_mw = figures["leakage_mw"] + mhz * 1e-3 * (
             figures["clock_pj"] + cells * figures["cell_clock_pj"]
         )
-        computing_pj = (cells * figures["cell_pj"])[..., None]
-        return Plan(
-            energy_pj={cause: computing_pj * per_count for cause, per_count in cycles.items()},
-            time_ns=np.sum(list(cycles.values()), axis=0)[..., None, :] * (1e3 / mhz),
+        return of_cycles(
+            _cycles(load, figures),
+            cells * figures["cell_pj"],
+            mhz,
             static_mw=static_mw,
             idle_mw=static_mw,
             placement=self._placement(load, round(self.n_cells(*work))),
@@ -217,15 +216,10 @@ def _weight_bits(load: Workload) -> int:
     return max(load.weight_bits, min(_MOST_WEIGHT_BITS, load.weight_bits + _SCALE_BITS))
 
 
-def _used(load: Workload) -> tuple[int, ...]:
-    """Return the weights into each layer that are not 0."""
-    return load.dense if load.stored is None else load.stored
-
-
 def _stored(load: Workload) -> Stored:
     return Stored.smallest(
         n_all=sum(load.dense),
-        n_used=sum(_used(load)),
+        n_used=sum(load.stored or load.dense),
         n_bits=_weight_bits(load) + load.delay_bits,
         n_neurons=sum(load.sizes[1:]),
         n_rows=sum(load.sizes),
@@ -236,7 +230,9 @@ def _stored(load: Workload) -> Stored:
 def _memories(load: Workload) -> Memories:
     """Return the memories of a network before it is trained."""
     n = sum(load.sizes[1:])
-    most_inputs = max(of_layer // size for of_layer, size in zip(_used(load), load.sizes[1:], strict=True))
+    most_inputs = max(
+        of_layer // size for of_layer, size in zip(load.stored or load.dense, load.sizes[1:], strict=True)
+    )
     n_words = -(-load.sizes[0] // load.copies // WORD_CHANNELS)
     of_input = max(1, (load.n_slots - 1).bit_length()) + max(1, (n_words - 1).bit_length())
     return {

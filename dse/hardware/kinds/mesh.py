@@ -28,7 +28,9 @@ Source: SANA-FE (REFERENCES.md), whose energy and `simple` time it reproduces fr
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -111,16 +113,9 @@ class Mesh(Profile):
     def rules(self) -> Rules:
         """What a core and the chip hold."""
         practice = self.practice_weights_per_core
-        whole = {
-            name: int(getattr(self, name).value)
-            for name in Rules.__annotations__
-            if name not in ("skips_zero_weights", "practice") and getattr(self, name) is not None
-        }
-        return Rules(
-            **whole,
-            skips_zero_weights=bool(self.skips_zero_weights.value),
-            practice=(practice.low, practice.high) if practice.low > 0 else None,
-        )
+        known = Rules.__annotations__
+        numbers: Any = {name: int(x) for name, x in self.at("value").items() if name in known}
+        return Rules(**numbers, practice=(practice.low, practice.high) if practice.low > 0 else None)
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
@@ -180,23 +175,20 @@ def _work(
     update_work: tuple[float, ...],
     rules: Rules,
 ) -> _Work:
-    """Return the work of a network.
+    """Return the work of a network on so many cores of each layer.
 
-    Args:
-        net: the network.
-        cores: of each layer after the input.
-        synapses: per layer, input first, weights other than 0 that a spike reaches; None: all.
-        update_work: per layer after the input, how often an update counts (`Workload.update_work`).
-        rules: of the chip.
+    Of each layer, input first, a spike reaches so many synapses; None: all.
     """
     sizes, recurrent, n_layers = net.sizes, net.recurrent, len(net.sizes)
-    fan_out = [a + b * loops for a, b, loops in zip((*sizes[1:], 0), sizes, (False, *recurrent), strict=True)]
+
+    def onward(of_layers: Sequence[int]) -> list[int]:
+        """Return how many of the next layer's and, where it is recurrent, its own each layer sends to."""
+        within = (n * loops for n, loops in zip(of_layers, recurrent, strict=True))
+        return [a + b for a, b in zip((*of_layers, 0), (0, *within), strict=True)]
+
+    fan_out, destinations = onward(sizes[1:]), onward(cores)
     reached = fan_out if synapses is None else synapses
     shares = [a / b if b else 1.0 for a, b in zip(reached, fan_out, strict=True)]
-    destinations = [
-        a + b * loops for a, b, loops in zip((*cores, 0), (0, *cores), (False, *recurrent), strict=True)
-    ]
-
     # Counts: steps, spikes of each layer, updates of each layer after the input.
     spikes, updates = slice(1, 1 + n_layers), slice(1 + n_layers, 2 * n_layers)
     events = np.zeros((len(_EVENTS), 2 * n_layers))

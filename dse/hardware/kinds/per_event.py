@@ -26,12 +26,11 @@ Sources: those of the profiles; the rule for the crossbar is derived from what t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dse.hardware.plan import Misfit, Placement, Plan, per_count
+from dse.hardware.plan import Misfit, Placement, Plan, largest, per_count
 from dse.hardware.profile import Figures, Number, Profile, claim, count, figure
 from dse.records import Workload
 from dse.registry import register
@@ -69,8 +68,9 @@ class PerEvent(Profile):
         onward = [n * copies for n, copies in zip(load.sizes[1:], mapping.copies, strict=True)]
         recurrent = [n if back else 0 for n, back in zip(onward, load.recurrent, strict=True)]
         copied = np.add((*onward, 0), (0, *recurrent)) * mapping.axons_per_source
-        shares = zip(copied, self._shares(load), strict=True)
-        events = per_count(load, spike=[n * share for n, share in shares])
+        reached = (load.synapses if self.skips_zero_weights.value else None) or load.fan_out
+        shares = [few / most if most else 1.0 for few, most in zip(reached, load.fan_out, strict=True)]
+        events = per_count(load, spike=[n * share for n, share in zip(copied, shares, strict=True)])
         neurons = per_count(
             load, step=sum(n * work for n, work in zip(onward, load.update_work, strict=True))
         )
@@ -88,26 +88,14 @@ class PerEvent(Profile):
         )
         return Plan(energy, time_ns[..., None, :], static_mw, static_mw, placement)
 
-    def _shares(self, load: Workload) -> list[float]:
-        """Return the share of its synapses at which a spike of each layer costs something."""
-        if load.synapses is None or not self.skips_zero_weights.value:
-            return [1.0] * len(load.sizes)
-        return [
-            reached / dense if dense else 1.0
-            for reached, dense in zip(load.synapses, load.fan_out, strict=True)
-        ]
-
     def _stored(self, load: Workload) -> tuple[int, ...]:
         """Return the weights that take memory in each layer after the input."""
         return load.stored if load.stored is not None and self.skips_zero_weights.value else load.dense
 
-    def _axons_per_source(self, load: Workload) -> int:
-        return min(load.weight_bits, int(self.weight_bits.value)) if self.crossbar.value else 1
-
     def _mapping(self, load: Workload) -> _Mapping:
         """Return where a network goes; one that does not fit, as if cores held what they do not."""
         n_layers = len(load.sizes) - 1
-        axons_per_source = self._axons_per_source(load)
+        axons_per_source = min(load.weight_bits, int(self.weight_bits.value)) if self.crossbar.value else 1
         if self.cores.value == 1:
             # One that does not fit is cut into as many chips as its neurons or its weights need.
             needed = max(
@@ -142,18 +130,15 @@ class PerEvent(Profile):
             text = f"steps of {load.step_ms:g} ms, a step takes {least_ms:g} ms"
             misfits.append(Misfit("tick_us", text, f"steps of {least_ms:g} ms"))
         misfits += self.exceeded([("inputs", load.sizes[0], "inputs")])
-        if self.cores.value == 1:
-            return (*misfits, *self._misfits_of_one_core(load))
-        return (*misfits, *self._misfits_of_layers(load, mapping))
-
-    def _misfits_of_one_core(self, load: Workload) -> list[Misfit]:
+        if self.cores.value > 1:
+            return (*misfits, *self._misfits_of_layers(load, mapping))
         sources = sum(n for n, targets in zip(load.sizes, load.fan_out, strict=True) if targets)
         needs = (
             ("neurons_per_core", sum(load.sizes[1:]), "neurons"),
             ("axons_per_core", sources, "inputs and neurons that send to neurons"),
             ("synapses_per_core", sum(self._stored(load)), "weights"),
         )
-        return self.exceeded(needs, " in all")
+        return (*misfits, *self.exceeded(needs, " in all"))
 
     def _misfits_of_layers(self, load: Workload, mapping: _Mapping) -> list[Misfit]:
         misfits = []
@@ -181,7 +166,7 @@ class PerEvent(Profile):
     def _smaller(self, load: Workload) -> str | None:
         """Return which hidden layer fits the cores by losing the fewest neurons; None: none can."""
         shares = [few / all_of for few, all_of in zip(self._stored(load), load.dense, strict=True)]
-        best: tuple[int, int, int] | None = None
+        found = []
         for layer in range(1, len(load.sizes) - 1):
 
             def fits(n: int, layer: int = layer) -> bool:
@@ -190,10 +175,9 @@ class PerEvent(Profile):
                 stored = tuple(math.ceil(k * n) for k, n in zip(shares, dense.dense, strict=True))
                 return sum(self._mapping(replace(dense, stored=stored)).cores) <= self.cores.value
 
-            n = _largest(load.sizes[layer], fits)
-            if n and (best is None or load.sizes[layer] - n < best[0]):
-                best = (load.sizes[layer] - n, layer, n)
-        return None if best is None else f"{best[2]} neurons in layer {best[1]}"
+            n = largest(0, load.sizes[layer], fits)
+            found += [(load.sizes[layer] - n, layer, n)] if n else []
+        return f"{min(found)[2]} neurons in layer {min(found)[1]}" if found else None
 
     def _assumptions(self, load: Workload, mapping: _Mapping) -> tuple[str, ...]:
         assumptions = []
@@ -224,16 +208,10 @@ class _Mapping:
 
 
 def _copied(n: int, held: int, after: int, recurrent: bool, axons_per_source: int) -> tuple[int, int]:
-    """Return the cores of a layer and the copies of each of its neurons.
+    """Return the cores of a layer of n neurons and the copies of each, of which a core holds some.
 
-    A neuron has a copy for every axon that it serves, on the cores after it and, if recurrent, its own.
-
-    Args:
-        n: neurons of the layer.
-        held: copies that a core holds.
-        after: cores of the next layer.
-        recurrent: whether the layer sends to itself.
-        axons_per_source: axons per core and neuron; 0 where one message serves all and nothing is copied.
+    A neuron has a copy for every axon that it serves, on the cores after it and, if recurrent, its own; it
+    serves none (0) where one message is for all.
     """
     # More axons for one's own layer than a core holds neurons have no solution, and too many axons anyway.
     own_copies = axons_per_source if recurrent and n * axons_per_source < held else 0
@@ -244,15 +222,3 @@ def _copied(n: int, held: int, after: int, recurrent: bool, axons_per_source: in
         if needed <= n_cores:
             return n_cores, copies
         n_cores = needed
-
-
-def _largest(most: int, fits: Callable[[int], bool]) -> int:
-    """Return the largest number up to `most` that fits, 0 if none; what is larger never fits better."""
-    low, high = 0, most
-    while low < high:
-        middle = (low + high + 1) // 2
-        if fits(middle):
-            low = middle
-        else:
-            high = middle - 1
-    return low

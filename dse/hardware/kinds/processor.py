@@ -52,6 +52,7 @@ What is counted: `dse.hardware.kinds.linear`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -67,7 +68,7 @@ from dse.hardware.kinds.memory_hierarchy import (
     as_lists,
     n_states,
 )
-from dse.hardware.plan import Misfit, Placement, Plan, per_count
+from dse.hardware.plan import Misfit, Placement, Plan, of_cycles, per_count
 from dse.hardware.profile import Figures, Number, Profile, figure, optional
 from dse.records import Floats, Operations, Workload
 from dse.registry import register
@@ -159,11 +160,8 @@ class Processor(Profile):
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`); cores given by hand are ignored."""
-        running_mw = figures["cycle_nj"] * self.clock_mhz.value
-        waking_mw = running_mw * figures["wake_us"] * 1e-3 / load.step_ms
-        return self._plan(
-            figures, _cycles(figures, _CAUSES, network_work(load)), waking_mw, self._with_network(load)
-        )
+        cycles = _cycles(figures, _CAUSES, network_work(load))
+        return self._plan(figures, cycles, load.step_ms, self._with_network(load))
 
     def counts(self, load: Workload | Operations) -> Floats:
         """Return what happens in an inference, (..., F); of a network also the steps with a layer awake."""
@@ -173,14 +171,12 @@ class Processor(Profile):
 
     def plan_operations(self, load: Operations, figures: Figures) -> Plan:
         """Return the plan of any other classifier (`Profile.plan`)."""
-        running_mw = figures["cycle_nj"] * self.clock_mhz.value
-        if self._knows(load):
-            unit = {f"{kind}_cycles": x for kind, x in zip(_KINDS, np.eye(1 + len(_KINDS))[1:], strict=True)}
-            cycles, step_ms = _cycles(figures, _PROGRAM, unit), _step_ms(load)
-            waking_mw = running_mw * figures["wake_us"] * 1e-3 / step_ms
-        else:
-            cycles, waking_mw = _of_operations(load, figures), np.zeros_like(running_mw)
-        return self._plan(figures, cycles, waking_mw, self._with_numbers(load))
+        if not self._knows(load):  # it does not wake before its input has arrived
+            return self._plan(figures, _of_operations(load, figures), math.inf, self._with_numbers(load))
+        unit = {f"{kind}_cycles": x for kind, x in zip(_KINDS, np.eye(1 + len(_KINDS))[1:], strict=True)}
+        # The period of the steps of all points; there may be none.
+        step_ms = float(np.max(load.duration_ms / load.program["tally_step"], initial=1e-9))
+        return self._plan(figures, _cycles(figures, _PROGRAM, unit), step_ms, self._with_numbers(load))
 
     def _knows(self, load: Operations) -> bool:
         """Return whether the work of its C is counted, and the profile has the cycles of each kind."""
@@ -193,15 +189,15 @@ class Processor(Profile):
         return self.clock_mhz.value * 1e3
 
     def _plan(
-        self, figures: Figures, cycles: Mapping[str, Floats], waking_mw: Floats, placement: Placement
+        self, figures: Figures, cycles: Mapping[str, Floats], step_ms: float, placement: Placement
     ) -> Plan:
-        total: Floats = np.sum(list(cycles.values()), axis=0)
-        cycle_pj = figures["cycle_nj"] * 1e3
-        clock_mhz = self.clock_mhz.value
-        running_mw = figures["cycle_nj"] * clock_mhz
-        return Plan(
-            energy_pj={cause: cycle_pj[..., None] * per_count for cause, per_count in cycles.items()},
-            time_ns=total[..., None, :] * (1e3 / clock_mhz),
+        """Return the plan of some cycles, which wakes once per step."""
+        running_mw = figures["cycle_nj"] * self.clock_mhz.value
+        waking_mw = running_mw * figures["wake_us"] * 1e-3 / step_ms
+        return of_cycles(
+            cycles,
+            figures["cycle_nj"] * 1e3,
+            self.clock_mhz.value,
             static_mw=np.zeros_like(running_mw),  # in the energy of a cycle
             idle_mw=np.minimum(figures["sleep_uw"] * 1e-3 + waking_mw, running_mw),
             placement=placement,
@@ -210,9 +206,10 @@ class Processor(Profile):
 
     def _with_network(self, load: Workload) -> Placement:
         """Return the one core, and whether the memories hold the weights and the states."""
-        lists = as_lists(load, _stored_bits(load))
-        n_weights = sum(load.stored or ()) if lists else sum(load.dense)
-        beside = _bytes(load.delay_bits) * load.delayed_share + (INDEX_BITS // 8 if lists else 0)
+        beside = _bytes(load.delay_bits) * load.delayed_share
+        n_weights = sum(load.dense)
+        if as_lists(load, 8 * (_bytes(load.weight_bits) + beside)):
+            n_weights, beside = sum(load.stored or ()), beside + INDEX_BITS // 8
         factors = load.n_resonators * FACTORS * FACTOR_BITS // 8
         misfits = _flash_misfits(n_weights, load.weight_bits, beside, self._flash_bytes, factors)
         misfits += _sram_misfits(load, int(self.sram_kib.value) * 1024)
@@ -368,12 +365,7 @@ def _delayed(load: Workload) -> tuple[bool, ...]:
 def _form(n_inputs: int, n: int, share: float, bits: int, delay_bits: int) -> str:
     """Return what a weight takes in the smallest form of a set of weights, of equal ones the plainest.
 
-    Args:
-        n_inputs: rows.
-        n: weights of each.
-        share: of the weights, that is left.
-        bits: of a weight.
-        delay_bits: of its delay; 0: it has none.
+    A share of n weights in each of the rows is left; without delays, these take 0 bits.
     """
     each, n_left = _bytes(bits) + _bytes(delay_bits), n_inputs * n * share
     sizes = {"synapse_cycles": float(n_inputs * n * each)}
@@ -382,11 +374,6 @@ def _form(n_inputs: int, n: int, share: float, bits: int, delay_bits: int) -> st
     column, offset = 1 if n <= 256 else 2, 2 if n_left < 2**16 else 4
     sizes["list_cycles"] = (n_inputs + 1) * offset + n_left * (each + column)
     return min(sizes, key=lambda form: sizes[form])
-
-
-def _step_ms(load: Operations) -> float:
-    """Return the period of the steps of all points; there may be none."""
-    return float(np.max(load.duration_ms / load.program["tally_step"], initial=1e-9))
 
 
 def program_counts(load: Operations) -> Floats:
@@ -413,23 +400,13 @@ def _bytes(bits: int) -> int:
     return 1 << (-(-bits // 8) - 1).bit_length() if bits else 0
 
 
-def _stored_bits(load: Workload) -> float:
-    """Return the bits that a weight takes in flash, its delay included."""
-    return 8 * (_bytes(load.weight_bits) + _bytes(load.delay_bits) * load.delayed_share)
-
-
 def _flash_misfits(
     n_weights: int, bits: int, beside: float, flash: int, factors: int = 0, *, is_fixed: bool = False
 ) -> tuple[Misfit, ...]:
-    """Return the misfit of the weights, where there is one.
+    """Return the misfit of numbers of some bits in the bytes of a flash, where there is one.
 
-    Args:
-        n_weights: numbers stored.
-        bits: of each.
-        beside: bytes that are stored with each, in the mean.
-        flash: bytes that there are.
-        factors: bytes of the neurons' own factors.
-        is_fixed: whether numbers cannot be shorter.
+    In the mean some bytes lie beside each, and bytes of the neurons' own factors beside all. Fixed numbers
+    cannot be shorter.
     """
     size, flash = _bytes(bits) + beside, flash - factors
     if n_weights * size <= flash:

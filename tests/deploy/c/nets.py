@@ -1,5 +1,6 @@
 """Random classifiers and recordings of spikes, with what the engine does on them."""
 
+import re
 import tempfile
 from dataclasses import replace
 from itertools import pairwise
@@ -39,26 +40,41 @@ def bundle(network, n_steps, **changes):
         fitted=network,
         sections=sections({**RASTER, "model": {"kind": "snn", "hidden": [3]}}),
         classes=tuple(f"class {k}" for k in range(network.sizes[-1])),
-        phi=None,
-        theta=None,
-        record={},
-        evidence={},
         input=Input("spikes", network.n_channels, 0, 0, n_steps, STEP_MS),
     )
     return replace(made, **changes)
 
 
-def pools_of(made):
-    """Return the pools of a bundle of events."""
-    preprocessing, taken = made.sections.preprocessing, made.input
-    assert preprocessing is not None and taken is not None
-    return pooling(preprocessing, taken.width, taken.height)
+def pools_of(design, taken):
+    """Return the pools of a design of events."""
+    return pooling(design.preprocessing, taken.width, taken.height)
 
 
 def reference(made, fired):
     """Return what the engine of a bundle does on recordings of spikes, (sample, step, channel)."""
     with tempfile.TemporaryDirectory() as folder:
         return bundles.reference(made, fired, Path(folder))
+
+
+def faithful(target, made, engine, folder):
+    """Write a target, run it as an engine did, and return its verdict, which must be faithful."""
+    target.write(made, folder)
+    return seen_faithful(target, made, engine, folder)
+
+
+def seen_faithful(target, made, engine, folder):
+    """Return the verdict on the files of a target, which must be faithful to what an engine did."""
+    verdict = target.verify(made, folder, engine)
+    assert verdict.kind == "faithful" and verdict.n_recordings == engine.n_recordings, verdict.reason
+    return verdict
+
+
+def spoil(source):
+    """Change the weights of the first layer in a C source."""
+    text = source.read_text()
+    begin = text.index("weights_1[")
+    table = text[begin : text.index("}", begin)]
+    source.write_text(text.replace(table, re.sub(r"-?\b\d+,", "3,", table)))
 
 
 def case(number):

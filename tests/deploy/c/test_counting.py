@@ -10,7 +10,6 @@ from dse import registry
 from dse.config.settings import Training
 from dse.dataset.assemble import New
 from dse.deploy.bundle import Bundle, Input
-from dse.deploy.c import code_size
 from dse.deploy.c.counting import counting_plan_of
 from dse.deploy.reference import of_new
 from dse.deploy.targets import emulator
@@ -50,10 +49,6 @@ def fitted(model, read_out_ms=None, rises=None):
         fitted=outcome.network,
         sections=design,
         classes=data.classes,
-        phi=None,
-        theta=None,
-        record={},
-        evidence={},
         read_out_ms=read_out_ms,
         input=Input("spikes", 9, 0, 0, 40, 5.0),
     )
@@ -75,12 +70,10 @@ def fitted(model, read_out_ms=None, rises=None):
 )
 def test_answers_are_those_of_the_engine(model, read_out_ms, tmp_path):
     made, reference = fitted(model, read_out_ms)
-    C99().write(made, tmp_path)
-    verdict = C99().verify(made, tmp_path, reference)
-    assert verdict.kind == "faithful" and verdict.n_recordings == reference.n_recordings
+    verdict = nets.faithful(C99(), made, reference, tmp_path)
     assert len(set(reference.label.tolist())) > 1
     if "ram_bytes" in verdict.figures:
-        assert verdict.figures["ram_bytes"] == code_size.footprint(counting_plan_of(made))["ram_bytes"]
+        assert verdict.figures["ram_bytes"] == counting_plan_of(made).ram_bytes
         assert C99().footprint(made)["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], rel=0.05)
     assert verdict.compiler.endswith("-Os")
 
@@ -116,9 +109,7 @@ def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
         pytest.skip(why)
     made, reference = fitted(model)
     target = target_named("cortex_m4")
-    target.write(made, tmp_path)
-    verdict = target.verify(made, tmp_path, reference)
-    assert verdict.kind == "faithful" and verdict.n_recordings == reference.n_recordings
+    verdict = nets.faithful(target, made, reference, tmp_path)
     footprint = target.footprint(made)
     assert footprint["ram_bytes"] == verdict.figures["ram_bytes"]
     assert footprint["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], abs=400)
@@ -137,9 +128,7 @@ def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
     ],
 )
 def test_what_reads_the_level_of_digits(model, tmp_path):
-    made, reference = fitted(model, rises=(300, -300, *[1, -2, 4] * 2, -70))
-    C99().write(made, tmp_path)
-    assert C99().verify(made, tmp_path, reference).kind == "faithful"
+    nets.faithful(C99(), *fitted(model, rises=(300, -300, *[1, -2, 4] * 2, -70)), tmp_path)
 
 
 @pytest.mark.parametrize("precision", ["float32", "int8"])
@@ -147,9 +136,7 @@ def test_a_perceptron_on_a_core_without_hardware_for_floats(precision, tmp_path)
     if why := emulator.missing():
         pytest.skip(why)
     model = MLP(window_ms=20, channels="each", hidden=(12, 9), epochs=20, read_outs=2, precision=precision)
-    made, reference = fitted(model)
-    target_named("cortex_m0plus").write(made, tmp_path)
-    assert target_named("cortex_m0plus").verify(made, tmp_path, reference).kind == "faithful"
+    nets.faithful(target_named("cortex_m0plus"), *fitted(model), tmp_path)
 
 
 @pytest.mark.parametrize(

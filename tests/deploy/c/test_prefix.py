@@ -12,13 +12,14 @@ import pytest
 
 from dse.cli import main
 from dse.deploy import bundle
-from dse.deploy.bundle import BundleError, read, sealed
+from dse.deploy.bundle import BundleError, read
 from dse.deploy.c import host
 from dse.deploy.evaluate import evaluate
 from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.verify import export_targets, verify
 from dse.testing.targets import small_bundle, small_recordings
+from tests.deploy.bundles import document
 from tests.deploy.c import nets
 from tests.deploy.c.test_sketch import of, touches
 from tests.deploy.targets.test_c99 import run
@@ -78,9 +79,7 @@ def test_what_was_edited_is_replaced_where_it_is_asked_for(folder, capsys):
 def test_without_a_prefix_names_are_those_of_dse(folder):
     export_targets(folder, ["c99"])
     assert read(folder).prefix == "dse_"
-    document = json.loads((folder / "bundle.json").read_text())
-    del document["prefix"]  # as older versions wrote it
-    (folder / "bundle.json").write_text(json.dumps(sealed(document)))
+    document(prefix=None)(folder)  # as older versions wrote it
     assert read(folder).prefix == "dse_"
 
 
@@ -92,8 +91,7 @@ def test_what_is_no_prefix_is_refused(prefix, folder, capsys):
     before = (folder / "bundle.json").read_bytes()
     assert main(["export", str(folder), "--target", "c99", "--prefix", prefix]) == 2
     assert "the prefix must" in capsys.readouterr().err and before == (folder / "bundle.json").read_bytes()
-    document = json.loads(before) | {"prefix": prefix}
-    (folder / "bundle.json").write_text(json.dumps(sealed(document)))
+    document(prefix=prefix)(folder)
     with pytest.raises(BundleError, match="the prefix must"):
         read(folder)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dse.deploy.bundle import Bundle
-from dse.deploy.c import code_size, host, replay
+from dse.deploy.c import host, replay
 from dse.deploy.c.plan import plan_of
 from dse.deploy.reference import of_recordings
 from dse.deploy.stream import Stream
@@ -205,13 +205,12 @@ def test_compilers_are_named(told, version, tmp_path, monkeypatch):
 @pytest.mark.parametrize("encoder", [REAL, LEVEL, RECEPTORS, {"thresholds": [1, 4]}])
 def test_ram_is_one_number_wherever_it_is_stated(encoder, tmp_path):
     made = encoded(**encoder)
-    C99().write(made, tmp_path / "c99")
     values = np.concatenate(touches("samples"))[:40].astype(np.float32)
     np.savez(tmp_path / "touch.npz", signal=values[None])
-    verdict = C99().verify(made, tmp_path / "c99", of_recordings(made, tmp_path / "touch.npz"))
-    assert verdict.kind == "faithful" and verdict.run_by == (host.compiler_version(),)
+    verdict = nets.faithful(C99(), made, of_recordings(made, tmp_path / "touch.npz"), tmp_path / "c99")
+    assert verdict.run_by == (host.compiler_version(),)
     stated, plan = C99().footprint(made)["ram_bytes"], plan_of(made)
-    assert verdict.figures["ram_bytes"] == stated == code_size.footprint(plan)["ram_bytes"]
+    assert verdict.figures["ram_bytes"] == stated == plan.ram_bytes
     readme = (tmp_path / "c99" / "README.md").read_text()
     assert f"| {stated:.0f} |" in readme
     of_reals = host.sizes(tmp_path / "c99", "-DDSE_REAL_SAMPLES")["ram_bytes"]

@@ -88,8 +88,7 @@ def of(front_end, window):
         preprocessing = {"bin_ms": 2, "pool": 2, "crop": [2, 0, 16, 6], "time_ms": [4, 100000]}
         design = sections({**EVENTS, "window": window, "preprocessing": preprocessing})
         taken = Input("events", 0, 20, 6, N_STEPS, 2.0)
-        made = replace(nets.bundle(network(1), 1), sections=design, input=taken)
-        n = nets.pools_of(made).n_channels
+        n = nets.pools_of(design, taken).n_channels
     return replace(nets.bundle(network(n), N_STEPS, phi=3.0, theta=0.4), sections=design, input=taken)
 
 

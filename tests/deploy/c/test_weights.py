@@ -27,8 +27,7 @@ TARGET = C99Weights()
 @pytest.mark.parametrize("number", [0, 3, 5, 7, 9])
 def test_spikes_and_decisions_are_those_of_the_engine(number, tmp_path):
     made, fired = nets.case(number)
-    TARGET.write(made, tmp_path)
-    assert TARGET.verify(made, tmp_path, nets.reference(made, fired)).kind == "faithful"
+    nets.faithful(TARGET, made, nets.reference(made, fired), tmp_path)
     assert not re.search(r"const \w+ weights_1\[", (tmp_path / "src" / "dse.c").read_text())
 
 
@@ -42,17 +41,14 @@ def test_spikes_and_decisions_are_those_of_the_engine(number, tmp_path):
     ],
 )
 def test_answers_of_counts_are_those_of_the_engine(model, tmp_path):
-    made, reference = fitted(model)
-    TARGET.write(made, tmp_path)
-    assert TARGET.verify(made, tmp_path, reference).kind == "faithful"
+    nets.faithful(TARGET, *fitted(model), tmp_path)
 
 
 def test_samples_are_encoded_and_the_program_reads_the_file(tmp_path, monkeypatch):
     made, recording = of("samples", {"at": "start"}), touches("samples")[0][:12]
     np.savez(tmp_path / "touch.npz", signal=recording.astype(np.float32)[None])
-    TARGET.write(made, tmp_path / "c")
     reference = of_recordings(made, tmp_path / "touch.npz")
-    assert TARGET.verify(made, tmp_path / "c", reference).kind == "faithful"
+    nets.faithful(TARGET, made, reference, tmp_path / "c")
     monkeypatch.chdir(tmp_path / "c")
     [[answer, *_]] = answers_of_main(tmp_path / "c", csv([recording]))
     assert answer == made.classes[reference.label[0]]

