@@ -290,19 +290,10 @@ def _of_events(
                     )
     start, low, high, n_steps = place(window, lengths, used, contact)
     n_kept = np.where(used, high - low + n_steps, 0)
-    # The rate floor needs the bins that are kept; a simulated raster does not know which they are.
-    plain = dataclasses.replace(pooling, rate_floor_hz=0.0)
+    pool = preprocessing.pool_events if every_event else preprocessing.pool
 
     def recording(i: int) -> Rows:
-        first, n = int(low[i]), int(n_kept[i])
-        if every_event:
-            return Rows(*preprocessing.pool_events(source.blocks(i), pooling, int(t0_us[i]), first, n))
-        if not n:
-            return NO_ROWS
-        if simulated is None:
-            return Rows(*preprocessing.pool(source.blocks(i), pooling, int(t0_us[i]), first, n))
-        counts, channels = simulated.raster(i, plain, first + n)
-        return Rows(*preprocessing.without_quiet(counts[first:], channels[counts[:first].sum() :], pooling))
+        return Rows(*pool(source.blocks(i), pooling, int(t0_us[i]), int(low[i]), int(n_kept[i])))
 
     def rows(threads: int) -> Iterator[Rows]:
         return in_order(recording, range(source.n_recordings), threads if simulated else 1)

@@ -10,20 +10,17 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 from dse.config.faults import ConfigError, known_names
 from dse.recordings import RecordingError, Simulated
-from dse.records import Array, Block, Ints
+from dse.records import Array, Block
 from dse.registry import fixed, register
 from dse.scene.checks import half_width_px
 from dse.scene.load import find_scene, load_scene
 from dse.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from dse.preprocessing import Pooling
 
 COLUMNS = ("texture", "profile", "speed_mm_s", "force_n", "randomised_force", "repetition")
 
@@ -91,12 +88,6 @@ class Trials(Simulated):
         from dse.scene import simulate
 
         yield simulate.events(self.scene, i)
-
-    def raster(self, i: int, pooling: Pooling, n_bins: int) -> tuple[Ints, Ints]:
-        """Return spikes per bin (n_bins,) and their channels, sorted per bin; no event list is made."""
-        from dse.scene import simulate
-
-        return simulate.raster(self.scene, i, pooling, n_bins)
 
     def notes(self) -> list[str]:
         """Return no repairs: simulated events are sound."""

@@ -13,7 +13,8 @@ clamped to [ln I_b, ln I_w]. Within the refractory time of a pixel's last event 
 event is sent (ESIM). Dark pixels have no state before a pin comes near; nothing happens before a pin moves.
 
 A pin's pixels are those of the disc d <= r + 6.2 w; where discs overlap the light of neighbours, at their
-present places, is summed (at most I_w), and compared as light. The slow definition is scene.reference.
+present places, is summed (at most I_w), and compared as light. The slow definition is
+benchmarks/scene_reference.py.
 """
 
 from __future__ import annotations
@@ -25,8 +26,7 @@ import numpy as np
 
 from dse.native.compiled import compiled
 from dse.native.simd import LANES_16, bits, either, greater, load, lowest_bit, splat
-from dse.records import Floats, Ints
-from dse.scene.sink import DROPPED, LOOKS, LOST, Sink, store
+from dse.records import Block, Floats, Ints
 from dse.scene.splitmix import splitmix, unit
 
 PAD = 32
@@ -34,6 +34,9 @@ PAD = 32
 
 DISC = 6.2
 """Radius of a pin's disc beyond r, in units of w: light is 0.2 % of white there."""
+
+EVENTS, DROPPED, LOST, LOOKS = range(4)
+"""Places in `tally`: events sent, dropped in refractory time; looks at pins outside; looks."""
 
 LEVEL, LAST, OFF_GAIN, ON_GAIN = range(4)
 _RAMP = np.arange(16, dtype=np.float32)
@@ -89,8 +92,10 @@ class Pixels(NamedTuple):
 class View(NamedTuple):
     """What a look works on.
 
-    pixels, light, sink: state of the frame, image of a pin, where events go.
-    tally: (N_TALLY,) int64 counters.
+    pixels, light: state of the frame, image of a pin.
+    sent: (capacity,) int64 events: bits of time, us, then row, column and polarity, so that they sort as they
+        are. row_bits, column_bits: how many of them address the frame.
+    tally: (4,) int64 counters; where there are more events than `sent` holds, it holds the first.
     at_px: (pin, 2) present centres of all pins; a look moves its pin.
     first, neighbours: where each pin's neighbours begin, (pin + 1,), and which they are: pins that may come
         near.
@@ -100,7 +105,9 @@ class View(NamedTuple):
 
     pixels: Pixels
     light: Light
-    sink: Sink
+    sent: Ints
+    row_bits: int
+    column_bits: int
     tally: Ints
     at_px: Floats
     first: Ints
@@ -137,47 +144,58 @@ def light_of(radius_px: float, edge_px: float, contrast: float) -> Light:
     return Light(radius_px, edge_px, disc, black, top, white, per_px2, distance2, per_light)
 
 
-def blank(theta: Floats, gain: Floats, key: int, refractory_us: float) -> Pixels:
-    """Return the pixels of a camera before `wake`.
+def view(
+    theta: Floats,
+    gain: Floats,
+    key: int,
+    refractory_us: float,
+    light: Light,
+    at_px: Floats,
+    neighbours: tuple[Ints, Ints],
+    capacity: int,
+) -> View:
+    """Return a camera before `wake`.
 
     Args:
         theta: (height, width, 2) float32 thresholds, OFF and ON.
         gain: (height, width, 2) float32 e^(-theta_off), e^(theta_on).
         key: of the trial.
         refractory_us: dead time.
+        light: image of a pin.
+        at_px: (pin, 2) centres of the pins at rest.
+        neighbours: where those of each pin begin, and which they are; see `View`.
+        capacity: events that it has room for.
     """
     height, width = theta.shape[:2]
     stride = width + 2 * PAD
     n = (height + 2 * PAD) * stride
-    return Pixels(
-        near=np.empty(n, np.float32),
-        far=np.empty(n, np.float32),
-        state=np.empty((n, 4), np.float32),
-        theta=theta,
-        gain=gain,
-        stride=stride,
-        width=width,
-        height=height,
-        key=key,
-        refractory_us=refractory_us,
+    near, far, state = np.empty(n, np.float32), np.empty(n, np.float32), np.empty((n, 4), np.float32)
+    return View(
+        pixels=Pixels(near, far, state, theta, gain, stride, width, height, key, refractory_us),
+        light=light,
+        sent=np.empty(capacity, np.int64),
+        row_bits=height.bit_length(),
+        column_bits=width.bit_length(),
+        tally=np.zeros(4, np.int64),
+        at_px=at_px,
+        first=neighbours[0],
+        neighbours=neighbours[1],
+        near_px=np.zeros((int(np.diff(neighbours[0]).max(initial=0)) + 1, 2)),
+        ramp=_RAMP,
     )
 
 
-def view(
-    pixels: Pixels, light: Light, sink: Sink, tally: Ints, at_px: Floats, first: Ints, neighbours: Ints
-) -> View:
-    """Return what `look` and `wake` work on; arguments are the fields of `View`."""
-    near_px = np.zeros((int(np.diff(first).max(initial=0)) + 1, 2))
-    return View(
-        pixels=pixels,
-        light=light,
-        sink=sink,
-        tally=tally,
-        at_px=at_px,
-        first=first,
-        neighbours=neighbours,
-        near_px=near_px,
-        ramp=_RAMP,
+def in_order(sent: Ints, more: Block, frame_px: tuple[int, int]) -> Block:
+    """Return what a camera has sent (see `View`) and more events, by time, row, column and polarity."""
+    column_bits, row_bits = (side.bit_length() for side in frame_px)
+    row = more.t_us << row_bits | more.y
+    packed = np.sort(np.concatenate([sent, (row << column_bits | more.x) << 1 | more.polarity]))
+    row = packed >> 1 + column_bits
+    return Block(
+        row >> row_bits,
+        (packed >> 1 & (1 << column_bits) - 1).astype(np.int32),
+        (row & (1 << row_bits) - 1).astype(np.int32),
+        (packed & 1).astype(np.uint8),
     )
 
 
@@ -185,16 +203,6 @@ def view(
 def phase(key, pixel):  # type: ignore[no-untyped-def]
     """Return the start phase of a pixel in (-1, 1)."""
     return 2 * unit(splitmix(key, pixel)) - 1
-
-
-@compiled()
-def start_phases(key, height, width):  # type: ignore[no-untyped-def]
-    """Return the start phases of all pixels, (height, width) float64."""
-    phases = np.empty((height, width))
-    for y in range(height):
-        for x in range(width):
-            phases[y, x] = phase(key, y * width + x)
-    return phases
 
 
 @compiled(_nrt=False)
@@ -434,7 +442,11 @@ def _send(view, at, x, y, pole, t_us):  # type: ignore[no-untyped-def]
         view.tally[DROPPED] += 1
         return
     pixels.state[at, LAST] = t_us
-    store(view.sink, view.tally, x, y, pole, int(t_us))
+    n = view.tally[EVENTS]
+    view.tally[EVENTS] = n + 1
+    if n < len(view.sent):
+        row = int(t_us) << view.row_bits | y
+        view.sent[n] = (row << view.column_bits | x) << 1 | pole
 
 
 @compiled(_nrt=False)

@@ -18,7 +18,6 @@ import numpy as np
 from dse.native.compiled import compiled
 from dse.records import Floats, Ints
 from dse.scene import camera
-from dse.scene.sink import Written, finish_bins
 
 _SETTLED_MM = 1e-6
 _STILL_PX2 = 1e-12
@@ -138,7 +137,7 @@ def paths(tip, pins, s, x, drift, constants, out):  # type: ignore[no-untyped-de
 
 
 @compiled(_nrt=False)
-def walk(tip, pins, s, x, marks, skin, view, steps, background, raster):  # type: ignore[no-untyped-def]
+def walk(tip, pins, s, x, marks, skin, view, steps):  # type: ignore[no-untyped-def]
     """Simulate a trial, mark by mark (see the module's docstring).
 
     Args:
@@ -150,13 +149,10 @@ def walk(tip, pins, s, x, marks, skin, view, steps, background, raster):  # type
         skin: (steps + 1, 3) constants of the texture filter for so many friction steps.
         view: the camera; its at_px holds the centres of all pins at rest.
         steps: steps and distances of the method.
-        background: background events, sorted by time; used by a raster.
-        raster: its arrays.
     """
     drift_px_us = _begin(tip, pins, view, steps, x[0])
     settled, awake, moved = True, False, False
     drifted_us, before_us, before = 0.0, 0.0, 0
-    written = Written(0, 0, 0)
     for number in range(len(marks)):
         mark, turns = marks[number, 0], marks[number, 1] == 1
         ends = number == len(marks) - 1
@@ -178,9 +174,6 @@ def walk(tip, pins, s, x, marks, skin, view, steps, background, raster):  # type
             for i in range(len(tip.rest_mm) if on_grid or turns or stops else tip.n_contact):
                 awake = _follow(tip, pins, view, steps, moment, i, awake)
         moved, before_us, before = moves, t_us, mark
-        if on_grid:
-            until_us = np.inf if ends else t_us - steps.oldest_us
-            written = finish_bins(view.sink, background, raster, view.tally, written, until_us)
 
 
 @compiled(forceinline=True, _nrt=False)
