@@ -42,7 +42,7 @@ def stages(design: Sections, base: Path, sample: int) -> Stages:
     part = placed(recordings, design, np.arange(n) == sample)
     events = _joined(recordings.blocks(sample))
     begun_us = 0 if trials_of(recordings) else int(events.t_us[0])
-    whole = dataclasses.replace(pools, start_us=0, end_us=preprocessing.END_OF_TIME_US, rate_floor_hz=0.0)
+    whole = pools._replace(start_us=0, end_us=preprocessing.END_OF_TIME_US, rate_floor_hz=0.0)
     events = dataclasses.replace(events, t_us=events.t_us - begun_us)
     n_bins = whole.n_bins(int(events.t_us[-1]) + 1 if len(events.t_us) else 0)
     counts, channels = preprocessing.pool([events], whole, 0, 0, n_bins)
