@@ -169,9 +169,12 @@ def view(
     height, width = theta.shape[:2]
     stride = width + 2 * PAD
     n = (height + 2 * PAD) * stride
-    near, far, state = np.empty(n, np.float32), np.empty(n, np.float32), np.empty((n, 4), np.float32)
+    near, far = np.full(n, _NEVER_NEAR), np.full(n, _NEVER_FAR)
+    near.reshape(-1, stride)[PAD:-PAD, PAD:-PAD] = _NEVER_FAR
     return View(
-        pixels=Pixels(near, far, state, theta, gain, stride, width, height, key, refractory_us),
+        pixels=Pixels(
+            near, far, np.zeros((n, 4), np.float32), theta, gain, stride, width, height, key, refractory_us
+        ),
         light=light,
         sent=np.empty(capacity, np.int64),
         row_bits=height.bit_length(),
@@ -207,16 +210,7 @@ def phase(key, pixel):  # type: ignore[no-untyped-def]
 
 @compiled(_nrt=False)
 def wake(view):  # type: ignore[no-untyped-def]
-    """Give all pixels the state of t = 0; those that no pin lights get it at the first look."""
-    pixels = view.pixels
-    for at in range(len(pixels.near)):
-        pixels.near[at] = _NEVER_NEAR
-        pixels.far[at] = _NEVER_FAR
-    for y in range(pixels.height):
-        for x in range(pixels.width):
-            at = _index(pixels, x, y)
-            pixels.near[at] = _NEVER_FAR
-            pixels.state[at, LEVEL] = 0
+    """Give the pixels that a pin lights the state of t = 0; others get it at the first look."""
     for i in range(len(view.at_px)):
         _wake_disc(view, i)
 

@@ -106,20 +106,17 @@ def at_rest(n: int) -> Pins:
     return Pins(texture_mm, filtered_mm, next_mm, at_px, mark_px, mark_d2, looked_us)
 
 
-@compiled()
-def marks(s, n_texture):  # type: ignore[no-untyped-def]
+def marks(s: Floats, n_texture: int) -> Ints:
     """Return the friction steps at which pins are placed, (mark, 2), and whether the skin turns there.
 
     They are every `n_texture`-th step, the last, and where s turns.
     """
-    steps = np.empty((len(s), 2), np.int64)
-    n, last = 0, len(s) - 1
-    for k in range(1, len(s)):
-        turns = k < last and (s[k] - s[k - 1]) * (s[k + 1] - s[k]) < 0
-        if k % n_texture == 0 or k == last or turns:
-            steps[n, 0], steps[n, 1] = k, turns
-            n += 1
-    return steps[:n]
+    turns = np.zeros(len(s), bool)
+    rises = np.diff(s)
+    turns[1:-1] = rises[:-1] * rises[1:] < 0
+    steps = np.arange(len(s))
+    chosen = steps[1:][turns[1:] | (steps[1:] % n_texture == 0) | (steps[1:] == len(s) - 1)]
+    return np.stack([chosen, turns[chosen]], axis=1)
 
 
 @compiled(_nrt=False)
@@ -151,7 +148,8 @@ def walk(tip, pins, s, x, marks, skin, view, steps):  # type: ignore[no-untyped-
         steps: steps and distances of the method.
     """
     drift_px_us = _begin(tip, pins, view, steps, x[0])
-    settled, awake, moved = True, False, False
+    camera.wake(view)
+    settled, moved = True, False
     drifted_us, before_us, before = 0.0, 0.0, 0
     for number in range(len(marks)):
         mark, turns = marks[number, 0], marks[number, 1] == 1
@@ -165,14 +163,14 @@ def walk(tip, pins, s, x, marks, skin, view, steps):  # type: ignore[no-untyped-
         moves = slides or not settled or s[mark] != s[before]
         stops = moved and not moves  # what is left below `skip` is looked at now: nothing would come later
         drifts = on_grid and (t_us - drifted_us) * drift_px_us > steps.skip_px
-        if moves or stops or drifts or (ends and awake):
+        if moves or stops or drifts or (ends and view.tally[camera.LOOKS]):
             drifted_us = t_us
             moment = Moment(
                 t_us, before_us, s[mark], t_us / steps.duration_us, on_grid, turns, stops, ends
             )  # fmt: skip
             # Pins outside the contact follow the skin alone: between camera steps they turn where it does.
             for i in range(len(tip.rest_mm) if on_grid or turns or stops else tip.n_contact):
-                awake = _follow(tip, pins, view, steps, moment, i, awake)
+                _follow(tip, pins, view, steps, moment, i)
         moved, before_us, before = moves, t_us, mark
 
 
@@ -241,8 +239,8 @@ def _place(tip, i, s, f, drift, out):  # type: ignore[no-untyped-def]
 
 
 @compiled(forceinline=True, _nrt=False)
-def _follow(tip, pins, view, steps, moment, i, awake):  # type: ignore[no-untyped-def]
-    """Place moving pin i and look at it where a look is due; return whether the pixels are awake."""
+def _follow(tip, pins, view, steps, moment, i):  # type: ignore[no-untyped-def]
+    """Place moving pin i and look at it where a look is due."""
     _place(tip, i, moment.s_mm, pins.filtered_mm, moment.drift, pins.at_px)
     skip2, turn2 = steps.skip_px * steps.skip_px, steps.turn_px * steps.turn_px
     d2 = _from_last_look(tip, pins, view, i)
@@ -252,9 +250,6 @@ def _follow(tip, pins, view, steps, moment, i, awake):  # type: ignore[no-untype
     old = moment.on_grid and moment.t_us - pins.looked_us[i] >= steps.oldest_us
     late = (old or moment.stops or moment.ends) and d2 > _STILL_PX2
     if turned or far or late:
-        if not awake:
-            camera.wake(view)
-            awake = True
         at_turn = turned
         while True:
             _look(tip, pins, view, steps, moment, i, at_turn)
@@ -265,7 +260,6 @@ def _follow(tip, pins, view, steps, moment, i, awake):  # type: ignore[no-untype
     elif old:
         pins.looked_us[i] = moment.t_us
     pins.mark_px[i, 0], pins.mark_px[i, 1], pins.mark_d2[i] = pins.at_px[i, 0], pins.at_px[i, 1], d2
-    return awake
 
 
 @compiled(forceinline=True, _nrt=False)

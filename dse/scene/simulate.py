@@ -176,10 +176,8 @@ def _tip(scene: Scene, drawn: Trial) -> movement.Tip:
     rest = drawn.pins_mm[order]
     r2 = (rest**2).sum(axis=1)
     surface = drawn.surface
-    read_mm = np.empty((len(reads), surface.slope.shape[1], 2), np.float32)
     y_mm = rest[: len(reads), 1] + drawn.start_mm[1]
     scale = -drawn.tilt_mm * contact.pressure[reads]
-    lines(surface.slope, surface.step_mm, y_mm, scale, len(reads), read_mm)
     return movement.Tip(
         pin=order,
         rest_mm=rest,
@@ -190,7 +188,7 @@ def _tip(scene: Scene, drawn: Trial) -> movement.Tip:
         middle_px=np.array(sensor.frame_px) / 2 + drawn.offset_px - 0.5,
         scale=sensor.image_scale_px_mm,
         lens=sensor.lens_per_mm2,
-        lines=read_mm,
+        lines=lines(surface.slope, surface.step_mm, y_mm, scale),
         grid_mm=surface.step_mm,
     )
 
