@@ -137,12 +137,16 @@ class Receptors(OneByOne):
         """Return how many steps the neurons take per sensor step."""
         return max(1, round(step_ms / self.solver_ms))
 
+    def fire(self, current: Floats, step_ms: float, state: Floats) -> Ints:
+        """Return how often each receptor fires in each step, (step, kind x channel); `state` moves on."""
+        fired, steps = np.zeros(current.shape, dtype=np.int64), self.solver_steps(step_ms)
+        half_steps = self.method == "half_steps"
+        _fire(current, parameters(self.sa), step_ms / steps, steps, half_steps, state, fired)
+        return fired
+
     def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
-        kinds, solver = parameters(self.sa), self.solver_steps(signals.step_ms)
         current = self.currents(self._smooth(signals, i, 0, first + length), signals.step_ms)
-        fired = np.zeros(current.shape, dtype=np.int64)
-        state, half_steps = at_rest(kinds, signals.n_channels), self.method == "half_steps"
-        _fire(current, kinds, signals.step_ms / solver, solver, half_steps, state, fired)
+        fired = self.fire(current, signals.step_ms, at_rest(parameters(self.sa), signals.n_channels))
         step, channel = self.copies(fired[first:])
         return np.bincount(step, minlength=length), channel
 
@@ -176,9 +180,7 @@ class _Running:
 
     def __init__(self, encoder: Receptors, n_in: int, step_ms: float) -> None:
         self._encoder, self._step_ms = encoder, step_ms
-        self._solver = encoder.solver_steps(step_ms)
-        self._kinds = parameters(encoder.sa)
-        self._state = at_rest(self._kinds, n_in)
+        self._state = at_rest(parameters(encoder.sa), n_in)
         self._smooth = RunningAverage(round(encoder.smoothing_ms / step_ms), n_in)
         self._last: Floats | None = None
 
@@ -187,9 +189,7 @@ class _Running:
         last = now if self._last is None else self._last
         current = self._encoder.currents(np.stack([last, now]), self._step_ms)[1:]
         self._last = now
-        fired = np.zeros(current.shape, dtype=np.int64)
-        step_ms, half_steps = self._step_ms / self._solver, self._encoder.method == "half_steps"
-        _fire(current, self._kinds, step_ms, self._solver, half_steps, self._state, fired)
+        fired = self._encoder.fire(current, self._step_ms, self._state)
         return self._encoder.copies(fired)[1].astype(np.int32)
 
 
