@@ -108,11 +108,8 @@ class _Making:
 def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | None) -> None:
     """Write a data set to a folder of the cache, after its spikes.
 
-    Args:
-        folder: empty.
-        design: its windows have room for all shifts.
-        making: what all designs share.
-        jitter_steps: how far training windows move, where that is less.
+    The windows of the design have room for all shifts; training windows move by `jitter_steps`, where that is
+    less.
     """
     recordings, positions = _read(design.data, making.base, design.window)
     task = design.task
@@ -262,13 +259,7 @@ def find(root: Path, key: str) -> Dataset | None:
 
 
 def load_or_prepare(design: Sections, base: Path, folder: Path, threads: int = 1) -> Dataset:
-    """Return a prepared data set; it is prepared again if it was evicted or damaged.
-
-    Args:
-        design: as for `prepare`.
-        base: as for `prepare`.
-        folder: of the data set in its cache.
-        threads: as for `prepare`.
+    """Return the data set that `prepare` made in a folder; it is made again if it was evicted or damaged.
 
     Raises:
         RecordingError: as for `prepare`, or the recordings have changed.

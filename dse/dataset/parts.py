@@ -104,14 +104,8 @@ def placed(
     """Return where the windows of a source lie; recorded events are read once for it, spikes are not made.
 
     Signals pass the encoder on their way; what the encoder of other recordings makes is `encoding.encoded`.
-
-    Args:
-        recordings: as read.
-        design: its crop and its encoder are fitted.
-        used: (n,) bool, recordings that are in some part of the split; the others get no spikes.
-        threads: for trials that are simulated.
-        positions: (n_channels, 3) of signals and rasters; events have theirs from their addresses.
-        progress: called with a sentence after every recording that is surveyed.
+    Crop and encoder of the design are fitted. used: (n,) bool, recordings in some part of the split; others
+    get no spikes. threads: for trials that are simulated. positions: (n_channels, 3) of signals and rasters.
 
     Raises:
         RecordingError: a window does not fit, or a section is absent or out of place.
@@ -152,14 +146,7 @@ def pooling_of(source: EventSource, settings: Preprocessing) -> Pooling:
 
 
 def cropped(source: Recordings, design: Sections, train: Ints, progress: Progress = silent) -> Sections:
-    """Return a design whose crop is a rectangle where it was `pins`, fitted to training recordings alone.
-
-    Args:
-        source: the recordings.
-        design: its sections.
-        train: indices of the training recordings.
-        progress: called with a sentence after every recording that is searched.
-    """
+    """Return a design whose crop is a rectangle where it was `pins`, fitted to training recordings alone."""
     settings = design.preprocessing
     if settings is None or settings.crop != "pins" or isinstance(source, Rasters | Signals):
         return design
@@ -211,12 +198,8 @@ def encoded_without(
 ) -> Spikes:
     """Return the spikes of the windows, from step 0, of signals less some of what they show without touch.
 
-    Args:
-        signals: n recordings.
-        design: its encoder is fitted.
-        used: (n,) bool, recordings that get spikes.
-        constant: (n, channel) that is subtracted.
-        trend: (n, channel) that is subtracted per step since the start of the window.
+    The encoder of the design is fitted. used: (n,) bool, recordings that get spikes. constant, trend: (n,
+    channel) that is subtracted, the latter per step since the start of the window.
     """
     assert design.encoder is not None  # signals without an encoder are refused
     (start, _, _, n_steps), _ = place_signals(signals, design.window, used)

@@ -21,13 +21,8 @@ _ONE = np.uint64(1)
 def add(x, y, pole, pools, words, counts):  # type: ignore[no-untyped-def]
     """Count one event in every pool that holds its pixel; outside the crop that is none.
 
-    Args:
-        x: column of the pixel.
-        y: row of the pixel.
-        pole: 1 for ON where polarities are split, else 0.
-        pools: a `Pooling`.
-        words: (word,) uint64.
-        counts: (channel,) uint8, or empty.
+    pole: 1 for ON where polarities are split, else 0. words: (word,) uint64. counts: (channel,) uint8, or
+    empty.
     """
     for j in range(pools.first_y[y], pools.first_y[y] + pools.n_y[y]):
         row = (pole * pools.height + j) * pools.width
@@ -41,12 +36,7 @@ def add(x, y, pole, pools, words, counts):  # type: ignore[no-untyped-def]
 def flush(needed, words, counts, channels, filled):  # type: ignore[no-untyped-def]
     """Append the channels of a bin that have enough events, in order; clear the bin; return the new end.
 
-    Args:
-        needed: events that make a spike.
-        words: (word,) uint64.
-        counts: (channel,) uint8, or empty.
-        channels: (capacity,) int32 with room for every channel behind `filled`.
-        filled: channels written so far.
+    words, counts: as of `add`. channels: (capacity,) int32 with room for every channel behind `filled`.
     """
     for k in range(len(words)):
         word = words[k]

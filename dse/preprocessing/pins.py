@@ -24,10 +24,6 @@ def pin_rectangle(column_counts: Ints, row_counts: Ints) -> tuple[int, int, int,
     A column or row sees pins where log(1 + count) is above Otsu's threshold. The logarithm keeps the border
     between noise and pins where few pins, or a single broken pixel, would move it. If all
     counts are equal, every column or row is kept.
-
-    Args:
-        column_counts: (width,) events of every column, over the training recordings.
-        row_counts: (height,) events of every row.
     """
     (x, width), (y, height) = _span(column_counts), _span(row_counts)
     return x, y, width, height

@@ -40,11 +40,8 @@ def survey(
 ) -> Survey:
     """Return length and onset of a recording.
 
-    Args:
-        blocks: its events; time never falls.
-        pooling: settings on its frame.
-        onset_events: events in a bin that make the onset, > 0.
-        t0_us: time that bins are counted from; None: the first event.
+    onset_events: in a bin that make the onset, > 0. t0_us: time that bins are counted from; None: the first
+    event.
     """
     first_us, duration_us, n_events, onset = 0, 0, 0, -1
     needed = math.ceil(onset_events)
@@ -82,13 +79,8 @@ def pool(
     """Return the spikes per bin, (n_bins,) int64, and their channels, int32, sorted within each bin.
 
     Nothing is read after the block that reaches beyond the last bin; bins beyond the last event are empty.
-
-    Args:
-        blocks: events of one recording; time never falls.
-        pooling: settings on its frame.
-        t0_us: time that bins are counted from: the first event, or the start of a simulated trial.
-        first_bin: first bin to keep, from the start of the temporal crop.
-        n_bins: bins to keep.
+    t0_us: time that bins are counted from: the first event, or the start of a simulated trial. first_bin:
+    first to keep, from the start of the temporal crop.
     """
     counts = np.zeros(n_bins, dtype=np.int64)
     channels: Ints = np.empty(pooling.n_channels, dtype=np.int32)
@@ -128,10 +120,7 @@ def _between(blocks: Iterable[Block], begin_us: int, stop_us: int) -> Iterator[t
 def without_quiet(counts: Ints, channels: Ints, pooling: Pooling) -> tuple[Ints, Ints]:
     """Return a raster without the channels whose mean rate over all its bins is below the rate floor.
 
-    Args:
-        counts: (n_bins,) int64 spikes per bin.
-        channels: int32 channels, bin by bin.
-        pooling: has the floor and the width of a bin.
+    counts: (n_bins,) int64 spikes per bin. channels: int32, bin by bin.
     """
     if pooling.rate_floor_hz <= 0:
         return counts, channels
@@ -190,15 +179,8 @@ def pool_events(
     """Return spikes per bin, (n_bins,) int64, and of every spike its channel and its time, both int32.
 
     Times are in microseconds since the start of the first bin that is kept. Spikes come in the order of the
-    events; those of one event, where pools overlap, in the order of their channels. Nothing is read after the
-    block that reaches beyond the last bin. Work and memory grow with the spikes.
-
-    Args:
-        blocks: events of one recording; time never falls.
-        pooling: settings on its frame; `needed` and `rate_floor_hz` are not read.
-        t0_us: time that bins are counted from: the first event, or the start of a simulated trial.
-        first_bin: first bin to keep, from the start of the temporal crop.
-        n_bins: bins to keep.
+    events; those of one event, where pools overlap, in the order of their channels. Work and memory grow with
+    the spikes. `needed` and `rate_floor_hz` of the pooling are not read; other arguments are as of `pool`.
 
     Raises:
         ValueError: the bins last longer than int32 holds, 35 minutes.

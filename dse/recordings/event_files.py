@@ -317,10 +317,7 @@ def labels_of_table(
 ) -> tuple[list[str], dict[str, Array], list[str]]:
     """Return the files in the order of a table's rows, their label columns, and what is wrong with these.
 
-    Args:
-        names: the files, for each of which there must be a row.
-        path: the table.
-        columns: label column -> its name in the table.
+    `columns`: label column -> its name in the table.
     """
     faults: list[str] = []
     found: dict[str, Array] = {}
@@ -354,9 +351,7 @@ def labels_of_table(
 def labels_of_folders(names: Sequence[str], columns: Mapping[str, str]) -> tuple[dict[str, Array], list[str]]:
     """Return the names of the folders that files lie in as label columns, and what is wrong with these.
 
-    Args:
-        names: the files.
-        columns: label column -> `folder` that the file lies in, `folder2` that this one lies in, ...
+    `columns`: label column -> `folder` that the file lies in, `folder2` that this one lies in, ...
     """
     known = folder_columns(names)
     shallow = _some([name for name in names if name.count("/") == len(known)])

@@ -109,12 +109,8 @@ def label_columns(
 ) -> dict[str, Array]:
     """Return each column as (n,) numbers, or strings without blanks at their ends.
 
-    Args:
-        arrays: arrays of the file by name.
-        columns: column name -> array name.
-        class_names: column name -> array of the names that the column's integer codes index.
-        n: number of recordings.
-        where: the file's name, for errors.
+    columns: column name -> array name. class_names: column name -> array of the names that the column's
+    integer codes index. where: the file's name, for errors.
 
     Raises:
         RecordingError: a column has not one value per recording, holds NaN, or a code has no name.
@@ -277,14 +273,7 @@ class FileSource(ABC):
         )
 
     def _labelled(self, values: Mapping[str, Array], n: int, path: Path, base: Path) -> dict[str, Array]:
-        """Return the label columns, each (n,).
-
-        Args:
-            values: arrays of the file.
-            n: number of recordings.
-            path: of the file.
-            base: folder of the YAML file.
-        """
+        """Return the label columns, each (n,), of the arrays of the file, or of the file of labels."""
         if self.labels is not None:
             path = locate(self.labels, base)
             values = arrays.load(path, self._label_names())
