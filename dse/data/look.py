@@ -324,9 +324,7 @@ class _Looking:
     def _step(self, t_ms: Floats, number: Array) -> dict[str, Any]:
         """Return the keys step_ms, the usual step of times, and `resample` where not all times are even.
 
-        Args:
-            t_ms: (row,).
-            number: (row,) number of the series of each.
+        t_ms, number: (row,) time, and number of the series, of each.
         """
         order = np.argsort(number, kind="stable")
         t_ms, number = t_ms[order], number[order]

@@ -220,11 +220,7 @@ def described(data: Mapping[str, Any], base: Path) -> Look:
 
 
 def read(look: Look, base: Path) -> Recordings:
-    """Return the recordings of a look.
-
-    Args:
-        look: with the sampling period that signals and spikes need.
-        base: folder that its files are relative to.
+    """Return the recordings of a look, whose files are relative to `base`; signals and spikes need its step.
 
     Raises:
         RecordingError: anything wrong with the file.
@@ -348,11 +344,8 @@ def _networks(n_steps: int, n_inputs: int) -> list[dict[str, Any]]:
 def _rivals(n_steps: int, step_ms: float, of_signals: bool) -> list[dict[str, Any]]:
     """Return families that do not spike.
 
-    Args:
-        n_steps: of a window.
-        step_ms: of a step.
-        of_signals: whether spikes add up to a signal, which is read in eighths of the window; or they are
-            counted in quarters and eighths.
+    Where spikes add up to a signal, they are read in eighths of the window; else counted in quarters and
+    eighths.
     """
 
     def window_ms(parts: int) -> float:
@@ -527,10 +520,7 @@ def _quantised(signals: Signals, unit: float) -> dict[str, Any]:
 def _of_levels(signals: Signals, labels: Array, known: Array) -> float | None:
     """Return the accuracy of neighbours by the means of the channels; None: not a quarter of the way to 1.
 
-    Args:
-        signals: all recordings.
-        labels: of each.
-        known: (n,) recordings that are looked at: not those of a test set.
+    labels: of all recordings. known: (n,) those that are looked at: not those of a test set.
     """
     means = np.add.reduceat(signals.values, signals.offsets[:-1], axis=0, dtype=np.float64)
     means /= signals.lengths[:, None]

@@ -114,9 +114,7 @@ class Receptors(OneByOne):
     def currents(self, values: Floats, step_ms: float) -> Floats:
         """Return the currents of all receptors, (step, kind x channel) float64, SA first.
 
-        Args:
-            values: (step, channel) smoothed samples from a recording's first on.
-            step_ms: sampling period.
+        values: (step, channel) smoothed samples from a recording's first on.
 
         Raises:
             ValueError: the range is not known, or is that of other channels.
@@ -203,17 +201,10 @@ def at_rest(kinds: Floats, n_in: int) -> Floats:
 def _fire(current, kinds, step_ms, solver_steps, half_steps, state, fired):  # type: ignore[no-untyped-def]
     """Count the spikes of receptors in each sensor step, as dse.neurons.izhikevich fires, into `fired`.
 
-    Constants of a kind are numbers, not arrays: more arrays than these and the loop over its receptors is
-    not vectorised.
-
-    Args:
-        current: (step, kind x receptor).
-        kinds: (kind, 4) a, b, c, d.
-        step_ms: of the solver.
-        solver_steps: per sensor step.
-        half_steps: whether v takes two half steps.
-        state: (kind, 2, receptor) v and u, which become those after the last step.
-        fired: (step, kind x receptor) int64 zeros.
+    Constants of a kind are numbers, not arrays: more arrays than these and the loop over its receptors is not
+    vectorised. current, fired: (step, kind x receptor), fired int64. kinds: (kind, 4) a, b, c, d. state:
+    (kind, 2, receptor) v and u, which become those after the last step. half_steps: whether v takes two half
+    steps.
     """
     n = current.shape[1] // len(kinds)
     half = 0.5 * step_ms

@@ -155,14 +155,8 @@ class _Running:
 def _encode(values, thresholds, rule, merged, r, first, counts):  # type: ignore[no-untyped-def]
     """Return the spike channels of steps from `first` on in order; write how many per step to counts.
 
-    Args:
-        values: (step, channel) samples.
-        thresholds: (threshold,).
-        rule: place in `_RULES`.
-        merged: whether ON and OFF are one channel.
-        r: (threshold, channel) levels sent last, which move; of digits the first is that of all.
-        first: step from which spikes are listed.
-        counts: (step - first,) int64.
+    values: (step, channel) samples. rule: place in `_RULES`. r: (threshold, channel) levels sent last, which
+    move; of digits the first is that of all. counts: (step - first,) int64.
     """
     n = values.shape[1]
     channels = np.empty(len(counts) * len(thresholds) * n, dtype=np.int32)

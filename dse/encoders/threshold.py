@@ -179,9 +179,7 @@ class Threshold(OneByOne):
 def statistics(values: Floats, past: bool) -> tuple[Floats, Floats]:
     """Return mean and standard deviation of every channel, each (1, channel) or (step, channel).
 
-    Args:
-        values: (step, channel) float64.
-        past: until each step, the step itself included; else over all.
+    values: (step, channel) float64. past: until each step, the step itself included; else over all.
     """
     if not past:
         return values.mean(axis=0, keepdims=True), values.std(axis=0, keepdims=True)

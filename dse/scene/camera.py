@@ -154,17 +154,11 @@ def view(
     neighbours: tuple[Ints, Ints],
     capacity: int,
 ) -> View:
-    """Return a camera before `wake`.
+    """Return a camera before `wake`, with room for `capacity` events.
 
-    Args:
-        theta: (height, width, 2) float32 thresholds, OFF and ON.
-        gain: (height, width, 2) float32 e^(-theta_off), e^(theta_on).
-        key: of the trial.
-        refractory_us: dead time.
-        light: image of a pin.
-        at_px: (pin, 2) centres of the pins at rest.
-        neighbours: where those of each pin begin, and which they are; see `View`.
-        capacity: events that it has room for.
+    theta, gain: (height, width, 2) float32 thresholds, OFF and ON; e^(-theta_off), e^(theta_on). key: of the
+    trial. at_px: (pin, 2) centres of the pins at rest. neighbours: where those of each pin begin, and which
+    they are.
     """
     height, width = theta.shape[:2]
     stride = width + 2 * PAD
@@ -217,16 +211,7 @@ def wake(view):  # type: ignore[no-untyped-def]
 
 @compiled(forceinline=True, _nrt=False)
 def look(view, i, x, y, t0, t1):  # type: ignore[no-untyped-def]
-    """Move pin i straight to (x, y) between two times, and send the events of the pixels that see it.
-
-    Args:
-        view: the camera and the pins.
-        i: the pin.
-        x: new column of its centre.
-        y: new row of its centre.
-        t0: time of its last look, us.
-        t1: present time, us.
-    """
+    """Move pin i straight to (x, y) between two times, us, and send the events of the pixels that see it."""
     view.tally[LOOKS] += 1
     ox, oy = view.at_px[i, 0], view.at_px[i, 1]
     dx, dy = x - ox, y - oy

@@ -52,14 +52,8 @@ def travel(
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Return deflection s and slip distance X in mm at the n + 1 ends of n steps, both (n + 1,) from 0.
 
-    Args:
-        friction: coefficients.
-        v_mm_s: (n,) speed during each step, never negative.
-        force_n: (n,) normal force during each step.
-        step_s: length of a step.
-        line: friction roughness along X, unit variance, periodic.
-        line_step_mm: distance of its points.
-        normals: (m,) standard normals; slip number i uses entry i mod m.
+    v_mm_s, force_n: (n,) speed, never negative, and normal force during each step. line: friction roughness
+    along X, unit variance, periodic. normals: (m,) standard normals; slip number i uses entry i mod m.
     """
     s, x = np.zeros(len(v_mm_s) + 1), np.zeros(len(v_mm_s) + 1)
     _travel(*friction, v_mm_s, force_n, step_s, line, line_step_mm, normals, s, x)

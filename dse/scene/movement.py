@@ -135,17 +135,10 @@ def paths(tip, pins, s, x, drift, constants, out):  # type: ignore[no-untyped-de
 
 @compiled(_nrt=False)
 def walk(tip, pins, s, x, marks, skin, view, steps):  # type: ignore[no-untyped-def]
-    """Simulate a trial, mark by mark (see the module's docstring).
+    """Simulate a trial, mark by mark (see the module's docstring), from pins at rest.
 
-    Args:
-        tip: moving pins.
-        pins: their state, at rest.
-        s: (n + 1,) deflection of the skin.
-        x: (n + 1,) slip distance.
-        marks: see `marks`.
-        skin: (steps + 1, 3) constants of the texture filter for so many friction steps.
-        view: the camera; its at_px holds the centres of all pins at rest.
-        steps: steps and distances of the method.
+    s, x: (n + 1,) deflection of the skin and slip distance. skin: (steps + 1, 3) constants of the texture
+    filter for so many friction steps. view: its at_px holds the centres of all pins at rest.
     """
     drift_px_us = _begin(tip, pins, view, steps, x[0])
     camera.wake(view)
@@ -205,14 +198,9 @@ def _read(tip, x, target):  # type: ignore[no-untyped-def]
 
 @compiled(_nrt=False)
 def _filter(tip, pins, slides, x, constants):  # type: ignore[no-untyped-def]
-    """Advance the texture filter by a step; return how far it is from rest, mm.
+    """Advance the texture filter by a step to slip distance x; return how far it is from rest, mm.
 
-    Args:
-        tip: the pins of the contact.
-        pins: texture_mm becomes what the pins read at the end of the step; filtered_mm follows.
-        slides: whether the slip distance changed.
-        x: slip distance at the end of the step.
-        constants: (3,) of the filter (tip.skin_filter).
+    constants: (3,) of the filter (tip.skin_filter). slides: whether the slip distance changed.
     """
     e, c0, c1 = constants[0], constants[1], constants[2]
     texture, filtered = pins.texture_mm, pins.filtered_mm

@@ -58,11 +58,8 @@ def skin_filter(corner_hz: float, step_s: float) -> tuple[float, float, float]:
 def lines(slope: Floats, grid_mm: float, y_mm: Floats, scale: Floats) -> Floats:
     """Return what pins read along the motion, for their rows stay the same: (pin, points, 2) float32.
 
-    Args:
-        slope: (points, points, 2) float32 of the surface.
-        grid_mm: distance of its points.
-        y_mm: (pin,) rows of the pins on the patch.
-        scale: (pin,) factor of each pin.
+    slope: (points, points, 2) float32 of the surface. y_mm, scale: (pin,) row on the patch and factor of each
+    pin.
     """
     place = y_mm / grid_mm
     low = np.floor(place)
