@@ -13,7 +13,7 @@ from dse.audit.rows import AuditRow, Score, largest_class
 from dse.config.settings import Window
 from dse.dataset.shifts import shifted
 from dse.models.counts.rate_windows import as_features, window_counts
-from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
+from dse.records import Array, Dataset, Floats, Ints, Spikes
 
 SEEN: Mapping[str, tuple[tuple[int, int], ...]] = {
     TREES: ((1, 100), (6, 40), (12, 8)),
@@ -175,8 +175,3 @@ def spikes_per_step(spikes: Spikes, samples: Ints, start: Ints, n_steps: int) ->
     """Return how many spikes each step of each window has, (samples, n_steps) int64."""
     rows = (samples * spikes.n_steps + start)[:, None] + np.arange(n_steps + 1)
     return np.asarray(np.diff(spikes.row_offsets[rows], axis=1))
-
-
-def in_both(values: Array, train: Ints, validation: Ints) -> Bools:
-    """Return (validation,) bool: whether training has the sample's value of a column too."""
-    return np.isin(values[validation], values[train])

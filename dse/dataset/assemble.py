@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dse.config.bounds import MOST_PIXELS
 from dse.config.parts import target_columns
 from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Target, Window
@@ -20,7 +21,6 @@ from dse.dataset.keys import dataset_key, spikes_key, widened
 from dse.dataset.parts import (
     Part,
     Progress,
-    check_frame,
     cropped,
     encoded_without,
     place_signals,
@@ -35,7 +35,7 @@ from dse.recordings.doubts import Used, doubts, drawn, guard, shortcuts, silent_
 from dse.recordings.splits import Labelled, in_turn, leak, without
 from dse.recordings.targets import target
 from dse.recordings.windows import chosen, cut
-from dse.records import Bools, Dataset, Ints, Signals, Spikes
+from dse.records import Bools, Dataset, Ints, Rasters, Signals, Spikes
 from dse.store import heads_document
 
 _ROUNDING = 0.1  # share of spikes that the rounding of levels may move
@@ -208,7 +208,11 @@ def _spikes(
         write_spikes(parts, folder, making.threads, making.progress)
 
     if isinstance(first, Signals):
-        design = _learnt_from_signals(first, design, used[0], of)
+        if design.encoder is not None and design.encoder.learns:
+            (start, _, _, n_steps), levels = place_signals(first, design.window, used[0])
+            shown = seen_by_encoder(first, design.window, levels)
+            encoder = encoding.learnt(design.encoder, shown, start, n_steps, of)
+            design = dataclasses.replace(design, encoder=encoder)
     if design.encoder is None or isinstance(first, Signals):
         name = spikes_key(design, making.base, used)
         return name, design, cache.made(making.root, name, fill)
@@ -229,20 +233,8 @@ def _spikes(
     return name, design, cache.made(making.root, name, fill_encoded)
 
 
-def _learnt_from_signals(signals: Signals, design: Sections, used: Bools, of: Labelled) -> Sections:
-    if design.encoder is None or not design.encoder.learns:
-        return design
-    (start, _, _, n_steps), levels = place_signals(signals, design.window, used)
-    shown = seen_by_encoder(signals, design.window, levels)
-    return dataclasses.replace(design, encoder=encoding.learnt(design.encoder, shown, start, n_steps, of))
-
-
 def find(root: Path, key: str) -> Dataset | None:
-    """Return a data set of a cache, or None if it must be prepared; a damaged one is removed.
-
-    Raises:
-        OSError: the cache cannot be written.
-    """
+    """Return a data set of a cache, or None if it must be prepared; a damaged one is removed."""
     folder = cache.find(root, key)
     if folder is None:
         return None
@@ -367,9 +359,10 @@ def _stored_temporarily(part: Part) -> Stored:
 def _read(source: Source, base: Path, window: Window) -> tuple[Recordings, Ints | None]:
     """Return recordings, cut into windows if the settings say so, and the positions of their channels."""
     read = source.read(base)
-    check_frame(read)
-    recordings = cut(read, window)
-    return recordings, source.channel_positions(base)
+    if not isinstance(read, Rasters | Signals) and (n_pixels := read.width * read.height) > MOST_PIXELS:
+        size = f"{read.width} x {read.height} = {n_pixels}"
+        raise RecordingError(f"the frame must have at most {MOST_PIXELS} pixels, got {size}")
+    return cut(read, window), source.channel_positions(base)
 
 
 def _check_alike(parts: Sequence[Part]) -> None:

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from dse import preprocessing
-from dse.config.bounds import MOST_PIXELS, MOST_STEPS
+from dse.config.bounds import MOST_STEPS
 from dse.config.contracts import Encoder
 from dse.config.resolved import Sections
 from dse.config.settings import Preprocessing, Window
@@ -111,7 +111,11 @@ def placed(
         RecordingError: a window does not fit, or a section is absent or out of place.
     """
     window = design.window
-    _check_sections(recordings, design)
+    kind, needed = design.kinds["data"], recordings.front_end
+    if needed is not None and getattr(design, needed) is None:
+        raise RecordingError(f"{needed} is required: it turns data of kind '{kind}' into spikes")
+    if needed != "preprocessing" and design.preprocessing is not None:
+        raise RecordingError(f"preprocessing does not apply to data of kind '{kind}' and must be absent")
     if window.remove_mean and recordings.front_end != "encoder":
         raise RecordingError("window.remove_mean must be false for events and spikes, got true")
     if not isinstance(recordings, Signals | Rasters):
@@ -125,17 +129,6 @@ def placed(
         return _of_rasters(recordings, window, used, positions)
     assert design.encoder is not None  # so are signals without an encoder
     return _of_signals(recordings, window, design.encoder, used, positions)
-
-
-def check_frame(recordings: Recordings) -> None:
-    """Check that the frame of events is no larger than arrays of its pixels may be."""
-    if isinstance(recordings, Rasters | Signals):
-        return
-    if (n_pixels := recordings.width * recordings.height) > MOST_PIXELS:
-        raise RecordingError(
-            f"the frame must have at most {MOST_PIXELS} pixels, got {recordings.width} x {recordings.height} "
-            f"= {n_pixels}"
-        )
 
 
 def pooling_of(source: EventSource, settings: Preprocessing) -> Pooling:
@@ -160,15 +153,6 @@ def cropped(source: Recordings, design: Sections, train: Ints, progress: Progres
             progress(f"locating pins: {done} of {len(train)} recordings")
         crop = preprocessing.pin_rectangle(columns, rows)
     return dataclasses.replace(design, preprocessing=dataclasses.replace(settings, crop=crop))
-
-
-def _check_sections(recordings: Recordings, design: Sections) -> None:
-    kind = design.kinds["data"]
-    needed = recordings.front_end
-    if needed is not None and getattr(design, needed) is None:
-        raise RecordingError(f"{needed} is required: it turns data of kind '{kind}' into spikes")
-    if needed != "preprocessing" and design.preprocessing is not None:
-        raise RecordingError(f"preprocessing does not apply to data of kind '{kind}' and must be absent")
 
 
 def _of_rasters(rasters: Rasters, window: Window, used: Bools, positions: Ints) -> Part:
@@ -297,12 +281,9 @@ def pool_positions(pooling: Pooling) -> Array:
 def in_order(
     function: Callable[[int], Result], numbers: range | list[int], threads: int
 ) -> Generator[Result, None, None]:
-    """Yield a function's result for every number, in the order of the numbers.
+    """Yield a function's result for every number, in order; no more than a few results wait to be taken.
 
-    Args:
-        function: with several threads, it must leave the interpreter to the others for most of its time.
-        numbers: of recordings.
-        threads: that call the function; no more than a few results wait to be taken.
+    With several threads, the function must leave the interpreter to the others for most of its time.
     """
     if threads == 1:
         yield from map(function, numbers)

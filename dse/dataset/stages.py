@@ -17,14 +17,10 @@ from dse.records import Array, Block, Rasters, Signals
 
 
 def stages(design: Sections, base: Path, sample: int) -> Stages:
-    """Return one recording of a design's data at every stage.
+    """Return one recording of a design's data at every stage; it is read, or simulated, again.
 
-    The recording is read again, or simulated again.
-
-    Args:
-        design: its crop is fitted, and its window has a length.
-        base: folder that recordings are looked up beside.
-        sample: number of the recording; those of the test file follow those of the data.
+    The crop of the design is fitted, and its window has a length. Recordings of the test file follow those of
+    the data.
 
     Raises:
         RecordingError: the recordings are not events, or there is no such recording.

@@ -95,11 +95,7 @@ class Receptors(OneByOne):
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:
-        """Return the encoder with the range of every channel: `full_scale`, or that of training recordings.
-
-        Raises:
-            ValueError: a sample is no finite number.
-        """
+        """Return the encoder with the range of every channel: `full_scale`, or of training recordings."""
         if self.full_scale is not None:
             n = signals.n_channels
             return dataclasses.replace(self, low=(0.0,) * n, high=(float(self.full_scale),) * n)

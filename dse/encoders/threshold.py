@@ -80,11 +80,7 @@ class Threshold(OneByOne):
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:
-        """Return the encoder with what matching needs: classes' statistics, or (own_label) the labels.
-
-        Raises:
-            ValueError: means are compared, but all of them have been removed.
-        """
+        """Return the encoder with what matching needs: classes' statistics, or (own_label) the labels."""
         if self.matching == "none":
             return self
         if self.matching == "own_label":

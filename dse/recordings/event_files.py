@@ -121,11 +121,7 @@ class EventFiles:
         return dataclasses.replace(self, columns=columns, labels=self.labels if columns else None)
 
     def content(self, base: Path) -> str:
-        """Return a hash of the files' paths below the folder, of what is in them, and of the label table.
-
-        Raises:
-            RecordingError: folder or table are not found, or a file cannot be read.
-        """
+        """Return a hash of the files' paths below the folder, of what is in them, and of the label table."""
         folder, table, names = self._files(base)
         of_files = content_of(folder, names)
         return of_files if table is None else f"{of_files} {content(table)}"
@@ -134,11 +130,7 @@ class EventFiles:
         """Return None: an event's position is its address."""
 
     def read(self, base: Path) -> FolderEvents:
-        """Return the recordings; with `repair`, files that hold no valid event are left out.
-
-        Raises:
-            RecordingError: anything wrong with names, label table and headers.
-        """
+        """Return the recordings; with `repair`, files that hold no valid event are left out."""
         whole = self._examined(base)
         for fault in whole.faults:
             raise RecordingError(fault)
@@ -261,11 +253,7 @@ class FolderEvents:
         return len(self.names)
 
     def blocks(self, i: int) -> Iterator[Block]:
-        """Yield the events of recording i; every call reads its file.
-
-        Raises:
-            RecordingError: the file is damaged and `repair` is false; the message names file and place.
-        """
+        """Yield the events of recording i; every call reads its file."""
         repairs, whole = Repairs(self.names[i], self.repair), False
         try:
             yield from self._sound(self.names[i], repairs)

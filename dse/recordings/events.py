@@ -54,11 +54,7 @@ class EventFile(FileSource):
         """Return None: an event's position is its address."""
 
     def read(self, base: Path) -> Events:
-        """Return the recordings.
-
-        Raises:
-            RecordingError: anything wrong with the file, naming recording and event.
-        """
+        """Return the recordings."""
         path, values = self._loaded(base)
         t_us = values[self.t_us]
         where = f"{path.name}: '{self.t_us}'"

@@ -144,11 +144,7 @@ class SceneTrials:
         return self
 
     def resolved(self, base: Path) -> Scene:
-        """Return the scene with the numbers of the component's keys.
-
-        Raises:
-            RecordingError: anything wrong with the scene's file, or with what is asked of it.
-        """
+        """Return the scene with the numbers of the component's keys."""
         if faults := self.check(base):
             raise RecordingError(*"\n".join(faults).splitlines())
         scene = _scene(self.scene, base)
@@ -160,11 +156,7 @@ class SceneTrials:
         return dataclasses.replace(scene, **changes)
 
     def content(self, base: Path) -> str:
-        """Return a hash of all that the records follow from: the scene's numbers and the simulator's version.
-
-        Raises:
-            RecordingError: anything wrong with the scene's file.
-        """
+        """Return a hash of what the records follow from: the scene's numbers and the simulator's version."""
         from dse.scene import simulate
 
         scene = self.resolved(base)
@@ -181,11 +173,7 @@ class SceneTrials:
         """Return None: an event's position is its address."""
 
     def read(self, base: Path) -> Trials:
-        """Return the trials; they are simulated as they are read.
-
-        Raises:
-            RecordingError: anything wrong with the scene's file, or with what is asked of it.
-        """
+        """Return the trials; they are simulated as they are read."""
         return Trials(self.resolved(base))
 
 

@@ -305,22 +305,13 @@ class Sampled(FileSource):
 
     @abstractmethod
     def read(self, base: Path) -> Signals | Rasters:
-        """Return the recordings.
-
-        Raises:
-            RecordingError: anything wrong with the file, naming array, recording and sample, or line and
-                column.
-        """
+        """Return the recordings."""
 
     def _more_faults(self, path: Path, shapes: arrays.Shapes) -> list[str]:
         return position_faults(self.positions, self._taxels(shapes))
 
     def channel_positions(self, base: Path) -> Ints:
-        """Return x, y and plane of every channel.
-
-        Raises:
-            RecordingError: the file cannot be read, or positions are given for another number of taxels.
-        """
+        """Return x, y and plane of every channel."""
         found = self._taxels({})  # where the keys tell, no file is read
         if found is None:
             path = locate(self.file, base)

@@ -239,11 +239,7 @@ class Labelled:
     def of(
         cls, columns: Mapping[str, Array], task: Task, settings: Split, only: Ints | None = None
     ) -> Labelled:
-        """Return the labels of recordings; `only`: those that the parts are limited to, None: all.
-
-        Raises:
-            RecordingError: as of `target` and `split`.
-        """
+        """Return the labels of recordings; `only`: those that the parts are limited to, None: all."""
         codes, classes = target(columns, task.target)
         parts = split(columns, codes, classes, settings)
         if only is not None:
@@ -260,11 +256,7 @@ class Labelled:
 
     @functools.cached_property
     def heads(self) -> tuple[Head, ...]:
-        """The parts of a joint target; none of another.
-
-        Raises:
-            RecordingError: as of `targets.heads`.
-        """
+        """The parts of a joint target; none of another."""
         return heads(self.columns, self.task.target, self.codes) if self.task.joint else ()
 
 
@@ -337,11 +329,7 @@ def without(
 
 
 def in_turn(of: Labelled, groups: Sequence[Groups]) -> tuple[list[LeftOut], list[str]]:
-    """Return the folds of some label columns, and a sentence for each whose absence leaves a class untrained.
-
-    Raises:
-        RecordingError: as of `folds`.
-    """
+    """Return the folds of label columns, and a sentence for each whose absence leaves a class untrained."""
     out = [x for column in groups for x in folds(of.columns, column, of.codes, of.train, of.validation)]
     faults = []
     for one in out:

@@ -228,7 +228,7 @@ def _place(tip, i, s, f, drift, out):  # type: ignore[no-untyped-def]
 
 @compiled(forceinline=True, _nrt=False)
 def _follow(tip, pins, view, steps, moment, i):  # type: ignore[no-untyped-def]
-    """Place moving pin i and look at it where a look is due."""
+    """Place moving pin i and, if due, look at it: where it turned, at the mark before, or where it is."""
     _place(tip, i, moment.s_mm, pins.filtered_mm, moment.drift, pins.at_px)
     skip2, turn2 = steps.skip_px * steps.skip_px, steps.turn_px * steps.turn_px
     d2 = _from_last_look(tip, pins, view, i)
@@ -240,7 +240,11 @@ def _follow(tip, pins, view, steps, moment, i):  # type: ignore[no-untyped-def]
     if turned or far or late:
         at_turn = turned
         while True:
-            _look(tip, pins, view, steps, moment, i, at_turn)
+            place_px = pins.mark_px if at_turn else pins.at_px
+            t_us = moment.before_us if at_turn else moment.t_us
+            since_us = max(pins.looked_us[i], t_us - steps.oldest_us)
+            camera.look(view, tip.pin[i], place_px[i, 0], place_px[i, 1], since_us, t_us)
+            pins.looked_us[i] = t_us
             d2 = _from_last_look(tip, pins, view, i)
             if not at_turn or not ((moment.on_grid and d2 > skip2) or (late and d2 > _STILL_PX2)):
                 break
@@ -255,13 +259,3 @@ def _from_last_look(tip, pins, view, i):  # type: ignore[no-untyped-def]
     """Return the squared distance of moving pin i from its last look."""
     dx, dy = pins.at_px[i, 0] - view.at_px[tip.pin[i], 0], pins.at_px[i, 1] - view.at_px[tip.pin[i], 1]
     return dx**2 + dy**2
-
-
-@compiled(forceinline=True, _nrt=False)
-def _look(tip, pins, view, steps, moment, i, at_turn):  # type: ignore[no-untyped-def]
-    """Look at moving pin i where it turned, at the mark before, or where it is now."""
-    place_px = pins.mark_px if at_turn else pins.at_px
-    t_us = moment.before_us if at_turn else moment.t_us
-    since_us = max(pins.looked_us[i], t_us - steps.oldest_us)
-    camera.look(view, tip.pin[i], place_px[i, 0], place_px[i, 1], since_us, t_us)
-    pins.looked_us[i] = t_us
