@@ -126,13 +126,8 @@ def starter(
 ) -> tuple[str, tuple[str, ...]]:
     """Return a YAML file that trains on the recordings of a look, and what was guessed and chosen for it.
 
-    Args:
-        look: at a file, with the sampling period that signals and spikes need.
-        out: file of the search space, which names the study.
-        recordings: as section `data` of the look reads them.
-        label: label column to predict.
-        group: label column whose values stay in one part of the split; None: one that is named as a session,
-            subject or the like.
+    out: file of the search space, which names the study. label: column to predict. group: column whose values
+    stay in one part of the split; None: one that is named as a session, subject or the like.
 
     Raises:
         RecordingError: no classes, a class with too few recordings for any split, or signals that never

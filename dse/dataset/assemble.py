@@ -318,15 +318,10 @@ class New(NamedTuple):
 
 
 def build_for(design: Sections, base: Path, classes: Sequence[str], only: Ints | None = None) -> New:
-    """Return a data set of new recordings, all of them in `test`.
+    """Return a data set of new recordings, all of them in `test`, as `prepare` would make it.
 
-    They are prepared as `prepare` would, with what it has fitted to the data that was trained on.
-
-    Args:
-        design: as `as_prepared` returns it, with `data` naming the new file; split and test are not read.
-        base: folder that the file is looked up beside.
-        classes: those of the data that was trained on.
-        only: recordings that are read, rising; None: all.
+    The design is as `as_prepared` returns it, with `data` naming the new file; split and test are not read.
+    classes: those of the data that was trained on. only: recordings that are read, rising; None: all.
 
     Raises:
         RecordingError: anything wrong with the recordings, or labels that are none of the classes. A file

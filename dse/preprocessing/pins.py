@@ -36,7 +36,7 @@ def _span(counts: Ints) -> tuple[int, int]:
 
 
 def otsu(values: Floats) -> float:
-    """Return the threshold that separates values best into two classes: the largest value of the lower one.
+    """Return the threshold that separates values, (n,), best into two classes: the largest of the lower one.
 
         maximise  n_low n_high (mean_high - mean_low)^2,   low: values <= threshold
 
@@ -44,9 +44,6 @@ def otsu(values: Floats) -> float:
 
     Source: N. Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems,
     Man, and Cybernetics 9 (1979) 62-66.
-
-    Args:
-        values: (n,) numbers, at least one.
     """
     ordered = np.sort(values)
     n_low = np.arange(1, len(ordered))
