@@ -298,11 +298,20 @@ def _look_at_strip(view, n_near, leg, start, y, lanes, dx2):  # type: ignore[no-
     crossed = covered & bits(
         either(greater(load(pixels.near, at, LANES_16), d2), greater(d2, load(pixels.far, at, LANES_16)))
     )
-    if n_near:
-        shared = covered & _in_other_discs(view, n_near, start, y, lanes)
-        crossed &= ~shared
-        _send_shared(view, n_near, leg, at, start, y, shared)
-    _send_single(view, leg, at, start, y, crossed)
+    shared = covered & _in_other_discs(view, n_near, start, y, lanes)
+    served = crossed | shared
+    while served:
+        lane = lowest_bit(served)
+        served &= served - np.uint64(1)
+        x = start + lane
+        gx, gy, hx, hy = x - leg.x1, y - leg.y1, x - leg.x0, y - leg.y0
+        now2, before2 = gx * gx + gy * gy, hx * hx + hy * hy
+        if not shared >> np.uint64(lane) & np.uint64(1):
+            _send_by_distance(view, at + lane, x, y, before2, np.float32(now2), leg.t0, leg.t1)
+        elif 0 <= x < pixels.width:
+            others = _white_of_others(view, n_near, x, y)
+            white0, white = others + _white(view.light, before2), others + _white(view.light, now2)
+            _send_by_light(view, at + lane, x, y, white0, white, leg.t0, leg.t1)
 
 
 @compiled(forceinline=True, _nrt=False)
@@ -316,34 +325,6 @@ def _in_other_discs(view, n_near, start, y, lanes):  # type: ignore[no-untyped-d
             nx = lanes + splat(np.float32(start - view.near_px[k, 0]), lanes)
             inside |= bits(greater(splat(np.float32(disc2 - ny * ny), lanes), nx * nx))
     return inside
-
-
-@compiled(forceinline=True, _nrt=False)
-def _send_shared(view, n_near, leg, at, start, y, shared):  # type: ignore[no-untyped-def]
-    """Send the events of those of 16 pixels that several pins light."""
-    light = view.light
-    while shared:
-        lane = lowest_bit(shared)
-        shared &= shared - np.uint64(1)
-        x = start + lane
-        if 0 <= x < view.pixels.width:
-            others = _white_of_others(view, n_near, x, y)
-            gx, gy, hx, hy = x - leg.x1, y - leg.y1, x - leg.x0, y - leg.y0
-            white = others + _white(light, gx * gx + gy * gy)
-            white0 = others + _white(light, hx * hx + hy * hy)
-            _send_by_light(view, at + lane, x, y, white0, white, leg.t0, leg.t1)
-
-
-@compiled(forceinline=True, _nrt=False)
-def _send_single(view, leg, at, start, y, crossed):  # type: ignore[no-untyped-def]
-    """Send the events of those of 16 pixels that one pin lights and whose next level it has crossed."""
-    while crossed:
-        lane = lowest_bit(crossed)
-        crossed &= crossed - np.uint64(1)
-        x = start + lane
-        gx, gy, hx, hy = x - leg.x1, y - leg.y1, x - leg.x0, y - leg.y0
-        d2 = np.float32(gx * gx + gy * gy)
-        _send_by_distance(view, at + lane, x, y, hx * hx + hy * hy, d2, leg.t0, leg.t1)
 
 
 @compiled(forceinline=True, _nrt=False)
