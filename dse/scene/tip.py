@@ -22,22 +22,19 @@ SPREAD = 0.03
 @functools.lru_cache(maxsize=8)
 def pins_mm(sensor: Sensor) -> Floats:
     """Return the rest positions (pin, 2) float64 in mm around the axis of the dome; read-only."""
-    pins = _pins_mm(sensor)
-    pins.flags.writeable = False
-    return pins
-
-
-def _pins_mm(sensor: Sensor) -> Floats:
     pitch = sensor.pin_pitch_mm
     if sensor.layout == "grid":
         line = (np.arange(sensor.n_across) - (sensor.n_across - 1) / 2) * pitch
         y, x = np.meshgrid(line, line, indexing="ij")
-        return np.stack([x.ravel(), y.ravel()], axis=1)
-    rings = [np.zeros((1, 2))]
-    for ring in range(1, sensor.n_across + 1):
-        angle = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
-        rings.append(ring * pitch * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    return np.concatenate(rings)
+        pins = np.stack([x.ravel(), y.ravel()], axis=1)
+    else:
+        rings = [np.zeros((1, 2))]
+        for ring in range(1, sensor.n_across + 1):
+            angle = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
+            rings.append(ring * pitch * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        pins = np.concatenate(rings)
+    pins.flags.writeable = False
+    return pins
 
 
 def image_px(sensor: Sensor, at_mm: Floats) -> Floats:
