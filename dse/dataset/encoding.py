@@ -60,10 +60,11 @@ def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:
     """
     lengths = _lengths(stored, used)
     # What reads the labels of certain recordings must find them all, in their order.
-    most = np.inf if encoder.transductive else _DENSE_BYTES
+    most = max(1, _DENSE_BYTES // (4 * stored.spikes.n_channels * max(1, int(lengths.max(initial=0)))))
+    at_once = len(lengths) if encoder.transductive else most
 
     def rows(threads: int) -> Iterator[Rows]:
-        for some in _chunks(lengths * 4 * stored.spikes.n_channels, most):
+        for some in np.split(np.arange(len(lengths)), range(at_once, len(lengths), at_once)):
             chosen = some[lengths[some] > 0]
             encoded_rows: Iterator[Rows] = iter(())
             if chosen.size:
@@ -100,14 +101,3 @@ def as_signals(spikes: Spikes, chosen: Ints, lengths: Ints) -> Signals:
 def _lengths(stored: Stored, used: Bools) -> Ints:
     """Return (n,) steps from the first that is stored to the end of the last window; 0 where not used."""
     return np.where(used, stored.high.astype(np.int64) + stored.n_steps, 0)
-
-
-def _chunks(n_bytes: Ints, most: float) -> Iterator[Ints]:
-    """Yield the numbers of all recordings in order, in chunks below some bytes, at least one at a time."""
-    begin, filled = 0, 0
-    for i, size in enumerate(n_bytes.tolist()):
-        if filled and filled + size > most:
-            yield np.arange(begin, i)
-            begin, filled = i, 0
-        filled += size
-    yield np.arange(begin, len(n_bytes))
