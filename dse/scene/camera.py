@@ -49,14 +49,12 @@ _LEAST_SHARE = 1e-5  # of white, where the logarithm's table ends; a disc ends a
 class Light(NamedTuple):
     """A pin's image.
 
-    radius, edge, disc: in pixels; light beyond the disc is black.
+    disc: radius in pixels; light beyond it is black.
     black: light without a pin; white is 1. top: light at the centre.
     white: (n,) share of white over squared distance, `per_px2` entries to a square pixel.
     distance2: (n,) float32 squared distance over light above black, `per_light` entries to white.
     """
 
-    radius: float
-    edge: float
     disc: float
     black: float
     top: float
@@ -141,7 +139,7 @@ def light_of(radius_px: float, edge_px: float, contrast: float) -> Light:
     share = np.clip(np.arange(_TABLE) / (_TABLE - 1), _LEAST_SHARE, 1 - _LEAST_SHARE)
     distance = np.maximum(0.0, radius_px - edge_px * np.log(share / (1 - share)))
     distance2 = (distance**2).astype(np.float32)
-    return Light(radius_px, edge_px, disc, black, top, white, per_px2, distance2, per_light)
+    return Light(disc, black, top, white, per_px2, distance2, per_light)
 
 
 def view(
