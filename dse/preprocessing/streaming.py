@@ -1,6 +1,8 @@
 """One pass over a recording's events, block by block: how long it is, and its spikes.
 
-Blocks may end anywhere, even within a bin. Memory holds one block, one bin and the spikes.
+Blocks may end anywhere, even within a bin. Memory holds one block, one bin and the spikes. A bin is `words`
+(word,), a bit per channel that has an event, and `counts` (channel,), how many, saturating at 255; `counts`
+is empty where one event makes a spike.
 """
 
 from __future__ import annotations
@@ -12,11 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.preprocessing.kernels import add, flush
+from dse.native.simd import lowest_bit
 from dse.preprocessing.pools import Pooling
 from dse.records import Block, Bools, Ints
 
+MOST = 255
+"""Largest count of a pool and bin."""
+
 _LATEST = np.iinfo(np.int64).max
+_ONE = np.uint64(1)
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,7 @@ def pool(
             if len(channels) < filled + pooling.n_channels:
                 channels = _grown(channels, filled, 2 * filled + pooling.n_channels)
     if n_bins:
-        end = flush(pooling.needed, words, events, channels, filled)
+        end = _flush(pooling.needed, words, events, channels, filled)
         counts[present] = end - filled
         filled = end
     return without_quiet(counts, _grown(channels, filled, filled), pooling)
@@ -148,6 +154,41 @@ def _grown(channels: Ints, filled: int, capacity: int) -> Ints:
     return larger
 
 
+@compiled(_nrt=False)
+def _add(x, y, pole, pools, words, counts):  # type: ignore[no-untyped-def]
+    """Count one event in every pool that holds its pixel; outside the crop that is none.
+
+    pole: 1 for ON where polarities are split, else 0. words: (word,) uint64. counts: (channel,) uint8, or
+    empty.
+    """
+    for j in range(pools.first_y[y], pools.first_y[y] + pools.n_y[y]):
+        row = (pole * pools.height + j) * pools.width
+        for c in range(row + pools.first_x[x], row + pools.first_x[x] + pools.n_x[x]):
+            words[c >> 6] |= _ONE << np.uint64(c & 63)
+            if len(counts) and counts[c] < MOST:
+                counts[c] += 1
+
+
+@compiled(_nrt=False)
+def _flush(needed, words, counts, channels, filled):  # type: ignore[no-untyped-def]
+    """Append the channels of a bin that have enough events, in order; clear the bin; return the new end.
+
+    words, counts: as of `_add`. channels: (capacity,) int32 with room for every channel behind `filled`.
+    """
+    for k in range(len(words)):
+        word = words[k]
+        words[k] = np.uint64(0)
+        while word:
+            c = (k << 6) + lowest_bit(word)
+            word &= word - _ONE
+            if len(counts) == 0 or counts[c] >= needed:
+                channels[filled] = c
+                filled += 1
+            if len(counts):
+                counts[c] = 0
+    return filled
+
+
 @compiled()
 def _take(  # type: ignore[no-untyped-def]
     t_us, x, y, polarity, e, high, begin_us, pools, words, events, present, counts, channels, filled
@@ -162,13 +203,13 @@ def _take(  # type: ignore[no-untyped-def]
         if t_us[e] >= edge_us:
             if len(channels) < filled + n_channels:
                 break
-            end = flush(pools.needed, words, events, channels, filled)
+            end = _flush(pools.needed, words, events, channels, filled)
             counts[present] = end - filled
             filled = end
             present = (t_us[e] - begin_us) // pools.bin_us
             edge_us = begin_us + (present + 1) * pools.bin_us
         if pools.only < 0 or polarity[e] == pools.only:
-            add(x[e], y[e], polarity[e] if pools.poles == 2 else 0, pools, words, events)
+            _add(x[e], y[e], polarity[e] if pools.poles == 2 else 0, pools, words, events)
         e += 1
     return e, present, filled
 
