@@ -84,11 +84,9 @@ def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1, progress
                 filled += len(channels)
                 done += 1
                 progress(f"preparing data: {done} of {n} recordings")
-    for name in _OF_WINDOWS:
-        np.save(folder / f"{name}.npy", np.concatenate([getattr(part, name) for part in parts]))
-    np.save(folder / "positions.npy", parts[0].positions.astype(np.int32))
-    np.save(folder / "lengths.npy", parts[0].lengths)
-    for name, values in (("levels", parts[0].levels), ("rises", parts[0].rises)):
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _OF_WINDOWS}
+    arrays |= {"positions": parts[0].positions.astype(np.int32), "lengths": parts[0].lengths}
+    for name, values in (arrays | {"levels": parts[0].levels, "rises": parts[0].rises}).items():
         if values is not None:
             np.save(folder / f"{name}.npy", values)
     _write_meta(
