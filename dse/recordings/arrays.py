@@ -350,7 +350,7 @@ def column_names(path: Path) -> list[str]:
 
 
 def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> pd.DataFrame:
-    """Return some columns, or all, of a table, .csv (with commas, semicolons or tabs) or .parquet, or folder.
+    """Return columns, or all, of a table: .csv (commas, semicolons, tabs), .parquet, or a folder of them.
 
     The tables of a folder lie one below the other, in the order of their paths below it, which are in column
     `file`; the name of the folder that each lies in is in column `folder`. With `head`, there are no rows.
