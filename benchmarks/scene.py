@@ -36,12 +36,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks import scene_reference as reference
+from dse import preprocessing
 from dse.config.settings import Preprocessing
 from dse.preprocessing import Pooling
 from dse.recordings.pooling import pooling
 from dse.records import Block
-from dse.scene import background, reference, simulate
-from dse.scene.camera import start_phases
+from dse.scene import background, simulate
 from dse.scene.load import load_scene
 from dse.scene.scene import Method, Scene
 
@@ -161,9 +162,9 @@ def seen(scene: Scene, *, key: int | None = None, resets: Block | None = None) -
         key: of the start levels; None: those of the trial.
         resets: background events that reset their pixels.
     """
-    paths, thresholds = simulate.pin_paths(scene, 0, reference.STEP_MS), simulate.thresholds(scene)
+    paths, thresholds = simulate.pin_paths(scene, 0, reference.STEP_MS), reference.thresholds(scene)
     width, height = scene.sensor.frame_px
-    start = simulate.start_levels(scene, 0) if key is None else start_phases(key, height, width)
+    start = reference.start_levels(scene, 0) if key is None else reference.start_phases(key, height, width)
     camera = scene.camera
     return reference.camera(
         paths.t_s, paths.px, paths.radius_px, paths.edge_px, start, thresholds, camera, resets
@@ -173,6 +174,11 @@ def seen(scene: Scene, *, key: int | None = None, resets: Block | None = None) -
 def pools(scene: Scene) -> Pooling:
     """Return the pooling of the rasters: 1 ms, 4 x 4 pixels, polarities together."""
     return pooling(Preprocessing(1.0, pool=POOL, polarity="merge"), *scene.sensor.frame_px)
+
+
+def raster(scene: Scene, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pooled events of trial k: spikes per bin, and their channels."""
+    return preprocessing.pool([simulate.events(scene, k)], pools(scene), 0, 0, round(scene.duration_ms))
 
 
 def all_read(scene: Scene) -> Block:
@@ -201,8 +207,8 @@ def error(of: str, rounds: int) -> Iterator[Table]:
         for label, method in METHODS.items():
             cpu_s, block = least(partial(simulate.events, replace(scene, method=method), 0), rounds)
             rows.append((label, cpu_s, likeness(block, slow, scene)))
-        cpu_s, _ = least(partial(simulate.raster, scene, 0, pools(scene), round(scene.duration_ms)), rounds)
-        rows.append(("default, a raster in place of a list", cpu_s, None))
+        cpu_s, _ = least(partial(raster, scene, 0), rounds)
+        rows.append(("default, pooled", cpu_s, None))
         cpu_s, block = least(partial(all_read, scene), rounds)
         rows.append(("default, all pins read the texture", cpu_s, likeness(block, slow, scene)))
         for hz in (0.1, 1.0):
@@ -225,11 +231,6 @@ def speed(of: str, rounds: int) -> Iterator[Table]:
     """Yield how long trials take: the mean of the 12 x 12 scene, standing still, a larger frame."""
     scene = load_scene(of, {"trials": "1"})
     seconds = scene.duration_ms / 1000
-    pool_grid, n_bins = pools(scene), round(scene.duration_ms)
-
-    def raster(of: Scene, k: int) -> Any:
-        return simulate.raster(of, k, pool_grid, n_bins)
-
     for k in range(scene.n_trials):  # compiled, and the surfaces made
         if k == 0 or scene.cell(k)[0] != scene.cell(k - 1)[0]:
             raster(scene, k), simulate.events(scene, k)
@@ -245,9 +246,9 @@ def speed(of: str, rounds: int) -> Iterator[Table]:
         by = np.array([seconds / cpu_s[textures == i].mean() for i in range(len(scene.textures))])
         low, high = (f"{scene.textures[i].name} {by[i]:.1f}" for i in (by.argmin(), by.argmax()))
         table.add_row(name, f"{1e3 * cpu_s.mean():.2f}", f"{seconds / cpu_s.mean():.1f}", low, high)
+    share = n_spikes.mean() / (scene.duration_ms * pools(scene).n_channels)
     table.caption = (
-        f"{n_events.mean() / seconds / 1e6:.3f} Mev/s; "
-        f"{100 * n_spikes.mean() / (n_bins * pool_grid.n_channels):.2f} % of the raster's entries"
+        f"{n_events.mean() / seconds / 1e6:.3f} Mev/s; {100 * share:.2f} % of the raster's entries"
     )
     yield table
 
@@ -274,8 +275,8 @@ def speed(of: str, rounds: int) -> Iterator[Table]:
     for side in (312, 441, 624):
         wide = case(of, *CASES["denim, constant 28"], noise_hz=0.1, duration_ms=1000.0)
         wide = replace(wide, sensor=replace(wide.sensor, frame_px=(side, side)))
-        simulate.raster(wide, 0, pools(wide), n_bins)
-        cpu_s, _ = least(partial(simulate.raster, wide, 0, pools(wide), n_bins), 3 * rounds)
+        raster(wide, 0)
+        cpu_s, _ = least(partial(raster, wide, 0), 3 * rounds)
         first = first or cpu_s
         larger.add_row(
             f"{side} x {side}", f"{side * side}", f"{1e3 * cpu_s:.2f}", f"{100 * cpu_s / first - 100:+.1f} %"
@@ -288,7 +289,7 @@ def features(scene: Scene) -> np.ndarray:
     pool_grid, n_bins = pools(scene), round(scene.duration_ms)
     rows = []
     for k in range(scene.n_trials):
-        counts, channels = simulate.raster(scene, k, pool_grid, n_bins)
+        counts, channels = raster(scene, k)
         cell = np.repeat(np.arange(n_bins) // 100, counts) * pool_grid.n_channels + channels
         rows.append(
             np.sqrt(np.bincount(cell, minlength=n_bins // 100 * pool_grid.n_channels)).astype(np.float32)
@@ -356,8 +357,8 @@ def v2e(model: Any, scene: Scene, step_ms: float) -> tuple[float, Block]:
 
     torch.set_num_threads(1)
     paths = simulate.pin_paths(scene, 0, reference.STEP_MS)
-    thresholds = torch.tensor(simulate.thresholds(scene))
-    start = torch.tensor(simulate.start_levels(scene, 0), dtype=torch.float32)
+    thresholds = torch.tensor(reference.thresholds(scene))
+    start = torch.tensor(reference.start_levels(scene, 0), dtype=torch.float32)
     every = round(step_ms / reference.STEP_MS)
     dark = -float(np.log(scene.camera.contrast))
     pixels = model(

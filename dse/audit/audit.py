@@ -49,14 +49,9 @@ class Audit:
 def audit(space: SearchSpace, root: Path, shifts: Sequence[int] = (), progress: Progress = silent) -> Audit:
     """Return what could pass for skill in the recordings and the split of a search space.
 
-    Probes run on the spikes of its first design, for each of its targets. If the encoder of that design
-    reads labels, a row says so, and the others are of the first design whose encoder reads none.
-
-    Args:
-        space: search space.
-        root: of the cache of prepared data.
-        shifts: steps by which windows are moved; empty: an eighth of their length.
-        progress: called with a sentence as recordings are read.
+    Probes run on the spikes of its first design, for each of its targets. If the encoder of that design reads
+    labels, a row says so, and the others are of the first design whose encoder reads none. root: of the cache
+    of prepared data. shifts: steps by which windows are moved; empty: an eighth of their length.
 
     Raises:
         RecordingError: the recordings do not fit the search space, or have no room for the shifts.

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dse.audit.material import Material, in_both
+from dse.audit.material import Material
 from dse.audit.numbers import best_of_readers
 from dse.audit.readers import NEAREST, TREES, classes_of, nearest, trees
 from dse.audit.rows import HALF, AuditRow, is_above, is_above_rate, is_lower, loss, percent
@@ -49,7 +49,7 @@ def _group(material: Material, name: str, values: Array) -> AuditRow:
     """Return what the better reader of counts over time reaches on values that training has not met."""
     nested = _is_nested(material, values)
     probe = f"identity: {name}" if nested else f"unseen {name}"
-    shared = in_both(values, material.train, material.validation)
+    shared = np.isin(values[material.validation], values[material.train])
     if not shared.any():
         verdict = f"training and validation have no value of {name} in common"
         return material.row(probe, material.best, verdict)
@@ -171,7 +171,7 @@ def _twins(material: Material) -> list[AuditRow]:
     """Return the row of twins; none without a label column besides the target."""
     names = _conditions(material)
     others = [name for name in names if name not in material.target_columns]
-    if not others or not _is_repeated(material, others):
+    if all(len(np.unique(material.columns[name][material.train])) < 2 for name in others):
         return []
     twin = _agree(material, names)
     place = nearest(material.distances)
@@ -191,11 +191,6 @@ def _twins(material: Material) -> list[AuditRow]:
     )
     remedy = f"evaluation: {{leave_out: {_most_telling(material, others, place)}}}"
     return [material.row("twins", before, verdict, shortcut=shortcut, remedy=remedy, without=without)]
-
-
-def _is_repeated(material: Material, names: Sequence[str]) -> bool:
-    """Return whether any of some columns has several values."""
-    return any(len(np.unique(material.columns[name][material.train])) > 1 for name in names)
 
 
 def _agree(material: Material, names: Sequence[str]) -> Bools:

@@ -70,12 +70,7 @@ def material(
 ) -> Material:
     """Prepare the data set of a design, with room to move its windows, and return what probes read.
 
-    Args:
-        space: search space.
-        design: of `designs`.
-        root: of the cache.
-        shifts: steps by which windows are moved; empty: an eighth of their length.
-        progress: called with a sentence as recordings are read.
+    shifts: as of `audit.audit`.
 
     Raises:
         RecordingError: the recordings do not fit the search space.

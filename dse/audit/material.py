@@ -13,7 +13,7 @@ from dse.audit.rows import AuditRow, Score, largest_class
 from dse.config.settings import Window
 from dse.dataset.shifts import shifted
 from dse.models.counts.rate_windows import as_features, window_counts
-from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
+from dse.records import Array, Dataset, Floats, Ints, Spikes
 
 SEEN: Mapping[str, tuple[tuple[int, int], ...]] = {
     TREES: ((1, 100), (6, 40), (12, 8)),
@@ -87,12 +87,8 @@ class Material:
     ) -> Floats:
         """Return spikes per bin and region, (samples, bins * region), of windows moved by some steps.
 
-        Args:
-            samples: their numbers.
-            bins: equal ones of the window.
-            steps: by which windows are moved.
-            spikes: whose windows begin at step 0, in place of the data set's.
-            side: regions along each axis (`readers.regions`).
+        bins: equal ones of the window. spikes: whose windows begin at step 0, in place of the data set's.
+        side: regions along each axis (`readers.regions`).
         """
         group, n_steps = regions(self.dataset.positions, side), self.dataset.n_steps
         if spikes is not None:
@@ -167,15 +163,8 @@ class Material:
 def counts(spikes: Spikes, samples: Ints, start: Ints, n_steps: int, bins: int, group: Ints) -> Floats:
     """Return spikes per bin and group of channels, (samples, bins * group) float64.
 
-    Bins are equal; the steps that are left over at the end of a window are not counted.
-
-    Args:
-        spikes: of all samples.
-        samples: their numbers.
-        start: (samples,) first step of each window.
-        n_steps: length of the windows.
-        bins: their number, at most one per step.
-        group: (n_channels,) of each channel, from 0.
+    Bins, at most one per step, are equal; the steps that are left over at the end of a window are not
+    counted. start: (samples,) first step of each window. group: (n_channels,) of each channel, from 0.
     """
     bins = min(bins, n_steps)
     edges = np.arange(bins + 1) * (n_steps // bins)
@@ -186,8 +175,3 @@ def spikes_per_step(spikes: Spikes, samples: Ints, start: Ints, n_steps: int) ->
     """Return how many spikes each step of each window has, (samples, n_steps) int64."""
     rows = (samples * spikes.n_steps + start)[:, None] + np.arange(n_steps + 1)
     return np.asarray(np.diff(spikes.row_offsets[rows], axis=1))
-
-
-def in_both(values: Array, train: Ints, validation: Ints) -> Bools:
-    """Return (validation,) bool: whether training has the sample's value of a column too."""
-    return np.isin(values[validation], values[train])

@@ -74,14 +74,7 @@ def rows(material: Material) -> list[AuditRow]:
 def best_of_readers(
     material: Material, train: Floats, validation: Floats, readers: Mapping[str, Reader] = READERS
 ) -> Score:
-    """Return the most accurate reader of a few numbers per sample.
-
-    Args:
-        material: with the classes.
-        train: (train, feature).
-        validation: (validation, feature).
-        readers: by name.
-    """
+    """Return the most accurate reader of a few numbers per sample, (train or validation, feature)."""
     scores = [
         material.score(name, reader(train, material.codes, validation)) for name, reader in readers.items()
     ]

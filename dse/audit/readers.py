@@ -69,9 +69,7 @@ def distances(x: Floats, query: Floats) -> Floats:
 def nearest(squared: Floats, allowed: Bools | None = None) -> Ints:
     """Return the nearest row for every query, (query,) int64; the first of equally near ones.
 
-    Args:
-        squared: (query, row) distances.
-        allowed: (query, row) bool, rows that may answer; -1 is returned where none may.
+    squared: (query, row) distances. allowed: (query, row) bool, rows that may answer; -1 where none may.
     """
     if allowed is None:
         return np.asarray(squared.argmin(axis=1))
@@ -94,11 +92,8 @@ COUNT_READERS: Mapping[str, Reader] = {
 def regions(positions: Ints, side: int) -> Ints:
     """Return the region of every channel, from 0, (n_channels,): a cell of the frame in one plane.
 
-    Channels of no more than side x side are a region each.
-
-    Args:
-        positions: (n_channels, 3) x, y and plane.
-        side: cells along each axis; of channels in a row, side x side along it.
+    Channels of no more than side x side are a region each. positions: (n_channels, 3) x, y and plane. side:
+    cells along each axis; of channels in a row, side x side along it.
     """
     if len(positions) <= side**2 and side > 1:
         return np.arange(len(positions))

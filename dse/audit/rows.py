@@ -82,12 +82,7 @@ class Score:
         return float(wilson_se(self.correct.sum() / self.repeats, self.n / self.repeats))
 
     def of(self, chosen: Bools, codes: Ints) -> Score:
-        """Return the score on some of the samples.
-
-        Args:
-            chosen: (n,) bool, at least one.
-            codes: (n,) true classes.
-        """
+        """Return the score on some of the samples, (n,) bool, whose true classes are `codes`, (n,)."""
         return Score(self.reader, self.correct[chosen], largest_class(codes[chosen]))
 
 
@@ -130,13 +125,9 @@ def share_lost(before: Score, after: Score) -> float:
 def loss(before: Score, after: Score, worse: bool, cause: str, known: str, met: str = "") -> tuple[bool, str]:
     """Return whether a reader owes half of its accuracy above chance to a shortcut, and a verdict.
 
-    Args:
-        before: its score.
-        after: its score on samples where the shortcut does not help.
-        worse: whether these answers are worse by more than accident.
-        cause: what the accuracy that it loses is.
-        known: where a reader at chance is at chance.
-        met: where it loses or holds.
+    after: its score where the shortcut does not help; worse: whether that is worse by more than accident.
+    cause: what the accuracy that it loses is. known: where a reader at chance is at chance. met: where it
+    loses or holds.
     """
     if not is_above(before):
         return False, f"this reader is at chance{known}"

@@ -324,9 +324,7 @@ class _Looking:
     def _step(self, t_ms: Floats, number: Array) -> dict[str, Any]:
         """Return the keys step_ms, the usual step of times, and `resample` where not all times are even.
 
-        Args:
-            t_ms: (row,).
-            number: (row,) number of the series of each.
+        t_ms, number: (row,) time, and number of the series, of each.
         """
         order = np.argsort(number, kind="stable")
         t_ms, number = t_ms[order], number[order]
@@ -477,9 +475,7 @@ class _Looking:
         it, else the longest.
         """
         sizes = shapes[signal]
-        recording = next((k for k, size in enumerate(sizes) if size in n_labels), 0)
-        others = [k for k in range(len(sizes)) if k != recording]
-        step = max(others, key=lambda k: sizes[k])
+        recording, step, others = _recording_and_step(sizes, n_labels)
         full = [size * (8 if k == step else 1) for k, size in enumerate(sizes)]
         of_shape = (x for x, shape in shapes.items() if shape == (len(sizes),) and "shape" in x.lower())
         if (name := next(of_shape, None)) is not None:
@@ -634,12 +630,15 @@ def _are_borders(path: Path, name: str, n_rows: int) -> bool:
 
 def _axes(shape: tuple[int, ...], n_labels: set[int]) -> list[str]:
     """Return names of axes: recordings are as many as labels, and steps are more than channels."""
+    recording, step, _ = _recording_and_step(shape, n_labels)
+    return ["recording" if k == recording else "step" if k == step else "channel" for k in range(len(shape))]
+
+
+def _recording_and_step(shape: tuple[int, ...], n_labels: set[int]) -> tuple[int, int, list[int]]:
+    """Return the axes of recordings, as many as labels, and of steps, the longest other; and all others."""
     recording = next((k for k, size in enumerate(shape) if size in n_labels), 0)
-    if len(shape) == 2:
-        return ["recording" if k == recording else "step" for k in range(2)]
-    others = [k for k in range(3) if k != recording]
-    step = max(others, key=lambda k: shape[k])
-    return ["recording" if k == recording else "step" if k == step else "channel" for k in range(3)]
+    others = [k for k in range(len(shape)) if k != recording]
+    return recording, max(others, key=lambda k: shape[k]), others
 
 
 def _class_names(path: Path, vectors: Mapping[str, int], labels: Mapping[str, Array]) -> dict[str, str]:

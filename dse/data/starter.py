@@ -20,7 +20,7 @@ from dse.config.yaml_lines import dump
 from dse.data.look import LABELS, Look
 from dse.recordings import RecordingError, Recordings, Source
 from dse.recordings.doubts import MOST, drawn, nearest_neighbours
-from dse.records import Array, Rasters, Signals
+from dse.records import Array, Bools, Rasters, Signals
 
 _GROUPS = re.compile(
     r"(?:session|subject|participant|person|user|day|date|hand|finger|device|group|block)(?:_?(?:id|no))?$",
@@ -126,13 +126,8 @@ def starter(
 ) -> tuple[str, tuple[str, ...]]:
     """Return a YAML file that trains on the recordings of a look, and what was guessed and chosen for it.
 
-    Args:
-        look: at a file, with the sampling period that signals and spikes need.
-        out: file of the search space, which names the study.
-        recordings: as section `data` of the look reads them.
-        label: label column to predict.
-        group: label column whose values stay in one part of the split; None: one that is named as a session,
-            subject or the like.
+    out: file of the search space, which names the study. label: column to predict. group: column whose values
+    stay in one part of the split; None: one that is named as a session, subject or the like.
 
     Raises:
         RecordingError: no classes, a class with too few recordings for any split, or signals that never
@@ -141,7 +136,7 @@ def starter(
     assumed: list[str] = []
     columns = {name: np.asarray(values) for name, values in recordings.columns.items()}
     check_classes(columns[label], label)
-    split = _split(columns, label, group, assumed)
+    split, is_open = _split(columns, label, group, assumed)
     n_classes = len(np.unique(columns[label]))
     assumed.insert(0, f"'{label}' is predicted: {n_classes} classes")
     others = ", ".join(x for x in columns if x != label) or "none"
@@ -153,15 +148,14 @@ def starter(
         f"What is predicted; other label columns: {others}.": {"task": {"target": label}},
         "Which recordings train, validate and test: dse describe split.": {"split": split},
     }
-    known = _for_training(split, columns)
+    known = np.flatnonzero(is_open)
     (shares,) = split.values() if len(split) == 1 else ({},)
     tested = share if isinstance(share := shares.get("test"), float) else 0.0
     held_out = tested + ((1 - tested) / shares["k"] if "k" in shares else shares.get("validation", 0.0))
     before = _front_end(recordings, columns[label], known, assumed)
     sections |= before
     by_name = {name: keys for each in before.values() for name, keys in each.items()}
-    n_steps, step_ms = _whole(recordings, by_name)
-    n_inputs = _n_inputs(recordings, by_name)
+    n_steps, step_ms, n_inputs = _inputs(recordings, by_name)
     of_signals = "encoder" in by_name
     networks = _networks(n_steps, n_inputs)
     sections[_MODEL] = {
@@ -220,11 +214,7 @@ def described(data: Mapping[str, Any], base: Path) -> Look:
 
 
 def read(look: Look, base: Path) -> Recordings:
-    """Return the recordings of a look.
-
-    Args:
-        look: with the sampling period that signals and spikes need.
-        base: folder that its files are relative to.
+    """Return the recordings of a look, whose files are relative to `base`; signals and spikes need its step.
 
     Raises:
         RecordingError: anything wrong with the file.
@@ -278,17 +268,6 @@ def _n_designs(keys: Any) -> int:
     return math.prod(map(_n_designs, keys.values()))
 
 
-def _for_training(split: Mapping[str, Any], columns: Mapping[str, Array]) -> Array:
-    """Return the recordings that a split of `_split` trains on or draws from: no published test set."""
-    (shares,) = split.values() if len(split) == 1 else ({},)
-    of_test = shares.get("test", 0.0)
-    named = split.get("train") or (of_test if isinstance(of_test, Mapping) else {})
-    is_open = np.ones(len(next(iter(columns.values()))), bool)
-    for name, value in named.items():
-        is_open = (columns[name] == value) == ("train" in split)
-    return np.flatnonzero(is_open)
-
-
 def _training(n: int) -> dict[str, Any]:
     """Return section `training`, of some 2000 steps whatever the number of recordings."""
     batch_size = int(min(32, max(4, 2 ** int(np.log2(max(n / 16, 4))))))
@@ -304,26 +283,20 @@ def _training(n: int) -> dict[str, Any]:
     }
 
 
-def _whole(recordings: Recordings, sections: Mapping[str, Any]) -> tuple[int, float]:
-    """Return the steps of a window and their period, in ms, by sections `window` and `preprocessing`."""
+def _inputs(recordings: Recordings, sections: Mapping[str, Any]) -> tuple[int, float, int]:
+    """Return the steps of a window, their period in ms, and the most inputs of a network, by the sections."""
     if isinstance(recordings, Rasters):
-        return recordings.spikes.n_steps, recordings.spikes.step_ms
+        spikes = recordings.spikes
+        return spikes.n_steps, spikes.step_ms, spikes.n_channels
     if isinstance(recordings, Signals):
         n_steps = sections.get("window", {}).get("n_steps", int(recordings.lengths.min()))
-        return n_steps, recordings.step_ms
-    return sections["window"]["n_steps"], sections["preprocessing"]["bin_ms"]
-
-
-def _n_inputs(recordings: Recordings, sections: Mapping[str, Any]) -> int:
-    """Return the most inputs of a network, by sections `preprocessing` and `encoder`."""
-    if isinstance(recordings, Rasters):
-        return recordings.spikes.n_channels
-    if isinstance(recordings, Signals):
         changes, digits = sections["encoder"]["choice"]
         each = max(len(changes["thresholds"]), int(digits["digits"]))
-        return 2 * recordings.n_channels * each
-    pool = int(sections["preprocessing"].get("pool", 1))
-    return 2 * -(-recordings.width // pool) * -(-recordings.height // pool)
+        return n_steps, recordings.step_ms, 2 * recordings.n_channels * each
+    of_events = sections["preprocessing"]
+    pool = int(of_events.get("pool", 1))
+    n_inputs = 2 * -(-recordings.width // pool) * -(-recordings.height // pool)
+    return sections["window"]["n_steps"], of_events["bin_ms"], n_inputs
 
 
 def _networks(n_steps: int, n_inputs: int) -> list[dict[str, Any]]:
@@ -348,11 +321,8 @@ def _networks(n_steps: int, n_inputs: int) -> list[dict[str, Any]]:
 def _rivals(n_steps: int, step_ms: float, of_signals: bool) -> list[dict[str, Any]]:
     """Return families that do not spike.
 
-    Args:
-        n_steps: of a window.
-        step_ms: of a step.
-        of_signals: whether spikes add up to a signal, which is read in eighths of the window; or they are
-            counted in quarters and eighths.
+    Where spikes add up to a signal, they are read in eighths of the window; else counted in quarters and
+    eighths.
     """
 
     def window_ms(parts: int) -> float:
@@ -377,13 +347,18 @@ def _rivals(n_steps: int, step_ms: float, of_signals: bool) -> list[dict[str, An
 # ---- the split
 
 
-def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed: list[str]) -> dict[str, Any]:
-    """Return section `split`: the file's own parts, or a draw of every class with whole groups."""
+def _split(
+    columns: Mapping[str, Array], label: str, group: str | None, assumed: list[str]
+) -> tuple[dict[str, Any], Bools]:
+    """Return section `split`: the file's own parts, or a draw of every class with whole groups.
+
+    Also which recordings, (n,), it trains on or draws from: no published test set.
+    """
     named = ((name, _parts(values)) for name, values in columns.items() if name != label)
     name, parts = next((x for x in named if {"train"} < x[1].keys()), ("", {}))
     if "validation" in parts:
         assumed.append(f"the split is that of column '{name}'")
-        return {part: {name: value} for part, value in parts.items()}
+        return {part: {name: value} for part, value in parts.items()}, columns[name] == parts["train"]
     drawn = np.ones(len(columns[label]), bool)
     more: dict[str, Any] = {}
     if parts:
@@ -403,7 +378,7 @@ def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed:
                 f"recordings with one value of '{groups}' stay in one part of the split, so that a {groups} "
                 "is not recognised in place of the class"
             )
-            return _drawn({**shares, **more}, len(labels), assumed, groups)
+            return _drawn({**shares, **more}, len(labels), assumed, groups), drawn
         else:
             few = min(np.unique(labels), key=lambda x: len(np.unique(known[drawn][labels == x])))
             text = f"'{groups}' has one value in class '{few}': a split by it would leave it out of a part"
@@ -422,7 +397,7 @@ def _split(columns: Mapping[str, Array], label: str, group: str | None, assumed:
             "recordings are drawn for training and validation one by one: if some were made in one session "
             "or by one person, name their column with --group"
         )
-    return _drawn({**shares, **more}, len(labels), assumed)
+    return _drawn({**shares, **more}, len(labels), assumed), drawn
 
 
 def _drawn(shares: Mapping[str, Any], n: int, assumed: list[str], group: str | None = None) -> dict[str, Any]:
@@ -527,10 +502,7 @@ def _quantised(signals: Signals, unit: float) -> dict[str, Any]:
 def _of_levels(signals: Signals, labels: Array, known: Array) -> float | None:
     """Return the accuracy of neighbours by the means of the channels; None: not a quarter of the way to 1.
 
-    Args:
-        signals: all recordings.
-        labels: of each.
-        known: (n,) recordings that are looked at: not those of a test set.
+    labels: of all recordings. known: (n,) those that are looked at: not those of a test set.
     """
     means = np.add.reduceat(signals.values, signals.offsets[:-1], axis=0, dtype=np.float64)
     means /= signals.lengths[:, None]

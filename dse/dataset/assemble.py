@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dse.config.bounds import MOST_PIXELS
 from dse.config.parts import target_columns
 from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Target, Window
@@ -20,7 +21,6 @@ from dse.dataset.keys import dataset_key, spikes_key, widened
 from dse.dataset.parts import (
     Part,
     Progress,
-    check_frame,
     cropped,
     encoded_without,
     place_signals,
@@ -35,7 +35,7 @@ from dse.recordings.doubts import Used, doubts, drawn, guard, shortcuts, silent_
 from dse.recordings.splits import Labelled, in_turn, leak, without
 from dse.recordings.targets import target
 from dse.recordings.windows import chosen, cut
-from dse.records import Bools, Dataset, Ints, Signals, Spikes
+from dse.records import Bools, Dataset, Ints, Rasters, Signals, Spikes
 from dse.store import heads_document
 
 _ROUNDING = 0.1  # share of spikes that the rounding of levels may move
@@ -108,11 +108,8 @@ class _Making:
 def _fill(folder: Path, design: Sections, making: _Making, jitter_steps: int | None) -> None:
     """Write a data set to a folder of the cache, after its spikes.
 
-    Args:
-        folder: empty.
-        design: its windows have room for all shifts.
-        making: what all designs share.
-        jitter_steps: how far training windows move, where that is less.
+    The windows of the design have room for all shifts; training windows move by `jitter_steps`, where that is
+    less.
     """
     recordings, positions = _read(design.data, making.base, design.window)
     task = design.task
@@ -211,7 +208,11 @@ def _spikes(
         write_spikes(parts, folder, making.threads, making.progress)
 
     if isinstance(first, Signals):
-        design = _learnt_from_signals(first, design, used[0], of)
+        if design.encoder is not None and design.encoder.learns:
+            (start, _, _, n_steps), levels = place_signals(first, design.window, used[0])
+            shown = seen_by_encoder(first, design.window, levels)
+            encoder = encoding.learnt(design.encoder, shown, start, n_steps, of)
+            design = dataclasses.replace(design, encoder=encoder)
     if design.encoder is None or isinstance(first, Signals):
         name = spikes_key(design, making.base, used)
         return name, design, cache.made(making.root, name, fill)
@@ -232,20 +233,8 @@ def _spikes(
     return name, design, cache.made(making.root, name, fill_encoded)
 
 
-def _learnt_from_signals(signals: Signals, design: Sections, used: Bools, of: Labelled) -> Sections:
-    if design.encoder is None or not design.encoder.learns:
-        return design
-    (start, _, _, n_steps), levels = place_signals(signals, design.window, used)
-    shown = seen_by_encoder(signals, design.window, levels)
-    return dataclasses.replace(design, encoder=encoding.learnt(design.encoder, shown, start, n_steps, of))
-
-
 def find(root: Path, key: str) -> Dataset | None:
-    """Return a data set of a cache, or None if it must be prepared; a damaged one is removed.
-
-    Raises:
-        OSError: the cache cannot be written.
-    """
+    """Return a data set of a cache, or None if it must be prepared; a damaged one is removed."""
     folder = cache.find(root, key)
     if folder is None:
         return None
@@ -262,13 +251,7 @@ def find(root: Path, key: str) -> Dataset | None:
 
 
 def load_or_prepare(design: Sections, base: Path, folder: Path, threads: int = 1) -> Dataset:
-    """Return a prepared data set; it is prepared again if it was evicted or damaged.
-
-    Args:
-        design: as for `prepare`.
-        base: as for `prepare`.
-        folder: of the data set in its cache.
-        threads: as for `prepare`.
+    """Return the data set that `prepare` made in a folder; it is made again if it was evicted or damaged.
 
     Raises:
         RecordingError: as for `prepare`, or the recordings have changed.
@@ -335,15 +318,10 @@ class New(NamedTuple):
 
 
 def build_for(design: Sections, base: Path, classes: Sequence[str], only: Ints | None = None) -> New:
-    """Return a data set of new recordings, all of them in `test`.
+    """Return a data set of new recordings, all of them in `test`, as `prepare` would make it.
 
-    They are prepared as `prepare` would, with what it has fitted to the data that was trained on.
-
-    Args:
-        design: as `as_prepared` returns it, with `data` naming the new file; split and test are not read.
-        base: folder that the file is looked up beside.
-        classes: those of the data that was trained on.
-        only: recordings that are read, rising; None: all.
+    The design is as `as_prepared` returns it, with `data` naming the new file; split and test are not read.
+    classes: those of the data that was trained on. only: recordings that are read, rising; None: all.
 
     Raises:
         RecordingError: anything wrong with the recordings, or labels that are none of the classes. A file
@@ -376,9 +354,10 @@ def _stored_temporarily(part: Part) -> Stored:
 def _read(source: Source, base: Path, window: Window) -> tuple[Recordings, Ints | None]:
     """Return recordings, cut into windows if the settings say so, and the positions of their channels."""
     read = source.read(base)
-    check_frame(read)
-    recordings = cut(read, window)
-    return recordings, source.channel_positions(base)
+    if not isinstance(read, Rasters | Signals) and (n_pixels := read.width * read.height) > MOST_PIXELS:
+        size = f"{read.width} x {read.height} = {n_pixels}"
+        raise RecordingError(f"the frame must have at most {MOST_PIXELS} pixels, got {size}")
+    return cut(read, window), source.channel_positions(base)
 
 
 def _check_alike(parts: Sequence[Part]) -> None:

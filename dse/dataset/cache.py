@@ -119,10 +119,7 @@ def mark_used(folder: Path) -> None:
 def made(root: Path, key: str, fill: Callable[[Path], None]) -> Path:
     """Return the folder of an entry, which is made if it is not there.
 
-    Args:
-        root: from `opened_root`.
-        key: a file name.
-        fill: writes the files of the entry, and no folders, to the empty folder that it is given.
+    fill: writes the files of the entry, and no folders, to the empty folder that it is given.
 
     Raises:
         OSError: the disk is full or fails otherwise; nothing of the entry is left.

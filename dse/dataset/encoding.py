@@ -25,13 +25,7 @@ def learnt(encoder: Encoder, signals: Signals, first: Ints, n_steps: int, of: La
     """Return an encoder fitted to training recordings; unchanged if it learns nothing.
 
     Labels of other recordings are shown to an encoder that says it is transductive, and to no other.
-
-    Args:
-        encoder: of section `encoder`.
-        signals: the recordings.
-        first: (n,) first step of the evaluated windows.
-        n_steps: length of the windows.
-        of: labels of the recordings.
+    first: (n,) first step of the evaluated windows.
 
     Raises:
         RecordingError: the encoder cannot learn from them.
@@ -47,13 +41,9 @@ def learnt(encoder: Encoder, signals: Signals, first: Ints, n_steps: int, of: La
 
 
 def learnt_from_spikes(encoder: Encoder, stored: Stored, used: Bools, of: Labelled) -> Encoder:
-    """Return what `learnt` returns, for recordings that are spikes.
+    """Return what `learnt` returns, for recordings that are spikes, perhaps with a test file behind them.
 
-    Args:
-        encoder: of section `encoder`.
-        stored: spikes of the recordings, and perhaps of a test file behind them.
-        used: (n,) bool, recordings that have a window.
-        of: labels of the recordings.
+    used: (n,) bool, recordings that have a window.
     """
     chosen = np.flatnonzero(used) if encoder.transductive else of.train
     lengths = _lengths(stored, np.isin(np.arange(len(stored.start)), chosen))
@@ -65,19 +55,16 @@ def learnt_from_spikes(encoder: Encoder, stored: Stored, used: Bools, of: Labell
 def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:
     """Return spikes that an encoder makes of stored spikes; windows mean the same steps as before.
 
-    A recording is encoded from its first stored step on, until the end of its last window.
-
-    Args:
-        stored: spikes of recordings.
-        encoder: fitted.
-        used: (n,) bool, recordings that have windows; the others get no spikes.
+    A recording is encoded from its first stored step on, until the end of its last window; those that are not
+    used, (n,) bool, get no spikes.
     """
     lengths = _lengths(stored, used)
     # What reads the labels of certain recordings must find them all, in their order.
-    most = np.inf if encoder.transductive else _DENSE_BYTES
+    most = max(1, _DENSE_BYTES // (4 * stored.spikes.n_channels * max(1, int(lengths.max(initial=0)))))
+    at_once = len(lengths) if encoder.transductive else most
 
     def rows(threads: int) -> Iterator[Rows]:
-        for some in _chunks(lengths * 4 * stored.spikes.n_channels, most):
+        for some in np.split(np.arange(len(lengths)), range(at_once, len(lengths), at_once)):
             chosen = some[lengths[some] > 0]
             encoded_rows: Iterator[Rows] = iter(())
             if chosen.size:
@@ -100,12 +87,7 @@ def encoded(stored: Stored, encoder: Encoder, used: Bools) -> Part:
 def as_signals(spikes: Spikes, chosen: Ints, lengths: Ints) -> Signals:
     """Return recordings of spikes as signals of the number of spikes per step, without columns.
 
-    That is 0 or 1, but for events (`Spikes.t_us`).
-
-    Args:
-        spikes: of all recordings.
-        chosen: (m,) recordings.
-        lengths: (m,) steps of each, from its first.
+    That is 0 or 1, but for events (`Spikes.t_us`). lengths: (m,) steps of each of the chosen, from its first.
     """
     offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
     values = np.zeros((int(offsets[-1]), spikes.n_channels), dtype=np.float32)
@@ -119,14 +101,3 @@ def as_signals(spikes: Spikes, chosen: Ints, lengths: Ints) -> Signals:
 def _lengths(stored: Stored, used: Bools) -> Ints:
     """Return (n,) steps from the first that is stored to the end of the last window; 0 where not used."""
     return np.where(used, stored.high.astype(np.int64) + stored.n_steps, 0)
-
-
-def _chunks(n_bytes: Ints, most: float) -> Iterator[Ints]:
-    """Yield the numbers of all recordings in order, in chunks below some bytes, at least one at a time."""
-    begin, filled = 0, 0
-    for i, size in enumerate(n_bytes.tolist()):
-        if filled and filled + size > most:
-            yield np.arange(begin, i)
-            begin, filled = i, 0
-        filled += size
-    yield np.arange(begin, len(n_bytes))

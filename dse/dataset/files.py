@@ -59,11 +59,8 @@ class Meta:
 def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1, progress: Progress = silent) -> None:
     """Write the spikes and windows of several sources, laid end to end, one recording at a time.
 
-    Args:
-        parts: the data, and the test file if there is one; they agree in channels, step and window.
-        folder: empty.
-        threads: for trials that are simulated; the files are the same with any number.
-        progress: called with a sentence after every recording.
+    The parts, the data and perhaps a test file, agree in channels, step and window. The files are the same
+    with any number of threads, which trials are simulated on.
     """
     n_stored, n = max(part.n_stored for part in parts), sum(len(part.start) for part in parts)
     done, filled = 0, 0
@@ -87,11 +84,9 @@ def write_spikes(parts: Sequence[Part], folder: Path, threads: int = 1, progress
                 filled += len(channels)
                 done += 1
                 progress(f"preparing data: {done} of {n} recordings")
-    for name in _OF_WINDOWS:
-        np.save(folder / f"{name}.npy", np.concatenate([getattr(part, name) for part in parts]))
-    np.save(folder / "positions.npy", parts[0].positions.astype(np.int32))
-    np.save(folder / "lengths.npy", parts[0].lengths)
-    for name, values in (("levels", parts[0].levels), ("rises", parts[0].rises)):
+    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _OF_WINDOWS}
+    arrays |= {"positions": parts[0].positions.astype(np.int32), "lengths": parts[0].lengths}
+    for name, values in (arrays | {"levels": parts[0].levels, "rises": parts[0].rises}).items():
         if values is not None:
             np.save(folder / f"{name}.npy", values)
     _write_meta(
@@ -147,11 +142,7 @@ def read_spikes(folder: Path) -> Stored:
 def write_dataset(folder: Path, target: Array, split: tuple[Array, Array, Array], meta: Meta) -> None:
     """Write everything of a data set but its spikes to an empty folder.
 
-    Args:
-        folder: empty.
-        target: (n,) codes.
-        split: train, validation and test indices.
-        meta: what `read_meta` is to return.
+    target: (n,) codes. split: train, validation and test indices. meta: what `read_meta` is to return.
     """
     for name, array in zip(_OF_DATASET, (target, *split), strict=True):
         np.save(folder / f"{name}.npy", array.astype(np.int64))

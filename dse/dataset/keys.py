@@ -30,12 +30,8 @@ _ADDED: Mapping[str, Mapping[str, Raw]] = {
 def dataset_key(design: Sections, base: Path, only: Ints | None = None) -> str:
     """Return a hash of all that a data set follows from: the sections, and what the recordings hold.
 
-    Where the recordings lie and what their files are called does not matter.
-
-    Args:
-        design: its sections.
-        base: folder that recordings are looked up beside.
-        only: recordings that it is limited to; None: all of the split.
+    Where the recordings lie and what their files are called does not matter. only: recordings that it is
+    limited to; None: all of the split.
 
     Raises:
         RecordingError: a file is not found.
@@ -64,10 +60,8 @@ def widened(design: Sections) -> Sections:
 def spikes_key(design: Sections, base: Path, used: Sequence[Bools]) -> str:
     """Return a hash of all that the spikes of a data set follow from: no label, no target, no split.
 
-    Args:
-        design: nothing in it is left to be fitted to training recordings.
-        base: folder that recordings are looked up beside.
-        used: which recordings of the data, and of the test file if there is one, have spikes.
+    Nothing in the design is left to be fitted. used: which recordings of the data, and of the test file if
+    there is one, have spikes.
     """
     sections = design.to_plain()
     parts = {name: _hashed(name, sections) for name in _OF_SPIKES}

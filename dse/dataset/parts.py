@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from dse import preprocessing
-from dse.config.bounds import MOST_PIXELS, MOST_STEPS
+from dse.config.bounds import MOST_STEPS
 from dse.config.contracts import Encoder
 from dse.config.resolved import Sections
 from dse.config.settings import Preprocessing, Window
@@ -104,20 +104,18 @@ def placed(
     """Return where the windows of a source lie; recorded events are read once for it, spikes are not made.
 
     Signals pass the encoder on their way; what the encoder of other recordings makes is `encoding.encoded`.
-
-    Args:
-        recordings: as read.
-        design: its crop and its encoder are fitted.
-        used: (n,) bool, recordings that are in some part of the split; the others get no spikes.
-        threads: for trials that are simulated.
-        positions: (n_channels, 3) of signals and rasters; events have theirs from their addresses.
-        progress: called with a sentence after every recording that is surveyed.
+    Crop and encoder of the design are fitted. used: (n,) bool, recordings in some part of the split; others
+    get no spikes. threads: for trials that are simulated. positions: (n_channels, 3) of signals and rasters.
 
     Raises:
         RecordingError: a window does not fit, or a section is absent or out of place.
     """
     window = design.window
-    _check_sections(recordings, design)
+    kind, needed = design.kinds["data"], recordings.front_end
+    if needed is not None and getattr(design, needed) is None:
+        raise RecordingError(f"{needed} is required: it turns data of kind '{kind}' into spikes")
+    if needed != "preprocessing" and design.preprocessing is not None:
+        raise RecordingError(f"preprocessing does not apply to data of kind '{kind}' and must be absent")
     if window.remove_mean and recordings.front_end != "encoder":
         raise RecordingError("window.remove_mean must be false for events and spikes, got true")
     if not isinstance(recordings, Signals | Rasters):
@@ -133,17 +131,6 @@ def placed(
     return _of_signals(recordings, window, design.encoder, used, positions)
 
 
-def check_frame(recordings: Recordings) -> None:
-    """Check that the frame of events is no larger than arrays of its pixels may be."""
-    if isinstance(recordings, Rasters | Signals):
-        return
-    if (n_pixels := recordings.width * recordings.height) > MOST_PIXELS:
-        raise RecordingError(
-            f"the frame must have at most {MOST_PIXELS} pixels, got {recordings.width} x {recordings.height} "
-            f"= {n_pixels}"
-        )
-
-
 def pooling_of(source: EventSource, settings: Preprocessing) -> Pooling:
     """Return the pools that section `preprocessing` describes on a source's frame."""
     trials = trials_of(source)
@@ -152,14 +139,7 @@ def pooling_of(source: EventSource, settings: Preprocessing) -> Pooling:
 
 
 def cropped(source: Recordings, design: Sections, train: Ints, progress: Progress = silent) -> Sections:
-    """Return a design whose crop is a rectangle where it was `pins`, fitted to training recordings alone.
-
-    Args:
-        source: the recordings.
-        design: its sections.
-        train: indices of the training recordings.
-        progress: called with a sentence after every recording that is searched.
-    """
+    """Return a design whose crop is a rectangle where it was `pins`, fitted to training recordings alone."""
     settings = design.preprocessing
     if settings is None or settings.crop != "pins" or isinstance(source, Rasters | Signals):
         return design
@@ -173,15 +153,6 @@ def cropped(source: Recordings, design: Sections, train: Ints, progress: Progres
             progress(f"locating pins: {done} of {len(train)} recordings")
         crop = preprocessing.pin_rectangle(columns, rows)
     return dataclasses.replace(design, preprocessing=dataclasses.replace(settings, crop=crop))
-
-
-def _check_sections(recordings: Recordings, design: Sections) -> None:
-    kind = design.kinds["data"]
-    needed = recordings.front_end
-    if needed is not None and getattr(design, needed) is None:
-        raise RecordingError(f"{needed} is required: it turns data of kind '{kind}' into spikes")
-    if needed != "preprocessing" and design.preprocessing is not None:
-        raise RecordingError(f"preprocessing does not apply to data of kind '{kind}' and must be absent")
 
 
 def _of_rasters(rasters: Rasters, window: Window, used: Bools, positions: Ints) -> Part:
@@ -211,12 +182,8 @@ def encoded_without(
 ) -> Spikes:
     """Return the spikes of the windows, from step 0, of signals less some of what they show without touch.
 
-    Args:
-        signals: n recordings.
-        design: its encoder is fitted.
-        used: (n,) bool, recordings that get spikes.
-        constant: (n, channel) that is subtracted.
-        trend: (n, channel) that is subtracted per step since the start of the window.
+    The encoder of the design is fitted. used: (n,) bool, recordings that get spikes. constant, trend: (n,
+    channel) that is subtracted, the latter per step since the start of the window.
     """
     assert design.encoder is not None  # signals without an encoder are refused
     (start, _, _, n_steps), _ = place_signals(signals, design.window, used)
@@ -290,19 +257,10 @@ def _of_events(
                     )
     start, low, high, n_steps = place(window, lengths, used, contact)
     n_kept = np.where(used, high - low + n_steps, 0)
-    # The rate floor needs the bins that are kept; a simulated raster does not know which they are.
-    plain = dataclasses.replace(pooling, rate_floor_hz=0.0)
+    pool = preprocessing.pool_events if every_event else preprocessing.pool
 
     def recording(i: int) -> Rows:
-        first, n = int(low[i]), int(n_kept[i])
-        if every_event:
-            return Rows(*preprocessing.pool_events(source.blocks(i), pooling, int(t0_us[i]), first, n))
-        if not n:
-            return NO_ROWS
-        if simulated is None:
-            return Rows(*preprocessing.pool(source.blocks(i), pooling, int(t0_us[i]), first, n))
-        counts, channels = simulated.raster(i, plain, first + n)
-        return Rows(*preprocessing.without_quiet(counts[first:], channels[counts[:first].sum() :], pooling))
+        return Rows(*pool(source.blocks(i), pooling, int(t0_us[i]), int(low[i]), int(n_kept[i])))
 
     def rows(threads: int) -> Iterator[Rows]:
         return in_order(recording, range(source.n_recordings), threads if simulated else 1)
@@ -323,12 +281,9 @@ def pool_positions(pooling: Pooling) -> Array:
 def in_order(
     function: Callable[[int], Result], numbers: range | list[int], threads: int
 ) -> Generator[Result, None, None]:
-    """Yield a function's result for every number, in the order of the numbers.
+    """Yield a function's result for every number, in order; no more than a few results wait to be taken.
 
-    Args:
-        function: with several threads, it must leave the interpreter to the others for most of its time.
-        numbers: of recordings.
-        threads: that call the function; no more than a few results wait to be taken.
+    With several threads, the function must leave the interpreter to the others for most of its time.
     """
     if threads == 1:
         yield from map(function, numbers)

@@ -36,10 +36,7 @@ class Shape:
 def announced(design: Sections, recordings: Recordings, of_file: Ints | None) -> Shape | None:
     """Return the shape of a design's data set before it is prepared; None where the data decide.
 
-    Args:
-        design: its sections.
-        recordings: as `dse.dataset.recordings` reads them.
-        of_file: (n_channels, 3) positions of sampled channels and rasters; None of events.
+    of_file: (n_channels, 3) positions of sampled channels and rasters; None of events.
 
     Raises:
         RecordingError: the recordings do not fit the task or the split.

@@ -15,9 +15,7 @@ from dse.records import Bools, Dataset, Ints
 def has_room(dataset: Dataset, steps: int) -> Bools:
     """Return (n,) bool: whether the steps of a sample's window, moved by some steps, are stored.
 
-    Args:
-        dataset: samples without spikes have no room, except for 0.
-        steps: > 0 later, < 0 earlier.
+    Samples without spikes have no room, except for 0. steps: > 0 later, < 0 earlier.
     """
     low, high = dataset.room
     return _fits(dataset.start, low, high, steps)
@@ -39,12 +37,8 @@ def shifts_described(
 ) -> list[str]:
     """Return what is worth saying about moved windows, one sentence each.
 
-    Args:
-        of: labels; validation recordings are evaluated.
-        start: (n,) first step of the evaluated windows.
-        room: (n,) lowest and highest first step that a recording has room for.
-        shifts: in steps.
-        jitter_steps: how far training windows move.
+    start: (n,) first step of the evaluated windows. room: lowest and highest that a recording has room for,
+    each (n,). jitter_steps: how far training windows move.
 
     Raises:
         RecordingError: no recording has room for every shift.

@@ -17,14 +17,10 @@ from dse.records import Array, Block, Rasters, Signals
 
 
 def stages(design: Sections, base: Path, sample: int) -> Stages:
-    """Return one recording of a design's data at every stage.
+    """Return one recording of a design's data at every stage; it is read, or simulated, again.
 
-    The recording is read again, or simulated again.
-
-    Args:
-        design: its crop is fitted, and its window has a length.
-        base: folder that recordings are looked up beside.
-        sample: number of the recording; those of the test file follow those of the data.
+    The crop of the design is fitted, and its window has a length. Recordings of the test file follow those of
+    the data.
 
     Raises:
         RecordingError: the recordings are not events, or there is no such recording.
@@ -42,7 +38,7 @@ def stages(design: Sections, base: Path, sample: int) -> Stages:
     part = placed(recordings, design, np.arange(n) == sample)
     events = _joined(recordings.blocks(sample))
     begun_us = 0 if trials_of(recordings) else int(events.t_us[0])
-    whole = dataclasses.replace(pools, start_us=0, end_us=preprocessing.END_OF_TIME_US, rate_floor_hz=0.0)
+    whole = pools._replace(start_us=0, end_us=preprocessing.END_OF_TIME_US, rate_floor_hz=0.0)
     events = dataclasses.replace(events, t_us=events.t_us - begun_us)
     n_bins = whole.n_bins(int(events.t_us[-1]) + 1 if len(events.t_us) else 0)
     counts, channels = preprocessing.pool([events], whole, 0, 0, n_bins)

@@ -95,11 +95,7 @@ class Receptors(OneByOne):
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:
-        """Return the encoder with the range of every channel: `full_scale`, or that of training recordings.
-
-        Raises:
-            ValueError: a sample is no finite number.
-        """
+        """Return the encoder with the range of every channel: `full_scale`, or of training recordings."""
         if self.full_scale is not None:
             n = signals.n_channels
             return dataclasses.replace(self, low=(0.0,) * n, high=(float(self.full_scale),) * n)
@@ -114,9 +110,7 @@ class Receptors(OneByOne):
     def currents(self, values: Floats, step_ms: float) -> Floats:
         """Return the currents of all receptors, (step, kind x channel) float64, SA first.
 
-        Args:
-            values: (step, channel) smoothed samples from a recording's first on.
-            step_ms: sampling period.
+        values: (step, channel) smoothed samples from a recording's first on.
 
         Raises:
             ValueError: the range is not known, or is that of other channels.
@@ -137,12 +131,16 @@ class Receptors(OneByOne):
         """Return how many steps the neurons take per sensor step."""
         return max(1, round(step_ms / self.solver_ms))
 
+    def fire(self, current: Floats, step_ms: float, state: Floats) -> Ints:
+        """Return how often each receptor fires in each step, (step, kind x channel); `state` moves on."""
+        fired, steps = np.zeros(current.shape, dtype=np.int64), self.solver_steps(step_ms)
+        half_steps = self.method == "half_steps"
+        _fire(current, parameters(self.sa), step_ms / steps, steps, half_steps, state, fired)
+        return fired
+
     def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
-        kinds, solver = parameters(self.sa), self.solver_steps(signals.step_ms)
         current = self.currents(self._smooth(signals, i, 0, first + length), signals.step_ms)
-        fired = np.zeros(current.shape, dtype=np.int64)
-        state, half_steps = at_rest(kinds, signals.n_channels), self.method == "half_steps"
-        _fire(current, kinds, signals.step_ms / solver, solver, half_steps, state, fired)
+        fired = self.fire(current, signals.step_ms, at_rest(parameters(self.sa), signals.n_channels))
         step, channel = self.copies(fired[first:])
         return np.bincount(step, minlength=length), channel
 
@@ -176,9 +174,7 @@ class _Running:
 
     def __init__(self, encoder: Receptors, n_in: int, step_ms: float) -> None:
         self._encoder, self._step_ms = encoder, step_ms
-        self._solver = encoder.solver_steps(step_ms)
-        self._kinds = parameters(encoder.sa)
-        self._state = at_rest(self._kinds, n_in)
+        self._state = at_rest(parameters(encoder.sa), n_in)
         self._smooth = RunningAverage(round(encoder.smoothing_ms / step_ms), n_in)
         self._last: Floats | None = None
 
@@ -187,9 +183,7 @@ class _Running:
         last = now if self._last is None else self._last
         current = self._encoder.currents(np.stack([last, now]), self._step_ms)[1:]
         self._last = now
-        fired = np.zeros(current.shape, dtype=np.int64)
-        step_ms, half_steps = self._step_ms / self._solver, self._encoder.method == "half_steps"
-        _fire(current, self._kinds, step_ms, self._solver, half_steps, self._state, fired)
+        fired = self._encoder.fire(current, self._step_ms, self._state)
         return self._encoder.copies(fired)[1].astype(np.int32)
 
 
@@ -203,17 +197,10 @@ def at_rest(kinds: Floats, n_in: int) -> Floats:
 def _fire(current, kinds, step_ms, solver_steps, half_steps, state, fired):  # type: ignore[no-untyped-def]
     """Count the spikes of receptors in each sensor step, as dse.neurons.izhikevich fires, into `fired`.
 
-    Constants of a kind are numbers, not arrays: more arrays than these and the loop over its receptors is
-    not vectorised.
-
-    Args:
-        current: (step, kind x receptor).
-        kinds: (kind, 4) a, b, c, d.
-        step_ms: of the solver.
-        solver_steps: per sensor step.
-        half_steps: whether v takes two half steps.
-        state: (kind, 2, receptor) v and u, which become those after the last step.
-        fired: (step, kind x receptor) int64 zeros.
+    Constants of a kind are numbers, not arrays: more arrays than these and the loop over its receptors is not
+    vectorised. current, fired: (step, kind x receptor), fired int64. kinds: (kind, 4) a, b, c, d. state:
+    (kind, 2, receptor) v and u, which become those after the last step. half_steps: whether v takes two half
+    steps.
     """
     n = current.shape[1] // len(kinds)
     half = 0.5 * step_ms

@@ -55,11 +55,8 @@ def smoothed(signals: Signals, i: int, first: int, length: int, smoothing_ms: fl
 def moving_average(values: Floats, window: int, first: int, length: int) -> Floats:
     """Return the mean of the last `window` samples at some steps, (length, channel) float64.
 
-    Args:
-        values: (step, channel) samples of a recording; at its start the average is over those there are.
-        window: samples; 0 and 1 average nothing.
-        first: first step that is returned.
-        length: steps that are returned.
+    values: (step, channel) samples of a recording; at its start the average is over those there are. Windows
+    of 0 and 1 average nothing.
     """
     if window <= 1:
         return values[first : first + length].astype(np.float64)

@@ -78,18 +78,29 @@ class Deltas(OneByOne):
     def _copies(self) -> int:
         return len(self.thresholds) * (1 if self.polarity == "merged" else 2)
 
-    def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
+    def begun(self, values: Floats) -> Floats:
+        """Return the levels sent last, (threshold, channel) float64, before a recording's first sample."""
+        level = self.first_level(len(values))
+        return np.tile(values if level is None else level, (len(self.thresholds), 1)).astype(np.float64)
+
+    def sent(self, values: Floats, level: Floats, first: int) -> tuple[Ints, Ints]:
+        """Return the spikes per step of samples (step, channel) from `first` on, and their channels.
+
+        `level` becomes the levels sent last.
+        """
         thresholds = np.asarray(self.thresholds, dtype=np.float64)
+        counts = np.zeros(len(values) - first, dtype=np.int64)
         rule, merged = _RULES.index(self.reference), self.polarity == "merged"
+        return counts, _encode(values, thresholds, rule, merged, level, first, counts)
+
+    def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
         values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
-        counts = np.zeros(length, dtype=np.int64)
-        level = self.first_level(values.shape[1])
-        level = values[0].astype(np.float64) if level is None else level
-        return counts, _encode(values, level, thresholds, rule, merged, first, first + length, counts)
+        return self.sent(values[: first + length], self.begun(values[0]), first)
 
     def running(self, n_in: int, step_ms: float) -> RunningEncoder:
         """Return the encoder at the start of a recording."""
-        return _Running(self, n_in)
+        self.first_level(n_in)
+        return _Running(self)
 
 
 @register("encoders", "send_on_delta")
@@ -130,87 +141,48 @@ class SendOnDelta(Deltas):
 class _Running:
     """Send-on-delta within one recording; it holds the levels sent last."""
 
-    def __init__(self, encoder: Deltas, n_in: int) -> None:
-        self._thresholds = np.asarray(encoder.thresholds, dtype=np.float64)
-        self._rule, self._merged = _RULES.index(encoder.reference), encoder.polarity == "merged"
-        self._level = np.zeros((len(self._thresholds), n_in))
-        self._sign = np.zeros(n_in, np.int8)
-        self._channels = np.empty(len(self._thresholds) * n_in, np.int32)
-        self._first = encoder.first_level(n_in)
-        self._begun = False
+    def __init__(self, encoder: Deltas) -> None:
+        self._encoder = encoder
+        self._level: Floats | None = None
 
     def step(self, values: Floats) -> Ints:
-        if not self._begun:
-            self._level[:] = values if self._first is None else self._first
-            self._begun = True
-        n = _send(
-            values, self._thresholds, self._rule, self._merged, self._level, self._sign, True,
-            self._channels, 0,
-        )  # fmt: skip
-        return self._channels[:n].copy()
+        if self._level is None:
+            self._level = self._encoder.begun(values)
+        return self._encoder.sent(values[None], self._level, 0)[1]
 
 
 @compiled()
-def _send(values, thresholds, rule, merged, r, sign, is_kept, channels, filled):  # type: ignore[no-untyped-def]
-    """Append the channels that spike at one sample; return their new end.
+def _encode(values, thresholds, rule, merged, r, first, counts):  # type: ignore[no-untyped-def]
+    """Return the spike channels of steps from `first` on in order; write how many per step to counts.
 
-    Args:
-        values: (channel,) the sample.
-        thresholds: (threshold,).
-        rule: place in `_RULES`.
-        merged: whether ON and OFF are one channel.
-        r: (threshold, channel) levels sent last, which move; of digits the first is that of all.
-        sign: (channel,) int8, overwritten.
-        is_kept: whether spikes are listed.
-        channels: int32 with room for all that may spike.
-        filled: where they begin.
+    values: (step, channel) samples. rule: place in `_RULES`. r: (threshold, channel) levels sent last, which
+    move; of digits the first is that of all. counts: (step - first,) int64.
     """
-    n = len(values)
-    for k in range(len(thresholds)):
-        theta = thresholds[k]
-        for c in range(n):
-            x, at = np.float64(values[c]), 0 if rule == 3 else k
-            d = x - r[at, c]
-            sign[c] = 0
-            if abs(d) >= theta:
-                sign[c] = 1 if d > 0 else -1
-                if rule == 1:
-                    r[at, c] = x
-                elif rule != 2:
-                    r[at, c] += sign[c] * theta
-                else:
-                    r[at, c] += sign[c] * (theta * np.floor(abs(d) / theta))
-        if is_kept and merged:
-            for c in range(n):
-                if sign[c] != 0:
-                    channels[filled] = k * n + c
-                    filled += 1
-        elif is_kept:
-            for c in range(n):
-                if sign[c] < 0:
-                    channels[filled] = 2 * k * n + c
-                    filled += 1
-            for c in range(n):
-                if sign[c] > 0:
-                    channels[filled] = (2 * k + 1) * n + c
-                    filled += 1
-    return filled
-
-
-@compiled()
-def _encode(values, level, thresholds, rule, merged, first, end, counts):  # type: ignore[no-untyped-def]
-    """Return the spike channels of steps first .. end - 1 in order; write how many per step to counts."""
-    n, n_thresholds = values.shape[1], len(thresholds)
-    channels = np.empty((end - first) * n_thresholds * n, dtype=np.int32)
-    r = np.empty((n_thresholds, n))
-    for k in range(n_thresholds):
-        for c in range(n):
-            r[k, c] = level[c]
+    n = values.shape[1]
+    channels = np.empty(len(counts) * len(thresholds) * n, dtype=np.int32)
     sign = np.zeros(n, dtype=np.int8)
     filled = 0
-    for t in range(end):
+    for t in range(len(values)):
         before = filled
-        filled = _send(values[t], thresholds, rule, merged, r, sign, t >= first, channels, filled)
+        for k in range(len(thresholds)):
+            theta = thresholds[k]
+            for c in range(n):
+                x, at = np.float64(values[t, c]), 0 if rule == 3 else k
+                d = x - r[at, c]
+                sign[c] = 0
+                if abs(d) >= theta:
+                    sign[c] = 1 if d > 0 else -1
+                    if rule == 1:
+                        r[at, c] = x
+                    elif rule != 2:
+                        r[at, c] += sign[c] * theta
+                    else:
+                        r[at, c] += sign[c] * (theta * np.floor(abs(d) / theta))
+            for p in range(1 if merged else 2) if t >= first else range(0):
+                for c in range(n):
+                    if sign[c] != 0 and (merged or (sign[c] > 0) == (p == 1)):
+                        channels[filled] = (k if merged else 2 * k + p) * n + c
+                        filled += 1
         if t >= first:
             counts[t - first] = filled - before
     return channels[:filled].copy()

@@ -80,11 +80,7 @@ class Threshold(OneByOne):
     def fitted(
         self, signals: Signals, first: Ints, n_steps: int, target: Ints, n_classes: int, train: Ints
     ) -> Self:
-        """Return the encoder with what matching needs: classes' statistics, or (own_label) the labels.
-
-        Raises:
-            ValueError: means are compared, but all of them have been removed.
-        """
+        """Return the encoder with what matching needs: classes' statistics, or (own_label) the labels."""
         if self.matching == "none":
             return self
         if self.matching == "own_label":
@@ -94,12 +90,9 @@ class Threshold(OneByOne):
                 labels=tuple(int(x) for x in target),
                 recordings=_hash(signals),
             )
-        measured = np.stack(
-            [
-                np.concatenate(statistics(self._piece(signals, int(i), int(first[i]), n_steps), past=False))
-                for i in train
-            ]
-        )  # (recording, mean or std, channel)
+        windows = (smoothed(signals, int(i), int(first[i]), n_steps, self.smoothing_ms) for i in train)
+        measured = np.stack([np.concatenate(statistics(x, past=False)) for x in windows])
+        # (recording, mean or std, channel)
         if self.statistic == "mean" and (np.abs(measured[:, 0]) <= _NO_MEAN * measured[:, 1]).all():
             raise ValueError(
                 "encoder.statistic must be std if the mean of every channel is removed, got mean"
@@ -122,7 +115,7 @@ class Threshold(OneByOne):
         return super().encode_all(signals, first, length)
 
     def _encoded(self, signals: Signals, i: int, first: int, length: int) -> tuple[Ints, Ints]:
-        values = self._piece(signals, i, first, length)
+        values = smoothed(signals, i, first, length, self.smoothing_ms)
         mean, spread = statistics(values, past=self.level == "past")
         step, channel = np.nonzero(values >= mean)
         matched = self._matched(mean if self.statistic == "mean" else spread, i)
@@ -139,10 +132,6 @@ class Threshold(OneByOne):
                 f"encoder threshold with matching {self.matching} must be fitted to training recordings first"
             )
         return self.n_classes
-
-    def _piece(self, signals: Signals, i: int, first: int, length: int) -> Floats:
-        """Return some steps of a recording, (step, channel) float64, smoothed from its first sample on."""
-        return smoothed(signals, i, first, length, self.smoothing_ms)
 
     def _matched(self, statistic: Floats, i: int) -> Bools:
         """Return which classes the channels of recording i match, (1 or step, copy, channel) bool."""
@@ -179,9 +168,7 @@ class Threshold(OneByOne):
 def statistics(values: Floats, past: bool) -> tuple[Floats, Floats]:
     """Return mean and standard deviation of every channel, each (1, channel) or (step, channel).
 
-    Args:
-        values: (step, channel) float64.
-        past: until each step, the step itself included; else over all.
+    values: (step, channel) float64. past: until each step, the step itself included; else over all.
     """
     if not past:
         return values.mean(axis=0, keepdims=True), values.std(axis=0, keepdims=True)

@@ -24,10 +24,6 @@ def pin_rectangle(column_counts: Ints, row_counts: Ints) -> tuple[int, int, int,
     A column or row sees pins where log(1 + count) is above Otsu's threshold. The logarithm keeps the border
     between noise and pins where few pins, or a single broken pixel, would move it. If all
     counts are equal, every column or row is kept.
-
-    Args:
-        column_counts: (width,) events of every column, over the training recordings.
-        row_counts: (height,) events of every row.
     """
     (x, width), (y, height) = _span(column_counts), _span(row_counts)
     return x, y, width, height
@@ -40,7 +36,7 @@ def _span(counts: Ints) -> tuple[int, int]:
 
 
 def otsu(values: Floats) -> float:
-    """Return the threshold that separates values best into two classes: the largest value of the lower one.
+    """Return the threshold that separates values, (n,), best into two classes: the largest of the lower one.
 
         maximise  n_low n_high (mean_high - mean_low)^2,   low: values <= threshold
 
@@ -48,9 +44,6 @@ def otsu(values: Floats) -> float:
 
     Source: N. Otsu, A threshold selection method from gray-level histograms, IEEE Transactions on Systems,
     Man, and Cybernetics 9 (1979) 62-66.
-
-    Args:
-        values: (n,) numbers, at least one.
     """
     ordered = np.sort(values)
     n_low = np.arange(1, len(ordered))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from dse.records import Ints
 
@@ -10,8 +10,7 @@ END_OF_TIME_US = 1 << 62
 """`end_us` where nothing is cut off; later than any event, and sums with times of day still fit in int64."""
 
 
-@dataclass(frozen=True)
-class Pooling:
+class Pooling(NamedTuple):
     """The pools of one frame (made by `dse.recordings.pooling`).
 
     first_x, n_x: (frame width,) int32 first pool that holds a column, and how many do; 0 outside the crop.

@@ -1,22 +1,28 @@
 """One pass over a recording's events, block by block: how long it is, and its spikes.
 
-Blocks may end anywhere, even within a bin. Memory holds one block, one bin and the spikes.
+Blocks may end anywhere, even within a bin. Memory holds one block, one bin and the spikes. A bin is `words`
+(word,), a bit per channel that has an event, and `counts` (channel,), how many, saturating at 255; `counts`
+is empty where one event makes a spike.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.preprocessing.kernels import add, flush
+from dse.native.simd import lowest_bit
 from dse.preprocessing.pools import Pooling
-from dse.records import Block, Ints
+from dse.records import Block, Bools, Ints
+
+MOST = 255
+"""Largest count of a pool and bin."""
 
 _LATEST = np.iinfo(np.int64).max
+_ONE = np.uint64(1)
 
 
 @dataclass(frozen=True)
@@ -40,15 +46,12 @@ def survey(
 ) -> Survey:
     """Return length and onset of a recording.
 
-    Args:
-        blocks: its events; time never falls.
-        pooling: settings on its frame.
-        onset_events: events in a bin that make the onset, > 0.
-        t0_us: time that bins are counted from; None: the first event.
+    onset_events: in a bin that make the onset, > 0. t0_us: time that bins are counted from; None: the first
+    event.
     """
-    first_us, duration_us, n_events = 0, 0, 0
+    first_us, duration_us, n_events, onset = 0, 0, 0, -1
     needed = math.ceil(onset_events)
-    onset, present, count = -1, 0, 0
+    recent: Ints = np.zeros(0, np.int64)  # bins of the last events in the crop, of fewer than make an onset
     for block in blocks:
         if not len(block.t_us):
             continue
@@ -60,11 +63,20 @@ def survey(
         if onset < 0:
             begin_us = from_us + pooling.start_us
             low, high = within(block.t_us, begin_us, from_us + pooling.end_us)
-            onset, present, count = _onset(
-                block.t_us, block.x, block.y, low, high,
-                begin_us, pooling.bin_us, *pooling.crop, needed, present, count,
-            )  # fmt: skip
+            t_us = block.t_us[low:high][in_crop(block, low, high, pooling)]
+            recent = np.concatenate([recent, (t_us - begin_us) // pooling.bin_us])
+            n = max(0, len(recent) - needed + 1)
+            reached = recent[:n] == recent[len(recent) - n :]
+            onset = int(recent[reached.argmax()]) if reached.any() else -1
+            recent = recent[n:]
     return Survey(first_us, pooling.n_bins(duration_us), onset, n_events)
+
+
+def in_crop(block: Block, low: int, high: int, pooling: Pooling) -> Bools:
+    """Return which of the events low .. high - 1 lie in the spatial crop, (high - low,)."""
+    x, y, columns, rows = pooling.crop
+    u, v = block.x[low:high] - x, block.y[low:high] - y
+    return np.asarray((u >= 0) & (u < columns) & (v >= 0) & (v < rows))
 
 
 def pool(
@@ -73,48 +85,48 @@ def pool(
     """Return the spikes per bin, (n_bins,) int64, and their channels, int32, sorted within each bin.
 
     Nothing is read after the block that reaches beyond the last bin; bins beyond the last event are empty.
-
-    Args:
-        blocks: events of one recording; time never falls.
-        pooling: settings on its frame.
-        t0_us: time that bins are counted from: the first event, or the start of a simulated trial.
-        first_bin: first bin to keep, from the start of the temporal crop.
-        n_bins: bins to keep.
+    t0_us: time that bins are counted from: the first event, or the start of a simulated trial. first_bin:
+    first to keep, from the start of the temporal crop.
     """
     counts = np.zeros(n_bins, dtype=np.int64)
     channels: Ints = np.empty(pooling.n_channels, dtype=np.int32)
-    words = np.zeros((1, (pooling.n_channels + 63) // 64), dtype=np.uint64)
-    events = np.zeros((1, pooling.n_channels if pooling.counts_needed else 0), dtype=np.uint8)
-    begin_us = t0_us + pooling.start_us + first_bin * pooling.bin_us
-    stop_us = min(t0_us + pooling.end_us, begin_us + n_bins * pooling.bin_us)
+    words = np.zeros((pooling.n_channels + 63) // 64, dtype=np.uint64)
+    events = np.zeros(pooling.n_channels if pooling.counts_needed else 0, dtype=np.uint8)
+    begin_us, stop_us = _span_us(pooling, t0_us, first_bin, n_bins)
     present, filled = 0, 0
-    for block in blocks if n_bins else ():
-        e, high = within(block.t_us, begin_us, stop_us)
+    for block, e, high in _between(blocks, begin_us, stop_us):
         while e < high:
             e, present, filled = _take(
-                block.t_us, block.x, block.y, block.polarity, e, high, begin_us, pooling.bin_us,
-                pooling.poles, pooling.only, pooling.first_x, pooling.n_x, pooling.first_y, pooling.n_y,
-                pooling.width, pooling.height, pooling.needed, words, events,
+                block.t_us, block.x, block.y, block.polarity, e, high, begin_us, pooling, words, events,
                 present, counts, channels, filled,
             )  # fmt: skip
             if len(channels) < filled + pooling.n_channels:
                 channels = _grown(channels, filled, 2 * filled + pooling.n_channels)
-        if len(block.t_us) and block.t_us[-1] >= stop_us:
-            break
     if n_bins:
-        end = flush(0, pooling.needed, words, events, channels, filled)
+        end = _flush(pooling.needed, words, events, channels, filled)
         counts[present] = end - filled
         filled = end
     return without_quiet(counts, _grown(channels, filled, filled), pooling)
 
 
+def _span_us(pooling: Pooling, t0_us: int, first_bin: int, n_bins: int) -> tuple[int, int]:
+    """Return when bins begin and, with the temporal crop at the latest, end."""
+    begin_us = t0_us + pooling.start_us + first_bin * pooling.bin_us
+    return begin_us, min(t0_us + pooling.end_us, begin_us + n_bins * pooling.bin_us)
+
+
+def _between(blocks: Iterable[Block], begin_us: int, stop_us: int) -> Iterator[tuple[Block, int, int]]:
+    """Yield blocks, and which of their events lie in a span, first and last + 1, until one reaches beyond."""
+    for block in blocks if begin_us < stop_us else ():
+        yield block, *within(block.t_us, begin_us, stop_us)
+        if len(block.t_us) and block.t_us[-1] >= stop_us:
+            break
+
+
 def without_quiet(counts: Ints, channels: Ints, pooling: Pooling) -> tuple[Ints, Ints]:
     """Return a raster without the channels whose mean rate over all its bins is below the rate floor.
 
-    Args:
-        counts: (n_bins,) int64 spikes per bin.
-        channels: int32 channels, bin by bin.
-        pooling: has the floor and the width of a bin.
+    counts: (n_bins,) int64 spikes per bin. channels: int32, bin by bin.
     """
     if pooling.rate_floor_hz <= 0:
         return counts, channels
@@ -142,47 +154,64 @@ def _grown(channels: Ints, filled: int, capacity: int) -> Ints:
     return larger
 
 
+@compiled(_nrt=False)
+def _add(x, y, pole, pools, words, counts):  # type: ignore[no-untyped-def]
+    """Count one event in every pool that holds its pixel; outside the crop that is none.
+
+    pole: 1 for ON where polarities are split, else 0. words: (word,) uint64. counts: (channel,) uint8, or
+    empty.
+    """
+    for j in range(pools.first_y[y], pools.first_y[y] + pools.n_y[y]):
+        row = (pole * pools.height + j) * pools.width
+        for c in range(row + pools.first_x[x], row + pools.first_x[x] + pools.n_x[x]):
+            words[c >> 6] |= _ONE << np.uint64(c & 63)
+            if len(counts) and counts[c] < MOST:
+                counts[c] += 1
+
+
+@compiled(_nrt=False)
+def _flush(needed, words, counts, channels, filled):  # type: ignore[no-untyped-def]
+    """Append the channels of a bin that have enough events, in order; clear the bin; return the new end.
+
+    words, counts: as of `_add`. channels: (capacity,) int32 with room for every channel behind `filled`.
+    """
+    for k in range(len(words)):
+        word = words[k]
+        words[k] = np.uint64(0)
+        while word:
+            c = (k << 6) + lowest_bit(word)
+            word &= word - _ONE
+            if len(counts) == 0 or counts[c] >= needed:
+                channels[filled] = c
+                filled += 1
+            if len(counts):
+                counts[c] = 0
+    return filled
+
+
 @compiled()
 def _take(  # type: ignore[no-untyped-def]
-    t_us, x, y, polarity, e, high, begin_us, bin_us, poles, only, first_x, n_x, first_y, n_y, width, height,
-    needed, words, events, present, counts, channels, filled,
-):  # fmt: skip
+    t_us, x, y, polarity, e, high, begin_us, pools, words, events, present, counts, channels, filled
+):
     """Count events e .. high - 1 and write the bins that they end; return the next event, bin and channel.
 
     It stops early where `channels` has no room for a whole bin.
     """
-    n_channels = poles * width * height
-    edge_us = begin_us + (present + 1) * bin_us
+    n_channels = pools.poles * pools.width * pools.height
+    edge_us = begin_us + (present + 1) * pools.bin_us
     while e < high:
         if t_us[e] >= edge_us:
             if len(channels) < filled + n_channels:
                 break
-            end = flush(0, needed, words, events, channels, filled)
+            end = _flush(pools.needed, words, events, channels, filled)
             counts[present] = end - filled
             filled = end
-            present = (t_us[e] - begin_us) // bin_us
-            edge_us = begin_us + (present + 1) * bin_us
-        if only < 0 or polarity[e] == only:
-            pole = polarity[e] if poles == 2 else 0
-            add(0, x[e], y[e], pole, first_x, n_x, first_y, n_y, width, height, words, events)
+            present = (t_us[e] - begin_us) // pools.bin_us
+            edge_us = begin_us + (present + 1) * pools.bin_us
+        if pools.only < 0 or polarity[e] == pools.only:
+            _add(x[e], y[e], polarity[e] if pools.poles == 2 else 0, pools, words, events)
         e += 1
     return e, present, filled
-
-
-@compiled()
-def _onset(  # type: ignore[no-untyped-def]
-    t_us, x, y, low, high, begin_us, bin_us, crop_x, crop_y, columns, rows, needed, present, count
-):
-    """Return (onset bin or -1, present bin, its events so far) after events low .. high - 1."""
-    for e in range(low, high):
-        if 0 <= x[e] - crop_x < columns and 0 <= y[e] - crop_y < rows:
-            b = (t_us[e] - begin_us) // bin_us
-            if b != present:
-                present, count = b, 0
-            count += 1
-            if count >= needed:
-                return b, b, count
-    return -1, present, count
 
 
 def pool_events(
@@ -191,15 +220,8 @@ def pool_events(
     """Return spikes per bin, (n_bins,) int64, and of every spike its channel and its time, both int32.
 
     Times are in microseconds since the start of the first bin that is kept. Spikes come in the order of the
-    events; those of one event, where pools overlap, in the order of their channels. Nothing is read after the
-    block that reaches beyond the last bin. Work and memory grow with the spikes.
-
-    Args:
-        blocks: events of one recording; time never falls.
-        pooling: settings on its frame; `needed` and `rate_floor_hz` are not read.
-        t0_us: time that bins are counted from: the first event, or the start of a simulated trial.
-        first_bin: first bin to keep, from the start of the temporal crop.
-        n_bins: bins to keep.
+    events; those of one event, where pools overlap, in the order of their channels. Work and memory grow with
+    the spikes. `needed` and `rate_floor_hz` of the pooling are not read; other arguments are as of `pool`.
 
     Raises:
         ValueError: the bins last longer than int32 holds, 35 minutes.
@@ -209,17 +231,13 @@ def pool_events(
             "preprocessing.every_event must be false for windows of more than 35 minutes, got "
             f"{n_bins * pooling.bin_us / 6e7:.0f}"
         )
-    begin_us = t0_us + pooling.start_us + first_bin * pooling.bin_us
-    stop_us = min(t0_us + pooling.end_us, begin_us + n_bins * pooling.bin_us)
+    begin_us, stop_us = _span_us(pooling, t0_us, first_bin, n_bins)
     channels: list[Ints] = [np.zeros(0, np.int32)]
     times_us: list[Ints] = [np.zeros(0, np.int32)]
-    for block in blocks if n_bins else ():
-        low, high = within(block.t_us, begin_us, stop_us)
+    for block, low, high in _between(blocks, begin_us, stop_us):
         event, channel = channels_of(block, low, high, pooling)
         channels.append(channel)
         times_us.append((block.t_us[event] - begin_us).astype(np.int32))
-        if len(block.t_us) and block.t_us[-1] >= stop_us:
-            break
     t_us = np.concatenate(times_us)
     counts = np.bincount(t_us // pooling.bin_us, minlength=n_bins).astype(np.int64)
     return counts, np.concatenate(channels), t_us

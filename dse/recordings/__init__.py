@@ -6,17 +6,13 @@ format, add one file here that registers such a class. Nothing downstream knows 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Protocol, cast
+from typing import ClassVar, Protocol, cast
 
 from dse.config.contracts import PLACES as PLACES
 from dse.config.contracts import EventSource as EventSource
 from dse.config.contracts import Recordings as Recordings
 from dse.config.contracts import Source as Source
-from dse.records import Ints
 from dse.text import one_line
-
-if TYPE_CHECKING:
-    from dse.preprocessing import Pooling
 
 
 class RecordingError(ValueError):
@@ -37,12 +33,6 @@ class Simulated(EventSource, Protocol):
 
     def pins(self) -> tuple[int, int, int, int]:
         """Return x, y, width and height of the pixels that see pins."""
-
-    def raster(self, i: int, pooling: Pooling, n_bins: int) -> tuple[Ints, Ints]:
-        """Return what `preprocessing.pool` makes of trial i from bin 0, without an event list in between.
-
-        Several threads may call it at once, for different trials.
-        """
 
 
 def trials_of(source: EventSource) -> Simulated | None:

@@ -84,11 +84,7 @@ def described(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
 
 
 def load(path: Path, names: Iterable[str] | None = None) -> dict[str, Array]:
-    """Return arrays of a file; columns of a table that hold texts are arrays of objects.
-
-    Args:
-        path: an existing file.
-        names: those to read; None: all.
+    """Return all arrays of a file, or those of some names; columns of texts in a table are arrays of objects.
 
     Raises:
         RecordingError: the file is unreadable, a name is not in it, or an array needs pickle.
@@ -354,15 +350,10 @@ def column_names(path: Path) -> list[str]:
 
 
 def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> pd.DataFrame:
-    """Return some columns of a .csv (commas, semicolons or tabs) or .parquet table, or of a folder of them.
+    """Return columns, or all, of a table: .csv (commas, semicolons, tabs), .parquet, or a folder of them.
 
     The tables of a folder lie one below the other, in the order of their paths below it, which are in column
-    `file`; the name of the folder that each lies in is in column `folder`.
-
-    Args:
-        path: an existing file, or a folder.
-        columns: their names; None: all.
-        head: whether to return no rows.
+    `file`; the name of the folder that each lies in is in column `folder`. With `head`, there are no rows.
 
     Raises:
         RecordingError: it cannot be read, or has no such column.

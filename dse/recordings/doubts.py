@@ -47,9 +47,7 @@ def doubts(of: Used) -> list[str]:
 def few(n_validation: int, n_folds: int = 1) -> list[str]:
     """Return a sentence if the standard error of an accuracy on so few recordings is large.
 
-    Args:
-        n_validation: recordings of the validation part.
-        n_folds: folds of which each validates on so many.
+    Each of the folds validates on so many.
     """
     se = 0.5 / np.sqrt(n_validation * n_folds)
     if se < _LARGEST_SE:
@@ -191,15 +189,8 @@ def shortcuts(
 
     A shortcut is reported where 5 nearest neighbours on it close half of the gap between the largest
     class and a perfect score, on validation, and are above that class by three standard errors.
-
-    Args:
-        lengths: (n,) steps per recording.
-        levels: (n, channel) mean level over the window, or None where recordings have no level.
-        codes: (n,) targets.
-        train: indices of the training recordings.
-        validation: indices of the validation recordings.
-        name: of the target, for the sentence.
-        follow_levels: returns whether the spikes change with the levels.
+    lengths: (n,) steps. levels: (n, channel) mean over the window, None where there is none. codes: (n,)
+    targets. name: of the target. follow_levels: returns whether the spikes change with the levels.
     """
     train, validation = drawn(train), drawn(validation)
     largest = float((codes[validation] == np.bincount(codes[train]).argmax()).mean())
@@ -233,12 +224,8 @@ def shortcuts(
 def nearest_neighbours(train: Floats, codes: Ints, query: Floats) -> Ints:
     """Return the majority class (lowest on a tie) of the 5 nearest training rows of every query row.
 
-    Features are standardised by the training rows; fewer neighbours vote where a class has fewer rows.
-
-    Args:
-        train: (n, feature).
-        codes: (n,) classes of the training rows.
-        query: (m, feature).
+    Features, (n, feature) and (m, feature), are standardised by the training rows; fewer neighbours vote
+    where a class has fewer rows. codes: (n,) classes of the training rows.
     """
     centre, spread = train.mean(axis=0), train.std(axis=0)
     spread = np.where(spread > 0, spread, 1.0)

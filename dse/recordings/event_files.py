@@ -121,11 +121,7 @@ class EventFiles:
         return dataclasses.replace(self, columns=columns, labels=self.labels if columns else None)
 
     def content(self, base: Path) -> str:
-        """Return a hash of the files' paths below the folder, of what is in them, and of the label table.
-
-        Raises:
-            RecordingError: folder or table are not found, or a file cannot be read.
-        """
+        """Return a hash of the files' paths below the folder, of what is in them, and of the label table."""
         folder, table, names = self._files(base)
         of_files = content_of(folder, names)
         return of_files if table is None else f"{of_files} {content(table)}"
@@ -134,11 +130,7 @@ class EventFiles:
         """Return None: an event's position is its address."""
 
     def read(self, base: Path) -> FolderEvents:
-        """Return the recordings; with `repair`, files that hold no valid event are left out.
-
-        Raises:
-            RecordingError: anything wrong with names, label table and headers.
-        """
+        """Return the recordings; with `repair`, files that hold no valid event are left out."""
         whole = self._examined(base)
         for fault in whole.faults:
             raise RecordingError(fault)
@@ -261,11 +253,7 @@ class FolderEvents:
         return len(self.names)
 
     def blocks(self, i: int) -> Iterator[Block]:
-        """Yield the events of recording i; every call reads its file.
-
-        Raises:
-            RecordingError: the file is damaged and `repair` is false; the message names file and place.
-        """
+        """Yield the events of recording i; every call reads its file."""
         repairs, whole = Repairs(self.names[i], self.repair), False
         try:
             yield from self._sound(self.names[i], repairs)
@@ -317,10 +305,7 @@ def labels_of_table(
 ) -> tuple[list[str], dict[str, Array], list[str]]:
     """Return the files in the order of a table's rows, their label columns, and what is wrong with these.
 
-    Args:
-        names: the files, for each of which there must be a row.
-        path: the table.
-        columns: label column -> its name in the table.
+    `columns`: label column -> its name in the table.
     """
     faults: list[str] = []
     found: dict[str, Array] = {}
@@ -354,9 +339,7 @@ def labels_of_table(
 def labels_of_folders(names: Sequence[str], columns: Mapping[str, str]) -> tuple[dict[str, Array], list[str]]:
     """Return the names of the folders that files lie in as label columns, and what is wrong with these.
 
-    Args:
-        names: the files.
-        columns: label column -> `folder` that the file lies in, `folder2` that this one lies in, ...
+    `columns`: label column -> `folder` that the file lies in, `folder2` that this one lies in, ...
     """
     known = folder_columns(names)
     shallow = _some([name for name in names if name.count("/") == len(known)])

@@ -54,11 +54,7 @@ class EventFile(FileSource):
         """Return None: an event's position is its address."""
 
     def read(self, base: Path) -> Events:
-        """Return the recordings.
-
-        Raises:
-            RecordingError: anything wrong with the file, naming recording and event.
-        """
+        """Return the recordings."""
         path, values = self._loaded(base)
         t_us = values[self.t_us]
         where = f"{path.name}: '{self.t_us}'"
@@ -97,14 +93,7 @@ def event_faults(
 ) -> list[str]:
     """Return what is wrong with events: order and sign of times, addresses outside the frame, polarity.
 
-    Args:
-        t_us: (n_events,) int64 microseconds.
-        x: (n_events,) int64.
-        y: (n_events,) int64.
-        polarity: (n_events,) int64.
-        offsets: (n + 1,) borders of the recordings.
-        width: addresses x must be below.
-        height: addresses y must be below.
+    t_us, x, y, polarity: (n_events,) int64. offsets: (n + 1,) borders of the recordings.
     """
     falls = np.diff(t_us, prepend=t_us[:1]) < 0
     falls[offsets[:-1][np.diff(offsets) > 0]] = False
@@ -132,14 +121,8 @@ def event_archive(
 ) -> Iterator[Callable[[Block], None]]:
     """Yield a function that takes the next recording; the file appears when the block succeeds, whole.
 
-    Memory holds the events, each value in the smallest unsigned type that holds its range.
-
-    Args:
-        path: the .npz file, replaced if it exists; its folder must exist.
-        width: addresses x are below.
-        height: addresses y are below.
-        duration_us: no event is later.
-        columns: label columns, each (n,): one value for each recording that will be given.
+    Memory holds the events, each value in the smallest unsigned type that holds its range: no event is later
+    than `duration_us`. `columns` hold one value for each recording that will be given.
 
     Raises:
         RecordingError: the disk refuses (full, read-only, ...), or another number of recordings was given.

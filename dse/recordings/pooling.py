@@ -13,7 +13,7 @@ from dse.records import Ints
 def pooling(
     settings: Preprocessing, width: int, height: int, pins: tuple[int, int, int, int] | None = None
 ) -> Pooling:
-    """Return the pools of the settings on a frame.
+    """Return the pools of the settings on a frame of pixels, of which some see `pins`: x, y, width, height.
 
     Along each axis, with u = x - crop_x and the kernel k cut to size + 2 padding,
 
@@ -23,14 +23,8 @@ def pooling(
     so pools that would stick out beyond the padding are left out, and a row of taxels is pooled along x
     alone.
 
-    Args:
-        settings: section `preprocessing`.
-        width: columns of the frame.
-        height: rows of the frame.
-        pins: x, y, width, height of the pixels that see pins; needed by `crop: pins`.
-
     Raises:
-        RecordingError: the crop does not lie in the frame, or the pins are not known.
+        RecordingError: the crop does not lie in the frame, or is `pins`, which are not known.
     """
     crop = settings.crop or (0, 0, width, height)
     if crop == "pins":

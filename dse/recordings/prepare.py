@@ -158,13 +158,7 @@ def data_card(
 ) -> dict[str, Any]:
     """Return what is known of a file of a converted set, as Croissant describes data.
 
-    Args:
-        name: of the set.
-        public: the set.
-        target: the file.
-        arrays: that it holds.
-        sources: the authors' files -> SHA-256.
-        published: whether it is that of the published results; None: no search space reads it.
+    sources: the authors' files -> SHA-256. published: as of `prepare`.
     """
     files = {target.name: checksum(target), **sources}
     known = public.licence or "none stated: ask its authors before you pass it on"

@@ -10,20 +10,17 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 from dse.config.faults import ConfigError, known_names
 from dse.recordings import RecordingError, Simulated
-from dse.records import Array, Block, Ints
+from dse.records import Array, Block
 from dse.registry import fixed, register
 from dse.scene.checks import half_width_px
 from dse.scene.load import find_scene, load_scene
 from dse.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from dse.preprocessing import Pooling
 
 COLUMNS = ("texture", "profile", "speed_mm_s", "force_n", "randomised_force", "repetition")
 
@@ -92,12 +89,6 @@ class Trials(Simulated):
 
         yield simulate.events(self.scene, i)
 
-    def raster(self, i: int, pooling: Pooling, n_bins: int) -> tuple[Ints, Ints]:
-        """Return spikes per bin (n_bins,) and their channels, sorted per bin; no event list is made."""
-        from dse.scene import simulate
-
-        return simulate.raster(self.scene, i, pooling, n_bins)
-
     def notes(self) -> list[str]:
         """Return no repairs: simulated events are sound."""
         return []
@@ -153,11 +144,7 @@ class SceneTrials:
         return self
 
     def resolved(self, base: Path) -> Scene:
-        """Return the scene with the numbers of the component's keys.
-
-        Raises:
-            RecordingError: anything wrong with the scene's file, or with what is asked of it.
-        """
+        """Return the scene with the numbers of the component's keys."""
         if faults := self.check(base):
             raise RecordingError(*"\n".join(faults).splitlines())
         scene = _scene(self.scene, base)
@@ -169,11 +156,7 @@ class SceneTrials:
         return dataclasses.replace(scene, **changes)
 
     def content(self, base: Path) -> str:
-        """Return a hash of all that the records follow from: the scene's numbers and the simulator's version.
-
-        Raises:
-            RecordingError: anything wrong with the scene's file.
-        """
+        """Return a hash of what the records follow from: the scene's numbers and the simulator's version."""
         from dse.scene import simulate
 
         scene = self.resolved(base)
@@ -190,11 +173,7 @@ class SceneTrials:
         """Return None: an event's position is its address."""
 
     def read(self, base: Path) -> Trials:
-        """Return the trials; they are simulated as they are read.
-
-        Raises:
-            RecordingError: anything wrong with the scene's file, or with what is asked of it.
-        """
+        """Return the trials; they are simulated as they are read."""
         return Trials(self.resolved(base))
 
 

@@ -109,12 +109,8 @@ def label_columns(
 ) -> dict[str, Array]:
     """Return each column as (n,) numbers, or strings without blanks at their ends.
 
-    Args:
-        arrays: arrays of the file by name.
-        columns: column name -> array name.
-        class_names: column name -> array of the names that the column's integer codes index.
-        n: number of recordings.
-        where: the file's name, for errors.
+    columns: column name -> array name. class_names: column name -> array of the names that the column's
+    integer codes index. where: the file's name, for errors.
 
     Raises:
         RecordingError: a column has not one value per recording, holds NaN, or a code has no name.
@@ -277,14 +273,7 @@ class FileSource(ABC):
         )
 
     def _labelled(self, values: Mapping[str, Array], n: int, path: Path, base: Path) -> dict[str, Array]:
-        """Return the label columns, each (n,).
-
-        Args:
-            values: arrays of the file.
-            n: number of recordings.
-            path: of the file.
-            base: folder of the YAML file.
-        """
+        """Return the label columns, each (n,), of the arrays of the file, or of the file of labels."""
         if self.labels is not None:
             path = locate(self.labels, base)
             values = arrays.load(path, self._label_names())
@@ -316,22 +305,13 @@ class Sampled(FileSource):
 
     @abstractmethod
     def read(self, base: Path) -> Signals | Rasters:
-        """Return the recordings.
-
-        Raises:
-            RecordingError: anything wrong with the file, naming array, recording and sample, or line and
-                column.
-        """
+        """Return the recordings."""
 
     def _more_faults(self, path: Path, shapes: arrays.Shapes) -> list[str]:
         return position_faults(self.positions, self._taxels(shapes))
 
     def channel_positions(self, base: Path) -> Ints:
-        """Return x, y and plane of every channel.
-
-        Raises:
-            RecordingError: the file cannot be read, or positions are given for another number of taxels.
-        """
+        """Return x, y and plane of every channel."""
         found = self._taxels({})  # where the keys tell, no file is read
         if found is None:
             path = locate(self.file, base)

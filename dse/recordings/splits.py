@@ -30,11 +30,7 @@ def split(
 ) -> tuple[Ints, Ints, Ints]:
     """Return the train, validation and test recordings: rising int64 indices, disjoint.
 
-    Args:
-        columns: label columns, each (n,).
-        codes: (n,) target of every recording, into `classes`.
-        classes: names of the classes.
-        settings: how to split.
+    columns: label columns, each (n,). codes: (n,) target of every recording, into `classes`.
 
     Raises:
         RecordingError: unknown column or value, parts that overlap or are empty, a class that is too
@@ -192,11 +188,7 @@ def dealt(codes: Ints, groups: Ints, shares: Sequence[float], rng: np.random.Gen
     class lying in p; that is where they find most of their classes lacking. Equal parts: the one with fewest
     recordings for its share, then the first. Greedy: near the best division, not always the best.
 
-    Args:
-        codes: (n,) class of every recording.
-        groups: (n,) its group.
-        shares: of the parts, > 0, sum 1.
-        rng: draws the order of groups of one size.
+    codes, groups: (n,) class and group of every recording. shares: of the parts, > 0, sum 1.
     """
     _, group = np.unique(groups, return_inverse=True)
     _, label = np.unique(codes, return_inverse=True)
@@ -247,11 +239,7 @@ class Labelled:
     def of(
         cls, columns: Mapping[str, Array], task: Task, settings: Split, only: Ints | None = None
     ) -> Labelled:
-        """Return the labels of recordings; `only`: those that the parts are limited to, None: all.
-
-        Raises:
-            RecordingError: as of `target` and `split`.
-        """
+        """Return the labels of recordings; `only`: those that the parts are limited to, None: all."""
         codes, classes = target(columns, task.target)
         parts = split(columns, codes, classes, settings)
         if only is not None:
@@ -268,11 +256,7 @@ class Labelled:
 
     @functools.cached_property
     def heads(self) -> tuple[Head, ...]:
-        """The parts of a joint target; none of another.
-
-        Raises:
-            RecordingError: as of `targets.heads`.
-        """
+        """The parts of a joint target; none of another."""
         return heads(self.columns, self.task.target, self.codes) if self.task.joint else ()
 
 
@@ -280,12 +264,7 @@ def leak(of: Labelled, settings: Split, window: Window) -> str:
     """Return a sentence if windows in two parts share steps of one recording, else nothing.
 
     A model answers steps that it was trained on from memory. Windows of one recording that share no step are
-    separate samples.
-
-    Args:
-        of: its columns `recording` and `window` say what a window was cut from (`windows.cut`).
-        settings: how it was split.
-        window: how recordings were cut.
+    separate samples. Columns `recording` and `window` say what a window was cut from (`windows.cut`).
     """
     if window.cut_steps is None:
         return ""
@@ -314,13 +293,7 @@ def folds(
 
     The values are those of validation recordings. Folds of several values have near equal shares of every
     class of the validation recordings (`splits.dealt`); they follow from the seed and the labels.
-
-    Args:
-        columns: label columns, each (n,).
-        groups: settings.
-        codes: (n,) class of every recording.
-        train: indices of the training recordings.
-        validation: indices of the validation recordings.
+    columns, codes: (n,) of every recording. train, validation: indices.
 
     Raises:
         RecordingError: an unknown column, or fewer values than folds.
@@ -356,11 +329,7 @@ def without(
 
 
 def in_turn(of: Labelled, groups: Sequence[Groups]) -> tuple[list[LeftOut], list[str]]:
-    """Return the folds of some label columns, and a sentence for each whose absence leaves a class untrained.
-
-    Raises:
-        RecordingError: as of `folds`.
-    """
+    """Return the folds of label columns, and a sentence for each whose absence leaves a class untrained."""
     out = [x for column in groups for x in folds(of.columns, column, of.codes, of.train, of.validation)]
     faults = []
     for one in out:

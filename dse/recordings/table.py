@@ -234,10 +234,8 @@ def _named(values: Array, name: str, path: Path) -> list[str]:
 def numbered(times: Floats, code: Ints | None = None, labels: Sequence[Array] = ()) -> Ints:
     """Return the number of the recording of every row: one begins where time does not rise or labels change.
 
-    Args:
-        times: (row,).
-        code: (row,) numbers of channels, each of which has times of its own; None: rows are samples.
-        labels: (row,) each.
+    times, labels: (row,) each. code: (row,) numbers of channels with times of their own; None: rows are
+    samples.
     """
     channel = np.zeros(len(times), np.int64) if code is None else code
     number = np.zeros(len(times), np.int64)
@@ -256,18 +254,10 @@ def is_even(times_ms: Floats, step_ms: float) -> bool:
 
 
 def on_grid(series: Sequence[Series], step_ms: float, resample: bool, where: str) -> tuple[Floats, float]:
-    """Return one recording (step, channel) of its series, with a sample every step_ms.
+    """Return one recording (step, channel) of its series, with a sample every step_ms, and its widest gap.
 
-    Series of the same even times stay as they are; others are interpolated where all have values.
-
-    Args:
-        series: the channels of one after the other.
-        step_ms: distance of the samples.
-        resample: whether to interpolate; else uneven times are a fault.
-        where: file and recording, for errors.
-
-    Returns:
-        The recording, and its widest gap in ms if samples were interpolated, else 0.
+    Series of the same even times stay as they are, with gap 0; where `resample` says so, others are
+    interpolated where all have values, with their gap in ms, else uneven times are a fault.
     """
     first = series[0][0]
     for times, _ in series:

@@ -17,9 +17,7 @@ from dse.records import Array, Bools, Head, Ints
 def target(columns: Mapping[str, Array], task_target: Target) -> tuple[Ints, tuple[str, ...]]:
     """Return codes (n,) int64 and the names of the classes, in the order of their values.
 
-    Args:
-        columns: label columns, each (n,).
-        task_target: a column's name, a `Column`, or several of these, joined by `|`.
+    columns: label columns, each (n,). task_target: a column's name, a `Column`, or several, joined by `|`.
 
     Raises:
         RecordingError: an unknown column, `abs` of texts, or two combinations of one name.
@@ -39,10 +37,7 @@ def target(columns: Mapping[str, Array], task_target: Target) -> tuple[Ints, tup
 def heads(columns: Mapping[str, Array], task_target: Target, codes: Ints) -> tuple[Head, ...]:
     """Return the parts of a joint target, each with its classes in the order that `target` gives them.
 
-    Args:
-        columns: label columns, each (n,).
-        task_target: as for `target`: two columns or more.
-        codes: (n,) joint classes, which are 0 .. and all in use; -1 for recordings that are not.
+    codes: (n,) joint classes, which are 0 .. and all in use; -1 for recordings that are not.
 
     Raises:
         RecordingError: a single column, or one column twice.

@@ -89,13 +89,10 @@ def are_axes(names: Sequence[str]) -> bool:
 
 
 def of_cube(signal: Array, axes: str | None, where: str, hint: str = "") -> tuple[Array, Ints]:
-    """Return samples end to end and their borders (`borders.end_to_end`) of recordings in one array.
+    """Return samples end to end and their borders (`source.end_to_end`) of recordings in one array.
 
-    Args:
-        signal: a cube, or an array of objects, each (step, channel).
-        axes: names of the axes of a cube; None: recording, step, channel.
-        where: what errors are about.
-        hint: what to add where the cube has another number of axes.
+    signal: a cube, or an array of objects, each (step, channel). axes: of a cube; None: recording, step,
+    channel. hint: what to add where the cube has another number of axes.
 
     Raises:
         RecordingError: other axes, other channels, or what `end_to_end` refuses.

@@ -21,12 +21,8 @@ def place(
     """Return start, its lowest and highest value in training, each (n,) int64, and the window's length.
 
     The bounds are cut so that every crop lies in its recording; they are 0 for recordings that are not used.
-
-    Args:
-        window: settings.
-        lengths: (n,) steps per recording.
-        used: (n,) bool, recordings that need a window.
-        onset: (n,) first step of contact, -1 where there is none; needed by `at: contact_onset`.
+    lengths: (n,) steps. used: (n,) bool. onset: (n,) first step of contact, -1 where there is none; needed by
+    `at: contact_onset`.
 
     Raises:
         RecordingError: a window does not fit its recording, or lengths differ and no window length is given.
@@ -114,11 +110,8 @@ def cut(recordings: Recordings, window: Window) -> Recordings:
 
     Steps after the last window of a recording are dropped. Windows keep the order of their recordings and of
     time, and repeat the columns of their recording; column `recording` numbers the recording, `window` the
-    window within it. Without `cut_steps` they are the recordings, short ones padded where `pad` says so.
-
-    Args:
-        recordings: sampled signals or rasters.
-        window: settings; without `every_steps`, windows do not overlap.
+    window within it. Without `every_steps`, windows do not overlap; without `cut_steps` they are the
+    recordings, short ones padded where `pad` says so.
 
     Raises:
         RecordingError: recordings of events, a recording shorter than a window, or columns of these names.
@@ -188,12 +181,8 @@ def crop_starts(low: int, high: int, n: int) -> Ints:
 def with_crops(data: Dataset, n: int) -> Dataset:
     """Return a data set that trains on up to n windows of each training recording, as samples of their own.
 
-    The windows are evenly spaced over the range of training windows, and are appended to the samples, those
-    of a recording one after the other. With n = 1 the data set is returned as it is.
-
-    Args:
-        data: a data set.
-        n: windows per training recording; fewer where their range has fewer steps.
+    The windows are evenly spaced over the range of training windows, fewer where it has fewer steps, and are
+    appended to the samples, those of a recording one after the other. With n = 1 the data set is as it was.
     """
     if n == 1:
         return data
@@ -217,11 +206,7 @@ def with_crops(data: Dataset, n: int) -> Dataset:
 def _appended(spikes: Spikes, samples: Ints, first: Ints, n_steps: int) -> Spikes:
     """Return spikes with windows of some samples as further samples, whose remaining steps are empty.
 
-    Args:
-        spikes: stored spikes.
-        samples: (m,) sample numbers.
-        first: (m,) first step of each window.
-        n_steps: length of the windows.
+    samples, first: (m,) sample and first step of each window.
     """
     more = _pieces_of_spikes(spikes, samples, first, n_steps)
     counts = np.zeros((len(samples), spikes.n_steps), np.int64)

@@ -13,7 +13,8 @@ clamped to [ln I_b, ln I_w]. Within the refractory time of a pixel's last event 
 event is sent (ESIM). Dark pixels have no state before a pin comes near; nothing happens before a pin moves.
 
 A pin's pixels are those of the disc d <= r + 6.2 w; where discs overlap the light of neighbours, at their
-present places, is summed (at most I_w), and compared as light. The slow definition is scene.reference.
+present places, is summed (at most I_w), and compared as light. The slow definition is
+benchmarks/scene_reference.py.
 """
 
 from __future__ import annotations
@@ -25,8 +26,7 @@ import numpy as np
 
 from dse.native.compiled import compiled
 from dse.native.simd import LANES_16, bits, either, greater, load, lowest_bit, splat
-from dse.records import Floats, Ints
-from dse.scene.sink import DROPPED, LOOKS, LOST, Sink, store
+from dse.records import Block, Floats, Ints
 from dse.scene.splitmix import splitmix, unit
 
 PAD = 32
@@ -34,6 +34,9 @@ PAD = 32
 
 DISC = 6.2
 """Radius of a pin's disc beyond r, in units of w: light is 0.2 % of white there."""
+
+EVENTS, DROPPED, LOST, LOOKS = range(4)
+"""Places in `tally`: events sent, dropped in refractory time; looks at pins outside; looks."""
 
 LEVEL, LAST, OFF_GAIN, ON_GAIN = range(4)
 _RAMP = np.arange(16, dtype=np.float32)
@@ -46,14 +49,12 @@ _LEAST_SHARE = 1e-5  # of white, where the logarithm's table ends; a disc ends a
 class Light(NamedTuple):
     """A pin's image.
 
-    radius, edge, disc: in pixels; light beyond the disc is black.
+    disc: radius in pixels; light beyond it is black.
     black: light without a pin; white is 1. top: light at the centre.
     white: (n,) share of white over squared distance, `per_px2` entries to a square pixel.
     distance2: (n,) float32 squared distance over light above black, `per_light` entries to white.
     """
 
-    radius: float
-    edge: float
     disc: float
     black: float
     top: float
@@ -89,8 +90,10 @@ class Pixels(NamedTuple):
 class View(NamedTuple):
     """What a look works on.
 
-    pixels, light, sink: state of the frame, image of a pin, where events go.
-    tally: (N_TALLY,) int64 counters.
+    pixels, light: state of the frame, image of a pin.
+    sent: (capacity,) int64 events: bits of time, us, then row, column and polarity, so that they sort as they
+        are. row_bits, column_bits: how many of them address the frame.
+    tally: (4,) int64 counters; where there are more events than `sent` holds, it holds the first.
     at_px: (pin, 2) present centres of all pins; a look moves its pin.
     first, neighbours: where each pin's neighbours begin, (pin + 1,), and which they are: pins that may come
         near.
@@ -100,7 +103,9 @@ class View(NamedTuple):
 
     pixels: Pixels
     light: Light
-    sink: Sink
+    sent: Ints
+    row_bits: int
+    column_bits: int
     tally: Ints
     at_px: Floats
     first: Ints
@@ -134,50 +139,58 @@ def light_of(radius_px: float, edge_px: float, contrast: float) -> Light:
     share = np.clip(np.arange(_TABLE) / (_TABLE - 1), _LEAST_SHARE, 1 - _LEAST_SHARE)
     distance = np.maximum(0.0, radius_px - edge_px * np.log(share / (1 - share)))
     distance2 = (distance**2).astype(np.float32)
-    return Light(radius_px, edge_px, disc, black, top, white, per_px2, distance2, per_light)
+    return Light(disc, black, top, white, per_px2, distance2, per_light)
 
 
-def blank(theta: Floats, gain: Floats, key: int, refractory_us: float) -> Pixels:
-    """Return the pixels of a camera before `wake`.
+def view(
+    theta: Floats,
+    gain: Floats,
+    key: int,
+    refractory_us: float,
+    light: Light,
+    at_px: Floats,
+    neighbours: tuple[Ints, Ints],
+    capacity: int,
+) -> View:
+    """Return a camera before `wake`, with room for `capacity` events.
 
-    Args:
-        theta: (height, width, 2) float32 thresholds, OFF and ON.
-        gain: (height, width, 2) float32 e^(-theta_off), e^(theta_on).
-        key: of the trial.
-        refractory_us: dead time.
+    theta, gain: (height, width, 2) float32 thresholds, OFF and ON; e^(-theta_off), e^(theta_on). key: of the
+    trial. at_px: (pin, 2) centres of the pins at rest. neighbours: where those of each pin begin, and which
+    they are.
     """
     height, width = theta.shape[:2]
     stride = width + 2 * PAD
     n = (height + 2 * PAD) * stride
-    return Pixels(
-        near=np.empty(n, np.float32),
-        far=np.empty(n, np.float32),
-        state=np.empty((n, 4), np.float32),
-        theta=theta,
-        gain=gain,
-        stride=stride,
-        width=width,
-        height=height,
-        key=key,
-        refractory_us=refractory_us,
+    near, far = np.full(n, _NEVER_NEAR), np.full(n, _NEVER_FAR)
+    near.reshape(-1, stride)[PAD:-PAD, PAD:-PAD] = _NEVER_FAR
+    return View(
+        pixels=Pixels(
+            near, far, np.zeros((n, 4), np.float32), theta, gain, stride, width, height, key, refractory_us
+        ),
+        light=light,
+        sent=np.empty(capacity, np.int64),
+        row_bits=height.bit_length(),
+        column_bits=width.bit_length(),
+        tally=np.zeros(4, np.int64),
+        at_px=at_px,
+        first=neighbours[0],
+        neighbours=neighbours[1],
+        near_px=np.zeros((int(np.diff(neighbours[0]).max(initial=0)) + 1, 2)),
+        ramp=_RAMP,
     )
 
 
-def view(
-    pixels: Pixels, light: Light, sink: Sink, tally: Ints, at_px: Floats, first: Ints, neighbours: Ints
-) -> View:
-    """Return what `look` and `wake` work on; arguments are the fields of `View`."""
-    near_px = np.zeros((int(np.diff(first).max(initial=0)) + 1, 2))
-    return View(
-        pixels=pixels,
-        light=light,
-        sink=sink,
-        tally=tally,
-        at_px=at_px,
-        first=first,
-        neighbours=neighbours,
-        near_px=near_px,
-        ramp=_RAMP,
+def in_order(sent: Ints, more: Block, frame_px: tuple[int, int]) -> Block:
+    """Return what a camera has sent (see `View`) and more events, by time, row, column and polarity."""
+    column_bits, row_bits = (side.bit_length() for side in frame_px)
+    row = more.t_us << row_bits | more.y
+    packed = np.sort(np.concatenate([sent, (row << column_bits | more.x) << 1 | more.polarity]))
+    row = packed >> 1 + column_bits
+    return Block(
+        row >> row_bits,
+        (packed >> 1 & (1 << column_bits) - 1).astype(np.int32),
+        (row & (1 << row_bits) - 1).astype(np.int32),
+        (packed & 1).astype(np.uint8),
     )
 
 
@@ -187,44 +200,16 @@ def phase(key, pixel):  # type: ignore[no-untyped-def]
     return 2 * unit(splitmix(key, pixel)) - 1
 
 
-@compiled()
-def start_phases(key, height, width):  # type: ignore[no-untyped-def]
-    """Return the start phases of all pixels, (height, width) float64."""
-    phases = np.empty((height, width))
-    for y in range(height):
-        for x in range(width):
-            phases[y, x] = phase(key, y * width + x)
-    return phases
-
-
 @compiled(_nrt=False)
 def wake(view):  # type: ignore[no-untyped-def]
-    """Give all pixels the state of t = 0; those that no pin lights get it at the first look."""
-    pixels = view.pixels
-    for at in range(len(pixels.near)):
-        pixels.near[at] = _NEVER_NEAR
-        pixels.far[at] = _NEVER_FAR
-    for y in range(pixels.height):
-        for x in range(pixels.width):
-            at = _index(pixels, x, y)
-            pixels.near[at] = _NEVER_FAR
-            pixels.state[at, LEVEL] = 0
+    """Give the pixels that a pin lights the state of t = 0; others get it at the first look."""
     for i in range(len(view.at_px)):
         _wake_disc(view, i)
 
 
 @compiled(forceinline=True, _nrt=False)
 def look(view, i, x, y, t0, t1):  # type: ignore[no-untyped-def]
-    """Move pin i straight to (x, y) between two times, and send the events of the pixels that see it.
-
-    Args:
-        view: the camera and the pins.
-        i: the pin.
-        x: new column of its centre.
-        y: new row of its centre.
-        t0: time of its last look, us.
-        t1: present time, us.
-    """
+    """Move pin i straight to (x, y) between two times, us, and send the events of the pixels that see it."""
     view.tally[LOOKS] += 1
     ox, oy = view.at_px[i, 0], view.at_px[i, 1]
     dx, dy = x - ox, y - oy
@@ -311,11 +296,20 @@ def _look_at_strip(view, n_near, leg, start, y, lanes, dx2):  # type: ignore[no-
     crossed = covered & bits(
         either(greater(load(pixels.near, at, LANES_16), d2), greater(d2, load(pixels.far, at, LANES_16)))
     )
-    if n_near:
-        shared = covered & _in_other_discs(view, n_near, start, y, lanes)
-        crossed &= ~shared
-        _send_shared(view, n_near, leg, at, start, y, shared)
-    _send_single(view, leg, at, start, y, crossed)
+    shared = covered & _in_other_discs(view, n_near, start, y, lanes)
+    served = crossed | shared
+    while served:
+        lane = lowest_bit(served)
+        served &= served - np.uint64(1)
+        x = start + lane
+        gx, gy, hx, hy = x - leg.x1, y - leg.y1, x - leg.x0, y - leg.y0
+        now2, before2 = gx * gx + gy * gy, hx * hx + hy * hy
+        if not shared >> np.uint64(lane) & np.uint64(1):
+            _send_by_distance(view, at + lane, x, y, before2, np.float32(now2), leg.t0, leg.t1)
+        elif 0 <= x < pixels.width:
+            others = _white_of_others(view, n_near, x, y)
+            white0, white = others + _white(view.light, before2), others + _white(view.light, now2)
+            _send_by_light(view, at + lane, x, y, white0, white, leg.t0, leg.t1)
 
 
 @compiled(forceinline=True, _nrt=False)
@@ -329,34 +323,6 @@ def _in_other_discs(view, n_near, start, y, lanes):  # type: ignore[no-untyped-d
             nx = lanes + splat(np.float32(start - view.near_px[k, 0]), lanes)
             inside |= bits(greater(splat(np.float32(disc2 - ny * ny), lanes), nx * nx))
     return inside
-
-
-@compiled(forceinline=True, _nrt=False)
-def _send_shared(view, n_near, leg, at, start, y, shared):  # type: ignore[no-untyped-def]
-    """Send the events of those of 16 pixels that several pins light."""
-    light = view.light
-    while shared:
-        lane = lowest_bit(shared)
-        shared &= shared - np.uint64(1)
-        x = start + lane
-        if 0 <= x < view.pixels.width:
-            others = _white_of_others(view, n_near, x, y)
-            gx, gy, hx, hy = x - leg.x1, y - leg.y1, x - leg.x0, y - leg.y0
-            white = others + _white(light, gx * gx + gy * gy)
-            white0 = others + _white(light, hx * hx + hy * hy)
-            _send_by_light(view, at + lane, x, y, white0, white, leg.t0, leg.t1)
-
-
-@compiled(forceinline=True, _nrt=False)
-def _send_single(view, leg, at, start, y, crossed):  # type: ignore[no-untyped-def]
-    """Send the events of those of 16 pixels that one pin lights and whose next level it has crossed."""
-    while crossed:
-        lane = lowest_bit(crossed)
-        crossed &= crossed - np.uint64(1)
-        x = start + lane
-        gx, gy, hx, hy = x - leg.x1, y - leg.y1, x - leg.x0, y - leg.y0
-        d2 = np.float32(gx * gx + gy * gy)
-        _send_by_distance(view, at + lane, x, y, hx * hx + hy * hy, d2, leg.t0, leg.t1)
 
 
 @compiled(forceinline=True, _nrt=False)
@@ -434,7 +400,11 @@ def _send(view, at, x, y, pole, t_us):  # type: ignore[no-untyped-def]
         view.tally[DROPPED] += 1
         return
     pixels.state[at, LAST] = t_us
-    store(view.sink, view.tally, x, y, pole, int(t_us))
+    n = view.tally[EVENTS]
+    view.tally[EVENTS] = n + 1
+    if n < len(view.sent):
+        row = int(t_us) << view.row_bits | y
+        view.sent[n] = (row << view.column_bits | x) << 1 | pole
 
 
 @compiled(_nrt=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from dse.scene.scene import Camera, Method, Motion, Scene, Sensor, Texture, Variation
+from dse.scene.scene import Method, Motion, Scene, Sensor, Texture, Variation
 
 Sentence = tuple[str, str]
 """Key that is at fault, and what it must be: `must be >= 2, got 1`."""
@@ -88,18 +88,14 @@ def half_width_px(sensor: Sensor) -> float:
     return sensor.image_scale_px_mm * (reach * (1 + sensor.lens_per_mm2 * corner**2) + sensor.pin_radius_mm)
 
 
-def camera_warnings(camera: Camera) -> Iterator[str]:
-    """Yield what is legal but leaves a camera blind."""
+def warnings(scene: Scene) -> list[str]:
+    """Return what is legal in a scene but hardly meant."""
+    sentences, camera = [], scene.camera
     if camera.threshold >= math.log(camera.contrast):
-        yield (
+        sentences.append(
             f"no pixel can send an event: camera.threshold {camera.threshold:g} is at or above "
             f"ln(contrast) = {math.log(camera.contrast):.3g}"
         )
-
-
-def warnings(scene: Scene) -> list[str]:
-    """Return what is legal in a scene but hardly meant."""
-    sentences = list(camera_warnings(scene.camera))
     if scene.variation.onset_ms >= scene.duration_ms:
         sentences.append(
             f"nothing moves: the trial of {scene.duration_ms:g} ms ends before the earliest motion onset, "

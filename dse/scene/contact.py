@@ -32,14 +32,9 @@ class Contact:
 
 
 def contact(sensor: Sensor, pins_mm: Floats, force_n: float, tip_mpa: float, texture_mpa: float) -> Contact:
-    """Return the contact of a dome pressed by a force onto a flat texture (Hertz).
+    """Return the contact of a dome pressed by a force, or none, onto a flat texture (Hertz).
 
-    Args:
-        sensor: radius of the dome and of its rim.
-        pins_mm: (pin, 2) rest positions.
-        force_n: normal force; none means no contact.
-        tip_mpa: modulus of the tip.
-        texture_mpa: modulus of the texture.
+    pins_mm: (pin, 2) rest positions.
     """
     r = np.hypot(pins_mm[:, 0], pins_mm[:, 1])
     if force_n <= 0:

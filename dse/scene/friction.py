@@ -26,7 +26,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dse.native.compiled import compiled
-from dse.records import Floats
 
 RELAXATION_S = 0.002
 LEAVES_AT = 0.15
@@ -46,30 +45,16 @@ class Friction(NamedTuple):
     incipient_slip: bool = False
 
 
-def travel(
-    friction: Friction, v_mm_s: Floats, force_n: Floats, step_s: float, line: Floats, line_step_mm: float,
-    normals: Floats,
-) -> tuple[Floats, Floats]:  # fmt: skip
+@compiled()
+def travel(friction, v, force, step, line, line_step, normals):  # type: ignore[no-untyped-def]
     """Return deflection s and slip distance X in mm at the n + 1 ends of n steps, both (n + 1,) from 0.
 
-    Args:
-        friction: coefficients.
-        v_mm_s: (n,) speed during each step, never negative.
-        force_n: (n,) normal force during each step.
-        step_s: length of a step.
-        line: friction roughness along X, unit variance, periodic.
-        line_step_mm: distance of its points.
-        normals: (m,) standard normals; slip number i uses entry i mod m.
+    v, force: (n,) speed, mm/s, never negative, and normal force, N, during each step of so many seconds.
+    line: friction roughness along X, unit variance, periodic. normals: (m,) standard normals; slip number i
+    uses entry i mod m.
     """
-    s, x = np.zeros(len(v_mm_s) + 1), np.zeros(len(v_mm_s) + 1)
-    _travel(*friction, v_mm_s, force_n, step_s, line, line_step_mm, normals, s, x)
-    return s, x
-
-
-@compiled()
-def _travel(  # type: ignore[no-untyped-def]
-    mu_s, mu_k, v_s, jitter, eta, stiffness, incipient, v, force, step, line, line_step, normals, s_out, x_out
-):
+    mu_s, mu_k, v_s, jitter, eta, stiffness, incipient = friction
+    s_out, x_out = np.zeros(len(v) + 1), np.zeros(len(v) + 1)
     s, x, s_0 = 0.0, 0.0, 0.0
     slipping, drop, threshold, n_slips = False, 0.0, mu_s, 0
     for k in range(len(v)):
@@ -124,6 +109,7 @@ def _travel(  # type: ignore[no-untyped-def]
             n_slips += 1
         s_out[k + 1] = s
         x_out[k + 1] = x
+    return s_out, x_out
 
 
 @compiled(forceinline=True)

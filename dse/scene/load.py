@@ -69,12 +69,9 @@ class SceneFile:
 def load_scene(
     path_or_name: str | Path, overrides: Mapping[str, str] | None = None, *, base: Path | None = None
 ) -> Scene:
-    """Read and validate a scene.
+    """Read and validate a scene of a file, looked up in `base` first, or of a shipped name.
 
-    Args:
-        path_or_name: a YAML file, or the name of a scene that comes with the package.
-        overrides: dotted key -> YAML text that replaces the file's value.
-        base: folder in which the file is looked up first.
+    overrides: dotted key -> YAML text that replaces the file's value.
 
     Raises:
         ConfigError: with every fault of the file and of the overrides.

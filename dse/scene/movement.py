@@ -18,7 +18,6 @@ import numpy as np
 from dse.native.compiled import compiled
 from dse.records import Floats, Ints
 from dse.scene import camera
-from dse.scene.sink import Written, finish_bins
 
 _SETTLED_MM = 1e-6
 _STILL_PX2 = 1e-12
@@ -107,20 +106,17 @@ def at_rest(n: int) -> Pins:
     return Pins(texture_mm, filtered_mm, next_mm, at_px, mark_px, mark_d2, looked_us)
 
 
-@compiled()
-def marks(s, n_texture):  # type: ignore[no-untyped-def]
+def marks(s: Floats, n_texture: int) -> Ints:
     """Return the friction steps at which pins are placed, (mark, 2), and whether the skin turns there.
 
     They are every `n_texture`-th step, the last, and where s turns.
     """
-    steps = np.empty((len(s), 2), np.int64)
-    n, last = 0, len(s) - 1
-    for k in range(1, len(s)):
-        turns = k < last and (s[k] - s[k - 1]) * (s[k + 1] - s[k]) < 0
-        if k % n_texture == 0 or k == last or turns:
-            steps[n, 0], steps[n, 1] = k, turns
-            n += 1
-    return steps[:n]
+    turns = np.zeros(len(s), bool)
+    rises = np.diff(s)
+    turns[1:-1] = rises[:-1] * rises[1:] < 0
+    steps = np.arange(len(s))
+    chosen = steps[1:][turns[1:] | (steps[1:] % n_texture == 0) | (steps[1:] == len(s) - 1)]
+    return np.stack([chosen, turns[chosen]], axis=1)
 
 
 @compiled(_nrt=False)
@@ -138,25 +134,16 @@ def paths(tip, pins, s, x, drift, constants, out):  # type: ignore[no-untyped-de
 
 
 @compiled(_nrt=False)
-def walk(tip, pins, s, x, marks, skin, view, steps, background, raster):  # type: ignore[no-untyped-def]
-    """Simulate a trial, mark by mark (see the module's docstring).
+def walk(tip, pins, s, x, marks, skin, view, steps):  # type: ignore[no-untyped-def]
+    """Simulate a trial, mark by mark (see the module's docstring), from pins at rest.
 
-    Args:
-        tip: moving pins.
-        pins: their state, at rest.
-        s: (n + 1,) deflection of the skin.
-        x: (n + 1,) slip distance.
-        marks: see `marks`.
-        skin: (steps + 1, 3) constants of the texture filter for so many friction steps.
-        view: the camera; its at_px holds the centres of all pins at rest.
-        steps: steps and distances of the method.
-        background: background events, sorted by time; used by a raster.
-        raster: its arrays.
+    s, x: (n + 1,) deflection of the skin and slip distance. skin: (steps + 1, 3) constants of the texture
+    filter for so many friction steps. view: its at_px holds the centres of all pins at rest.
     """
     drift_px_us = _begin(tip, pins, view, steps, x[0])
-    settled, awake, moved = True, False, False
+    camera.wake(view)
+    settled, moved = True, False
     drifted_us, before_us, before = 0.0, 0.0, 0
-    written = Written(0, 0, 0)
     for number in range(len(marks)):
         mark, turns = marks[number, 0], marks[number, 1] == 1
         ends = number == len(marks) - 1
@@ -169,18 +156,15 @@ def walk(tip, pins, s, x, marks, skin, view, steps, background, raster):  # type
         moves = slides or not settled or s[mark] != s[before]
         stops = moved and not moves  # what is left below `skip` is looked at now: nothing would come later
         drifts = on_grid and (t_us - drifted_us) * drift_px_us > steps.skip_px
-        if moves or stops or drifts or (ends and awake):
+        if moves or stops or drifts or (ends and view.tally[camera.LOOKS]):
             drifted_us = t_us
             moment = Moment(
                 t_us, before_us, s[mark], t_us / steps.duration_us, on_grid, turns, stops, ends
             )  # fmt: skip
             # Pins outside the contact follow the skin alone: between camera steps they turn where it does.
             for i in range(len(tip.rest_mm) if on_grid or turns or stops else tip.n_contact):
-                awake = _follow(tip, pins, view, steps, moment, i, awake)
+                _follow(tip, pins, view, steps, moment, i)
         moved, before_us, before = moves, t_us, mark
-        if on_grid:
-            until_us = np.inf if ends else t_us - steps.oldest_us
-            written = finish_bins(view.sink, background, raster, view.tally, written, until_us)
 
 
 @compiled(forceinline=True, _nrt=False)
@@ -214,14 +198,9 @@ def _read(tip, x, target):  # type: ignore[no-untyped-def]
 
 @compiled(_nrt=False)
 def _filter(tip, pins, slides, x, constants):  # type: ignore[no-untyped-def]
-    """Advance the texture filter by a step; return how far it is from rest, mm.
+    """Advance the texture filter by a step to slip distance x; return how far it is from rest, mm.
 
-    Args:
-        tip: the pins of the contact.
-        pins: texture_mm becomes what the pins read at the end of the step; filtered_mm follows.
-        slides: whether the slip distance changed.
-        x: slip distance at the end of the step.
-        constants: (3,) of the filter (tip.skin_filter).
+    constants: (3,) of the filter (tip.skin_filter). slides: whether the slip distance changed.
     """
     e, c0, c1 = constants[0], constants[1], constants[2]
     texture, filtered = pins.texture_mm, pins.filtered_mm
@@ -248,8 +227,8 @@ def _place(tip, i, s, f, drift, out):  # type: ignore[no-untyped-def]
 
 
 @compiled(forceinline=True, _nrt=False)
-def _follow(tip, pins, view, steps, moment, i, awake):  # type: ignore[no-untyped-def]
-    """Place moving pin i and look at it where a look is due; return whether the pixels are awake."""
+def _follow(tip, pins, view, steps, moment, i):  # type: ignore[no-untyped-def]
+    """Place moving pin i and, if due, look at it: where it turned, at the mark before, or where it is."""
     _place(tip, i, moment.s_mm, pins.filtered_mm, moment.drift, pins.at_px)
     skip2, turn2 = steps.skip_px * steps.skip_px, steps.turn_px * steps.turn_px
     d2 = _from_last_look(tip, pins, view, i)
@@ -259,12 +238,13 @@ def _follow(tip, pins, view, steps, moment, i, awake):  # type: ignore[no-untype
     old = moment.on_grid and moment.t_us - pins.looked_us[i] >= steps.oldest_us
     late = (old or moment.stops or moment.ends) and d2 > _STILL_PX2
     if turned or far or late:
-        if not awake:
-            camera.wake(view)
-            awake = True
         at_turn = turned
         while True:
-            _look(tip, pins, view, steps, moment, i, at_turn)
+            place_px = pins.mark_px if at_turn else pins.at_px
+            t_us = moment.before_us if at_turn else moment.t_us
+            since_us = max(pins.looked_us[i], t_us - steps.oldest_us)
+            camera.look(view, tip.pin[i], place_px[i, 0], place_px[i, 1], since_us, t_us)
+            pins.looked_us[i] = t_us
             d2 = _from_last_look(tip, pins, view, i)
             if not at_turn or not ((moment.on_grid and d2 > skip2) or (late and d2 > _STILL_PX2)):
                 break
@@ -272,7 +252,6 @@ def _follow(tip, pins, view, steps, moment, i, awake):  # type: ignore[no-untype
     elif old:
         pins.looked_us[i] = moment.t_us
     pins.mark_px[i, 0], pins.mark_px[i, 1], pins.mark_d2[i] = pins.at_px[i, 0], pins.at_px[i, 1], d2
-    return awake
 
 
 @compiled(forceinline=True, _nrt=False)
@@ -280,13 +259,3 @@ def _from_last_look(tip, pins, view, i):  # type: ignore[no-untyped-def]
     """Return the squared distance of moving pin i from its last look."""
     dx, dy = pins.at_px[i, 0] - view.at_px[tip.pin[i], 0], pins.at_px[i, 1] - view.at_px[tip.pin[i], 1]
     return dx**2 + dy**2
-
-
-@compiled(forceinline=True, _nrt=False)
-def _look(tip, pins, view, steps, moment, i, at_turn):  # type: ignore[no-untyped-def]
-    """Look at moving pin i where it turned, at the mark before, or where it is now."""
-    place_px = pins.mark_px if at_turn else pins.at_px
-    t_us = moment.before_us if at_turn else moment.t_us
-    since_us = max(pins.looked_us[i], t_us - steps.oldest_us)
-    camera.look(view, tip.pin[i], place_px[i, 0], place_px[i, 1], since_us, t_us)
-    pins.looked_us[i] = t_us

@@ -1,4 +1,4 @@
-"""A trial of a scene, by the fast method: an event list or a pooled raster, whichever is asked for.
+"""A trial of a scene, by the fast method.
 
 1. stick, slip and travel of the skin: one degree of freedom, the whole record at once (friction.travel);
 2. at marks, every texture step and wherever the skin turns: the texture filter of the pins in contact, and
@@ -19,26 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse import seeds
-from dse.preprocessing import Pooling, without_quiet
 from dse.records import Block, Floats, Ints
 from dse.scene import background, camera, movement
 from dse.scene.scene import Scene, Sensor
-from dse.scene.sink import (
-    DROPPED,
-    EVENTS,
-    LOOKS,
-    LOST,
-    N_TALLY,
-    OVERFLOW,
-    EventColumns,
-    Raster,
-    Sink,
-    Written,
-    finish_bins,
-    list_sink,
-    order_of,
-    raster_sink,
-)
 from dse.scene.tip import SPREAD, image_px, lines, pins_mm, skin_filter
 from dse.scene.trial import Trial, path, speed, trial
 
@@ -95,46 +78,17 @@ def events(scene: Scene, k: int) -> Block:
 def simulated(scene: Scene, k: int) -> tuple[Block, Flags]:
     """Return the events of trial k (see `events`), and what went on beside them."""
     drawn, noise = trial(scene, k), background.events(scene, k)
-    capacity = int(_MEV_S * 1e3 * scene.duration_ms) + 1024
-    no_raster = Raster(np.zeros(0, np.int64), np.zeros(0, np.int32), 1)
-    while True:
-        sink = list_sink(capacity)
-        tally = _simulate(scene, k, drawn, sink, noise, no_raster)
-        if not tally[OVERFLOW]:
-            break
-        capacity = int(tally[EVENTS]) + 1
-    n = int(tally[EVENTS])
-    t_us, x, y, polarity = (
-        np.concatenate([sent[:n], other.astype(sent.dtype)])
-        for sent, other in zip(sink[:4], (noise.t_us, noise.x, noise.y, noise.polarity), strict=True)
-    )
-    order = order_of(t_us, y, x, polarity)
-    block = Block(t_us[order].astype(np.int64), x[order], y[order], polarity[order])
-    flags = Flags(
-        contact_saturated=drawn.contact.saturated,
-        refractory_drops=int(tally[DROPPED]),
-        lost_looks=int(tally[LOST]),
-        looks=int(tally[LOOKS]),
-    )
-    return block, flags
-
-
-def raster(scene: Scene, k: int, pooling: Pooling, n_bins: int) -> tuple[Ints, Ints]:
-    """Return the pooled raster of trial k: spikes per bin (n_bins,) int64, and their channels int32 in order.
-
-    It equals `preprocessing.pool` of `events(scene, k)` bit for bit, without a list in between.
-    """
-    drawn, noise = trial(scene, k), background.events(scene, k)
-    capacity = int(_MEV_S * 1e3 * scene.duration_ms / 4) + 2 * pooling.n_channels
-    delay_us = (_OLDEST + 1) * scene.method.camera_step_ms * 1000
-    while True:
-        sink = raster_sink(pooling, n_bins, delay_us)
-        counts, channels = np.zeros(n_bins, np.int64), np.empty(capacity, np.int32)
-        tally = _simulate(scene, k, drawn, sink, noise, Raster(counts, channels, pooling.needed))
-        if not tally[OVERFLOW]:
-            break
-        capacity *= 2
-    return without_quiet(counts, channels[: counts.sum()].copy(), pooling)
+    s, x = path(scene, k, drawn, scene.method.friction_step_ms / 1000)
+    sent: Ints = np.zeros(0, np.int64)
+    tally: Ints = np.zeros(4, np.int64)
+    if not _rests(scene, drawn, s, x):
+        capacity = int(_MEV_S * 1e3 * scene.duration_ms) + 1024
+        sent, tally = _sent(scene, drawn, s, x, capacity)
+        if tally[camera.EVENTS] > capacity:
+            sent, tally = _sent(scene, drawn, s, x, int(tally[camera.EVENTS]))
+    n, dropped, lost, looks = tally.tolist()
+    block = camera.in_order(sent[:n], noise, scene.sensor.frame_px)
+    return block, Flags(drawn.contact.saturated, dropped, lost, looks)
 
 
 def pin_paths(scene: Scene, k: int, step_ms: float) -> Paths:
@@ -162,22 +116,11 @@ def pin_paths(scene: Scene, k: int, step_ms: float) -> Paths:
     )
 
 
-def thresholds(scene: Scene) -> Floats:
-    """Return the contrast thresholds (height, width, 2) float32 of the camera's pixels: OFF, ON."""
-    return _thresholds_and_gains(scene)[0]
-
-
-def start_levels(scene: Scene, k: int) -> Floats:
-    """Return the phase (height, width) in (-1, 1) of each pixel's level at the start of trial k."""
-    width, height = scene.sensor.frame_px
-    return np.asarray(camera.start_phases(trial(scene, k).key, height, width))
-
-
 def _radius_px(scene: Scene) -> float:
     return scene.sensor.pin_radius_mm * scene.sensor.image_scale_px_mm
 
 
-def _thresholds_and_gains(scene: Scene) -> tuple[Floats, Floats]:
+def thresholds_and_gains(scene: Scene) -> tuple[Floats, Floats]:
     """Return thresholds off, on of every pixel, (height, width, 2) float32, and e^-off, e^on."""
     return _drawn_thresholds(scene.seed, scene.sensor.frame_px, scene.camera.threshold, scene.camera.mismatch)
 
@@ -192,21 +135,16 @@ def _drawn_thresholds(
     return theta, np.exp(theta * np.array([-1.0, 1.0], np.float32))
 
 
-def _simulate(scene: Scene, k: int, drawn: Trial, sink: Sink, noise: Block, raster: Raster) -> Ints:
-    """Simulate a trial into a sink; return the camera's counters."""
+def _sent(scene: Scene, drawn: Trial, s: Floats, x: Floats, capacity: int) -> tuple[Ints, Ints]:
+    """Return what the camera sends (`camera.View.sent`) as the skin moves by s and x, and its counters."""
     method, sensor = scene.method, scene.sensor
-    tally = np.zeros(N_TALLY, np.int64)
-    noise_columns = EventColumns(noise.t_us, noise.x, noise.y, noise.polarity)
-    s, x = path(scene, k, drawn, method.friction_step_ms / 1000)
-    if _rests(scene, drawn, s, x):
-        finish_bins(sink, noise_columns, raster, tally, Written(0, 0, 0), np.inf)
-        return tally
     tip = _tip(scene, drawn)
-    pixels = camera.blank(*_thresholds_and_gains(scene), drawn.key, scene.camera.refractory_us)
-    light = camera.light_of(_radius_px(scene), sensor.edge_px, scene.camera.contrast)
-    at_px = image_px(sensor, drawn.pins_mm) + drawn.offset_px - 0.5
-    first, neighbours = _neighbours(sensor, _reach_px(sensor, drawn, tip, float(s.max())))
-    view = camera.view(pixels, light, sink, tally, at_px, first, neighbours)
+    view = camera.view(
+        *thresholds_and_gains(scene), drawn.key, scene.camera.refractory_us,
+        camera.light_of(_radius_px(scene), sensor.edge_px, scene.camera.contrast),
+        image_px(sensor, drawn.pins_mm) + drawn.offset_px - 0.5,
+        _neighbours(sensor, _reach_px(sensor, drawn, tip, float(s.max()))), capacity,
+    )  # fmt: skip
     n_texture = round(method.texture_step_ms / method.friction_step_ms)
     skin = _skin(sensor.corner_hz, method.friction_step_ms / 1000, n_texture)
     steps = movement.Steps(
@@ -218,8 +156,8 @@ def _simulate(scene: Scene, k: int, drawn: Trial, sink: Sink, noise: Block, rast
         duration_us=1000 * scene.duration_ms,
     )
     pins, marks = movement.at_rest(len(tip.pin)), movement.marks(s, n_texture)
-    movement.walk(tip, pins, s, x, marks, skin, view, steps, noise_columns, raster)
-    return tally
+    movement.walk(tip, pins, s, x, marks, skin, view, steps)
+    return view.sent, view.tally
 
 
 def _rests(scene: Scene, drawn: Trial, s: Floats, x: Floats) -> bool:
@@ -238,10 +176,8 @@ def _tip(scene: Scene, drawn: Trial) -> movement.Tip:
     rest = drawn.pins_mm[order]
     r2 = (rest**2).sum(axis=1)
     surface = drawn.surface
-    read_mm = np.empty((len(reads), surface.slope.shape[1], 2), np.float32)
     y_mm = rest[: len(reads), 1] + drawn.start_mm[1]
     scale = -drawn.tilt_mm * contact.pressure[reads]
-    lines(surface.slope, surface.step_mm, y_mm, scale, len(reads), read_mm)
     return movement.Tip(
         pin=order,
         rest_mm=rest,
@@ -252,7 +188,7 @@ def _tip(scene: Scene, drawn: Trial) -> movement.Tip:
         middle_px=np.array(sensor.frame_px) / 2 + drawn.offset_px - 0.5,
         scale=sensor.image_scale_px_mm,
         lens=sensor.lens_per_mm2,
-        lines=read_mm,
+        lines=lines(surface.slope, surface.step_mm, y_mm, scale),
         grid_mm=surface.step_mm,
     )
 

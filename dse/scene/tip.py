@@ -13,7 +13,6 @@ import functools
 
 import numpy as np
 
-from dse.native.compiled import compiled
 from dse.records import Floats
 from dse.scene.scene import Sensor
 
@@ -23,22 +22,19 @@ SPREAD = 0.03
 @functools.lru_cache(maxsize=8)
 def pins_mm(sensor: Sensor) -> Floats:
     """Return the rest positions (pin, 2) float64 in mm around the axis of the dome; read-only."""
-    pins = _pins_mm(sensor)
-    pins.flags.writeable = False
-    return pins
-
-
-def _pins_mm(sensor: Sensor) -> Floats:
     pitch = sensor.pin_pitch_mm
     if sensor.layout == "grid":
         line = (np.arange(sensor.n_across) - (sensor.n_across - 1) / 2) * pitch
         y, x = np.meshgrid(line, line, indexing="ij")
-        return np.stack([x.ravel(), y.ravel()], axis=1)
-    rings = [np.zeros((1, 2))]
-    for ring in range(1, sensor.n_across + 1):
-        angle = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
-        rings.append(ring * pitch * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    return np.concatenate(rings)
+        pins = np.stack([x.ravel(), y.ravel()], axis=1)
+    else:
+        rings = [np.zeros((1, 2))]
+        for ring in range(1, sensor.n_across + 1):
+            angle = 2 * np.pi * np.arange(6 * ring) / (6 * ring)
+            rings.append(ring * pitch * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        pins = np.concatenate(rings)
+    pins.flags.writeable = False
+    return pins
 
 
 def image_px(sensor: Sensor, at_mm: Floats) -> Floats:
@@ -56,28 +52,15 @@ def skin_filter(corner_hz: float, step_s: float) -> tuple[float, float, float]:
     return e, mean - e, 1 - mean
 
 
-@compiled(_nrt=False)
-def lines(slope, grid_mm, y_mm, scale, n, out):  # type: ignore[no-untyped-def]
-    """Write what the first n pins read along the motion, for their rows stay the same.
+def lines(slope: Floats, grid_mm: float, y_mm: Floats, scale: Floats) -> Floats:
+    """Return what pins read along the motion, for their rows stay the same: (pin, points, 2) float32.
 
-    Args:
-        slope: (points, points, 2) float32 of the surface, points a power of two.
-        grid_mm: distance of its points.
-        y_mm: (n,) rows of the pins on the patch.
-        scale: (n,) factor of each pin.
-        n: number of pins.
-        out: (n, points, 2) float32.
+    slope: (points, points, 2) float32 of the surface. y_mm, scale: (pin,) row on the patch and factor of each
+    pin.
     """
-    points = slope.shape[0]
-    for i in range(n):
-        place = y_mm[i] / grid_mm
-        low = np.floor(place)
-        b = np.float32(place - low)
-        j0 = int(low) & (points - 1)
-        j1 = (j0 + 1) & (points - 1)
-        factor = np.float32(scale[i])
-        for k in range(points):
-            for axis in range(2):
-                out[i, k, axis] = factor * (
-                    slope[j0, k, axis] + b * (slope[j1, k, axis] - slope[j0, k, axis])
-                )
+    place = y_mm / grid_mm
+    low = np.floor(place)
+    part = (place - low).astype(np.float32)[:, None, None]
+    row = low.astype(np.int64)
+    here, there = (slope.take(row + k, axis=0, mode="wrap") for k in (0, 1))
+    return np.asarray(scale.astype(np.float32)[:, None, None] * (here + part * (there - here)))

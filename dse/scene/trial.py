@@ -135,7 +135,8 @@ def path(scene: Scene, k: int, drawn: Trial, step_s: float) -> tuple[Floats, Flo
         return np.zeros(n + 1), np.zeros(n + 1)
     force = drawn.force_n * (1 + drawn.drift * middle / (scene.duration_ms / 1000))
     line = drawn.surface
-    return travel(drawn.friction, v, force, step_s, line.line, line.line_step_mm, drawn.normals)
+    s, x = travel(drawn.friction, v, force, step_s, line.line, line.line_step_mm, drawn.normals)
+    return s, x
 
 
 @functools.lru_cache(maxsize=64)

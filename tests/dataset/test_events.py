@@ -96,12 +96,9 @@ class Scene:
         return 4, 4, 4, 4
 
     def blocks(self, i: int) -> Iterator[Block]:
-        yield block(i)
-
-    def raster(self, i: int, pooling: Any, n_bins: int) -> tuple[Array, Array]:
         time.sleep(0.004 * (i % 4 == 0))
         self.made.append(i)
-        return preprocessing.pool(self.blocks(i), pooling, 0, 0, n_bins)
+        yield block(i)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import dse
-from dse import dataset, store
+from dse import dataset, preprocessing, store
 from dse.dataset.cache import usual_root
 from dse.neurons.fixed_point import quantise
 from dse.recordings.pooling import pooling
@@ -103,7 +103,7 @@ def test_events_and_spikes_of_a_touch(trial):
     assert np.array_equal(events, np.stack([block.t_us, block.x, block.y, block.polarity], axis=1))
     settings = dse.load_space(SPACE)
     pools = pooling(settings.resolve(design_at(settings, 0)).preprocessing, *mine.frame_px)
-    counts, channels = simulate.raster(scene, trial, pools, 250)
+    counts, channels = preprocessing.pool([block], pools, 0, 0, 250)
     step, channel = np.nonzero(core.spikes_of(events, space, mine))
     assert np.array_equal(np.bincount(step, minlength=250), counts)
     assert np.array_equal(channel, channels)

@@ -9,20 +9,12 @@ from dse.config.settings import Preprocessing
 from dse.preprocessing import pool, pool_events, survey
 from dse.preprocessing.bins import Bins
 from dse.recordings.pooling import pooling
-from dse.records import Block
-
-
-def block(*rows):
-    """Events (t, x, y, polarity)."""
-    t, x, y, p = np.array(rows, dtype=np.int64).reshape(-1, 4).T
-    return Block(t.copy(), x.astype(np.int32), y.astype(np.int32), p.astype(np.uint8))
+from tests.preprocessing.test_streaming import block, pieces
 
 
 def run(whole, cuts, bins):
     """Push the events in blocks that end at `cuts`, empty ones among them."""
-    done = []
-    for part in np.split(np.arange(len(whole.t_us)), sorted(cuts)):
-        done += bins.push(Block(whole.t_us[part], whole.x[part], whole.y[part], whole.polarity[part]))
+    done = [done for part in pieces(whole, cuts) for done in bins.push(part)]
     return [*done, *bins.end()]
 
 

@@ -213,24 +213,16 @@ def test_each_fault_with_its_line(write, old, new, line, message):
         ("sensor: davis240_49", "sensor: {preset: davis240_49, n_across: 0}", 3, "sensor.n_across must be"),
         ("speed_mm_s: 20", "speed_mm_s: 600, travel_mm: 1000, acceleration_mm_s2: 9000", 1,
          "method.texture_step_ms must be at most 0.209 ms for the 600 mm/s of 'constant_600', got 0.5"),
+        *(("trials: 2", f"method: {steps}", 9, f"method.{message}") for steps, message in (
+            ("{texture_step_ms: 0.25}", "texture_step_ms must be a multiple of friction_step_ms, 0.1"),
+            ("{friction_step_ms: 1}", "texture_step_ms must be a multiple of friction_step_ms, 1 ms"),
+            ("{camera_step_ms: 0.4, texture_step_ms: 0.4, friction_step_ms: 0.3}", "texture_step_ms"),
+            ("{camera_step_ms: 0.4}", "camera_step_ms must be a multiple of texture_step_ms, 0.5 ms"),
+        )),
     ],
 )  # fmt: skip
-def test_faults_of_physics(write, old, new, line, message):
+def test_faults_of_physics_and_steps(write, old, new, line, message):
     (found,) = faults_of(write((old, new)))
-    assert found.startswith(f"{line}: {message}")
-
-
-@pytest.mark.parametrize(
-    ("steps", "line", "message"),
-    [
-        ("{texture_step_ms: 0.25}", 9, "method.texture_step_ms must be a multiple of friction_step_ms, 0.1"),
-        ("{friction_step_ms: 1}", 9, "method.texture_step_ms must be a multiple of friction_step_ms, 1 ms"),
-        ("{camera_step_ms: 0.4, texture_step_ms: 0.4, friction_step_ms: 0.3}", 9, "method.texture_step_ms"),
-        ("{camera_step_ms: 0.4}", 9, "method.camera_step_ms must be a multiple of texture_step_ms, 0.5 ms"),
-    ],
-)  # fmt: skip
-def test_steps_that_do_not_divide_each_other(write, steps, line, message):
-    (found,) = faults_of(write(("trials: 2", f"method: {steps}")))
     assert found.startswith(f"{line}: {message}")
 
 
@@ -251,24 +243,20 @@ def test_faults_of_every_part_at_once(write):
     assert [fault.split(":")[0] for fault in faults_of(path)] == ["3", "4", "4", "6", "9", "10"]
 
 
-@pytest.mark.parametrize("text", ["[1, 2]", "word"])
-def test_a_file_that_is_no_mapping(tmp_path, text):
+@pytest.mark.parametrize(
+    ("content", "begins"),
+    [
+        (b"[1, 2]", ["1: a scene must be a mapping of keys to values, got"]),
+        (b"word", ["1: a scene must be a mapping of keys to values, got"]),
+        (b"", [f"1: {key} " for key in ("scene", "sensor", "textures", "motions")]),
+        (b"\xff\xfe", [" cannot be read: not UTF-8 text"]),
+    ],
+)
+def test_a_file_that_is_no_mapping_or_no_text(tmp_path, content, begins):
     path = tmp_path / "scene.yaml"
-    path.write_text(text, encoding="utf-8")
-    (fault,) = faults_of(path)
-    assert fault.startswith("1: a scene must be a mapping of keys to values, got")
-
-
-def test_an_empty_file_lacks_every_required_key(tmp_path):
-    path = tmp_path / "scene.yaml"
-    path.write_text("", encoding="utf-8")
-    assert [fault.split()[1] for fault in faults_of(path)] == ["scene", "sensor", "textures", "motions"]
-
-
-def test_a_file_that_is_no_text(tmp_path):
-    path = tmp_path / "scene.yaml"
-    path.write_bytes(b"\xff\xfe")
-    assert faults_of(path) == [" cannot be read: not UTF-8 text"]
+    path.write_bytes(content)
+    for fault, text in zip(faults_of(path), begins, strict=True):
+        assert fault.startswith(text)
 
 
 def test_finding_scenes(write, tmp_path):

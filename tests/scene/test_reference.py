@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks import scene_reference as reference
 from dse.records import Block
-from dse.scene import background, reference, simulate
+from dse.scene import background, simulate
 from dse.scene.scene import Camera
 from dse.scene.tip import image_px, pins_mm
 from tests.scene import small
@@ -206,7 +207,7 @@ def test_a_trial_is_the_camera_on_its_path_and_its_noise():
     paths = simulate.pin_paths(scene, 0, reference.STEP_MS)
     signal = reference.camera(
         paths.t_s, paths.px, paths.radius_px, paths.edge_px,
-        simulate.start_levels(scene, 0), simulate.thresholds(scene), scene.camera,
+        reference.start_levels(scene, 0), reference.thresholds(scene), scene.camera,
     )  # fmt: skip
     assert len(noise.t_us) > 0 and len(signal.t_us) > 0
     assert len(found.t_us) == len(noise.t_us) + len(signal.t_us)

@@ -1,18 +1,14 @@
-"""Trials as event lists and as rasters: the same whatever is asked for, whatever else the scene holds."""
+"""Trials as event lists: the same whatever is asked for, whatever else the scene holds."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from dse import preprocessing
-from dse.config.settings import Preprocessing
-from dse.recordings.pooling import pooling
-from dse.scene import background, reference, simulate
-from dse.scene.scene import Method, Variation
+from benchmarks import scene_reference as reference
+from dse.scene import background, simulate
+from dse.scene.scene import Variation
 from tests.scene import small
 
 VARIED = {"variation": Variation(), "camera": replace(small.CAMERA, noise_hz=2.0)}
@@ -54,89 +50,10 @@ def test_the_default_steps_keep_the_events(scene):
     assert small.likeness(slow, fast, scene, 10.0) > 0.995
 
 
-PINS = (4, 6, 78, 72)
-"""What `crop: pins` keeps here: x, y, width, height."""
-
-SETTINGS = {
-    "pool 4": Preprocessing(1.0, pool=4),
-    "one pool per pixel": Preprocessing(5.0),
-    "overlapping, padded": Preprocessing(2.0, pool=(6, 4), stride=(3, 2), padding=(2, 1)),
-    "merged, two events needed": Preprocessing(1.0, pool=4, polarity="merge", exceeds=True),
-    "ON alone, cropped": Preprocessing(1.7, pool=5, polarity="ignore_off", crop=(7, 11, 53, 60)),
-    "OFF alone, many needed": Preprocessing(10.0, pool=8, polarity="ignore_on", pool_threshold=20),
-    "part of the record": Preprocessing(3.0, pool=4, time_ms=(70.5, 201.25)),
-    "bins much shorter than a look": Preprocessing(0.13, pool=4, polarity="merge"),
-    "bins a little longer than a look": Preprocessing(2.3, pool=4, pool_threshold=2),
-    "long bins, the pins alone": Preprocessing(300.0, pool=88, crop="pins", pool_threshold=254, exceeds=True),
-    "without quiet channels": Preprocessing(1.0, pool=4, rate_floor_hz=100.0),
-}
-
-
-@pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
-@pytest.mark.parametrize("scene", [DENIM, FOAM], ids=["denim", "foam"])
-def test_a_raster_is_the_pooled_event_list_bit_for_bit(scene, settings):
-    found = pooling(settings, *scene.sensor.frame_px, pins=PINS)
-    n_bins = found.n_bins(round(scene.duration_ms * 1000))
-    counts, channels = simulate.raster(scene, 0, found, n_bins)
-    expected = preprocessing.pool([simulate.events(scene, 0)], found, 0, 0, n_bins)
-    np.testing.assert_array_equal(counts, expected[0])
-    np.testing.assert_array_equal(channels, expected[1])
-    assert counts.sum() > 0
-    assert counts.dtype == np.int64 and channels.dtype == np.int32
-
-
-@given(
-    bin_ms=st.sampled_from([0.05, 0.333, 1.0, 1.7, 5.0, 40.0]),
-    pool=st.tuples(st.integers(1, 9), st.integers(1, 9)),
-    stride=st.tuples(st.integers(1, 9), st.integers(1, 9)),
-    polarity=st.sampled_from(["split", "merge", "ignore_off", "ignore_on"]),
-    threshold=st.integers(1, 5), exceeds=st.booleans(), crop=st.sampled_from([None, "pins", (7, 11, 53, 60)]),
-    time_ms=st.sampled_from([None, (0.0, 33.3), (20.125, 55.0)]), extra=st.integers(-2, 2),
-)  # fmt: skip
-def test_a_raster_is_the_pooled_event_list_in_every_mode(
-    bin_ms, pool, stride, polarity, threshold, exceeds, crop, time_ms, extra
-):
-    scene = replace(FOAM, duration_ms=80.0)
-    chosen = Preprocessing(
-        bin_ms, pool=pool, stride=tuple(map(min, stride, pool)), polarity=polarity, pool_threshold=threshold,
-        exceeds=exceeds, crop=crop, time_ms=time_ms,
-    )  # fmt: skip
-    found = pooling(chosen, *scene.sensor.frame_px, pins=PINS)
-    n_bins = max(1, found.n_bins(80_000) + extra)
-    counts, channels = simulate.raster(scene, 0, found, n_bins)
-    expected = preprocessing.pool([simulate.events(scene, 0)], found, 0, 0, n_bins)
-    np.testing.assert_array_equal(counts, expected[0])
-    np.testing.assert_array_equal(channels, expected[1])
-
-
 def test_room_that_does_not_suffice_is_made_larger(monkeypatch):
-    found = pooling(Preprocessing(1.0, pool=4), *small.SENSOR.frame_px)
-    block, raster = simulate.events(DENIM, 0), simulate.raster(DENIM, 0, found, 300)
+    block = simulate.events(DENIM, 0)
     monkeypatch.setattr(simulate, "_MEV_S", 1e-3)
     assert same(simulate.events(DENIM, 0), block)
-    for narrow, wide in zip(simulate.raster(DENIM, 0, found, 300), raster, strict=True):
-        np.testing.assert_array_equal(narrow, wide)
-
-
-@pytest.mark.parametrize("step_ms", [0.5, 4.0])
-def test_a_raster_is_the_pooled_event_list_at_other_steps_of_the_camera(step_ms):
-    scene = replace(DENIM, method=replace(Method(), camera_step_ms=step_ms, skip_px=0.5))
-    found = pooling(Preprocessing(1.0, pool=4), *scene.sensor.frame_px)
-    counts, channels = simulate.raster(scene, 0, found, 300)
-    expected = preprocessing.pool([simulate.events(scene, 0)], found, 0, 0, 300)
-    np.testing.assert_array_equal(counts, expected[0])
-    np.testing.assert_array_equal(channels, expected[1])
-
-
-def test_a_raster_may_end_before_or_after_the_record():
-    found = pooling(Preprocessing(1.0, pool=4), *small.SENSOR.frame_px)
-    whole = simulate.raster(DENIM, 0, found, 300)
-    short = simulate.raster(DENIM, 0, found, 120)
-    long = simulate.raster(DENIM, 0, found, 340)
-    np.testing.assert_array_equal(short[0], whole[0][:120])
-    np.testing.assert_array_equal(short[1], whole[1][: short[0].sum()])
-    np.testing.assert_array_equal(long[0], np.pad(whole[0], (0, 40)))
-    np.testing.assert_array_equal(long[1], whole[1])
 
 
 def many(**other):
@@ -175,16 +92,18 @@ def test_another_seed_is_another_trial():
     a, b = (simulate.events(replace(DENIM, seed=seed), 0) for seed in (1, 2))
     assert not same(a, b)
     assert len(a.t_us) == pytest.approx(len(b.t_us), rel=0.5)
-    assert (simulate.thresholds(replace(DENIM, seed=1)) != simulate.thresholds(replace(DENIM, seed=2))).any()
+    assert (
+        reference.thresholds(replace(DENIM, seed=1)) != reference.thresholds(replace(DENIM, seed=2))
+    ).any()
 
 
 def test_the_camera_is_one_camera_and_its_start_is_the_trials_own():
     scene = many()
-    np.testing.assert_array_equal(simulate.thresholds(scene), simulate.thresholds(DENIM))
-    theta = np.log(simulate.thresholds(scene))
+    np.testing.assert_array_equal(reference.thresholds(scene), reference.thresholds(DENIM))
+    theta = np.log(reference.thresholds(scene))
     assert theta.mean() == pytest.approx(np.log(0.3), abs=0.005)
     assert theta.std() == pytest.approx(0.12, abs=0.005)
-    first, second = simulate.start_levels(scene, 0), simulate.start_levels(scene, 1)
+    first, second = reference.start_levels(scene, 0), reference.start_levels(scene, 1)
     assert (np.abs(first) < 1).all()
     assert first.mean() == pytest.approx(0, abs=0.02)
     assert first.var() == pytest.approx(1 / 3, abs=0.02)

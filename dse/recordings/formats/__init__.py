@@ -37,12 +37,10 @@ class Repairs:
     _repaired: dict[str, tuple[str, int]] = field(default_factory=dict, init=False)
 
     def __call__(self, fault: str, repair: str, n: int = 1) -> None:
-        """Report a fault; this returns only if the user asked for repair.
+        """Report a fault of n things (events, words, bytes); this returns only if the user asked for repair.
 
-        Args:
-            fault: what is wrong and where, as the beginning of a sentence: 'event 3 lies outside the frame'.
-            repair: what repair does about every fault of this kind: 'drops events outside the frame'.
-            n: how many things (events, words, bytes) this repair touches; 0: there is no fault.
+        fault: what is wrong and where, as the beginning of a sentence: 'event 3 lies outside the frame'.
+        repair: what repair does about every fault of this kind: 'drops events outside the frame'.
 
         Raises:
             RecordingError: the user did not ask for repair.

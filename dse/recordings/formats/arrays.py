@@ -116,10 +116,7 @@ def fields_of(
 ) -> dict[str, tuple[str, str | None]]:
     """Return the array, and its column if it has columns, of t, x, y and p; no y where x is a taxel.
 
-    Args:
-        described: name -> shape and type of the arrays of the file.
-        stated_names: field -> name, where the user states it; the other fields are looked for beside it.
-        where: the file's name, for errors.
+    `stated_names`: field -> name, where the user states it; the other fields are looked for beside it.
     """
     places: dict[str, tuple[str, str | None]] = {}
     for name, (shape, dtype) in described.items():

@@ -47,11 +47,7 @@ class Neutouch(Format):
         return N_TAXELS, 1
 
     def blocks(self, path: Path, broken: Repairs) -> Iterator[Block]:
-        """Yield the events of the taxels; `broken` hears of lines that are none.
-
-        Raises:
-            RecordingError: the file cannot be opened, or `broken` raised it.
-        """
+        """Yield the events of the taxels; `broken` hears of lines that are none."""
         first_s, n_before = None, 0
         with open_file(path) as file:
             while lines := file.readlines(BLOCK_EVENTS * _LINE_BYTES):

@@ -189,12 +189,9 @@ class _Evt(_Prophesee, ABC):
     ) -> tuple[Ints, Ints, Ints, Ints, Bools]:
         """Return t_us, x, y and polarity of the events, and whether words before stated time and place.
 
-        Args:
-            words: (n,) int64.
-            kind: (n,) their upper 4 bits.
-            highs: (n,) the time high at each word, -1 before the first.
-            new: (n,) bool, whether a word states another time high than before.
-            carried: what words of the block before stated; updated.
+        words, kind: (n,) words and their upper 4 bits. highs: (n,) the time high at each, -1 before the
+        first. new: (n,) whether it is another one than before. carried: what the block before stated;
+        updated.
         """
 
 

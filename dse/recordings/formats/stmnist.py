@@ -39,11 +39,7 @@ class Stmnist(Format):
     marks: ClassVar[tuple[bytes, ...]] = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 
     def frame(self, path: Path) -> tuple[int, int]:
-        """Return the taxels along x and y, of a file that holds a header.
-
-        Raises:
-            RecordingError: it is cut short in its header.
-        """
+        """Return the taxels along x and y, of a file that holds a header."""
         with open_file(path) as file:
             if len(file.read(_HEADER_BYTES)) < _HEADER_BYTES:
                 raise RecordingError(f"{path.name}: must be a MATLAB v5 file, got a truncated header")

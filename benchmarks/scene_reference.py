@@ -21,7 +21,9 @@ import numpy as np
 from dse.native.compiled import compiled
 from dse.records import Block, Floats
 from dse.scene import background, simulate
+from dse.scene.camera import phase
 from dse.scene.scene import Camera, Scene
+from dse.scene.trial import trial
 
 STEP_MS = 0.1
 
@@ -32,9 +34,30 @@ _NEVER_US = -1e18
 def events(scene: Scene, k: int, step_ms: float = STEP_MS) -> Block:
     """Return trial k as the definition sees it, background included, sorted by time, row and column."""
     paths = simulate.pin_paths(scene, k, step_ms)
-    start, thresholds = simulate.start_levels(scene, k), simulate.thresholds(scene)
-    seen = camera(paths.t_s, paths.px, paths.radius_px, paths.edge_px, start, thresholds, scene.camera)
+    start = start_levels(scene, k)
+    seen = camera(paths.t_s, paths.px, paths.radius_px, paths.edge_px, start, thresholds(scene), scene.camera)
     return in_order([seen, background.events(scene, k)])
+
+
+def thresholds(scene: Scene) -> Floats:
+    """Return the contrast thresholds (height, width, 2) float32 of the camera's pixels: OFF, ON."""
+    return simulate.thresholds_and_gains(scene)[0]
+
+
+def start_levels(scene: Scene, k: int) -> Floats:
+    """Return the phase (height, width) in (-1, 1) of each pixel's level at the start of trial k."""
+    width, height = scene.sensor.frame_px
+    return np.asarray(start_phases(trial(scene, k).key, height, width))
+
+
+@compiled()
+def start_phases(key, height, width):  # type: ignore[no-untyped-def]
+    """Return the start phases of all pixels, (height, width) float64."""
+    phases = np.empty((height, width))
+    for y in range(height):
+        for x in range(width):
+            phases[y, x] = phase(key, y * width + x)
+    return phases
 
 
 def camera(
