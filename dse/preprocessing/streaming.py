@@ -103,7 +103,7 @@ def pool(
             if len(channels) < filled + pooling.n_channels:
                 channels = _grown(channels, filled, 2 * filled + pooling.n_channels)
     if n_bins:
-        end = _flush(pooling.needed, words, events, channels, filled)
+        end = flush(pooling.needed, words, events, channels, filled)
         counts[present] = end - filled
         filled = end
     return without_quiet(counts, _grown(channels, filled, filled), pooling)
@@ -155,7 +155,7 @@ def _grown(channels: Ints, filled: int, capacity: int) -> Ints:
 
 
 @compiled(_nrt=False)
-def _add(x, y, pole, pools, words, counts):  # type: ignore[no-untyped-def]
+def add(x, y, pole, pools, words, counts):  # type: ignore[no-untyped-def]
     """Count one event in every pool that holds its pixel; outside the crop that is none.
 
     pole: 1 for ON where polarities are split, else 0. words: (word,) uint64. counts: (channel,) uint8, or
@@ -170,10 +170,10 @@ def _add(x, y, pole, pools, words, counts):  # type: ignore[no-untyped-def]
 
 
 @compiled(_nrt=False)
-def _flush(needed, words, counts, channels, filled):  # type: ignore[no-untyped-def]
+def flush(needed, words, counts, channels, filled):  # type: ignore[no-untyped-def]
     """Append the channels of a bin that have enough events, in order; clear the bin; return the new end.
 
-    words, counts: as of `_add`. channels: (capacity,) int32 with room for every channel behind `filled`.
+    words, counts: as of `add`. channels: (capacity,) int32 with room for every channel behind `filled`.
     """
     for k in range(len(words)):
         word = words[k]
@@ -203,13 +203,13 @@ def _take(  # type: ignore[no-untyped-def]
         if t_us[e] >= edge_us:
             if len(channels) < filled + n_channels:
                 break
-            end = _flush(pools.needed, words, events, channels, filled)
+            end = flush(pools.needed, words, events, channels, filled)
             counts[present] = end - filled
             filled = end
             present = (t_us[e] - begin_us) // pools.bin_us
             edge_us = begin_us + (present + 1) * pools.bin_us
         if pools.only < 0 or polarity[e] == pools.only:
-            _add(x[e], y[e], polarity[e] if pools.poles == 2 else 0, pools, words, events)
+            add(x[e], y[e], polarity[e] if pools.poles == 2 else 0, pools, words, events)
         e += 1
     return e, present, filled
 
