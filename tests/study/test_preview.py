@@ -38,7 +38,7 @@ def scene(tmp_path, monkeypatch):
     def never(*_):
         raise AssertionError("a preview simulates nothing")
 
-    for name in ("events", "raster"):
+    for name in ("events", "simulated"):
         monkeypatch.setattr(simulate, name, never)
     (tmp_path / "fingertip.yaml").write_text(SCENE, encoding="utf-8")
     return tmp_path

@@ -164,18 +164,14 @@ def stated_and_true(number, population, errors):
         cost = np.where(is_spiking, factors[:, :1], factors[:, 1:]) * np.exp(weights)
         best = accuracy[:, accuracy.mean(axis=0).argmax()]
         found = [
-            odds_of(
-                "accuracy",
-                x[:, is_spiking],
-                x[:, ~is_spiking],
-                y[:, is_spiking],
-                y[:, ~is_spiking],
-                best.std(),
-            )
+            odds_of("accuracy", *(z[:, of] for z in (x, y) for of in (is_spiking, ~is_spiking)), best.std())
             for x, y in ((accuracy, cost[1:]), (population.truth[None], cost[:1]))
         ]
-        for name in ("cheaper", "more_accurate", "best"):
+        for name in ("cheaper", "more_accurate"):
             yield tuple(getattr(odds, name) for odds in found)
+        sides = (np.flatnonzero(is_spiking), np.flatnonzero(~is_spiking))
+        ours, theirs = (population.truth[x[accuracy[:, x].mean(axis=0).argmax()]] for x in sides)
+        yield found[0].best, 0.5 * (ours == theirs) + float(ours > theirs)
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +184,7 @@ def test_stated_probabilities_of_rivals_are_true_as_often(statements):
     stated, true = statements.T
     for low, high in ((0.0, 0.1), (0.1, 0.35), (0.35, 0.65), (0.65, 0.9), (0.9, 1.01)):
         here = (stated >= low) & (stated < high)
-        assert here.sum() >= 20
+        assert here.sum() >= 15
         error = np.sqrt(0.25 / here.sum())  # of a share, at most; statements of a population are alike
         assert true[here].mean() == pytest.approx(stated[here].mean(), abs=0.04 + 1.5 * error), (low, high)
 
