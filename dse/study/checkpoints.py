@@ -36,11 +36,7 @@ class Checkpoint:
     rungs: Mapping[int, Numbers]
 
     def state(self) -> dict[str, Array]:
-        """Return the named arrays from which the training goes on.
-
-        Raises:
-            Damaged: they have changed since they were checked.
-        """
+        """Return the named arrays from which the training goes on."""
         return store.load_arrays(self.folder / _STATE)
 
 

@@ -112,9 +112,7 @@ def claim(space: SearchSpace, book: store.Book) -> list[str]:
             if _matters(key)
             and not (key == "search.n_trials" and _count(new) >= _count(old))
             and not (key == "hardware" and old[:1] == new[:1])
-            and not key.startswith("precision")
-            and key not in ("targets", "limits")
-            and not key.startswith("search.stop")
+            and not key.startswith(("precision", "targets", "limits", "search.stop"))
             and not (key == "search.batch" and space.search.sampler_name == "grid")
         ]
         faults += [

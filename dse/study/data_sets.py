@@ -57,11 +57,7 @@ class Prepared:
 
 
 class DataSets:
-    """The data sets of one study, prepared as they are asked for.
-
-    Attributes:
-        cache: where they are.
-    """
+    """The data sets of one study in a cache, prepared as they are asked for."""
 
     def __init__(self, session: Session) -> None:
         self._space, self._book = session.space, session.book

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -27,7 +27,7 @@ from dse.study.known import KnownBefore
 from dse.study.ledger import Ledger
 from dse.study.mended import opened
 from dse.study.points import PointsTable
-from dse.study.progress import shown
+from dse.study.progress import Progress, shown
 from dse.study.racing import Race
 from dse.study.results import Study
 from dse.study.rounding import round_fronts
@@ -74,15 +74,26 @@ def run(
     """
     until_s = _until_s(space, time.monotonic())
     if lack := missing(space.execution.device):
-        text = f"execution.device {space.execution.device} {lack}"
-        raise ConfigError([Fault(str(space.source), 0, text)])
+        raise ConfigError([Fault(str(space.source), 0, f"execution.device {space.execution.device} {lack}")])
     if (n_designs := n_trials(space)) > MOST_TRIALS:
         text = f"search.n_trials must be at most {MOST_TRIALS}, got {n_designs} designs; sample fewer of them"
         raise ConfigError([Fault(str(space.source), 0, text)])
-    profiles = of_space(space)
-    folder = Path(results) / space.study
     n_workers = jobs or space.execution.jobs
-    with shown(progress, n_workers) as report, contextlib.ExitStack() as at_the_end:
+    with (
+        shown(progress, n_workers) as report,
+        _begun(space, Path(results) / space.study, n_workers, report, until_s) as (session, coordinator),
+    ):
+        _explored(session, coordinator, on_trial)
+    return Study(session.folder)
+
+
+@contextlib.contextmanager
+def _begun(
+    space: SearchSpace, folder: Path, n_workers: int, report: Progress, until_s: float | None
+) -> Iterator[tuple[Session, Coordinator]]:
+    """Yield a session of a study that has begun, or joined others, and its coordinator."""
+    profiles = of_space(space)
+    with contextlib.ExitStack() as at_the_end:
         coordinator = Coordinator(folder, at_the_end)
         if coordinator.is_first:
             store.sweep(folder)
@@ -95,52 +106,54 @@ def run(
             report.note(f"{folder}: another process runs this study; this one shares its trainings")
             book = at_the_end.enter_context(store.Book(folder, writes=True, is_session=True))
         coordinator.begin(book)
-        ledger = Ledger(book)
         workers = at_the_end.enter_context(_workers(space, n_workers, folder, until_s))
-        session = Session(space, book, tuple(profiles), workers, report)
-        data = DataSets(session)
-        runs = Runs(session, data, on_trial)
-        training = Training(session, data, runs, coordinator)
-        results_tables = _Tables(PointsTable(space, folder, profiles), runs, ledger, coordinator)
-        before = None if space.limits is None else KnownBefore(space, profiles, data.shape)
-        runs.recall(ledger.entries)
-        if coordinator.is_first:
-            runs.forget_checkpoints()
-        report.expect(n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
+        yield Session(space, book, tuple(profiles), workers, report), coordinator
 
-        def train(search: Search) -> None:
-            while (asked := search.ask()) is not None:
-                training.complete(asked.entries, asked.repeats, results_tables.refresh, asked.until)
-                search.tell(asked)
 
-        stopped = ""
-        try:
-            with workers:
-                batches = Batches(session, ledger, runs, data, before)
-                race = Race(batches, session, runs) if space.search.racing else None
-                train(race or batches)
-                if not coordinator.leads:
-                    report.note("the process that writes the tables ends the study")
-                    return Study(folder)
-                runs.recall(ledger.entries)
-                if race is not None and (sentence := race.saved(ledger.entries)):
-                    report.note(sentence)
-                train(FrontRepeats(session, ledger, runs, results_tables.points))
-                round_fronts(
-                    session, runs, data, ledger.entries, results_tables.points, results_tables.refresh
-                )
-        except OutOfTime:
+def _explored(
+    session: Session, coordinator: Coordinator, on_trial: Callable[[dict[str, Any]], object] | None
+) -> None:
+    """Search, repeat and round what is on the fronts, and write the tables."""
+    space, report, ledger, data = session.space, session.progress, Ledger(session.book), DataSets(session)
+    runs = Runs(session, data, on_trial)
+    training = Training(session, data, runs, coordinator)
+    results_tables = _Tables(PointsTable(space, session.folder, session.profiles), runs, ledger, coordinator)
+    before = None if space.limits is None else KnownBefore(space, session.profiles, data.shape)
+    runs.recall(ledger.entries)
+    if coordinator.is_first:
+        runs.forget_checkpoints()
+    report.expect(n_trials(space) * space.search.repeats - runs.count(space.search.repeats))
+
+    def train(search: Search) -> None:
+        while (asked := search.ask()) is not None:
+            training.complete(asked.entries, asked.repeats, results_tables.refresh, asked.until)
+            search.tell(asked)
+
+    stopped = ""
+    try:
+        with session.workers:
+            batches = Batches(session, ledger, runs, data, before)
+            race = Race(batches, session, runs) if space.search.racing else None
+            train(race or batches)
+            if not coordinator.leads:
+                report.note("the process that writes the tables ends the study")
+                return
             runs.recall(ledger.entries)
-            stopped = "its time is over (search.stop.minutes); the same command goes on"
-        except KeyboardInterrupt:
-            runs.recall(ledger.entries)  # a run may have finished that no worker has reported yet
-            results_tables.write()
-            raise
+            if race is not None and (sentence := race.saved(ledger.entries)):
+                report.note(sentence)
+            train(FrontRepeats(session, ledger, runs, results_tables.points))
+            round_fronts(session, runs, data, ledger.entries, results_tables.points, results_tables.refresh)
+    except OutOfTime:
+        runs.recall(ledger.entries)
+        stopped = "its time is over (search.stop.minutes); the same command goes on"
+    except KeyboardInterrupt:
+        runs.recall(ledger.entries)  # a run may have finished that no worker has reported yet
         results_tables.write()
-        runs.remark(runs.untrained(), UNTRAINED)
-        runs.remark([f"{_STOPPED}{stopped}"] if stopped else [], _STOPPED)
-        runs.remark(health.remarks(space.decision, runs.trials()), health.PREFIX)
-    return Study(folder)
+        raise
+    results_tables.write()
+    runs.remark(runs.untrained(), UNTRAINED)
+    runs.remark([f"{_STOPPED}{stopped}"] if stopped else [], _STOPPED)
+    runs.remark(health.remarks(space.decision, runs.trials()), health.PREFIX)
 
 
 def _until_s(space: SearchSpace, began_s: float) -> float | None:

@@ -107,9 +107,10 @@ class Runs:
                 if self._has(entry.trial, repeat):
                     continue
                 path = store.run_file(self._book.folder, entry.trial, repeat)
+                own = seeds.design_key(entry.design), self._space.seed
                 try:
                     record = load_record(path)
-                    if record is not None and not _is_of(entry, self._space.seed, record):
+                    if record is not None and (seeds.design_key(record.design), record.seed) != own:
                         raise Damaged(f"{path}: holds a run of another design or seed")
                 except Damaged as error:
                     what = str(error).removesuffix(f"; {store.REMEDY}")
@@ -236,10 +237,6 @@ class Runs:
                 "restore them, or use another --results folder"
             )
             raise ConfigError([Fault(str(self._space.source), 0, text)])
-
-
-def _is_of(entry: Entry, seed: int, record: RunRecord) -> bool:
-    return seeds.design_key(record.design) == seeds.design_key(entry.design) and record.seed == seed
 
 
 def _sentence(record: RunRecord) -> str:
