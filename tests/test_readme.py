@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from dse.cli import main
-from dse.cli.commands import GROUP_OF
+from dse.cli.commands import MODULE_OF
 from tests.command import document
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -82,7 +82,7 @@ def test_links_lead_somewhere():
 def test_shown_commands_exist():
     commands = shown_commands()
     assert {"run", "skyline", "pick", "evaluate"} <= set(commands)
-    assert set(commands) <= set(GROUP_OF)
+    assert set(commands) <= set(MODULE_OF)
 
 
 def test_described_sections_exist(capsys):

@@ -11,7 +11,7 @@ import dse
 from dse import trust
 from dse.cli.answer import Answer, show
 from dse.cli.asking import trusts
-from dse.cli.commands import GROUP_OF, function_of
+from dse.cli.commands import MODULE_OF, function_of
 from dse.cli.signature import call, declare, summary
 from dse.cli.stopping import INTERRUPTED
 from dse.config import ConfigError
@@ -25,7 +25,7 @@ EXIT_CODES = (
     "130 stopped by Ctrl-C"
 )
 _TRUST = "run the code of plugins that the folder or search space names, now and whenever it is the same"
-_TRUSTING = ("search", "choose", "deploy")
+_TRUSTING = ("search", "choose", "drawing", "reporting", "deploy", "streaming")
 _BAD_INPUT = 2
 _RESUMABLE = "stopped; finished trials are kept, and the same command resumes the study"
 
@@ -34,8 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code; print users' mistakes on stderr, one line each."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        if words and not words[0].startswith("-") and words[0] not in GROUP_OF:
-            known = known_names(words[0], GROUP_OF)
+        if words and not words[0].startswith("-") and words[0] not in MODULE_OF:
+            known = known_names(words[0], MODULE_OF)
             print(f"dse: unknown command '{one_line(words[0])}'; {known}", file=sys.stderr)
             return _BAD_INPUT
         parsed = parser(words[:1]).parse_args(words)
@@ -100,12 +100,12 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
     )
     outer.add_argument("--version", action="version", version=f"dse {dse.__version__}")
     commands = outer.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name in [word for word in words if word in GROUP_OF] or GROUP_OF:
+    for name in [word for word in words if word in MODULE_OF] or MODULE_OF:
         function = function_of(name)
         text = summary(function)
         one = commands.add_parser(name, help=text, description=text, epilog=EXIT_CODES, allow_abbrev=False)
         declare(one, function)
-        if GROUP_OF[name] in _TRUSTING:
+        if MODULE_OF[name] in _TRUSTING:
             one.add_argument("--trust", action="store_true", help=_TRUST)
         one.set_defaults(function=function)
     return outer

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from dse.cli import main
-from dse.cli.commands import GROUP_OF
+from dse.cli.commands import MODULE_OF
 from dse.config.resolved import SECTIONS
 from dse.hardware.counter import MeasuredPower
 from dse.study import explore
@@ -347,7 +347,7 @@ def test_describe_prints_the_schema(capsys):
 
 
 def test_help_and_version(capsys):
-    for arguments in (["--help"], ["--version"], *([name, "--help"] for name in GROUP_OF)):
+    for arguments in (["--help"], ["--version"], *([name, "--help"] for name in MODULE_OF)):
         with pytest.raises(SystemExit) as caught:
             main(arguments)
         assert caught.value.code == 0

@@ -15,7 +15,7 @@ import pytest
 
 from dse import registry, trust
 from dse.cli import main
-from dse.cli.commands import GROUP_OF
+from dse.cli.commands import MODULE_OF
 from dse.config import ConfigError, load_space
 from dse.dashboard.site import page_server
 from dse.deploy import bundle
@@ -104,7 +104,7 @@ def prepared(others):
 
 
 def test_every_command_is_tried():
-    assert set(READ) == set(GROUP_OF)
+    assert set(READ) == set(MODULE_OF)
 
 
 @pytest.mark.parametrize(("name", "command", "arguments", "code"), CASES)

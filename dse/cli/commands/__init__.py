@@ -1,4 +1,4 @@
-"""The commands, a module per group: a function each, which parses no text and answers with an `Answer`."""
+"""The commands, a function each, which parses no text and answers with an `Answer`."""
 
 from __future__ import annotations
 
@@ -6,21 +6,19 @@ import importlib
 from collections.abc import Callable
 from typing import Any
 
-GROUPS = {
-    "begin": ("example", "init", "prepare"),
-    "search": ("audit", "check", "doctor", "enqueue", "run"),
-    "choose": ("dashboard", "figure", "pick", "report", "skyline"),
-    "deploy": ("evaluate", "export", "measure", "reproduce", "stream", "verify"),
-    "look_up": ("cost", "describe", "simulate"),
+MODULE_OF = {
+    **dict.fromkeys(("example", "init", "prepare"), "begin"),
+    **dict.fromkeys(("audit", "check", "doctor", "enqueue", "run"), "search"),
+    **{"dashboard": "choose", "figure": "drawing", "pick": "choose"},
+    **{"report": "reporting", "skyline": "choose"},
+    **dict.fromkeys(("evaluate", "export", "measure", "reproduce"), "deploy"),
+    **{"stream": "streaming", "verify": "deploy"},
+    **{"cost": "costs", "describe": "look_up", "simulate": "simulation"},
 }
-"""Module -> its commands, in the order of `dse --help`."""
-
-GROUP_OF = {name: group for group, names in GROUPS.items() for name in names}
-"""Command -> its module."""
+"""Command -> its module, in the order of `dse --help`."""
 
 
 def function_of(name: str) -> Callable[..., Any]:
-    """Return the function of a command; only the module of its group is imported."""
-    module = importlib.import_module(f"{__name__}.{GROUP_OF[name]}")
-    function: Callable[..., Any] = getattr(module, name)
+    """Return the function of a command; no other module of commands is imported."""
+    function: Callable[..., Any] = getattr(importlib.import_module(f"{__name__}.{MODULE_OF[name]}"), name)
     return function

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 from dse.cli.answer import Answer
-from dse.cli.commands.drawing import figure  # noqa: F401 (a command)
-from dse.cli.commands.reporting import report  # noqa: F401 (a command)
 from dse.cli.signature import Texts, Without
 from dse.config import ConfigError, Fault
 from dse.registry import Rule

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 from dse.cli.answer import Answer
-from dse.cli.commands.streaming import stream  # noqa: F401 (a command)
 from dse.cli.signature import Texts
 from dse.registry import Rule
 

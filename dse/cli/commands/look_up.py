@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dse.cli.answer import Answer, listing
-from dse.cli.commands.costs import cost  # noqa: F401 (a command)
-from dse.cli.commands.simulation import simulate  # noqa: F401 (a command)
 from dse.config import ConfigError, Fault, known_names
 
 
