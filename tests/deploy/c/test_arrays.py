@@ -1,12 +1,16 @@
 """Stored weights: the smallest form, and nothing lost in it; variables and text from templates."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dse.deploy.c.arrays import Member, Table, laid_out, members_of, stored, struct_bytes
+from dse.deploy.c.plan import plan_of
 from dse.deploy.c.text import filled
+from tests.deploy.bundles import network
+from tests.deploy.c.nets import bundle
 
 
 def read_back(matrix):
@@ -86,3 +90,33 @@ def test_variables_are_declared_once(tmp_path):
         "    double last[3]; /* of all */",
         "    int32_t u[5][2];",
     ]
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        ({}, {"cuba_lif": 2, "short_matrix": 2, "short_row": 7 + 3}),
+        (
+            {"sizes": (4, 300, 5), "delays": (0, 3), "recurrent": True},
+            {"cuba_lif": 2, "add_bytes": 1, "recurrent": 1, "short_matrix": 1, "short_row": 5}
+            | {"delayed_copies": 1, "many_classes": 1},
+        ),
+        (
+            {"sizes": (4, 9, 9, 3), "resonates": True},
+            {"mixed": 2, "cuba_lif": 1, "short_matrix": 3, "short_row": 9 + 9 + 3},
+        ),
+        ({"sizes": (40, 60, 30, 3), "pruned": 0.9}, {"cuba_lif": 3, "add_sparse": 1}),
+    ],
+)
+def test_a_program_has_the_parts_of_its_network(options, parts):
+    """Its flash is predicted from them (`dse.deploy.c.code_size`)."""
+    made = bundle(network(np.random.default_rng(3), **options), 40)
+    assert +plan_of(made).parts() == {"base": 1, **parts}
+    early = replace(made, phi=2.0, theta=0.5)
+    assert +plan_of(early).parts() == {"base": 1, "confidence": 1, **parts}
+
+
+@pytest.mark.parametrize(("kind", "third"), [("float", "0.33333334f"), ("double", "0.3333333333333333")])
+def test_a_constant_is_written_as_the_shortest_decimals_that_are_it(kind, third):
+    written = Table(kind, "x", np.array([1 / 3, 2.0])).text
+    assert written == f"static const {kind} x[2] = {{\n    {third}, 2.0{'f' * (kind == 'float')},\n}};\n"
