@@ -86,13 +86,9 @@ def static_image(
     if find_spec("kaleido") is None:
         raise MissingExtra("a figure as PDF, SVG or PNG needs kaleido: pip install 'dse-spiking[figures]'")
     import kaleido
-    from choreographer.errors import (
-        BrowserClosedError,
-        BrowserDepsError,
-        BrowserFailedError,
-        ChromeNotFoundError,
-    )
+    from choreographer import errors
 
+    gone = errors.BrowserClosedError, errors.BrowserDepsError, errors.BrowserFailedError
     layout = figure.layout
     width, height = size_px or (layout.width or SIZE_PX[0], layout.height or SIZE_PX[1])
     options = {"format": form, "width": width, "height": height, "scale": png_scale if form == "png" else 1}
@@ -102,11 +98,11 @@ def static_image(
         content = _answered(
             lambda: kaleido.calc_fig_sync(plain, options, kopts={"mathjax": False, **browser})
         )
-    except ChromeNotFoundError:
+    except errors.ChromeNotFoundError:
         raise MissingExtra(
             "a figure as PDF, SVG or PNG needs Chrome or Chromium: install one, or name it in DSE_CHROMIUM"
         ) from None
-    except (BrowserClosedError, BrowserDepsError, BrowserFailedError):
+    except (*gone, errors.ChannelClosedError):  # the last where it ends before it is asked
         raise MissingExtra(
             "a figure as PDF, SVG or PNG needs a Chrome or Chromium that starts: "
             f"{browser.get('path', 'the one on this machine')} did not; name another in DSE_CHROMIUM"

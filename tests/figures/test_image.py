@@ -1,5 +1,6 @@
 import importlib.util
 import threading
+from unittest.mock import Mock
 
 import plotly.graph_objects as go
 import pytest
@@ -48,21 +49,20 @@ def test_what_is_missing_is_named(monkeypatch):
         static_image(figure(), "png")
 
 
-def test_a_browser_that_does_not_start(monkeypatch, tmp_path):
-    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse-spiking[figures]'")
+@pytest.mark.parametrize("raised", ["", "BrowserClosedError", "ChannelClosedError"])  # by when it ends
+def test_a_browser_that_does_not_start(monkeypatch, tmp_path, raised):
+    errors = pytest.importorskip(
+        "choreographer.errors", reason="no kaleido: pip install 'dse-spiking[figures]'"
+    )
     broken = tmp_path / "chromium"
-    broken.write_text("#!/bin/sh\nexit 1\n")
-    broken.chmod(0o755)
     monkeypatch.setenv("DSE_CHROMIUM", str(broken))
-    with pytest.raises(MissingExtra, match=f"needs a Chrome or Chromium that starts: {broken} did not"):
-        static_image(figure(), "svg")
-
-
-def test_no_browser(monkeypatch, tmp_path):
-    pytest.importorskip("kaleido", reason="no kaleido: pip install 'dse-spiking[figures]'")
-    monkeypatch.setenv("DSE_CHROMIUM", str(tmp_path / "none"))
     with pytest.raises(MissingExtra, match="Chromium: install one, or name it in DSE_CHROMIUM"):
         static_image(figure(), "png")
+    broken.symlink_to("/usr/bin/false")
+    if raised:
+        monkeypatch.setattr("kaleido.calc_fig_sync", Mock(side_effect=getattr(errors, raised)))
+    with pytest.raises(MissingExtra, match=f"needs a Chrome or Chromium that starts: {broken} did not"):
+        static_image(figure(), "svg")
 
 
 def test_a_browser_that_never_answers_is_given_up_after_another(monkeypatch):
