@@ -25,7 +25,7 @@ from dse.records import Array, Network, Parameters
 from dse.store import StoreError
 from dse.study import precision
 from dse.study.record import RunRecord, load_records
-from dse.study.results import Study, sections_found
+from dse.study.results import Study, sections_found, trained_on
 
 _NUMBERS = "weight_bits", "pruned_after", "phi", "theta", "read_out_ms"
 """Columns of a point that say how its network is rounded and decides."""
@@ -137,10 +137,9 @@ def bundle_of(study: Study, point: Mapping[str, Any], refit: Sequence[str] = ())
 
 def _recordings(study: Study, record: RunRecord) -> str | None:
     """Return the hash of the recordings that a run was trained on; None where they are no longer found."""
-    for sections, base, key in sections_found(study.folder, record):
-        if key == record.data:
-            with contextlib.suppress(RecordingError, OSError):
-                return sections.data.content(base)
+    with contextlib.suppress(RecordingError, OSError):
+        sections, base = trained_on(study.folder, record)
+        return sections.data.content(base)
     return None
 
 

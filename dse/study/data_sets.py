@@ -23,13 +23,12 @@ from dse.recordings import RecordingError
 from dse.records import Dataset
 from dse.registry import PluginError
 from dse.store import Damaged, StoreError
+from dse.study.claim import Key
 from dse.study.executors.work import Failure
 from dse.study.ledger import Entry
 from dse.study.progress import Progress
 from dse.study.session import Session
 
-Key = tuple[int, int]
-"""Trial and repeat of a run."""
 Member = tuple[int, int | None]
 """Trial and fold of a data set."""
 
@@ -122,14 +121,14 @@ class DataSets:
             StoreError: the cache cannot be written.
         """
         designs = {(trial, self.fold(repeat)): entry.design for (trial, repeat), entry in runs.items()}
-        found: dict[Member, Prepared | Failure] = {}
+        prepared: dict[Member, Prepared | Failure] = {}
         for (trial, fold), design in designs.items():
             try:
                 sections = self._resolved(design, fold)
-                found[trial, fold] = Prepared(sections, self.cache / self.key(design, fold))
+                prepared[trial, fold] = Prepared(sections, self.cache / self.key(design, fold))
             except ValueError as error:  # keys that are legal one by one and not together
-                found[trial, fold] = Failure(type(error).__name__, str(error))
-        needed = {x.data.name: x.sections for x in found.values() if isinstance(x, Prepared)}
+                prepared[trial, fold] = Failure(type(error).__name__, str(error))
+        needed = {x.data.name: x.sections for x in prepared.values() if isinstance(x, Prepared)}
         failures = self._prepare(needed)
         self._refuse_evaluation(failures.values())
         if needs_one and failures and len(failures) == len(needed):
@@ -137,17 +136,17 @@ class DataSets:
             is_plain = first.error == RecordingError.__name__
             raise RecordingError(first.message if is_plain else f"data cannot be prepared: {first.reason}")
         self._warn(needed.keys() - failures.keys())
-        for member, one in found.items():
+        for member, one in prepared.items():
             if isinstance(one, Prepared):
-                found[member] = failures.get(one.data.name, one)
+                prepared[member] = failures.get(one.data.name, one)
         if with_folds and self._space.evaluation is not None and self._space.evaluation.groups:
-            found = self._with_folds(found)
-        return {(trial, repeat): found[trial, self.fold(repeat)] for trial, repeat in runs}
+            prepared = self._with_folds(prepared)
+        return {(trial, repeat): prepared[trial, self.fold(repeat)] for trial, repeat in runs}
 
-    def _with_folds(self, found: Mapping[Member, Prepared | Failure]) -> dict[Member, Prepared | Failure]:
+    def _with_folds(self, prepared: Mapping[Member, Prepared | Failure]) -> dict[Member, Prepared | Failure]:
         """Prepare the data sets without the groups that evaluations leave out."""
         folds: dict[Member, list[Prepared]] = {}
-        for member, one in found.items():
+        for member, one in prepared.items():
             if isinstance(one, Prepared):
                 without = [dataclasses.replace(one.sections, left_out=x) for x in dataset.left_out(one.data)]
                 of = [Prepared(x, self.cache / dataset.dataset_key(x, self._base)) for x in without]
@@ -156,7 +155,7 @@ class DataSets:
         made = {k: tuple(failures.get(x.data.name, x) for x in of) for k, of in folds.items()}
         return {
             k: dataclasses.replace(x, folds=made[k]) if isinstance(x, Prepared) else x
-            for k, x in found.items()
+            for k, x in prepared.items()
         }
 
     def _warn(self, keys: Iterable[str]) -> None:

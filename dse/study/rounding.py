@@ -14,7 +14,8 @@ from dse.models.snn.quantise import rounded
 from dse.neurons.fixed_point import STATE_LIMIT
 from dse.records import Network, Outcome, Response
 from dse.study import precision
-from dse.study.data_sets import DataSets, Key, Loaded, stop_if_blameless
+from dse.study.claim import Key
+from dse.study.data_sets import DataSets, Loaded, stop_if_blameless
 from dse.study.executors.work import Failure
 from dse.study.jobs import Run, run_of
 from dse.study.ledger import Entry

@@ -17,7 +17,8 @@ from dse import seeds, store
 from dse.config import ConfigError, Fault
 from dse.store import Damaged, StoreError
 from dse.study import checkpoints
-from dse.study.data_sets import DataSets, Key
+from dse.study.claim import Key
+from dse.study.data_sets import DataSets
 from dse.study.executors.work import Failure
 from dse.study.held import named
 from dse.study.ledger import Entry

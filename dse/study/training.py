@@ -20,15 +20,14 @@ from dse.recordings import RecordingError
 from dse.records import Dataset
 from dse.search import cohorts
 from dse.study import checkpoints, jobs
-from dse.study.claim import Coordinator
-from dse.study.data_sets import DataSets, Key, Prepared, stop_if_blameless
+from dse.study.claim import Coordinator, Key
+from dse.study.data_sets import DataSets, Prepared, stop_if_blameless
 from dse.study.executors.work import Failure
 from dse.study.ledger import Entry
 from dse.study.runs import Runs
 from dse.study.session import Session
 from dse.study.workers import OutOfTime
 
-_OVER_BUDGET = "MemoryBudget"
 _LONGEST_S = 120.0  # estimated CPU seconds that a killed worker may lose
 _PART, _CHECKPOINT_S = 0.2, 20.0  # where time ends: most of it for a cohort, and between checkpoints
 _GLANCE_S = 1.0  # between looks at what other coordinators have trained
@@ -76,17 +75,17 @@ class Training:
         """
         runs = self._runs
         runs.recall(entries)
-        wanted = {(entry.trial, repeat): entry for entry in entries for repeat in range(repeats)}
+        designs = {(entry.trial, repeat): entry for entry in entries for repeat in range(repeats)}
         tried: set[Key] = set()
-        while missing := [key for key in wanted if key not in tried and not runs.stands(key, until)]:
+        while missing := [key for key in designs if key not in tried and not runs.stands(key, until)]:
             unclaimed = missing if self._coordinator is None else self._coordinator.unclaimed(missing)
             if unclaimed:
-                tried |= self._train({key: wanted[key] for key in unclaimed}, until, after_each)
+                tried |= self._train({key: designs[key] for key in unclaimed}, until, after_each)
             else:
                 time.sleep(_GLANCE_S)
             if not tried.issuperset(missing):
                 n_before = runs.count()
-                runs.recall([wanted[key] for key in missing])
+                runs.recall([designs[key] for key in missing])
                 self._session.progress.expect(n_before - runs.count())  # what others have trained
                 after_each()
 
@@ -210,7 +209,7 @@ class Training:
                     f"training needs {demand.alone_bytes} bytes, more than the {budget} of a process; "
                     f"execution.memory_gib: {math.ceil(demand.alone_bytes / 2**30 * 100) / 100:g} is enough"
                 )
-                why = Failure(_OVER_BUDGET, text)
+                why = Failure("MemoryBudget", text)
                 self._runs.fail(entries[run.key], run.repeat, why, demand.alone_bytes)
             else:
                 fitting.append(run)
