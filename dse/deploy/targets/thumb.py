@@ -96,6 +96,7 @@ CORES = {
             pipelined=False,
             branch=1,
             parts=CORTEX_M0_PLUS,
+            profile="mcu_m0plus",
             note="; the core has no instruction for divisions or long products",
         ),
         # Arm, Cortex-M3 technical reference manual, Table 18.1; the Cortex-M4 has the same pipeline.

@@ -191,7 +191,8 @@ def test_tables_larger_than_the_flash_are_refused():
     }
     made = replace(made, fitted=replace(made.fitted, arrays=arrays))
     assert "the chip of profile mcu_m4 has 2097152" in target_named("cortex_m4").refusal(made)
-    assert target_named("cortex_m0plus").refusal(made) == ""  # no profile: up to the memory of the emulator
+    assert "the chip of profile mcu_m0plus has 2097152" in target_named("cortex_m0plus").refusal(made)
+    assert target_named("riscv32").refusal(made) == ""  # no profile: up to the memory of the emulator
 
 
 @pytest.mark.parametrize(
