@@ -3,11 +3,12 @@
     DSE_DATA=... python -m benchmarks.yardstick [--sets GunPoint ridges] [--seeds 1 2 3] [--keep FOLDER]
 
 The sets are those inside the wheel of aeon, with their published splits (`pip install --no-deps
-aeon==1.6.0`), and recorded touch, split as below. The table has test accuracies: of the pick, of the best
-spiking design (family `snn` or `kernel_snn`), each also trained once more (`--refit`), of the best
-design by validation, and of readers that do not spike: 1 nearest neighbour and logistic regression on the
-samples, and ridge regression on 10 000 features of MiniRocket's kind, in floating point (Dempster,
-Schmidt and Webb, KDD 2021). Gaps are to the best of these three, of what was trained once more.
+aeon==1.6.0`), recorded touch, split as below, and, if asked for, those of `benchmarks.made_recordings`. The
+table has test accuracies: of the pick, of the best spiking design (family `snn` or `kernel_snn`), each also
+trained once more (`--refit`), of the best design by validation, and of readers that do not spike: 1 nearest
+neighbour and logistic regression on the samples, and ridge regression on 10 000 features of MiniRocket's
+kind, in floating point (Dempster, Schmidt and Webb, KDD 2021). Gaps are to the best of these three, of what
+was trained once more.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import dse
+from benchmarks.made_recordings import MADE, made
 
 SETS = {"BasicMotions": "", "GunPoint": "", "JapaneseVowels": "_eq"}
 """Of aeon's wheel: names, and the ending of the files in which recordings have one length."""
@@ -51,7 +53,7 @@ class FirstStudy(NamedTuple):
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--sets", nargs="*", choices=[*SETS, *_TOUCH], default=[*SETS, *_TOUCH])
+    parser.add_argument("--sets", nargs="*", choices=[*SETS, *_TOUCH, *MADE], default=[*SETS, *_TOUCH])
     parser.add_argument("--seeds", type=int, nargs="*", default=[1, 2, 3], help="which")
     parser.add_argument("--keep", type=Path, help="folder for the studies")
     arguments = parser.parse_args()
@@ -60,7 +62,7 @@ def main() -> None:
         studies, readers = [], []
         for number in arguments.seeds:
             seed = number - 1
-            arrays = published(name) if name in SETS else _TOUCH[name](seed)
+            arrays = recordings(name, seed)
             with contextlib.ExitStack() as stack:
                 folder = arguments.keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
                 studies.append(first_study(name, arrays, seed, folder / f"{name}_{number}"))
@@ -86,6 +88,13 @@ def _spread(values: np.ndarray) -> str:
 
 
 # ---- recordings: signals (recording, step, channel) or spikes, labels, parts, and the period of a step
+
+
+def recordings(name: str, seed: int) -> Arrays:
+    """Return a set."""
+    if name in MADE:
+        return _arrays(*made(name, seed))
+    return published(name) if name in SETS else _TOUCH[name](seed)
 
 
 def published(name: str) -> Arrays:
