@@ -81,7 +81,8 @@ def _core(name: str, label: str, emulated: str, unit: str = "", **fields: Any) -
     """Return a core; unit: of the compiler, what computes with floats of 32 bits; doubles are software."""
     abi, with_unit = ("eabihf", f"+{unit}") if unit else ("eabi", "")
     target = f"thumb-freestanding-{abi}", f"-mcpu={name}{with_unit}"
-    return Core(name, label, THUMB, f"ARM_{emulated}", target, **{"parts": CORTEX_M, **fields})
+    fields = {"parts": CORTEX_M, "profile": name.replace("cortex", "mcu")} | fields
+    return Core(name, label, THUMB, f"ARM_{emulated}", target, **fields)
 
 
 CORES = {
@@ -96,16 +97,15 @@ CORES = {
             pipelined=False,
             branch=1,
             parts=CORTEX_M0_PLUS,
-            profile="mcu_m0plus",
             note="; the core has no instruction for divisions or long products",
         ),
         # Arm, Cortex-M3 technical reference manual, Table 18.1; the Cortex-M4 has the same pipeline.
         # Its floating-point instructions: Cortex-M4 technical reference manual, Table 7.1.
-        _core("cortex_m4", "Cortex-M4", "CORTEX_M4", "vfp4d16sp", profile="mcu_m4"),
+        _core("cortex_m4", "Cortex-M4", "CORTEX_M4", "vfp4d16sp"),
         # No tables are published: by the ratio of CoreMark per MHz, 3.40 of a Cortex-M4 to 5.01 and 4.02. The
         # emulator lacks the unit for doubles that many a Cortex-M7 has.
-        _core("cortex_m7", "Cortex-M7", "CORTEX_M7", "fp_armv8d16sp", pace=3.40 / 5.01, profile="mcu_m7"),
-        _core("cortex_m33", "Cortex-M33", "CORTEX_M33", "fp_armv8d16sp", pace=3.40 / 4.02, profile="mcu_m33"),
+        _core("cortex_m7", "Cortex-M7", "CORTEX_M7", "fp_armv8d16sp", pace=3.40 / 5.01),
+        _core("cortex_m33", "Cortex-M33", "CORTEX_M33", "fp_armv8d16sp", pace=3.40 / 4.02),
     )
 }
 TARGETS = {name: register("targets", name)(target_of(core, __name__)) for name, core in CORES.items()}
