@@ -25,7 +25,7 @@ from dse.dashboard.gather import ENERGY, INSTEAD, plain
 from dse.dashboard.write import packed, plain_figure, without_template
 from dse.figures import NothingRecorded
 from dse.figures.front import numbers
-from dse.figures.labels import short
+from dse.figures.labels import Drawing, short
 from dse.figures.precision import BITS, PRUNED
 from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import Profile
@@ -39,7 +39,6 @@ from dse.study.results import Study
 
 if TYPE_CHECKING:
     import pandas
-    import plotly.graph_objects
 
 MOST_EXAMPLES = 6
 _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
@@ -348,14 +347,14 @@ def _figure(part: _Part, tab: _Tab, trial: int, chip: str) -> tuple[Any, dict[st
     return record, of_tab(tab, figure.draw(record))
 
 
-def of_tab(tab: _Tab, figure: plotly.graph_objects.Figure) -> dict[str, Any]:
+def of_tab(tab: _Tab, figure: Drawing) -> dict[str, Any]:
     """Return the figure of a tab as JSON holds it: for a panel, with its words and its note as `meta`."""
     figure.update_layout(tab.layout, meta={"words": _said(tab, figure), "note": tab.note})
     figure.update_traces(tab.traces)
     return plain_figure(figure)
 
 
-def _said(tab: _Tab, figure: plotly.graph_objects.Figure) -> str:
+def _said(tab: _Tab, figure: Drawing) -> str:
     """Return what a figure shows: of a matrix what counts, of curves their ends, else what is written."""
     layout, first = figure.layout, figure.data[0]
     if tab.figure == "confusion":

@@ -12,14 +12,12 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dse.config.locate import shipped_folder
 from dse.dashboard.views import view_sources
+from dse.figures.labels import Drawing
 from dse.store import atomic
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 PLOTLY = "plotly-strict.min.js.gz"
 """plotly.js without `eval`: plotly.js-strict-dist-min of npm, in the version of the package plotly."""
@@ -124,7 +122,7 @@ def without_template() -> Iterator[None]:
         templates.default = before
 
 
-def plain_figure(figure: plotly.graph_objects.Figure) -> dict[str, Any]:
+def plain_figure(figure: Drawing) -> dict[str, Any]:
     """Return a figure as JSON holds it, without its template: a page has its own style."""
     figure.layout.template = None
     plain: dict[str, Any] = json.loads(figure.to_json(validate=False))

@@ -21,6 +21,7 @@ import numpy as np
 from dse import registry
 from dse.config.faults import known_names
 from dse.config.values import Report, read_object, refuse
+from dse.figures.labels import Drawing
 from dse.hardware.profile import Profile
 from dse.preprocessing.stages import Stages
 from dse.records import Array, Dataset
@@ -29,7 +30,6 @@ from dse.skyline.table import Goal
 
 if TYPE_CHECKING:
     import pandas
-    import plotly.graph_objects
 
 R = TypeVar("R")
 
@@ -83,7 +83,7 @@ class Figure(Protocol[R]):
     def gather(self, results: Results) -> R:
         """Return what is drawn: a dataclass of numbers, arrays and texts, or a tuple of them."""
 
-    def draw(self, record: R) -> plotly.graph_objects.Figure:
+    def draw(self, record: R) -> Drawing:
         """Return the record as a plotly figure."""
 
 
@@ -118,7 +118,7 @@ def named(name: str, keys: Mapping[str, Any], report: Report = refuse) -> Figure
     return read_object(figures[name], dict(keys), (name,), report)
 
 
-def draw(results: Results, name: str, **keys: Any) -> plotly.graph_objects.Figure:
+def draw(results: Results, name: str, **keys: Any) -> Drawing:
     """Return a figure of a study, with the keys of its component.
 
     Raises:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dse.records import Array
@@ -32,8 +32,18 @@ _UNITS = {
 }
 _SYMBOLS = {"phi": "φ", "theta": "θ"}
 
+Drawing = Any
+"""A figure of plotly, which declares no types. Its import takes a while: `drawn` waits until one is drawn."""
+
 LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0}
 """A legend in a line above the figure."""
+
+
+def drawn(traces: Sequence[Mapping[str, Any]], layout: Mapping[str, Any]) -> Drawing:
+    """Return a figure of traces and a layout, with plotly's own keys."""
+    import plotly.graph_objects as go
+
+    return go.Figure(traces, layout)
 
 
 def label(column: str) -> tuple[str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from dse.figures import Results
 from dse.figures.front import numbers
-from dse.figures.labels import colour_of, safe, shortened
+from dse.figures.labels import Drawing, colour_of, safe, shortened
 from dse.records import Array
 from dse.registry import register
 from dse.skyline.admissible import fitting, honest
@@ -18,7 +18,6 @@ from dse.skyline.pareto import Front, hypervolume, non_dominated
 
 if TYPE_CHECKING:
     import pandas
-    import plotly.graph_objects
 
 MAX_STEPS = 200
 """Trials at which the front of a curve is looked at; the curve is exact at each of them."""
@@ -65,7 +64,7 @@ class ProgressFigure:
         finished = [int(trial) for trial in sorted(results.trials["trial"])]
         return gather_progress(results.points(), dict(results.objectives), finished)
 
-    def draw(self, record: Progress) -> plotly.graph_objects.Figure:
+    def draw(self, record: Progress) -> Drawing:
         """Draw hypervolume in steps against trials and, where they are known, against hours.
 
         Colours tell tasks apart and dashes chips, or colours the chips of a single task. A trace's `meta`

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse.figures import NothingRecorded, Results, mean_of
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, colour_of, safe, short
+from dse.figures.labels import OKABE_ITO_LIGHT, Drawing, axis_title, colour_of, safe, short
 from dse.measure import decision
 from dse.records import Array
 from dse.registry import fixed, register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 _DASHES = ("solid", "dash", "dot", "dashdot")  # beyond the palette's colours, the line tells curves apart
 
@@ -66,7 +62,7 @@ class RecognitionFigure:
             if runs:
                 yield curve(f"{family} {task}" if n_tasks > 1 else str(family), *_means(runs))
 
-    def draw(self, record: tuple[Recognition, ...]) -> plotly.graph_objects.Figure:
+    def draw(self, record: tuple[Recognition, ...]) -> Drawing:
         """Draw one line per curve; a ring marks its t_c."""
         import plotly.graph_objects as go
 
