@@ -14,9 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+import pandas
 
 from dse import registry, store
 from dse.config import ConfigError
@@ -36,9 +37,6 @@ from dse.study import pricing
 from dse.study.precision import AS_TRAINED, RunFile, common
 from dse.study.record import RunRecord
 from dse.study.results import Study
-
-if TYPE_CHECKING:
-    import pandas
 
 MOST_EXAMPLES = 6
 _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
@@ -414,8 +412,7 @@ def _surfaces(rows: pandas.DataFrame, limited: Sequence[str]) -> list[dict[str, 
 def _grid_of(rows: pandas.DataFrame) -> dict[str, Any]:
     """Return the axes of a grid and its first point.
 
-    Args:
-        rows: all rows of the grid, theta fastest.
+    rows: all rows of the grid, theta fastest.
     """
     phi, theta = (numbers(rows, name) for name in ("phi", "theta"))
     axes = [list(dict.fromkeys(values.tolist())) for values in (phi, theta)]

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dse.dashboard.write import plain_figure, write_filled
+from dse.dashboard.write import packed_array, plain_figure, write_filled
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT
 from dse.figures.trial import OUTLINE, TrialView, draw_course, draw_pins
-from dse.records import Array
 
 _LARGEST = 2**15 - 1
 
@@ -56,12 +54,12 @@ def trial_page(view: TrialView, notes: Sequence[str] = ()) -> dict[str, Any]:
         "recent_ms": view.recent_ms,
         "radius_px": view.radius_px,
         "outline": OUTLINE.round(6).tolist(),
-        "px": _packed(np.rint(view.px / unit), "<i2"),
+        "px": packed_array(np.rint(view.px / unit), "<i2"),
         "px_unit": unit,
-        "t_us": _packed(events.t_us, "<i4"),
-        "x": _packed(events.x, "<i2"),
-        "y": _packed(events.y, "<i2"),
-        "polarity": _packed(events.polarity, "u1"),
+        "t_us": packed_array(events.t_us, "<i4"),
+        "x": packed_array(events.x, "<i2"),
+        "y": packed_array(events.y, "<i2"),
+        "polarity": packed_array(events.polarity, "u1"),
         "palette": {"light": OKABE_ITO_LIGHT, "dark": OKABE_ITO_DARK},
     }
 
@@ -85,7 +83,3 @@ def _remarks(view: TrialView) -> list[str]:
         f"The image shows one event in {view.one_in}, to keep the page small; "
         "the figures over time count all of them."
     ]
-
-
-def _packed(values: Array, kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")

@@ -14,9 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dse.config.locate import shipped_folder
 from dse.dashboard.views import view_sources
 from dse.figures.labels import Drawing
+from dse.records import Array
 from dse.store import atomic
 
 PLOTLY = "plotly-strict.min.js.gz"
@@ -103,6 +106,11 @@ def packed(document: Mapping[str, Any]) -> str:
     """Return a document as base64 of gzipped JSON: text that holds no mark-up, a sixth of the length."""
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return base64.b64encode(gzipped(text.encode())).decode("ascii")
+
+
+def packed_array(values: Array, kind: str) -> str:
+    """Return an array as base64 of its bytes, in a little-endian type such as '<u2'."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
 
 def gzipped(content: bytes) -> bytes:

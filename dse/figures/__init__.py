@@ -14,9 +14,10 @@ To add one, here or in a module of your own, write a file with
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
+import pandas
 
 from dse import registry
 from dse.config.faults import known_names
@@ -27,9 +28,6 @@ from dse.preprocessing.stages import Stages
 from dse.records import Array, Dataset
 from dse.registry import fixed
 from dse.skyline.table import Goal
-
-if TYPE_CHECKING:
-    import pandas
 
 R = TypeVar("R")
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas
 
 from dse import registry
 from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
@@ -15,9 +16,6 @@ from dse.records import Array
 from dse.registry import fixed, register
 from dse.skyline.admissible import admissible
 from dse.skyline.front import front_mask
-
-if TYPE_CHECKING:
-    import pandas
 
 HOVER_CHARACTERS = 60
 _CROWD = 200  # points: more are drawn at half the size
@@ -56,8 +54,6 @@ class Front:
 
 def numbers(frame: pandas.DataFrame, column: str) -> Array:
     """Return a column as float64, NaN where it holds no number or does not exist."""
-    import pandas
-
     if column not in frame.columns:
         return np.full(len(frame), np.nan)
     return np.asarray(pandas.to_numeric(frame[column], errors="coerce"), dtype=np.float64)

@@ -108,11 +108,7 @@ def static_image(
 
 
 def _answered(draw: Callable[[], bytes]) -> bytes:
-    """Return what a browser draws; kaleido waits for ever for one that is gone, so another is asked.
-
-    Raises:
-        MissingExtra: two of them have not answered.
-    """
+    """Return what a browser draws; kaleido waits for ever for one that is gone, so another is asked."""
     for _ in range(2):
         found: queue.Queue[bytes | BaseException] = queue.Queue()
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas
 
 from dse import registry
 from dse.figures import Results, full_read_outs, hardware_key, of_task, on_one_chip, task_key
@@ -23,9 +24,6 @@ from dse.registry import fixed, register
 from dse.skyline.admissible import honest
 from dse.skyline.pareto import members_of
 from dse.skyline.table import group_numbers
-
-if TYPE_CHECKING:
-    import pandas
 
 MIN_DESIGNS = 10
 """Fewest designs of a task that a forest is fitted to."""
@@ -185,8 +183,6 @@ def _forest(inputs: Array, target: Array) -> tuple[float, Array]:
 
 def _codes(values: pandas.Series) -> Array:
     """Return a parameter as numbers for a tree: words in their order, missing values below all others."""
-    import pandas
-
     number = pandas.to_numeric(values, errors="coerce")
     if number.notna().any() and number[values.notna()].notna().all():
         coded = np.asarray(number, np.float64)

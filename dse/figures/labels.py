@@ -92,12 +92,8 @@ def rows_layout(
 ) -> dict[str, Any]:
     """Return the layout of a figure with a row for each name, as high as they are many.
 
-    Args:
-        title: of the horizontal axis, safe as plotly text.
-        names: of the rows, the first on top.
-        row_px: height of a row.
-        margin_px: height beside the rows.
-        least: number of rows that there is room for at least.
+    title: of the horizontal axis, safe as plotly text. margin_px: height beside the rows. least: number of
+    rows that there is room for at least.
     """
     return {
         "xaxis": {"title": {"text": title}},

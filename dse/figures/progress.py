@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas
 
 from dse.figures import Results
 from dse.figures.front import numbers
@@ -15,9 +15,6 @@ from dse.records import Array
 from dse.registry import register
 from dse.skyline.admissible import fitting, honest
 from dse.skyline.pareto import Front, hypervolume, non_dominated
-
-if TYPE_CHECKING:
-    import pandas
 
 MAX_STEPS = 200
 """Trials at which the front of a curve is looked at; the curve is exact at each of them."""
