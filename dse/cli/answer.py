@@ -353,9 +353,7 @@ def wrapped(text: str) -> str:
 def listing(pairs: Sequence[tuple[str, str]], width: int | None = None) -> str:
     """Return names and texts side by side, wrapped between words at the width of the terminal.
 
-    Args:
-        pairs: a name and a text each.
-        width: in characters; None: that of the terminal, and without one no line is wrapped.
+    width: in characters; None: that of the terminal, and without one no line is wrapped.
     """
     width = width or _width()
     pairs = [(one_line(name), one_line(text)) for name, text in pairs]

@@ -45,11 +45,7 @@ def front_answer(
 ) -> Answer:
     """Return the rows of a front; a terminal shows equal points of a trial as one row.
 
-    Args:
-        rows: of the front.
-        objectives: that it is of.
-        notes: on it.
-        beside: columns that were asked for, where rows have them.
+    beside: columns that were asked for, where rows have them.
     """
     from dse.skyline.front import front_columns
     from dse.skyline.pareto import most_telling

@@ -64,11 +64,7 @@ def figure(
 
 
 def size_px(text: str | None) -> tuple[int, int] | None:
-    """Return width and height in pixels of `--size`.
-
-    Raises:
-        ConfigError: it is no size.
-    """
+    """Return width and height in pixels of `--size`."""
     from dse.figures.image import PX_PER_MM
 
     if text is None:
