@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +14,12 @@ from dse.figures.trial import OUTLINE, TrialView, draw_course, draw_pins
 _LARGEST = 2**15 - 1
 
 
-def write_trial_page(view: TrialView, path: Path | str, notes: Sequence[str] = ()) -> Path:
-    """Write the page of a trial as one self-contained HTML file.
-
-    Args:
-        view: what to show.
-        path: file to write; it appears complete or not at all.
-        notes: sentences to print above the figures.
-
-    Returns:
-        The path written.
-    """
-    return write_filled("trial", trial_page(view, notes), path)
+def write_trial_page(view: TrialView, path: Path | str) -> Path:
+    """Write the page of a trial as one self-contained HTML file, whole or not at all; return its path."""
+    return write_filled("trial", trial_page(view), path)
 
 
-def trial_page(view: TrialView, notes: Sequence[str] = ()) -> dict[str, Any]:
+def trial_page(view: TrialView) -> dict[str, Any]:
     """Return the content of a trial's page, as plain values that JSON can hold.
 
     Returns:
@@ -44,7 +34,7 @@ def trial_page(view: TrialView, notes: Sequence[str] = ()) -> dict[str, Any]:
     events = view.events
     return {
         "name": view.name,
-        "notes": [*notes, *_remarks(view)],
+        "notes": _remarks(view),
         "facts": _facts(view),
         "pins": plain_figure(draw_pins(view, view.busiest)),
         "course": plain_figure(draw_course(view)),

@@ -129,12 +129,7 @@ def draw(results: Results, name: str, **keys: Any) -> Drawing:
 
 def on_one_chip(points: pandas.DataFrame, hardware: str = "") -> pandas.DataFrame:
     """Return the points on one hardware profile; without a name the first, without hardware all."""
-    if "hardware" not in points or points.empty:
-        return points
-    chips = list(dict.fromkeys(points["hardware"]))
-    if hardware and hardware not in chips:
-        raise ValueError(f"hardware must be one of {', '.join(map(str, chips))}, got '{hardware}'")
-    return points[points["hardware"] == (hardware or chips[0])]
+    return _of_first(points, "hardware", hardware) if "hardware" in points and len(points) else points
 
 
 def chip_of(results: Results, hardware: str = "") -> Profile:
@@ -163,8 +158,13 @@ def of_task(rows: pandas.DataFrame, task: str = "") -> pandas.DataFrame:
     Raises:
         ValueError: no row is of it.
     """
-    first = str(rows["task"].iloc[0]) if "task" in rows and len(rows) else ""
-    return with_value(rows, "task", task or first)
+    return _of_first(rows, "task", task)
+
+
+def _of_first(rows: pandas.DataFrame, column: str, value: str) -> pandas.DataFrame:
+    """Return the rows with a value in a column; without a value those with the first one."""
+    first = str(rows[column].iloc[0]) if column in rows and len(rows) else ""
+    return with_value(rows, column, value or first)
 
 
 def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:

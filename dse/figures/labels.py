@@ -80,24 +80,18 @@ def colour_of(place: int) -> str:
     return OKABE_ITO_LIGHT[place % len(OKABE_ITO_LIGHT)]
 
 
-def row_axis(names: Sequence[str]) -> dict[str, Any]:
-    """Return a vertical axis with a name for each row 0, 1, ..., the first on top; names may be alike."""
-    words = list(map(safe, names))
-    places = list(range(len(words)))
-    return {"tickvals": places, "ticktext": words, "autorange": "reversed", "showgrid": False}
-
-
 def rows_layout(
     title: str, names: Sequence[str], row_px: int, margin_px: int, least: int = 0
 ) -> dict[str, Any]:
-    """Return the layout of a figure with a row for each name, as high as they are many.
+    """Return the layout of a figure with a row for each name, which may be alike; as high as they are many.
 
     title: of the horizontal axis, safe as plotly text. margin_px: height beside the rows. least: number of
     rows that there is room for at least.
     """
+    rows = {"tickvals": list(range(len(names))), "ticktext": list(map(safe, names))}
     return {
         "xaxis": {"title": {"text": title}},
-        "yaxis": row_axis(names),
+        "yaxis": {**rows, "autorange": "reversed", "showgrid": False},
         "legend": {**LEGEND, "traceorder": "normal"},
         "height": margin_px + row_px * max(least, len(names)),
     }
