@@ -65,18 +65,6 @@ class Ratio(NamedTuple):
         return f"{times}, more in {self.share:.0%} of draws, {how} the uncertainty"
 
 
-class Level(NamedTuple):
-    """An accuracy and its error."""
-
-    accuracy: float
-    error: float
-
-    @property
-    def least(self) -> float:
-        """The lowest accuracy that counts as equal."""
-        return self.accuracy - self.error
-
-
 @dataclass(frozen=True)
 class Chip:
     """The designs of a study and task on one chip.
@@ -181,10 +169,10 @@ def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = (
     return of_chips
 
 
-def reached(part: StudyTask, chip: Chip) -> Level | None:
+def reached(part: StudyTask, chip: Chip) -> tuple[float, float] | None:
     """Return the accuracy of the best design that fits, with its error; None if no design fits."""
     top = best(chip.designs[chip.fits])
-    return None if top is None else Level(float(top["accuracy"]), accuracy_error(part, top))
+    return None if top is None else (float(top["accuracy"]), accuracy_error(part, top))
 
 
 def accuracy_error(part: StudyTask, row: pandas.Series[Any]) -> float:
@@ -215,17 +203,17 @@ def on_chips(
     if len(fitting) < 2:
         return [], notes
     # Of equal accuracies the one with the larger error.
-    level = min((level for _, level in fitting), key=lambda level: (level.accuracy, level.least))
+    accuracy, error = min((level for _, level in fitting), key=lambda level: (level[0], -level[1]))
     rows: list[Row] = []
     orders: list[list[str]] = []
     for column, how in _MODES.items():
-        several = [chip.cheapest(level.least, column) for chip, _ in fitting]
+        several = [chip.cheapest(accuracy - error, column) for chip, _ in fitting]
         choices = [one for one in several if one is not None]
         rows += [row for one in choices for row in _figures(part, one)]
         rows += [_ratio_row(part, one, other) for one, other in combinations(choices, 2)]
         choices.sort(key=lambda one: float(np.median(one.drawn_uj)))
         told = "; ".join([*map(str, choices), *_ratios(choices)])
-        notes.append(f"{about}: at accuracy {level.accuracy:.3g} ± {level.error:.2g}, {how}: {told}")
+        notes.append(f"{about}: at accuracy {accuracy:.3g} ± {error:.2g}, {how}: {told}")
         orders.append([one.chip.name for one in choices])
     if orders[0] != orders[1]:
         notes[-1] += f"; flat out the order is {', '.join(orders[0])}"
