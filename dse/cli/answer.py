@@ -103,14 +103,8 @@ def add_format(parser: argparse.ArgumentParser) -> None:
 def show(answer: Answer, command: str, form: str | None, columns: str | None = None) -> None:
     """Print an answer to stdout; notes follow a table, and go to stderr with other formats.
 
-    Args:
-        answer: of the command.
-        command: its name.
-        form: one of `FORMATS`; None: a table or text on a terminal, else CSV.
-        columns: names, separated by commas, or 'all'; None: those of the format.
-
-    Raises:
-        ConfigError: the answer has no such column.
+    form: one of `FORMATS`; None: a table or text on a terminal, else CSV.
+    columns: names, separated by commas, or 'all'; None: those of the format.
     """
     if answer.is_printed:
         for note in answer.notes:

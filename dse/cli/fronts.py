@@ -126,12 +126,9 @@ def records(frame: pandas.DataFrame) -> list[dict[str, object]]:
 
 
 def columns(rows: pandas.DataFrame, objectives: Sequence[Goal], beside: Iterable[str] = ()) -> list[str]:
-    """Return the default view of points: at most `MOST_COLUMNS` columns, unless more are asked for.
+    """Return the default view of points: at most `MOST_COLUMNS` columns, or more that are asked for (beside).
 
-    Args:
-        rows: points.
-        objectives: these and what stands beside them come first.
-        beside: further columns that were asked for, where rows have them.
+    Objectives and what stands beside them come first.
     """
     from dse.api.front import measured
 

@@ -145,10 +145,8 @@ def definition_for(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the parts of a definition that a study's page can show, and sentences about the rest.
 
-    Args:
-        definition: of the page.
-        columns: of the page with their `values`; empty before the first trial: then no sentences.
-        budgets: columns that have a budget.
+    columns: of the page with their `values`; empty before the first trial: then no sentences.
+    budgets: columns that have a budget.
 
     Returns:
         title: text, '' without one;

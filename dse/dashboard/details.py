@@ -169,11 +169,7 @@ def gather_details(
 ) -> dict[str, Any]:
     """Gather the details of one trial, as plain values that JSON can hold.
 
-    Args:
-        study: the study of the trial.
-        points: its table of design points (`study.points(hardware)`).
-        trial: number of the trial.
-        hardware: names or files of the profiles of the points; empty: the profiles of the study.
+    points are those of `study.points(hardware)`.
 
     Returns:
         trial: its number;
@@ -203,12 +199,8 @@ def packed_details(
 
     Surfaces and figures are those of the trained precision: a dozen more would leave room for few designs.
 
-    Args:
-        study: the study of the trials.
-        points: its table of design points.
-        trials: the most important first; a trial without a figure is skipped.
-        room_bytes: largest total length of the texts; the first trial that does not fit ends the list.
-        hardware: as in `gather_details`.
+    trials: the most important first; a trial without a figure is skipped. room_bytes: largest total length of
+    the texts; the first trial that does not fit ends the list.
 
     Returns:
         Number of a trial -> its document, packed like the page's data (`dse.dashboard.write.packed`).

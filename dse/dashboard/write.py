@@ -34,16 +34,7 @@ _MODULES_RUN = "'wasm-unsafe-eval'"
 
 
 def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Path:
-    """Fill a template of `dashboards/` and write it as one file, which appears complete or not at all.
-
-    Args:
-        template: name of its .html and .js.
-        page: data for its script, as plain values that JSON can hold; `name` is the title.
-        path: file to write.
-
-    Returns:
-        The path written.
-    """
+    """Write a template of `dashboards/`, `filled`, as one file, whole or not at all; return its path."""
     target = Path(path)
     with atomic(target) as temporary:
         temporary.write_text(filled(template, page).html, encoding="utf-8", newline="\n")

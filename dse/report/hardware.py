@@ -149,10 +149,7 @@ class Choice(NamedTuple):
 def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()) -> list[Chip]:
     """Return the honest designs of a task on every chip of some design points.
 
-    Args:
-        part: a study's designs of the task.
-        points: as priced.
-        hardware: names or files of the profiles that they were priced on; none: those of the study.
+    hardware: names or files of the profiles that they were priced on; none: those of the study.
     """
     if "hardware" not in points:
         return []
@@ -185,14 +182,11 @@ def accuracy_error(part: StudyTask, row: pandas.Series[Any]) -> float:
 
 
 def on_chips(
-    part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()
+    part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str]
 ) -> tuple[list[Row], list[str]]:
     """Return the cheapest designs at equal accuracy, flat out and at the sensor's period, and sentences.
 
-    Args:
-        part: a study's designs of one task.
-        points: its design points; on fewer than two chips, the result is empty.
-        hardware: names or files of the profiles that points are priced on; empty: those of the study.
+    points: of the study; on fewer than two chips, the result is empty. hardware: as of `chips`.
     """
     of_chips = chips(part, points, hardware)
     if len(of_chips) < 2:
