@@ -202,7 +202,7 @@ def recorded(
     Raises:
         NothingRecorded: no run has the file with the array.
     """
-    for each in _ranked(results) if trial is None else [trial]:
+    for each in map(int, ranked(results)["trial"]) if trial is None else [trial]:
         runs = results.arrays(each, name)
         if runs and (not array or array in runs[0]):
             return each, runs
@@ -210,11 +210,11 @@ def recorded(
     raise NothingRecorded(f"{who} recorded {'' if trial is None else 'no '}{what}")
 
 
-def _ranked(results: Results) -> list[int]:
-    """Return the finished trials, the most accurate first."""
+def ranked(results: Results) -> pandas.DataFrame:
+    """Return the rows of the finished trials, the most accurate first."""
     trials = results.trials
     finished = trials[trials["status"] == "finished"]
-    return list(map(int, finished.sort_values("accuracy", ascending=False, kind="stable")["trial"]))
+    return finished.sort_values("accuracy", ascending=False, kind="stable")
 
 
 def mean_of(runs: Sequence[Mapping[str, Array]], name: str) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.figures import NothingRecorded, Results, mean_of
+from dse.figures import NothingRecorded, Results, mean_of, ranked
 from dse.figures.labels import OKABE_ITO_LIGHT, Drawing, axis_title, colour_of, safe, short
 from dse.measure import decision
 from dse.records import Array
@@ -51,10 +51,7 @@ class RecognitionFigure:
             if runs and len(runs[0]["accuracy"]) > 1:
                 yield curve(f"trial {self.trial}", *_means(runs))
             return
-        trials = results.trials[results.trials["status"] == "finished"]
-        best = trials.sort_values("accuracy", ascending=False, kind="stable").drop_duplicates(
-            ["task", "family"]
-        )
+        best = ranked(results).drop_duplicates(["task", "family"])
         n_tasks = best["task"].nunique()
         for trial, task, family in zip(best["trial"], best["task"], best["family"], strict=True):
             runs = results.arrays(int(trial), f"read_out_{task}.npz")  # of a head of a joint network
