@@ -39,7 +39,7 @@ def save(audit: Audit, space: SearchSpace, root: Path) -> None:
     """
     name = key(space)
     cache.discard(root, name)
-    cache.made(root, name, lambda folder: write(audit, folder / FILE))
+    cache.made(root, name, lambda folder: write_json(folder / FILE, plain(audit)))
 
 
 def last(space: SearchSpace, root: Path) -> Audit | None:
@@ -47,15 +47,15 @@ def last(space: SearchSpace, root: Path) -> Audit | None:
 
     Raises:
         RecordingError: a file of the recordings is not found.
+        StoreError: the audit is damaged.
         OSError: the cache cannot be written.
     """
-    folder = cache.find(root, key(space))
-    return None if folder is None else read(folder / FILE)
-
-
-def write(audit: Audit, path: Path) -> None:
-    """Write an audit to a file."""
-    write_json(path, plain(audit))
+    if (folder := cache.find(root, key(space))) is None:
+        return None
+    try:
+        return of_plain(read_json(folder / FILE))
+    except (KeyError, TypeError) as error:
+        raise damaged(folder / FILE, f"is no audit: {error}") from error
 
 
 def plain(audit: Audit) -> dict[str, Any]:
@@ -72,17 +72,3 @@ def of_plain(document: Mapping[str, Any]) -> Audit:
     known = {field.name for field in dataclasses.fields(AuditRow)}
     rows = [{name: row[name] for name in row if name in known} for row in document["rows"]]
     return Audit(tuple(AuditRow(**row) for row in rows), tuple(document["notes"]))
-
-
-def read(path: Path) -> Audit | None:
-    """Return the audit of a file; None where there is none.
-
-    Raises:
-        StoreError: the file is damaged.
-    """
-    if not path.is_file():
-        return None
-    try:
-        return of_plain(read_json(path))
-    except (KeyError, TypeError) as error:
-        raise damaged(path, f"is no audit: {error}") from error

@@ -103,14 +103,8 @@ def add_format(parser: argparse.ArgumentParser) -> None:
 def show(answer: Answer, command: str, form: str | None, columns: str | None = None) -> None:
     """Print an answer to stdout; notes follow a table, and go to stderr with other formats.
 
-    Args:
-        answer: of the command.
-        command: its name.
-        form: one of `FORMATS`; None: a table or text on a terminal, else CSV.
-        columns: names, separated by commas, or 'all'; None: those of the format.
-
-    Raises:
-        ConfigError: the answer has no such column.
+    form: one of `FORMATS`; None: a table or text on a terminal, else CSV.
+    columns: names, separated by commas, or 'all'; None: those of the format.
     """
     if answer.is_printed:
         for note in answer.notes:
@@ -353,9 +347,7 @@ def wrapped(text: str) -> str:
 def listing(pairs: Sequence[tuple[str, str]], width: int | None = None) -> str:
     """Return names and texts side by side, wrapped between words at the width of the terminal.
 
-    Args:
-        pairs: a name and a text each.
-        width: in characters; None: that of the terminal, and without one no line is wrapped.
+    width: in characters; None: that of the terminal, and without one no line is wrapped.
     """
     width = width or _width()
     pairs = [(one_line(name), one_line(text)) for name, text in pairs]

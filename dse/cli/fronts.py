@@ -45,11 +45,7 @@ def front_answer(
 ) -> Answer:
     """Return the rows of a front; a terminal shows equal points of a trial as one row.
 
-    Args:
-        rows: of the front.
-        objectives: that it is of.
-        notes: on it.
-        beside: columns that were asked for, where rows have them.
+    beside: columns that were asked for, where rows have them.
     """
     from dse.skyline.front import front_columns
     from dse.skyline.pareto import most_telling
@@ -130,12 +126,9 @@ def records(frame: pandas.DataFrame) -> list[dict[str, object]]:
 
 
 def columns(rows: pandas.DataFrame, objectives: Sequence[Goal], beside: Iterable[str] = ()) -> list[str]:
-    """Return the default view of points: at most `MOST_COLUMNS` columns, unless more are asked for.
+    """Return the default view of points: at most `MOST_COLUMNS` columns, or more that are asked for (beside).
 
-    Args:
-        rows: points.
-        objectives: these and what stands beside them come first.
-        beside: further columns that were asked for, where rows have them.
+    Objectives and what stands beside them come first.
     """
     from dse.api.front import measured
 

@@ -156,11 +156,7 @@ def call(function: Callable[..., Any], parsed: argparse.Namespace) -> Any:
 
 
 def number(text: str, **rule: Any) -> float:
-    """Return the number that somebody has typed; keywords are those of `registry.Rule`.
-
-    Raises:
-        ConfigError: it is none, or outside its bounds.
-    """
+    """Return the number that somebody has typed; keywords are those of `registry.Rule`."""
     try:
         return float(_reader(Key(float, Rule(**rule), None))(text))
     except argparse.ArgumentTypeError as error:

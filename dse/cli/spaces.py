@@ -8,16 +8,7 @@ from dse.config import ConfigError, Fault, SearchSpace, load_space
 
 
 def load(space: str, replaced: Iterable[str], repair: bool) -> SearchSpace:
-    """Return a search space; its data files and hardware profiles are checked too.
-
-    Args:
-        space: a YAML file, or the name of a shipped search space.
-        replaced: KEY=VALUE each.
-        repair: whether damaged event files are repaired.
-
-    Raises:
-        ConfigError: every fault.
-    """
+    """Return a search space with values KEY=VALUE; its data files and hardware profiles are checked too."""
     from dse.hardware.profile import of_space
 
     overrides = overrides_of(replaced) | ({"data.repair": "true"} if repair else {})

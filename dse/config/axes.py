@@ -181,12 +181,7 @@ def parse_axis(
 ) -> Axis | Any:
     """Return the axis, or INVALID after reporting every mistake in it.
 
-    Args:
-        raw: the mapping as written.
-        hint: type annotation of the key.
-        path: dotted path of the key.
-        report: called with (path, sentence) for every mistake.
-        read_value: validates one value of the key at a path, INVALID if it is none.
+    read_value: validates one value of the key at a path, INVALID if it is none.
     """
     name = dotted(path)
     unknown = [key for key in raw if key not in _KEYS]

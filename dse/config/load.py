@@ -124,13 +124,7 @@ def _space(document: Document, source: Path, check_data: bool) -> SearchSpace | 
 
 
 def _plugins(raw: Raw, source: Path, report: Report) -> tuple[Plugin, ...] | None:
-    """Load the plugins of a search space, modules or .py files beside it; None after a fault.
-
-    Args:
-        raw: a name or a list of names, as written.
-        source: the search space.
-        report: called with (path, sentence) for every plugin that cannot be loaded or registers nothing.
-    """
+    """Load the plugins of a search space, modules or .py files beside it; None after a fault."""
     names = read(raw or (), tuple[str, ...], Rule(doc=""), ("plugins",), report)
     plugins: list[Plugin] = []
     named_by = None if str(source) == _IN_PYTHON else source  # a mapping is of whoever calls
@@ -183,8 +177,6 @@ def _parts(data: Mapping[str, Raw], report: Report) -> dict[str, Part]:
             axes = Written(found, (), Path(), False).axes
             raw = search.with_defaults(raw, axes.values(), search.folds(found))
         found[section] = parts.settings(section, cls, raw, report)
-    if "task" in found:
-        found["task"] = parts.with_name(found["task"])
     return {name: found[name] for name in SECTIONS if name in found}
 
 

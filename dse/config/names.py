@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 
 from dse import registry
 from dse.config.axes import Axis
@@ -12,21 +11,16 @@ from dse.config.expressions import ExpressionError, column_names, condition_faul
 from dse.config.faults import known_names
 from dse.config.locate import is_hardware_file, shipped_profiles
 from dse.config.parts import Part
-from dse.config.values import Report, echo
+from dse.config.values import INVALID, Report, read
 from dse.config.yaml_lines import Raw
+from dse.registry import Rule
 
 OF_OBJECTIVES = ("evaluation", "schedule")
 """Sections that columns need (`Column.of_section`)."""
 
 
 def hardware(raw: Raw, report: Report, base: Path) -> tuple[str, ...]:
-    """Read the names of hardware profiles, or their files; what files hold is checked where they are loaded.
-
-    Args:
-        raw: the list as written.
-        report: called with (path, sentence) for every mistake.
-        base: folder of the search space, which files are relative to.
-    """
+    """Read the names of hardware profiles, or their files; their content is checked where they are loaded."""
     texts = _texts("hardware", raw, report)
     for index, name in enumerate(texts):
         if is_hardware_file(name) and not (base / name).is_file():
@@ -37,7 +31,7 @@ def hardware(raw: Raw, report: Report, base: Path) -> tuple[str, ...]:
 
 
 def targets(raw: Raw, report: Report) -> tuple[str, ...]:
-    """Read the names of targets that designs are to be exported to; arguments as of `hardware`."""
+    """Read the names of targets that designs are to be exported to."""
     return _each_once("targets", _texts("targets", raw, report), registry.known("targets"), report)
 
 
@@ -46,18 +40,10 @@ def objectives(
     profiles: Sequence[str],
     report: Report,
     *,
-    has_test: bool = True,
-    sections: Mapping[str, Part] = MappingProxyType({}),
+    has_test: bool,
+    sections: Mapping[str, Part],
 ) -> tuple[tuple[str, str], ...]:
-    """Read objectives written `name:max`, `name:min` or `name` alone for the direction it declares.
-
-    Args:
-        raw: the list as written.
-        profiles: hardware profiles of the search space.
-        report: called with (path, sentence) for every mistake.
-        has_test: whether the search space has a test set.
-        sections: which of the search space are written.
-    """
+    """Read objectives written `name:max`, `name:min` or `name` alone for the direction it declares."""
     known = registry.columns()
     of_hardware = registry.columns("hardware")
     if raw == [] or raw is None:
@@ -88,14 +74,7 @@ def objectives(
 
 
 def limits(raw: Raw, axes: Mapping[str, Axis], profiles: Sequence[str], report: Report) -> tuple[str, ...]:
-    """Read conditions on what is known of a design before it is trained.
-
-    Args:
-        raw: a condition or a list of them, as written.
-        axes: of the search space.
-        profiles: hardware profiles of the search space.
-        report: called with (path, sentence) for every mistake.
-    """
+    """Read conditions on what is known of a design before it is trained."""
     texts = _texts("limits", raw, report)
     for index, text in enumerate(texts):
         for message in _limit_faults(text, axes, profiles):
@@ -136,12 +115,8 @@ def _limit_faults(text: str, axes: Mapping[str, Axis], profiles: Sequence[str]) 
 
 def _texts(section: str, raw: Raw, report: Report) -> list[str]:
     """Return a list of texts, of which one alone stands for a list of one."""
-    texts = [raw] if isinstance(raw, str) else raw or []
-    if isinstance(texts, list) and all(isinstance(text, str) for text in texts):
-        return texts
-    what = "conditions" if section == "limits" else "names"
-    report((section,), f"{section} must be a list of {what}, got {echo(raw)}")
-    return []
+    texts = read(raw or (), tuple[str, ...], Rule(), (section,), report)
+    return [] if texts is INVALID else list(texts)
 
 
 def _each_once(section: str, names: Sequence[str], known: Collection[str], report: Report) -> tuple[str, ...]:

@@ -236,16 +236,14 @@ class Written:
 def settings(section: str, cls: type, raw: Raw, report: Report) -> Part:
     """Read a section that is one dataclass."""
     one = read_or_axis if section in (*WITH_AXES, "decision") else read_fixed
-    return _apart((section,), cls, "", *read_fields(cls, raw, (section,), report, one), report)
+    part = _apart((section,), cls, "", *read_fields(cls, raw, (section,), report, one), report)
+    return _with_name(part) if section == "task" else part
 
 
 def component(path: Path, raw: Raw, report: Report) -> Part | None:
-    """Read a component; None where no kind is known.
+    """Read a component, of an encoder or a model also by its name alone; None where no kind is known.
 
-    Args:
-        path: its section, and its kind where the section is a choice of several.
-        raw: its keys and `kind`, as written; of an encoder or a model the name alone is enough.
-        report: called with (path, sentence) for every mistake.
+    path: its section, and its kind where the section is a choice of several.
     """
     section = str(path[0])
     known, by_name = registry.known(COMPONENTS[section]), section in FAMILIES
@@ -346,7 +344,7 @@ def test_file(data: Part, raw: Raw, report: Report) -> Part:
     return Part(data.cls, "", values, {}, good)
 
 
-def with_name(part: Part) -> Part:
+def _with_name(part: Part) -> Part:
     """Return section `task`; without a name it is called after the columns of its target."""
     if not part.good or part.values["name"]:
         return part

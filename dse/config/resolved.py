@@ -199,7 +199,6 @@ def _read(name: str, raw: Raw, report: Report) -> parts.Part | None:
     if name in parts.COMPONENTS:
         return parts.component((name,), raw, report)
     if name in SETTINGS:
-        part = parts.settings(name, SETTINGS[name], raw, report)
-        return parts.with_name(part) if name == "task" else part
+        return parts.settings(name, SETTINGS[name], raw, report)
     report((name,), f"unknown section '{dotted((name,))}'")
     return None

@@ -155,10 +155,7 @@ def folds(parts: Mapping[str, Part]) -> int:
 def with_defaults(raw: Raw, axes: Collection[Axis], n_folds: int) -> Raw:
     """Return section `search` as written, with the keys whose defaults follow from other sections.
 
-    Args:
-        raw: the section.
-        axes: of the search space.
-        n_folds: of a cross-validation, of which every repeat is one; 0 without.
+    n_folds: of a cross-validation, of which every repeat is one; 0 without.
     """
     if not isinstance(raw, dict | None):
         return raw

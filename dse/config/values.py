@@ -29,6 +29,7 @@ Values = dict[str, Any]
 Hint = object
 """The annotation of a field of a dataclass: a type, or a form such as `tuple[int, ...]`."""
 Report = Callable[[Path, str], None]
+"""Called with (path, sentence) for every mistake; `Document.fault` makes a fault with file and line of it."""
 ReadOne = Callable[[Raw, Hint, Rule, Path, Report], Any]
 INVALID: Any = object()
 _SCALARS: dict[object, str] = {
@@ -169,12 +170,7 @@ def keys_of(cls: type, written: Mapping[str, Raw] | None = None) -> dict[str, Ke
 
 
 def components_named(written: Raw, rule: Rule) -> dict[str, type]:
-    """Return the components that the key of a component names, by name: one, or those of an axis.
-
-    Args:
-        written: a name, an axis as written or as read, or None: the component of the rule.
-        rule: of the key.
-    """
+    """Return the components that a key names, by name: one, those of an axis, or by default the rule's."""
     named = written.get("choice") if isinstance(written, dict) else getattr(written, "values", written)
     names = named if isinstance(named, list | tuple) else [rule.component_name if named is None else named]
     known = registry.known(rule.component)
@@ -227,8 +223,7 @@ def read_object(
         cls: the dataclass.
         value: the mapping as written; None stands for an empty one.
         path: keys that lead to the mapping; () is the whole document.
-        report: called with (path, sentence) for every mistake; `Document.fault` turns that into a fault with
-            file and line.
+        report: of every mistake.
         read_one: reads one field's value; `parts.read_fixed` refuses an axis in its place by name.
         also: further keys, which somebody else reads.
     """

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas
 
 from dse.figures.front import numbers
 from dse.records import Array, Ints
@@ -14,9 +15,6 @@ from dse.skyline.constraints import ExpressionError, split_budgets
 from dse.skyline.pareto import members_of, non_dominated
 from dse.skyline.pick import economy, ties
 from dse.skyline.table import group_numbers
-
-if TYPE_CHECKING:
-    import pandas
 
 # In addition to the objectives: the first column of each group with numbers in the table.
 _BESIDE = (("latency_ms", "decision_latency_ms", "hardware_latency_ms"), ("spikes_per_inference",))
@@ -42,23 +40,17 @@ def gather_budgets(
     objectives: Mapping[str, str],
     results: str,
     hardware: Sequence[str],
-    others: Collection[str] = (),
+    others: Collection[str],
 ) -> dict[str, Any]:
     """Gather the data for a page's budgets, as plain values that JSON can hold.
-
-    Args:
-        points: all design points, in the order of the table.
-        objectives: column -> 'max' or 'min'.
-        results: the folder of the study, for the commands that the page shows.
-        hardware: the profiles for these commands.
-        others: columns that a budget may have on a page in another state.
 
     Returns:
         columns: {column: 'max' or 'min'} of each column with a budget;
         maximise: the column that `dse pick` maximises, None if no column can be maximised;
         ties: [column, 'max' or 'min'], what decides between equally good points, in this order;
-        results, hardware: the arguments;
-        ranges: values of the filters, and {column: [least, largest]} of the points with these values.
+        results, hardware: folder of the study and profiles, for the commands that the page shows;
+        ranges: values of the filters, and {column: [least, largest]} of the points with these values, also of
+        others, which may have a budget on a page in another state.
     """
     columns = budget_columns(points, objectives)
     upwards = [*(name for name, way in objectives.items() if way == "max"), "accuracy"]
@@ -116,8 +108,6 @@ def _can_be_named(column: str) -> bool:
 
 def _alike(costs: Array) -> Array:
     """Return a number for each row; rows with equal costs have equal numbers."""
-    import pandas
-
     frame = pandas.DataFrame(costs)
     return np.asarray(frame.groupby(list(frame.columns), sort=False, dropna=False).ngroup())
 

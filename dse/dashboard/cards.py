@@ -43,7 +43,7 @@ def gather_cards(study: Study, points: Sequence[Mapping[str, Any]]) -> dict[str,
     A design without one is left out.
     """
     cards = {}
-    for point in [*points, *(each.record for each in exported(study.folder))]:
+    for point in [*points, *(record for _, record, _ in exported(study.folder))]:
         with contextlib.suppress(Exception):  # a family of a user's module may fail in any way
             key = f"{int(point['trial'])}.{int(point['point'])}@{point.get('hardware', '')}"
             cards[key] = gather_card(study, point)

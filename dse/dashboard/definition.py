@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from dse.config.faults import ConfigError, Fault, known_names
-from dse.config.locate import shipped_folder, yaml_files
+from dse.config.faults import known_names
+from dse.config.locate import find_file, shipped_folder, yaml_files
 from dse.config.values import Report, dotted, echo, read_fields
 from dse.config.yaml_lines import Document, read_document
 from dse.config.yaml_lines import Path as Keys
@@ -87,22 +87,13 @@ def load(name: str | Path = DEFAULT) -> Definition:
     Raises:
         ConfigError: no such definition, or everything that is wrong with the file.
     """
-    path = _path(str(name))
+    shipped = shipped_definitions()
+    path = shipped.get(str(name)) or find_file(str(name), shipped, "page")
     document = read_document(path, {})
     document.check()
     values = _values(document, path)
     document.check()
     return Definition(**values)
-
-
-def _path(name: str) -> Path:
-    shipped = shipped_definitions()
-    if name in shipped:
-        return shipped[name]
-    if not Path(name).is_file():
-        text = f"no such file and no shipped page of this name; {known_names(Path(name).stem, shipped)}"
-        raise ConfigError([Fault(name, 0, text)])
-    return Path(name)
 
 
 def _values(document: Document, file: Path) -> dict[str, Any]:
@@ -154,10 +145,8 @@ def definition_for(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the parts of a definition that a study's page can show, and sentences about the rest.
 
-    Args:
-        definition: of the page.
-        columns: the columns of the page with their `values`; empty before the first trial: then no sentences.
-        budgets: columns that have a budget.
+    columns: of the page with their `values`; empty before the first trial: then no sentences.
+    budgets: columns that have a budget.
 
     Returns:
         title: text, '' without one;

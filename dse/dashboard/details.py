@@ -14,9 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+import pandas
 
 from dse import registry, store
 from dse.config import ConfigError
@@ -25,7 +26,7 @@ from dse.dashboard.gather import ENERGY, INSTEAD, plain
 from dse.dashboard.write import packed, plain_figure, without_template
 from dse.figures import NothingRecorded
 from dse.figures.front import numbers
-from dse.figures.labels import short
+from dse.figures.labels import Drawing, short
 from dse.figures.precision import BITS, PRUNED
 from dse.hardware.plan import NotApplicable
 from dse.hardware.profile import Profile
@@ -36,10 +37,6 @@ from dse.study import pricing
 from dse.study.precision import AS_TRAINED, RunFile, common
 from dse.study.record import RunRecord
 from dse.study.results import Study
-
-if TYPE_CHECKING:
-    import pandas
-    import plotly.graph_objects
 
 MOST_EXAMPLES = 6
 _MEASURED = ("accuracy", "accuracy_se", "decision_latency_ms", "undecided")
@@ -172,11 +169,7 @@ def gather_details(
 ) -> dict[str, Any]:
     """Gather the details of one trial, as plain values that JSON can hold.
 
-    Args:
-        study: the study of the trial.
-        points: its table of design points (`study.points(hardware)`).
-        trial: number of the trial.
-        hardware: names or files of the profiles of the points; empty: the profiles of the study.
+    points are those of `study.points(hardware)`.
 
     Returns:
         trial: its number;
@@ -206,12 +199,8 @@ def packed_details(
 
     Surfaces and figures are those of the trained precision: a dozen more would leave room for few designs.
 
-    Args:
-        study: the study of the trials.
-        points: its table of design points.
-        trials: the most important first; a trial without a figure is skipped.
-        room_bytes: largest total length of the texts; the first trial that does not fit ends the list.
-        hardware: as in `gather_details`.
+    trials: the most important first; a trial without a figure is skipped. room_bytes: largest total length of
+    the texts; the first trial that does not fit ends the list.
 
     Returns:
         Number of a trial -> its document, packed like the page's data (`dse.dashboard.write.packed`).
@@ -348,14 +337,14 @@ def _figure(part: _Part, tab: _Tab, trial: int, chip: str) -> tuple[Any, dict[st
     return record, of_tab(tab, figure.draw(record))
 
 
-def of_tab(tab: _Tab, figure: plotly.graph_objects.Figure) -> dict[str, Any]:
+def of_tab(tab: _Tab, figure: Drawing) -> dict[str, Any]:
     """Return the figure of a tab as JSON holds it: for a panel, with its words and its note as `meta`."""
     figure.update_layout(tab.layout, meta={"words": _said(tab, figure), "note": tab.note})
     figure.update_traces(tab.traces)
     return plain_figure(figure)
 
 
-def _said(tab: _Tab, figure: plotly.graph_objects.Figure) -> str:
+def _said(tab: _Tab, figure: Drawing) -> str:
     """Return what a figure shows: of a matrix what counts, of curves their ends, else what is written."""
     layout, first = figure.layout, figure.data[0]
     if tab.figure == "confusion":
@@ -415,8 +404,7 @@ def _surfaces(rows: pandas.DataFrame, limited: Sequence[str]) -> list[dict[str, 
 def _grid_of(rows: pandas.DataFrame) -> dict[str, Any]:
     """Return the axes of a grid and its first point.
 
-    Args:
-        rows: all rows of the grid, theta fastest.
+    rows: all rows of the grid, theta fastest.
     """
     phi, theta = (numbers(rows, name) for name in ("phi", "theta"))
     axes = [list(dict.fromkeys(values.tolist())) for values in (phi, theta)]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas
 
 from dse.dashboard.budgets import contenders, gather_budgets
 from dse.dashboard.definition import Definition, definition_for, load
@@ -17,9 +18,6 @@ from dse.skyline.admissible import admissible, fitting, honest
 from dse.skyline.front import front_mask
 from dse.skyline.table import group_numbers
 from dse.store import plain_cell
-
-if TYPE_CHECKING:
-    import pandas
 
 MAX_POINTS = 12_000
 """Largest number of points in a page. A larger table is thinned: the page holds every front point, and an

@@ -31,7 +31,7 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
         sign: the last that was heard of a session, ISO 8601 in UTC, None before the first;
         is_running: whether a process holds the study, None if nobody can tell;
         hypervolume: [{task, hardware, hypervolume, trials, hours}] at the ends of the figure's curves;
-        figure: `dse.figures.progress.draw_progress` as JSON, None if it has no curve.
+        figure: `dse.figures.progress` as JSON, None if it has no curve.
     """
     now = status(folder)
     sign = None if now.sign_s is None else datetime.fromtimestamp(now.sign_s, UTC)
@@ -57,9 +57,9 @@ def gather_progress(folder: Path | str) -> dict[str, Any]:
                 "trials": int(curve.trials[-1]),
                 "hours": float(curve.hours[-1]) if np.isfinite(curve.hours[-1]) else None,
             }
-            for curve in growth.curves
+            for curve in growth
         ],
-        "figure": plain_figure(progress.ProgressFigure().draw(growth)) if growth.curves else None,
+        "figure": plain_figure(progress.ProgressFigure().draw(growth)) if growth else None,
     }
 
 

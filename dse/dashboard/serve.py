@@ -89,12 +89,8 @@ class Server(ThreadingHTTPServer):
     ) -> None:
         """Bind the port.
 
-        Args:
-            live: the page.
-            host: name or address to listen on.
-            port: 0 for any free port.
-            site: details and bundles of designs.
-            token: of every request; '': a new one. With the same one, open pages find a server that returns.
+        port: 0 for any free port. site: details and bundles of designs.
+        token: of every request; '': a new one. With the same one, open pages find a server that returns.
         """
         self.live, self.site, self.token = live, site or Site(), token or secrets.token_urlsafe(24)
         self.working = threading.Lock()  # one document or bundle at a time

@@ -106,7 +106,7 @@ class StudySite(Site):
         """Return what plays held recordings to a design point."""
         from dse.dashboard.touches import gather_touches  # engine and kernels: a page alone needs none
 
-        row = self._row(trial=trial, point=point)
+        row = self._row(trial, point)
         with _refusing():
             return gather_touches(self._study, [row], self._request.question.hardware)
 
@@ -115,17 +115,13 @@ class StudySite(Site):
         from dse.dashboard.cards import gather_card
 
         with _refusing():
-            return {"parts": gather_card(self._study, self._priced(trial, point, hardware))}
+            return {"parts": gather_card(self._study, self._row(trial, point, hardware))}
 
-    def _priced(self, trial: int, point: int, hardware: str) -> dict[str, object]:
-        """Return a design point on a chip, where points have one."""
-        is_priced = hardware or "hardware" in self._points
-        return self._row(trial=trial, point=point, **({"hardware": hardware} if is_priced else {}))
-
-    def _row(self, **wanted: object) -> dict[str, object]:
-        """Return the first row of the table of points with some values."""
+    def _row(self, trial: int, point: int, hardware: str | None = None) -> dict[str, object]:
+        """Return the first row of a design point, on a chip where one is named and points have one."""
         rows = self._points
-        for name, value in wanted.items():
+        chip = {} if hardware is None or not (hardware or "hardware" in rows) else {"hardware": hardware}
+        for name, value in {"trial": trial, "point": point, **chip}.items():
             rows = rows[rows[name] == value] if name in rows else rows.iloc[:0]
         if rows.empty:
             raise Refused(HTTPStatus.NOT_FOUND, "The study has no such design point.")
@@ -140,7 +136,7 @@ class StudySite(Site):
         from dse.deploy import bundle
         from dse.deploy.export import export
 
-        row = self._priced(trial, point, hardware)
+        row = self._row(trial, point, hardware)
         name = f"trial_{trial}_point_{point}"
         if (verified := folder_of(self._study.folder, trial, point, hardware)) is not None:
             with contextlib.suppress(bundle.BundleError, OSError):  # a damaged one is made anew

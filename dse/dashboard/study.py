@@ -111,13 +111,7 @@ def _of_rows(page: Mapping[str, Any], rows: Sequence[int], points: pandas.DataFr
 
 
 def page_of(study: Study, points: pandas.DataFrame | None, request: PageRequest) -> dict[str, Any]:
-    """Return the page of a study without its progress.
-
-    Args:
-        study: its failed trials are listed.
-        points: its design points; None before the first trial.
-        request: options.
-    """
+    """Return the page of a study without its progress; points are None before the first trial."""
     table = pandas.DataFrame() if points is None else _with_failures(study, points)
     audit = study.audit
     marks, lacks = _marks(study) if len(table) else ([], [])

@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from dse import dataset, store
+from dse.dashboard.write import packed_array
 from dse.dataset.assemble import New
 from dse.deploy.bundle import Bundle
 from dse.deploy.c.code import Code
@@ -93,10 +94,8 @@ def gather_touches(
 ) -> dict[str, Any]:
     """Gather what plays recordings to designs, as plain values that JSON can hold.
 
-    Args:
-        study: of the designs.
-        points: rows of its table of points.
-        hardware: names or files of profiles for the energy; empty: those of the study.
+    points: rows of its table of points. hardware: names or files of profiles for the energy; empty: those of
+    the study.
 
     Returns:
         designs: {"trial.point": what it needs}: what `machine_of` returns; `of`, the part of the split;
@@ -157,8 +156,8 @@ def _of_point(
                 if target[i] >= 0
                 else f"recording {sample}",
                 "true": int(target[i]),
-                "counts": _packed(counts),
-                "channels": _packed(spikes[:, 2]),
+                "counts": packed_array(counts, "<u2"),
+                "channels": packed_array(spikes[:, 2], "<u2"),
             }
         )
     return played, recordings
@@ -167,10 +166,7 @@ def _of_point(
 def machine_of(bundle: Bundle, form: Code, options: Sequence[str] = ()) -> dict[str, Any]:
     """Return a design as a page runs it.
 
-    Args:
-        bundle: of the design.
-        form: of the bundle as C.
-        options: of the compiler, which samples that are not whole numbers need (`pushed`).
+    options: of the compiler, which samples that are not whole numbers need (`pushed`).
 
     Returns:
         `module`, its WebAssembly (target `wasm`), whose exports begin with `prefix`; `classes`; `n_channels`;
@@ -283,7 +279,3 @@ def _energies(
         }
         for i in range(reference.n_recordings)
     ]
-
-
-def _packed(values: Array) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<u2").tobytes()).decode("ascii")

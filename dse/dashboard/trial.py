@@ -2,36 +2,24 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dse.dashboard.write import plain_figure, write_filled
+from dse.dashboard.write import packed_array, plain_figure, write_filled
 from dse.figures.labels import OKABE_ITO_DARK, OKABE_ITO_LIGHT
 from dse.figures.trial import OUTLINE, TrialView, draw_course, draw_pins
-from dse.records import Array
 
 _LARGEST = 2**15 - 1
 
 
-def write_trial_page(view: TrialView, path: Path | str, notes: Sequence[str] = ()) -> Path:
-    """Write the page of a trial as one self-contained HTML file.
-
-    Args:
-        view: what to show.
-        path: file to write; it appears complete or not at all.
-        notes: sentences to print above the figures.
-
-    Returns:
-        The path written.
-    """
-    return write_filled("trial", trial_page(view, notes), path)
+def write_trial_page(view: TrialView, path: Path | str) -> Path:
+    """Write the page of a trial as one self-contained HTML file, whole or not at all; return its path."""
+    return write_filled("trial", trial_page(view), path)
 
 
-def trial_page(view: TrialView, notes: Sequence[str] = ()) -> dict[str, Any]:
+def trial_page(view: TrialView) -> dict[str, Any]:
     """Return the content of a trial's page, as plain values that JSON can hold.
 
     Returns:
@@ -46,7 +34,7 @@ def trial_page(view: TrialView, notes: Sequence[str] = ()) -> dict[str, Any]:
     events = view.events
     return {
         "name": view.name,
-        "notes": [*notes, *_remarks(view)],
+        "notes": _remarks(view),
         "facts": _facts(view),
         "pins": plain_figure(draw_pins(view, view.busiest)),
         "course": plain_figure(draw_course(view)),
@@ -56,12 +44,12 @@ def trial_page(view: TrialView, notes: Sequence[str] = ()) -> dict[str, Any]:
         "recent_ms": view.recent_ms,
         "radius_px": view.radius_px,
         "outline": OUTLINE.round(6).tolist(),
-        "px": _packed(np.rint(view.px / unit), "<i2"),
+        "px": packed_array(np.rint(view.px / unit), "<i2"),
         "px_unit": unit,
-        "t_us": _packed(events.t_us, "<i4"),
-        "x": _packed(events.x, "<i2"),
-        "y": _packed(events.y, "<i2"),
-        "polarity": _packed(events.polarity, "u1"),
+        "t_us": packed_array(events.t_us, "<i4"),
+        "x": packed_array(events.x, "<i2"),
+        "y": packed_array(events.y, "<i2"),
+        "polarity": packed_array(events.polarity, "u1"),
         "palette": {"light": OKABE_ITO_LIGHT, "dark": OKABE_ITO_DARK},
     }
 
@@ -85,7 +73,3 @@ def _remarks(view: TrialView) -> list[str]:
         f"The image shows one event in {view.one_in}, to keep the page small; "
         "the figures over time count all of them."
     ]
-
-
-def _packed(values: Array, kind: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")

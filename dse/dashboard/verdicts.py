@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +16,8 @@ from dse.store import StoreError
 _FOLDER = "bundles"
 
 
-@dataclass(frozen=True)
-class Exported:
-    """What a bundle says of itself: the design point, and the verdict on each target by name."""
-
-    folder: Path
-    record: Mapping[str, Any]
-    targets: Mapping[str, Mapping[str, Any]]
-
-
-def exported(study: Path) -> Iterator[Exported]:
-    """Yield the bundles of a study, in the order of their names; damaged ones are left out."""
+def exported(study: Path) -> Iterator[tuple[Path, Mapping[str, Any], Mapping[str, Any]]]:
+    """Yield folder, design point and verdicts by target of the bundles of a study that are not damaged."""
     from dse.deploy.bundle import SCHEMA, sealed
 
     for path in sorted((study / _FOLDER).glob("*/bundle.json")):
@@ -35,20 +25,16 @@ def exported(study: Path) -> Iterator[Exported]:
             document = store.read_json(path)
             is_whole = document["checksum"] == sealed(document)["checksum"]
             if is_whole and document["schema"] == SCHEMA:
-                yield Exported(path.parent, document["record"], document["targets"])
+                yield path.parent, document["record"], document["targets"]
 
 
 def folder_of(study: Path, trial: int, point: int, hardware: str) -> Path | None:
     """Return the folder of the bundle of a design point that has targets; None if there is none.
 
-    Args:
-        study: folder of the study.
-        trial: number of the trial.
-        point: number of the point.
-        hardware: of the point; '' if points have none.
+    hardware: of the point; '' if points have none.
     """
     asked = {"trial": trial, "point": point, "hardware": hardware}
-    for each in exported(study):
-        if each.targets and {name: each.record.get(name, "") for name in asked} == asked:
-            return each.folder
+    for folder, record, targets in exported(study):
+        if targets and {name: record.get(name, "") for name in asked} == asked:
+            return folder
     return None

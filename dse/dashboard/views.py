@@ -48,7 +48,7 @@ def view_sources(names: list[str]) -> list[ViewSource]:
     """Return the sources of every view of the package and of the named views of plugins, in that order."""
     known = registry.known("views")
     views = [_of_file(path.stem, path) for path in _shipped()]
-    views += [_of_plugin(name, known[name]) for name in names if name in known]
+    views += [source_of(name, getattr(known[name], "script", None)) for name in names if name in known]
     return sorted(views, key=lambda view: names.index(view.name) if view.name in names else len(names))
 
 
@@ -56,16 +56,21 @@ def _shipped() -> list[Path]:
     return sorted((shipped_folder("dashboards") / "views").glob("*.js"))
 
 
-def _of_plugin(name: str, view: type[View]) -> ViewSource:
+def source_of(name: str, script: object) -> ViewSource:
+    """Return the source of a view, given its script or the path of that.
+
+    Raises:
+        ViewError: no page can hold it.
+        OSError: a file cannot be read.
+    """
     if not _NAME.fullmatch(name):
         raise ViewError(f"view '{name}': a name must be letters, digits and '_', a letter first")
-    script = getattr(view, "script", None)
     if isinstance(script, Path):
         source = _of_file(name, script)
     elif isinstance(script, str):
         source = ViewSource(name, script, _empty(name), "")
     else:
-        raise ViewError(f"view '{name}': {view.__name__}.script must be a script or the path of its file")
+        raise ViewError(f"view '{name}': its `script` must be a script or the path of its file")
     # The end of its element would end the script there, and what follows would be text of the page.
     if "</script" in source.script.lower():
         raise ViewError(f"view '{name}': its script must not contain '</script'")

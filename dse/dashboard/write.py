@@ -12,14 +12,15 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from dse.config.locate import shipped_folder
 from dse.dashboard.views import view_sources
+from dse.figures.labels import Drawing
+from dse.records import Array
 from dse.store import atomic
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 PLOTLY = "plotly-strict.min.js.gz"
 """plotly.js without `eval`: plotly.js-strict-dist-min of npm, in the version of the package plotly."""
@@ -33,16 +34,7 @@ _MODULES_RUN = "'wasm-unsafe-eval'"
 
 
 def write_filled(template: str, page: Mapping[str, Any], path: Path | str) -> Path:
-    """Fill a template of `dashboards/` and write it as one file, which appears complete or not at all.
-
-    Args:
-        template: name of its .html and .js.
-        page: data for its script, as plain values that JSON can hold; `name` is the title.
-        path: file to write.
-
-    Returns:
-        The path written.
-    """
+    """Write a template of `dashboards/`, `filled`, as one file, whole or not at all; return its path."""
     target = Path(path)
     with atomic(target) as temporary:
         temporary.write_text(filled(template, page).html, encoding="utf-8", newline="\n")
@@ -107,6 +99,11 @@ def packed(document: Mapping[str, Any]) -> str:
     return base64.b64encode(gzipped(text.encode())).decode("ascii")
 
 
+def packed_array(values: Array, kind: str) -> str:
+    """Return an array as base64 of its bytes, in a little-endian type such as '<u2'."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
+
+
 def gzipped(content: bytes) -> bytes:
     """Return gzipped bytes, the same for the same."""
     return gzip.compress(content, compresslevel=6, mtime=0)
@@ -124,7 +121,7 @@ def without_template() -> Iterator[None]:
         templates.default = before
 
 
-def plain_figure(figure: plotly.graph_objects.Figure) -> dict[str, Any]:
+def plain_figure(figure: Drawing) -> dict[str, Any]:
     """Return a figure as JSON holds it, without its template: a page has its own style."""
     figure.layout.template = None
     plain: dict[str, Any] = json.loads(figure.to_json(validate=False))

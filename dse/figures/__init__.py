@@ -14,22 +14,20 @@ To add one, here or in a module of your own, write a file with
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
+import pandas
 
 from dse import registry
 from dse.config.faults import known_names
 from dse.config.values import Report, read_object, refuse
+from dse.figures.labels import Drawing
 from dse.hardware.profile import Profile
 from dse.preprocessing.stages import Stages
 from dse.records import Array, Dataset
 from dse.registry import fixed
 from dse.skyline.table import Goal
-
-if TYPE_CHECKING:
-    import pandas
-    import plotly.graph_objects
 
 R = TypeVar("R")
 
@@ -83,7 +81,7 @@ class Figure(Protocol[R]):
     def gather(self, results: Results) -> R:
         """Return what is drawn: a dataclass of numbers, arrays and texts, or a tuple of them."""
 
-    def draw(self, record: R) -> plotly.graph_objects.Figure:
+    def draw(self, record: R) -> Drawing:
         """Return the record as a plotly figure."""
 
 
@@ -118,7 +116,7 @@ def named(name: str, keys: Mapping[str, Any], report: Report = refuse) -> Figure
     return read_object(figures[name], dict(keys), (name,), report)
 
 
-def draw(results: Results, name: str, **keys: Any) -> plotly.graph_objects.Figure:
+def draw(results: Results, name: str, **keys: Any) -> Drawing:
     """Return a figure of a study, with the keys of its component.
 
     Raises:
@@ -131,12 +129,7 @@ def draw(results: Results, name: str, **keys: Any) -> plotly.graph_objects.Figur
 
 def on_one_chip(points: pandas.DataFrame, hardware: str = "") -> pandas.DataFrame:
     """Return the points on one hardware profile; without a name the first, without hardware all."""
-    if "hardware" not in points or points.empty:
-        return points
-    chips = list(dict.fromkeys(points["hardware"]))
-    if hardware and hardware not in chips:
-        raise ValueError(f"hardware must be one of {', '.join(map(str, chips))}, got '{hardware}'")
-    return points[points["hardware"] == (hardware or chips[0])]
+    return _of_first(points, "hardware", hardware) if "hardware" in points and len(points) else points
 
 
 def chip_of(results: Results, hardware: str = "") -> Profile:
@@ -165,8 +158,13 @@ def of_task(rows: pandas.DataFrame, task: str = "") -> pandas.DataFrame:
     Raises:
         ValueError: no row is of it.
     """
-    first = str(rows["task"].iloc[0]) if "task" in rows and len(rows) else ""
-    return with_value(rows, "task", task or first)
+    return _of_first(rows, "task", task)
+
+
+def _of_first(rows: pandas.DataFrame, column: str, value: str) -> pandas.DataFrame:
+    """Return the rows with a value in a column; without a value those with the first one."""
+    first = str(rows[column].iloc[0]) if column in rows and len(rows) else ""
+    return with_value(rows, column, value or first)
 
 
 def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
@@ -204,7 +202,7 @@ def recorded(
     Raises:
         NothingRecorded: no run has the file with the array.
     """
-    for each in _ranked(results) if trial is None else [trial]:
+    for each in map(int, ranked(results)["trial"]) if trial is None else [trial]:
         runs = results.arrays(each, name)
         if runs and (not array or array in runs[0]):
             return each, runs
@@ -212,11 +210,11 @@ def recorded(
     raise NothingRecorded(f"{who} recorded {'' if trial is None else 'no '}{what}")
 
 
-def _ranked(results: Results) -> list[int]:
-    """Return the finished trials, the most accurate first."""
+def ranked(results: Results) -> pandas.DataFrame:
+    """Return the rows of the finished trials, the most accurate first."""
     trials = results.trials
     finished = trials[trials["status"] == "finished"]
-    return list(map(int, finished.sort_values("accuracy", ascending=False, kind="stable")["trial"]))
+    return finished.sort_values("accuracy", ascending=False, kind="stable")
 
 
 def mean_of(runs: Sequence[Mapping[str, Array]], name: str) -> Array:

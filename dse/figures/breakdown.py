@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse import store
 from dse.figures import NothingRecorded, Results, chip_of, hardware_key, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, rows_layout, safe, short
+from dse.figures.labels import (
+    OKABE_ITO_LIGHT,
+    Drawing,
+    beside,
+    drawn,
+    interval_bars,
+    rows_layout,
+    safe,
+    short,
+)
 from dse.hardware.cost import cost
 from dse.records import Floats
 from dse.registry import fixed, register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 DYNAMIC, STATIC, TOTAL = OKABE_ITO_LIGHT[0], OKABE_ITO_LIGHT[4], OKABE_ITO_LIGHT[2]
 QUIET = "rgba(127, 135, 145, 0.9)"
@@ -83,10 +88,8 @@ class EnergyFigure:
             misfits=tuple(map(str, costs[0].misfits)),
         )
 
-    def draw(self, record: Breakdown) -> plotly.graph_objects.Figure:
+    def draw(self, record: Breakdown) -> Drawing:
         """Draw a bar for every cause, for static energy, and for all together, which has the interval."""
-        import plotly.graph_objects as go
-
         rows = [
             (cause.replace("_", " "), float(uj), DYNAMIC)
             for cause, uj in zip(record.causes, record.dynamic_uj, strict=True)
@@ -125,5 +128,6 @@ class EnergyFigure:
         ]
         names = [*(name for name, _, _ in rows), "total"]
         layout = rows_layout("energy of an inference (µJ)", names, 26, 60)
+        layout["xaxis"] |= {"range": [0, max(reach) / _BARS]}
         layout |= {"annotations": written, "bargap": 0.35, "margin": {"l": 96, "r": 12, "t": 8, "b": 40}}
-        return go.Figure([bars], layout).update_xaxes(range=[0, max(reach) / _BARS])
+        return drawn([bars], layout)

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse.figures import Results, gain_of, of_task, task_key
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, interval_bars, label, rows_layout, safe
+from dse.figures.labels import OKABE_ITO_LIGHT, Drawing, axis_title, interval_bars, label, rows_layout, safe
 from dse.records import Array
 from dse.registry import fixed, register
 from dse.skyline.admissible import fitting, honest
 from dse.skyline.pick import pick
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 _ROW_PX, _MARGIN_PX = 52, 120
 
@@ -87,7 +83,7 @@ class ChipsFigure:
         at_picks = np.array(gains), np.array(picked), np.array(cheapest)
         return Chips(gain, cost, task, level, tuple(tables), *at_picks, tuple(without))
 
-    def draw(self, record: Chips) -> plotly.graph_objects.Figure:
+    def draw(self, record: Chips) -> Drawing:
         """Draw a row per chip: its pick, and the cheapest design at the common accuracy, with intervals."""
         import plotly.graph_objects as go
 

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse.figures import Results, recorded, trial_key
-from dse.figures.labels import safe
+from dse.figures.labels import Drawing, drawn, safe
 from dse.records import Array
 from dse.registry import register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 
 @dataclass(frozen=True)
@@ -48,28 +44,27 @@ class ConfusionFigure:
         rates = np.divide(counts, total, out=np.zeros(counts.shape), where=total > 0)
         return Confusion(counts.astype(np.int64), rates, classes)
 
-    def draw(self, record: Confusion) -> plotly.graph_objects.Figure:
+    def draw(self, record: Confusion) -> Drawing:
         """Draw shades by rate and counts as text, the first class on top."""
-        import plotly.graph_objects as go
-
         # Places, not names, are the coordinates: two classes may bear the same name.
         places = list(range(len(record.classes)))
         names = [safe(name) for name in record.classes]
-        heat = go.Heatmap(
-            x=places,
-            y=places,
-            z=record.rates,
-            text=record.counts,
-            texttemplate="%{text}",
-            hovertemplate="rate %{z:.3f}, count %{text}<extra></extra>",
-            colorscale="Cividis",
-            zmin=0,
-            zmax=1,
-            colorbar={"title": {"text": "rate"}},
-        )
+        heat = {
+            "type": "heatmap",
+            "x": places,
+            "y": places,
+            "z": record.rates,
+            "text": record.counts,
+            "texttemplate": "%{text}",
+            "hovertemplate": "rate %{z:.3f}, count %{text}<extra></extra>",
+            "colorscale": "Cividis",
+            "zmin": 0,
+            "zmax": 1,
+            "colorbar": {"title": {"text": "rate"}},
+        }
         ticks = {"tickvals": places, "ticktext": names}
         layout = {
             "xaxis": {"title": {"text": "predicted"}, **ticks},
             "yaxis": {"title": {"text": "true"}, "autorange": "reversed", **ticks},
         }
-        return go.Figure([heat], layout)
+        return drawn([heat], layout)

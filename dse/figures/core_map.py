@@ -5,20 +5,17 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dse import store
 from dse.figures import Results, chip_of, hardware_key, recorded, trial_key
-from dse.figures.labels import LEGEND, colour_of, safe
+from dse.figures.labels import LEGEND, Drawing, colour_of, drawn, safe
 from dse.hardware.placement import neurons_per_core
 from dse.hardware.plan import NotApplicable
 from dse.records import Array, Workload
 from dse.registry import register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 FREE = "rgba(127, 135, 145, 0.18)"
 _WIDER = 2.2  # times as many columns of cores as rows, about the shape of the figure
@@ -77,10 +74,8 @@ class CoresFigure:
             misfits=tuple(map(str, placement.misfits)),
         )
 
-    def draw(self, record: CoreMap) -> plotly.graph_objects.Figure:
+    def draw(self, record: CoreMap) -> Drawing:
         """Draw every core of the chip, those in use coloured by layer; what does not fit stands below."""
-        import plotly.graph_objects as go
-
         n = max(record.n_cores, record.on_chip)
         n_columns = int(np.ceil(np.sqrt(n * _WIDER)))
         n_rows = -(-n // n_columns)
@@ -123,7 +118,7 @@ class CoresFigure:
             "margin": {"l": 8, "r": 8, "t": 32, "b": below},
             "legend": {**LEGEND, "font": {"size": 10}},
         }
-        return go.Figure(traces, layout)
+        return drawn(traces, layout)
 
 
 def _cells(shape: tuple[int, int], first: int, words_of_cores: Sequence[str], colour: str) -> dict[str, Any]:

@@ -6,19 +6,15 @@ Source: threshold encoding for texture recognition, Fig. 3 (REFERENCES.md).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse import store
 from dse.figures import NothingRecorded, Results, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT, interval_bars, rows_layout, safe
+from dse.figures.labels import OKABE_ITO_LIGHT, Drawing, drawn, interval_bars, rows_layout, safe
 from dse.measure.objectives.first_spike import by_class, first_spike_ms
 from dse.records import Floats, Ints
 from dse.registry import register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 _BAR_PX, _MARGIN_PX, _LEAST = 20, 100, 10
 
@@ -76,30 +72,30 @@ class FirstSpikeFigure:
             on_test=bool(tested),
         )
 
-    def draw(self, record: FirstSpikes) -> plotly.graph_objects.Figure:
+    def draw(self, record: FirstSpikes) -> Drawing:
         """Draw a bar per class, its median, with a line from its least to its largest time."""
-        import plotly.graph_objects as go
-
         names = [safe(name) for name in record.classes]
         hover = [
             f"{name}: median of {timed} of {n} samples"
             for name, timed, n in zip(names, record.n_timed.tolist(), record.n.tolist(), strict=True)
         ]
-        bars = go.Bar(
-            orientation="h",
-            y=list(range(len(names))),
-            x=record.median_ms,
-            marker={"color": OKABE_ITO_LIGHT[0]},
-            error_x=interval_bars(
+        bars = {
+            "type": "bar",
+            "orientation": "h",
+            "y": list(range(len(names))),
+            "x": record.median_ms,
+            "marker": {"color": OKABE_ITO_LIGHT[0]},
+            "error_x": interval_bars(
                 record.median_ms - record.least_ms,
                 record.most_ms - record.median_ms,
                 width=3,
                 color=OKABE_ITO_LIGHT[1],
             ),
-            customdata=hover,
-            hovertemplate="%{customdata}, %{x:.4g} ms<extra></extra>",
-        )
+            "customdata": hover,
+            "hovertemplate": "%{customdata}, %{x:.4g} ms<extra></extra>",
+        }
         of_set = "test" if record.on_test else "validation"
         title = f"first output spike (ms), {of_set} set"
         layout = rows_layout(title, record.classes, _BAR_PX, _MARGIN_PX, _LEAST)
-        return go.Figure([bars], layout).update_xaxes(rangemode="tozero")
+        layout["xaxis"] |= {"rangemode": "tozero"}
+        return drawn([bars], layout)

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas
 
 from dse import registry
 from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
-from dse.figures.labels import axis_title, colour_of, interval_bars, safe, short, shortened
+from dse.figures.labels import Drawing, axis_title, colour_of, drawn, interval_bars, safe, short, shortened
 from dse.records import Array
 from dse.registry import fixed, register
 from dse.skyline.admissible import admissible
 from dse.skyline.front import front_mask
-
-if TYPE_CHECKING:
-    import pandas
-    import plotly.graph_objects
 
 HOVER_CHARACTERS = 60
 _CROWD = 200  # points: more are drawn at half the size
@@ -57,8 +54,6 @@ class Front:
 
 def numbers(frame: pandas.DataFrame, column: str) -> Array:
     """Return a column as float64, NaN where it holds no number or does not exist."""
-    import pandas
-
     if column not in frame.columns:
         return np.full(len(frame), np.nan)
     return np.asarray(pandas.to_numeric(frame[column], errors="coerce"), dtype=np.float64)
@@ -146,16 +141,14 @@ class FrontFigure:
             n_left_out=int((~shown).sum()),
         )
 
-    def draw(self, record: Front) -> plotly.graph_objects.Figure:
+    def draw(self, record: Front) -> Drawing:
         """Draw dominated points dim; in the plane the front is a staircase, with its intervals as bars.
 
         The staircase is what the front attains: a slanted line would claim designs that do not exist.
         """
-        import plotly.graph_objects as go
-
         flat = len(record.columns) == 2
         logs = [spans_decades(record.values[:, k]) for k in range(len(record.columns))]
-        figure = go.Figure()
+        traces = []
         for index, name in enumerate(record.groups):
             colour = colour_of(index)
             for best in (False, True):
@@ -164,6 +157,7 @@ class FrontFigure:
                 crowded = flat and len(record.values) > _CROWD
                 dim = min(0.4, (0.25 if flat else 0.4) * float(np.sqrt(1000 / max(len(rows), 1))))
                 trace: dict[str, Any] = {
+                    "type": "scatter" if flat else "scatter3d",
                     **{
                         axis: record.values[rows, k] for axis, k in zip("xyz", range(len(logs)), strict=False)
                     },
@@ -186,7 +180,7 @@ class FrontFigure:
                 if flat:
                     shape = "hv" if record.directions[0] == "min" else "vh"
                     trace["line"] = {"color": colour, "width": 1.5, "shape": shape}
-                figure.add_trace(go.Scatter(trace) if flat else go.Scatter3d(trace))
+                traces.append(trace)
         titles = {
             f"{axis}axis": {"title": {"text": axis_title(column)}, "type": "log" if log else "linear"}
             for axis, column, log in zip("xyz", record.columns, logs, strict=False)
@@ -197,8 +191,7 @@ class FrontFigure:
             "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
             "height": 560,
         }
-        figure.update_layout(**(titles if flat else space), hoverlabel={"align": "left"})
-        return figure
+        return drawn(traces, {**(titles if flat else space), "hoverlabel": {"align": "left"}})
 
 
 def _bars(front: Front, rows: Array, colour: str) -> dict[str, dict[str, Any]]:

@@ -12,13 +12,10 @@ import queue
 import threading
 from collections.abc import Callable
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dse.figures.labels import OKABE_ITO_LIGHT
+from dse.figures.labels import OKABE_ITO_LIGHT, Drawing
 from dse.native.extras import MissingExtra
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 FORMATS = ("pdf", "svg", "png")
 SIZE_PX = (700, 450)
@@ -67,7 +64,7 @@ _LAYOUT: dict[str, Any] = {
 
 
 def static_image(
-    figure: plotly.graph_objects.Figure,
+    figure: Drawing,
     form: str,
     size_px: tuple[int, int] | None = None,
     png_scale: float = PNG_SCALE,
@@ -111,11 +108,7 @@ def static_image(
 
 
 def _answered(draw: Callable[[], bytes]) -> bytes:
-    """Return what a browser draws; kaleido waits for ever for one that is gone, so another is asked.
-
-    Raises:
-        MissingExtra: two of them have not answered.
-    """
+    """Return what a browser draws; kaleido waits for ever for one that is gone, so another is asked."""
     for _ in range(2):
         found: queue.Queue[bytes | BaseException] = queue.Queue()
 
@@ -134,7 +127,7 @@ def _answered(draw: Callable[[], bytes]) -> bytes:
     raise MissingExtra(f"a browser must draw a figure within {_PATIENCE_S:g} s, and two have not")
 
 
-def on_white(figure: plotly.graph_objects.Figure) -> plotly.graph_objects.Figure:
+def on_white(figure: Drawing) -> Drawing:
     """Return a copy in the style of print; what its layout says itself stays."""
     import plotly.graph_objects as go
 

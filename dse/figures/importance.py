@@ -10,23 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas
 
 from dse import registry
 from dse.figures import Results, full_read_outs, hardware_key, of_task, on_one_chip, task_key
 from dse.figures.front import numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, label, safe
+from dse.figures.labels import OKABE_ITO_LIGHT, Drawing, axis_title, drawn, label, safe
 from dse.records import Array
 from dse.registry import fixed, register
 from dse.skyline.admissible import honest
 from dse.skyline.pareto import members_of
 from dse.skyline.table import group_numbers
-
-if TYPE_CHECKING:
-    import pandas
-    import plotly.graph_objects
 
 MIN_DESIGNS = 10
 """Fewest designs of a task that a forest is fitted to."""
@@ -80,18 +77,17 @@ class ImportanceFigure:
         values = np.array([[one["importance"], one["se"]] for one in of])
         return Importance(objective, names, values[:, 0], values[:, 1], ranked[0]["r2"], ranked[0]["n"])
 
-    def draw(self, record: Importance) -> plotly.graph_objects.Figure:
+    def draw(self, record: Importance) -> Drawing:
         """Draw a bar per parameter with its standard error, the most important on top."""
-        import plotly.graph_objects as go
-
         names = [safe(label(name)[0]) for name in record.names]
-        bars = go.Bar(
-            x=record.importance,
-            y=names,
-            orientation="h",
-            marker_color=OKABE_ITO_LIGHT[0],
-            error_x={"type": "data", "array": record.se, "thickness": 1},
-        )
+        bars = {
+            "type": "bar",
+            "x": record.importance,
+            "y": names,
+            "orientation": "h",
+            "marker": {"color": OKABE_ITO_LIGHT[0]},
+            "error_x": {"type": "data", "array": record.se, "thickness": 1},
+        }
         share = max(0.0, record.r2)
         of = f"{axis_title(record.objective)}; all explain {share:.0%} of {record.n} designs"
         title = f"loss of explained variance of {of}"
@@ -100,7 +96,7 @@ class ImportanceFigure:
             "yaxis": {"autorange": "reversed", "automargin": True},
             "showlegend": False,
         }
-        return go.Figure([bars], layout)
+        return drawn([bars], layout)
 
 
 def gather_importance(points: pandas.DataFrame, objectives: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -187,8 +183,6 @@ def _forest(inputs: Array, target: Array) -> tuple[float, Array]:
 
 def _codes(values: pandas.Series) -> Array:
     """Return a parameter as numbers for a tree: words in their order, missing values below all others."""
-    import pandas
-
     number = pandas.to_numeric(values, errors="coerce")
     if number.notna().any() and number[values.notna()].notna().all():
         coded = np.asarray(number, np.float64)

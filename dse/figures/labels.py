@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dse.records import Array
@@ -32,8 +32,18 @@ _UNITS = {
 }
 _SYMBOLS = {"phi": "φ", "theta": "θ"}
 
+Drawing = Any
+"""A figure of plotly, which declares no types. Its import takes a while: `drawn` waits until one is drawn."""
+
 LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0}
 """A legend in a line above the figure."""
+
+
+def drawn(traces: Sequence[Mapping[str, Any]], layout: Mapping[str, Any]) -> Drawing:
+    """Return a figure of traces and a layout, with plotly's own keys."""
+    import plotly.graph_objects as go
+
+    return go.Figure(traces, layout)
 
 
 def label(column: str) -> tuple[str, str]:
@@ -70,28 +80,18 @@ def colour_of(place: int) -> str:
     return OKABE_ITO_LIGHT[place % len(OKABE_ITO_LIGHT)]
 
 
-def row_axis(names: Sequence[str]) -> dict[str, Any]:
-    """Return a vertical axis with a name for each row 0, 1, ..., the first on top; names may be alike."""
-    words = list(map(safe, names))
-    places = list(range(len(words)))
-    return {"tickvals": places, "ticktext": words, "autorange": "reversed", "showgrid": False}
-
-
 def rows_layout(
     title: str, names: Sequence[str], row_px: int, margin_px: int, least: int = 0
 ) -> dict[str, Any]:
-    """Return the layout of a figure with a row for each name, as high as they are many.
+    """Return the layout of a figure with a row for each name, which may be alike; as high as they are many.
 
-    Args:
-        title: of the horizontal axis, safe as plotly text.
-        names: of the rows, the first on top.
-        row_px: height of a row.
-        margin_px: height beside the rows.
-        least: number of rows that there is room for at least.
+    title: of the horizontal axis, safe as plotly text. margin_px: height beside the rows. least: number of
+    rows that there is room for at least.
     """
+    rows = {"tickvals": list(range(len(names))), "ticktext": list(map(safe, names))}
     return {
         "xaxis": {"title": {"text": title}},
-        "yaxis": row_axis(names),
+        "yaxis": {**rows, "autorange": "reversed", "showgrid": False},
         "legend": {**LEGEND, "traceorder": "normal"},
         "height": margin_px + row_px * max(least, len(names)),
     }

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dse.figures import NothingRecorded, Results, recorded, trial_key
-from dse.figures.labels import LEGEND, colour_of
+from dse.figures.labels import LEGEND, Drawing, colour_of, drawn
 from dse.records import Array
 from dse.registry import register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 CURVES = {"loss": "loss", "accuracy_train": "training<br>accuracy", "gradient_norm": "gradient"}
 """Curves of a history that are drawn where it holds them, and what their axes say."""
@@ -58,10 +55,8 @@ class LearningFigure:
             )
         return Learning(curves)
 
-    def draw(self, record: Learning) -> plotly.graph_objects.Figure:
+    def draw(self, record: Learning) -> Drawing:
         """Draw each curve over the epochs in a panel of its own; a gradient spans decades."""
-        import plotly.graph_objects as go
-
         n = len(record.curves)
         layout: dict[str, Any] = {
             "height": 280,
@@ -94,4 +89,4 @@ class LearningFigure:
                         "hovertemplate": f"{run}, epoch %{{x}}: %{{y:.3g}}<extra></extra>",
                     }
                 )
-        return go.Figure(traces, layout)
+        return drawn(traces, layout)

@@ -6,18 +6,14 @@ Source: Brayshaw et al., real-time texture classification, Fig. 5 (REFERENCES.md
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse.figures import NothingRecorded, Results, full_read_outs, trial_key, trial_of
 from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, rows_layout, safe, watts
+from dse.figures.labels import OKABE_ITO_LIGHT, Drawing, beside, interval_bars, rows_layout, safe, watts
 from dse.records import Array
 from dse.registry import register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 IDLE, RUNNING = "power_idle_w", "power_w"
 _INTERVAL = "#59616B"
@@ -72,7 +68,7 @@ class PowerFigure:
             without=tuple(names[~known].tolist()),
         )
 
-    def draw(self, record: Power) -> plotly.graph_objects.Figure:
+    def draw(self, record: Power) -> Drawing:
         """Draw a bar per hardware: at rest, and after it what running adds; the interval is that of the sum.
 
         Hardware whose power is not known is named below.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,12 +17,9 @@ from dse.figures import (
     trial_of,
 )
 from dse.figures.front import interval, numbers
-from dse.figures.labels import axis_title, colour_of
+from dse.figures.labels import Drawing, axis_title, colour_of
 from dse.records import Array
 from dse.registry import fixed, register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 BITS, PRUNED = "weight_bits", "pruned_after"
 COSTS = (BITS, "memory_bytes", "energy_uj")
@@ -83,7 +79,7 @@ class PrecisionFigure:
             {name: values for name, values in costs.items() if np.isfinite(values).any()},
         )
 
-    def draw(self, record: Precision) -> plotly.graph_objects.Figure:
+    def draw(self, record: Precision) -> Drawing:
         """Draw accuracy with one standard error over each cost, a panel each."""
         from plotly.subplots import make_subplots
 

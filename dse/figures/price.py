@@ -7,20 +7,16 @@ two: no point is chosen anew within it, because noise would always find a cheape
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dse.figures import Results, gain_of, hardware_key, of_task, on_one_chip, task_key
 from dse.figures.front import numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, beside, interval_bars, label, safe, short
+from dse.figures.labels import OKABE_ITO_LIGHT, Drawing, beside, drawn, interval_bars, label, safe, short
 from dse.records import Array
 from dse.registry import register
 from dse.skyline.admissible import admissible
 from dse.skyline.pick import economy, pick
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 WINDOW = 0.05
 """Of accuracy, that a cheaper point may give up."""
@@ -92,10 +88,8 @@ class PriceFigure:
         task = str(picked["task"]) if "task" in frame else ""
         return Prices(gain, task, int(picked.get("trial", 0)), columns, *(np.array(part) for part in parts))
 
-    def draw(self, record: Prices) -> plotly.graph_objects.Figure:
+    def draw(self, record: Prices) -> Drawing:
         """Draw the price in each cost as a share of what the pick costs, with interval and numbers."""
-        import plotly.graph_objects as go
-
         known = np.isfinite(record.high)
         low, high = (100 * part / record.at for part in (record.low, record.high))
         share = np.where(known, 100 * record.price / record.at, low)
@@ -113,34 +107,32 @@ class PriceFigure:
                 if is_known
                 else f"at least {least} {unit}".strip()
             )
-        figure = go.Figure(
-            go.Scatter(
-                x=share,
-                y=names,
-                mode="markers",
-                marker={
-                    "size": 9,
-                    "color": OKABE_ITO_LIGHT[0],
-                    "symbol": ["circle" if is_known else "triangle-right" for is_known in known],
-                },
-                error_x=interval_bars(share - low, beyond - share),
-                customdata=words,
-                hovertemplate="%{y}: %{customdata} per 0.01<extra></extra>",
-            )
-        )
-        for name, text in zip(names, words, strict=True):
-            figure.add_annotation(beside(text, 0, name, xshift=0, yshift=12))
+        prices = {
+            "x": share,
+            "y": names,
+            "mode": "markers",
+            "marker": {
+                "size": 9,
+                "color": OKABE_ITO_LIGHT[0],
+                "symbol": ["circle" if is_known else "triangle-right" for is_known in known],
+            },
+            "error_x": interval_bars(share - low, beyond - share),
+            "customdata": words,
+            "hovertemplate": "%{y}: %{customdata} per 0.01<extra></extra>",
+        }
+        notes = [beside(text, 0, name, xshift=0, yshift=12) for name, text in zip(names, words, strict=True)]
         of = safe(f"{record.task + ': ' if record.task else ''}price of 0.01 of {label(record.gain)[0]}")
-        figure.update_layout(
-            xaxis={
+        layout = {
+            "annotations": notes,
+            "xaxis": {
                 "title": {"text": f"{of},<br>% of what trial {record.trial} costs"},
                 "range": [min(0, float(low.min())), 1.1 * top],
             },
-            yaxis={"autorange": "reversed", "automargin": True, "showgrid": False},
-            showlegend=False,
-            height=_MARGIN_PX + _ROW_PX * max(3, len(names)),
-        )
-        return figure
+            "yaxis": {"autorange": "reversed", "automargin": True, "showgrid": False},
+            "showlegend": False,
+            "height": _MARGIN_PX + _ROW_PX * max(3, len(names)),
+        }
+        return drawn([prices], layout)
 
 
 def price_of(

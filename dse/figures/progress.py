@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas
 
 from dse.figures import Results
 from dse.figures.front import numbers
-from dse.figures.labels import colour_of, safe, shortened
+from dse.figures.labels import Drawing, colour_of, safe, shortened
 from dse.records import Array
 from dse.registry import register
 from dse.skyline.admissible import fitting, honest
 from dse.skyline.pareto import Front, hypervolume, non_dominated
-
-if TYPE_CHECKING:
-    import pandas
-    import plotly.graph_objects
 
 MAX_STEPS = 200
 """Trials at which the front of a curve is looked at; the curve is exact at each of them."""
@@ -48,24 +44,16 @@ class Curve:
     hypervolume: Array
 
 
-@dataclass(frozen=True)
-class Progress:
-    """The curves of a study, and what has none: its front has too many points and objectives."""
-
-    curves: tuple[Curve, ...]
-    left_out: tuple[str, ...]
-
-
 @register("figures", "progress")
 @dataclass(frozen=True)
 class ProgressFigure:
     """Hypervolume of the front over the number of trials, in order of their numbers."""
 
-    def gather(self, results: Results) -> Progress:
+    def gather(self, results: Results) -> tuple[Curve, ...]:
         finished = [int(trial) for trial in sorted(results.trials["trial"])]
         return gather_progress(results.points(), dict(results.objectives), finished)
 
-    def draw(self, record: Progress) -> plotly.graph_objects.Figure:
+    def draw(self, record: tuple[Curve, ...]) -> Drawing:
         """Draw hypervolume in steps against trials and, where they are known, against hours.
 
         Colours tell tasks apart and dashes chips, or colours the chips of a single task. A trace's `meta`
@@ -74,12 +62,12 @@ class ProgressFigure:
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots
 
-        timed = any(np.isfinite(curve.hours).any() for curve in record.curves)
+        timed = any(np.isfinite(curve.hours).any() for curve in record)
         axes = [("trials", "finished trials"), *([("hours", "hours")] if timed else [])]
         figure = make_subplots(rows=1, cols=len(axes), shared_yaxes=True, horizontal_spacing=0.06)
-        tasks = list(dict.fromkeys(curve.task for curve in record.curves))
-        chips = list(dict.fromkeys(curve.hardware for curve in record.curves))
-        for curve in record.curves:
+        tasks = list(dict.fromkeys(curve.task for curve in record))
+        chips = list(dict.fromkeys(curve.hardware for curve in record))
+        for curve in record:
             task, chip = tasks.index(curve.task), chips.index(curve.hardware)
             several = len(tasks) > 1
             colour = colour_of(task if several else chip)
@@ -98,7 +86,7 @@ class ProgressFigure:
                         },
                         name=name,
                         legendgroup=name,
-                        showlegend=panel == 1 and len(record.curves) > 1,
+                        showlegend=panel == 1 and len(record) > 1,
                         meta={"task": curve.task, "hardware": curve.hardware},
                         customdata=curve.trials.tolist(),
                         hovertemplate=_hover(axis),
@@ -121,8 +109,8 @@ def gather_progress(
     objectives: Mapping[str, str],
     finished: Sequence[int],
     hours: Sequence[float] | None = None,
-) -> Progress:
-    """Gather how the front's hypervolume grew, trial by trial.
+) -> tuple[Curve, ...]:
+    """Gather how the front's hypervolume grew, trial by trial; no curve where a front is too large for that.
 
     Each objective is normalised over the range of all points of the task and chip, so that the last value is
     the hypervolume that the page states of them without budgets. Points that have seen the labels, or do not
@@ -138,22 +126,17 @@ def gather_progress(
     spent = np.full(len(finished), np.nan) if hours is None else np.asarray(hours, np.float64)
     known = {name: way for name, way in objectives.items() if np.isfinite(numbers(points, name)).any()}
     curves: list[Curve] = []
-    left_out: list[str] = []
     if not known:
-        return Progress((), ())
+        return ()
     for (task, hardware), group in _groups(points):
         costs, place = _normalised(group, known, finished)
-        if not costs.size:
-            continue
-        n_steps = _affordable(costs)
-        if n_steps == 0:
-            left_out.append(_name(task, hardware))
+        if not costs.size or not (n_steps := _affordable(costs)):
             continue
         places, values = _growth(costs, place, n_steps)
         if places[-1] < len(finished) - 1:  # the last trials changed nothing
             places, values = np.append(places, len(finished) - 1), np.append(values, values[-1])
         curves.append(Curve(task, hardware, places + 1, spent[places], values))
-    return Progress(tuple(curves), tuple(left_out))
+    return tuple(curves)
 
 
 def _hover(axis: str) -> str:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dse import store
 from dse.figures import Results, recorded, trial_key
-from dse.figures.labels import LEGEND, OKABE_ITO_LIGHT, safe, shortened
+from dse.figures.labels import LEGEND, OKABE_ITO_LIGHT, Drawing, drawn, safe, shortened
 from dse.measure.decision import decide
 from dse.records import Array
 from dse.registry import fixed, register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 TRUE, LEADING, DECISION = OKABE_ITO_LIGHT[0], OKABE_ITO_LIGHT[2], OKABE_ITO_LIGHT[1]
 QUIET = "rgba(127, 135, 145, 0.8)"
@@ -76,13 +73,11 @@ class RecordingFigure:
         spikes = response.spikes[self.sample]
         return gather_recording(answered, spikes, response.step_ms, results.classes(trial), true, setting)
 
-    def draw(self, record: Recording) -> plotly.graph_objects.Figure:
+    def draw(self, record: Recording) -> Drawing:
         """Draw output spikes by class, the confidence of the leading class, and spikes of each layer.
 
         A line named 'decision' marks when the answer comes, one named 'theta' what confidence it takes.
         """
-        import plotly.graph_objects as go
-
         names = [shortened(name, _LONGEST_NAME) for name in record.classes]
         every = -(-len(names) // _MOST_NAMES)  # names of many classes would cover each other
         n_layers, peaks = record.layers.shape[1], record.layers.max(axis=0)
@@ -134,7 +129,7 @@ class RecordingFigure:
                 "showgrid": False,
             },
         }
-        return go.Figure([*_rasters(record), _confidence(record), _layers(record)], layout)
+        return drawn([*_rasters(record), _confidence(record), _layers(record)], layout)
 
 
 def gather_recording(

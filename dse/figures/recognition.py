@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import NothingRecorded, Results, mean_of
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, colour_of, safe, short
+from dse.figures import NothingRecorded, Results, mean_of, ranked
+from dse.figures.labels import OKABE_ITO_LIGHT, Drawing, axis_title, colour_of, safe, short
 from dse.measure import decision
 from dse.records import Array
 from dse.registry import fixed, register
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 _DASHES = ("solid", "dash", "dot", "dashdot")  # beyond the palette's colours, the line tells curves apart
 
@@ -55,10 +51,7 @@ class RecognitionFigure:
             if runs and len(runs[0]["accuracy"]) > 1:
                 yield curve(f"trial {self.trial}", *_means(runs))
             return
-        trials = results.trials[results.trials["status"] == "finished"]
-        best = trials.sort_values("accuracy", ascending=False, kind="stable").drop_duplicates(
-            ["task", "family"]
-        )
+        best = ranked(results).drop_duplicates(["task", "family"])
         n_tasks = best["task"].nunique()
         for trial, task, family in zip(best["trial"], best["task"], best["family"], strict=True):
             runs = results.arrays(int(trial), f"read_out_{task}.npz")  # of a head of a joint network
@@ -66,7 +59,7 @@ class RecognitionFigure:
             if runs:
                 yield curve(f"{family} {task}" if n_tasks > 1 else str(family), *_means(runs))
 
-    def draw(self, record: tuple[Recognition, ...]) -> plotly.graph_objects.Figure:
+    def draw(self, record: tuple[Recognition, ...]) -> Drawing:
         """Draw one line per curve; a ring marks its t_c."""
         import plotly.graph_objects as go
 

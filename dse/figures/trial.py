@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.figures.labels import OKABE_ITO_LIGHT, safe
+from dse.figures.labels import OKABE_ITO_LIGHT, Drawing, drawn, safe
 from dse.records import Array, Block
 
 if TYPE_CHECKING:
-    import plotly.graph_objects
+    from dse.scene.simulate import Paths
 
 ON, OFF, SHEAR, SPEED = OKABE_ITO_LIGHT[:4]
 PIN = "rgba(127, 135, 145, 0.45)"
@@ -21,25 +21,6 @@ OUTLINE = np.stack([f(np.linspace(0, 2 * np.pi, 17)) for f in (np.cos, np.sin)],
 _PLACES = 260_000  # pin positions that a page carries, over all moments
 _FEWEST_MOMENTS, _MOST_MOMENTS = 50, 800
 _RECENT_MS = 5.0
-
-
-class Paths(Protocol):
-    """Where everything was in a trial, at n times a fixed step apart (`scene.simulate.Paths`).
-
-    t_s: (n,) from 0. px: (n, pin, 2) centres of the pins, in pixels from the corner of the frame.
-    s_mm: (n,) shear of the skin. v_mm_s: (n,) speed of the tip.
-    """
-
-    @property
-    def t_s(self) -> Array: ...
-    @property
-    def px(self) -> Array: ...
-    @property
-    def s_mm(self) -> Array: ...
-    @property
-    def v_mm_s(self) -> Array: ...
-    @property
-    def radius_px(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -145,7 +126,7 @@ def _raster(block: Block, borders: Array, px: Array) -> Array:
     return counts
 
 
-def draw_pins(view: TrialView, moment: int, exaggeration: float = 1.0) -> plotly.graph_objects.Figure:
+def draw_pins(view: TrialView, moment: int, exaggeration: float = 1.0) -> Drawing:
     """Draw the image at a moment: pins as discs, lines from their places at rest, the last events as dots.
 
     Args:
@@ -153,46 +134,40 @@ def draw_pins(view: TrialView, moment: int, exaggeration: float = 1.0) -> plotly
         moment: index into `view.t_s`.
         exaggeration: factor on what the pins have moved since the first moment; events stay at their pixels.
     """
-    import plotly.graph_objects as go
-
     rest, moved = view.px[0], view.px[0] + exaggeration * (view.px[moment] - view.px[0])
     discs = moved[:, None] + view.radius_px * OUTLINE
-    figure = go.Figure()
+    traces = []
     for points, style in (
         (discs, {"fill": "toself", "fillcolor": PIN, "line": {"width": 0}, "name": "pin"}),
         (np.stack([rest, moved], axis=1), {"line": {"width": 1, "color": PIN}, "name": "moved from rest"}),
     ):
         x, y = _strokes(points)
-        figure.add_trace(go.Scatter(x=x, y=y, mode="lines", hoverinfo="skip", **style))
+        traces.append({"x": x, "y": y, "mode": "lines", "hoverinfo": "skip", **style})
     now_us = 1e6 * view.t_s[moment]
     seen = (view.events.t_us <= now_us) & (view.events.t_us > now_us - 1000 * view.recent_ms)
     for polarity, name, colour in ((0, "OFF event", OFF), (1, "ON event", ON)):
         mine = seen & (view.events.polarity == polarity)
-        figure.add_trace(
-            go.Scatter(
-                x=view.events.x[mine] + 0.5,
-                y=view.events.y[mine] + 0.5,
-                mode="markers",
-                marker={"color": colour, "size": 4},
-                name=name,
-                hovertemplate=f"{name} at %{{x}}, %{{y}} px<extra></extra>",
-            )
+        traces.append(
+            {
+                "x": view.events.x[mine] + 0.5,
+                "y": view.events.y[mine] + 0.5,
+                "mode": "markers",
+                "marker": {"color": colour, "size": 4},
+                "name": name,
+                "hovertemplate": f"{name} at %{{x}}, %{{y}} px<extra></extra>",
+            }
         )
     width, height = view.frame_px
-    figure.update_layout(
-        xaxis={"title": {"text": "x (px)"}, "range": [0, width], "constrain": "domain"},
-        yaxis={
-            "title": {"text": "y (px)"},
-            "range": [height, 0],
-            "scaleanchor": "x",
-            "constrain": "domain",
-        },
-        legend={"orientation": "h", "itemsizing": "constant"},
-    )
-    return figure
+    shape = {"scaleanchor": "x", "constrain": "domain"}
+    layout = {
+        "xaxis": {"title": {"text": "x (px)"}, "range": [0, width], "constrain": "domain"},
+        "yaxis": {"title": {"text": "y (px)"}, "range": [height, 0], **shape},
+        "legend": {"orientation": "h", "itemsizing": "constant"},
+    }
+    return drawn(traces, layout)
 
 
-def draw_course(view: TrialView) -> plotly.graph_objects.Figure:
+def draw_course(view: TrialView) -> Drawing:
     """Draw a trial over time: events per pin, their rate, the speed of the tip and the shear of the skin."""
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots

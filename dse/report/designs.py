@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,6 @@ from dse.study.results import Study
 if TYPE_CHECKING:
     import pandas
 
-_MOVEMENT = ("profile", "velocity", "speed", "motion")
 _LONGEST_LIST = 4
 _SETTINGS = ("phi", "theta", "read_out_ms")
 
@@ -56,16 +55,6 @@ class StudyTask:
         """The name of the study."""
         return self.study.folder.name
 
-    @property
-    def about(self) -> str:
-        """The task and its recordings, in words."""
-        return f"{self.task} on {Path(self.data).name}"
-
-    @property
-    def of_movement(self) -> bool:
-        """Whether the task is a movement, not a texture or an object."""
-        return any(word in column for column in self.target for word in _MOVEMENT)
-
     def of(self, families: Iterable[str], *, transductive: bool = False) -> pandas.DataFrame:
         """Return the designs of some families that are, or are not, transductive."""
         of_families = self.table["family"].isin(list(families))
@@ -83,7 +72,7 @@ class StudyTask:
     def columns(self, trial: int) -> list[Mapping[str, Any]]:
         """Return the columns of every run of a design for this task, on its first hardware profile."""
         several: list[Mapping[str, Any]] = []
-        for path in self._runs(trial):
+        for path in store.runs_of(self.study.folder, trial):
             run = store.read_record(path)
             numbers = run["of_heads"][self.task] if self.joint else run
             chips = list(numbers.get("hardware", {}).values())
@@ -97,10 +86,7 @@ class StudyTask:
             StoreError: it is missing or damaged.
         """
         name = f"{kind}_{self.task}.npz" if self.joint else f"{kind}.npz"
-        return [store.load_arrays(path / name) for path in self._runs(trial)]
-
-    def _runs(self, trial: int) -> list[Path]:
-        return store.runs_of(self.study.folder, trial)
+        return [store.load_arrays(path / name) for path in store.runs_of(self.study.folder, trial)]
 
 
 def tasks_of(study: Study) -> list[StudyTask]:
@@ -128,14 +114,6 @@ def tasks_of(study: Study) -> list[StudyTask]:
         known = None if audit is None else audit.known(task)
         parts.append(StudyTask(study, task, rows, target, *of_data, joint, n, known))
     return parts
-
-
-def alike(parts: Sequence[StudyTask]) -> list[list[StudyTask]]:
-    """Group the designs by task and recordings; groups are in the order of their first member."""
-    groups: dict[tuple[str, str], list[StudyTask]] = {}
-    for part in parts:
-        groups.setdefault((part.data, part.task), []).append(part)
-    return list(groups.values())
 
 
 def full_read_outs(points: pandas.DataFrame) -> pandas.DataFrame:
@@ -195,19 +173,6 @@ def best(rows: pandas.DataFrame) -> pandas.Series[Any] | None:
     )
     first: pandas.Series[Any] = order.iloc[0]
     return first
-
-
-Chosen = tuple[StudyTask, "pandas.Series[Any]"]
-"""A design, with its study."""
-
-
-def best_of(several: Sequence[tuple[StudyTask, pandas.DataFrame]]) -> Chosen | None:
-    """Return the best design of several studies, with its study."""
-    import pandas
-
-    tables = [rows.assign(place=place) for place, (_, rows) in enumerate(several) if not rows.empty]
-    row = best(pandas.concat(tables, ignore_index=True)) if tables else None
-    return None if row is None else (several[int(row["place"])][0], row.drop("place"))
 
 
 def described(row: pandas.Series[Any]) -> str:

@@ -65,18 +65,6 @@ class Ratio(NamedTuple):
         return f"{times}, more in {self.share:.0%} of draws, {how} the uncertainty"
 
 
-class Level(NamedTuple):
-    """An accuracy and its error."""
-
-    accuracy: float
-    error: float
-
-    @property
-    def least(self) -> float:
-        """The lowest accuracy that counts as equal."""
-        return self.accuracy - self.error
-
-
 @dataclass(frozen=True)
 class Chip:
     """The designs of a study and task on one chip.
@@ -161,10 +149,7 @@ class Choice(NamedTuple):
 def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()) -> list[Chip]:
     """Return the honest designs of a task on every chip of some design points.
 
-    Args:
-        part: a study's designs of the task.
-        points: as priced.
-        hardware: names or files of the profiles that they were priced on; none: those of the study.
+    hardware: names or files of the profiles that they were priced on; none: those of the study.
     """
     if "hardware" not in points:
         return []
@@ -181,10 +166,10 @@ def chips(part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = (
     return of_chips
 
 
-def reached(part: StudyTask, chip: Chip) -> Level | None:
+def reached(part: StudyTask, chip: Chip) -> tuple[float, float] | None:
     """Return the accuracy of the best design that fits, with its error; None if no design fits."""
     top = best(chip.designs[chip.fits])
-    return None if top is None else Level(float(top["accuracy"]), accuracy_error(part, top))
+    return None if top is None else (float(top["accuracy"]), accuracy_error(part, top))
 
 
 def accuracy_error(part: StudyTask, row: pandas.Series[Any]) -> float:
@@ -197,14 +182,11 @@ def accuracy_error(part: StudyTask, row: pandas.Series[Any]) -> float:
 
 
 def on_chips(
-    part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str] = ()
+    part: StudyTask, points: pandas.DataFrame, hardware: Sequence[str]
 ) -> tuple[list[Row], list[str]]:
     """Return the cheapest designs at equal accuracy, flat out and at the sensor's period, and sentences.
 
-    Args:
-        part: a study's designs of one task.
-        points: its design points; on fewer than two chips, the result is empty.
-        hardware: names or files of the profiles that points are priced on; empty: those of the study.
+    points: of the study; on fewer than two chips, the result is empty. hardware: as of `chips`.
     """
     of_chips = chips(part, points, hardware)
     if len(of_chips) < 2:
@@ -215,17 +197,17 @@ def on_chips(
     if len(fitting) < 2:
         return [], notes
     # Of equal accuracies the one with the larger error.
-    level = min((level for _, level in fitting), key=lambda level: (level.accuracy, level.least))
+    accuracy, error = min((level for _, level in fitting), key=lambda level: (level[0], -level[1]))
     rows: list[Row] = []
     orders: list[list[str]] = []
     for column, how in _MODES.items():
-        several = [chip.cheapest(level.least, column) for chip, _ in fitting]
+        several = [chip.cheapest(accuracy - error, column) for chip, _ in fitting]
         choices = [one for one in several if one is not None]
         rows += [row for one in choices for row in _figures(part, one)]
         rows += [_ratio_row(part, one, other) for one, other in combinations(choices, 2)]
         choices.sort(key=lambda one: float(np.median(one.drawn_uj)))
         told = "; ".join([*map(str, choices), *_ratios(choices)])
-        notes.append(f"{about}: at accuracy {level.accuracy:.3g} ± {level.error:.2g}, {how}: {told}")
+        notes.append(f"{about}: at accuracy {accuracy:.3g} ± {error:.2g}, {how}: {told}")
         orders.append([one.chip.name for one in choices])
     if orders[0] != orders[1]:
         notes[-1] += f"; flat out the order is {', '.join(orders[0])}"

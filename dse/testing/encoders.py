@@ -110,13 +110,8 @@ def _check_alone(
 ) -> None:
     """Encode a recording by itself, whole and sample by sample; an encoder may refuse the latter.
 
-    Args:
-        name: of the encoder.
-        encoder: fitted.
-        signals: all recordings.
-        i: the one.
-        window: the steps that are encoded.
-        among_others: (step, channel) its spikes where all recordings are encoded.
+    i: the recording. window: the steps that are encoded. among_others: (step, channel) its spikes where all
+    recordings are encoded.
     """
     values = signals.values[signals.offsets[i] : signals.offsets[i + 1]]
     one = Signals(values=values, offsets=np.array([0, len(values)]), step_ms=signals.step_ms, columns={})

@@ -54,13 +54,7 @@ def same(first: Any, second: Any) -> bool:
 
 
 def unchanged(what: str, function: Callable[..., T], *arguments: Any) -> T:
-    """Return what a function returns, after checking that it leaves its arguments as they are.
-
-    Args:
-        what: the function, in words.
-        function: any.
-        arguments: of it.
-    """
+    """Return what a function returns, after checking that it leaves its arguments as they are."""
     before = copy.deepcopy(arguments)
     found = function(*arguments)
     expect(same(arguments, before), f"what {what} is given must not be changed")

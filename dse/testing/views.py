@@ -6,9 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from dse.dashboard.views import ViewError, source_of
 from dse.testing.expect import expect
-
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def check_view(name: str, view: Any) -> None:
@@ -21,18 +20,10 @@ def check_view(name: str, view: Any) -> None:
     Raises:
         AssertionError: what it violates.
     """
-    expect(_NAME.fullmatch(name), f"view '{name}': a name must be letters, digits and '_', a letter first")
-    script = view if isinstance(view, Path) else getattr(view, "script", None)
-    expect(
-        isinstance(script, Path | str),
-        f"view '{name}' must have a `script`: its text or its path",
-    )
-    if isinstance(script, Path):
-        expect(script.is_file(), f"view '{name}': there is no file {script}")
-        text = script.read_text(encoding="utf-8")
-    else:
-        text = str(script)
-    expect("</script" not in text.lower(), f"view '{name}': its script must not contain '</script'")
+    try:
+        text = source_of(name, view if isinstance(view, Path) else getattr(view, "script", None)).script
+    except (ViewError, OSError) as error:
+        raise AssertionError(str(error)) from None
     added = re.search(rf"\bViews\.{name}\s*=", text)
     expect(added, f"view '{name}': its script must add itself, Views.{name} = {{ view }}")
     takes = re.search(r"\bview\s*(?:=\s*)?\(\s*root\s*,\s*app\s*\)", text)

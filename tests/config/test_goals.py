@@ -41,7 +41,7 @@ def test_a_search_space_names_a_file(tmp_path):
         (["folder.yaml"], "('hardware', 0): hardware 'folder.yaml' must be a file, relative to the search"),
         (["mine.yaml", "mine.yaml"], "('hardware', 1): hardware 'mine.yaml' is named twice"),
         (["loihi1_silicon"] * 2, "('hardware', 1): hardware 'loihi1_silicon' is named twice"),
-        ({"name": "mine.yaml"}, "('hardware',): hardware must be a list of names"),
+        ({"name": "mine.yaml"}, "('hardware',): hardware must be a list of texts"),
     ],
 )
 def test_what_is_no_hardware(tmp_path, raw, fault):

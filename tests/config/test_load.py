@@ -119,7 +119,7 @@ def test_listing_faults_imports_no_heavy_library(tmp_path):
         ("accuracy:max", "accuracy:up", "18: objective 'accuracy' must be followed by :max or :min, got"),
         ("accuracy:max", "n_weights", "18: objective 'n_weights' is named twice"),
         ("[accuracy:max, n_weights:min]", "[]", "18: objectives must hold at least one objective; known: "),
-        ("[accuracy:max, n_weights:min]", "{accuracy: max}", "18: objectives must be a list of names, got"),
+        ("[accuracy:max, n_weights:min]", "{accuracy: max}", "18: objectives must be a list of texts, got"),
         ("accuracy:max", "accuracy_test", "18: objective 'accuracy_test' cannot select designs: the test"),
         ("sampler: grid", "sampler: gird", "19: unknown search.sampler 'gird'; known: "),
         ("sampler: grid", "sampler: tpe", "19: search.n_trials is required for sampler 'tpe'"),

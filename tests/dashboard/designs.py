@@ -121,7 +121,7 @@ def progress_of(frame, **more):
                 name: value if isinstance(value, str) else float(value[-1])
                 for name, value in vars(curve).items()
             }
-            for curve in (growth.curves if growth else ())
+            for curve in (growth or ())
         ],
         "figure": plain(ProgressFigure().draw(growth)) if growth else None,
         **more,

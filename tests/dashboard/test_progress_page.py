@@ -25,7 +25,7 @@ def test_a_line_says_how_it_goes_and_unfolds_to_a_figure_and_lists(opened):
     assert line in tab.inner_text("#counts") and not tab.is_visible("#progress .plot")
     unfold(tab)
     trials, hours = tab.evaluate(SHAPES)
-    (curve,) = gather_progress(frame, OBJECTIVES, range(5)).curves
+    (curve,) = gather_progress(frame, OBJECTIVES, range(5))
     assert trials["x"] == curve.trials.tolist() and hours["x"][-1] == 0.5
     assert trials["y"] == hours["y"] == pytest.approx(curve.hypervolume.tolist())
     said = tab.get_attribute("#progress .plot", "aria-label")

@@ -111,7 +111,7 @@ def test_a_plugin_that_cannot_be_loaded_and_an_unknown_view(tmp_path):
 @pytest.mark.parametrize(
     ("script", "message"),
     [
-        ("3", "view 'spread': Spread.script must be a script or the path of its file"),
+        ("3", "view 'spread': its `script` must be a script or the path of its file"),
         ("'x = \"</SCRIPT>\"'", "view 'spread': its script must not contain '</script'"),
     ],
 )

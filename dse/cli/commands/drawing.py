@@ -14,9 +14,8 @@ from dse.config import ConfigError, Fault
 from dse.config.yaml_lines import Document, override
 
 if TYPE_CHECKING:
-    import plotly.graph_objects
-
     from dse.figures import Figure
+    from dse.figures.labels import Drawing
 
 SUFFIXES = (".pdf", ".svg", ".png", ".html", ".json")
 _SIZE = re.compile(r"([0-9]+)x([0-9]+)(mm)?")
@@ -52,7 +51,7 @@ def figure(
         raise _fault(str(error)) from None
     drawing = _figure(name, overrides_of(set))
     try:
-        drawn: plotly.graph_objects.Figure = drawing.draw(drawing.gather(study))
+        drawn = drawing.draw(drawing.gather(study))
     except ValueError as error:
         raise _fault(f"figure {name}: {error}") from None
     except Exception as error:
@@ -65,11 +64,7 @@ def figure(
 
 
 def size_px(text: str | None) -> tuple[int, int] | None:
-    """Return width and height in pixels of `--size`.
-
-    Raises:
-        ConfigError: it is no size.
-    """
+    """Return width and height in pixels of `--size`."""
     from dse.figures.image import PX_PER_MM
 
     if text is None:
@@ -83,7 +78,7 @@ def size_px(text: str | None) -> tuple[int, int] | None:
     return width, height
 
 
-def _write(drawn: plotly.graph_objects.Figure, out: Path, size_px: tuple[int, int] | None, name: str) -> None:
+def _write(drawn: Drawing, out: Path, size_px: tuple[int, int] | None, name: str) -> None:
     from dse.figures.image import on_white, static_image
     from dse.native.extras import MissingExtra
     from dse.store import published, write_text

@@ -102,12 +102,7 @@ def report(
 
 
 def _of_published(name: str, asked: str, studies: list[Study], out: Path | None) -> Answer:
-    """Return a report of section `reports`.
-
-    Raises:
-        ExpressionError: its plugin is not installed.
-        ReportError: no study fits, or there is no such report.
-    """
+    """Return a report of section `reports`."""
     from dse.report.gather import published
     from dse.skyline.constraints import ExpressionError
 
@@ -125,11 +120,7 @@ def _with_values(rows: Sequence[Mapping[str, object]], columns: Sequence[str]) -
 
 
 def _systems(text: str | None, known: list[str]) -> set[str] | None:
-    """Return the systems of --system; None: all.
-
-    Raises:
-        ExpressionError: one is unknown, or none is named.
-    """
+    """Return the systems of --system; None: all."""
     from dse.skyline.constraints import ExpressionError
 
     if text is None:

@@ -90,11 +90,7 @@ def simulate(
 def _choices(
     n_trials: int, out: Path | None, figure: Path | None, trials: str | None, trial: str | None
 ) -> tuple[range, int]:
-    """Return the trials to simulate and the one to show.
-
-    Raises:
-        ConfigError: with what is wrong with --out, --figure, --trials and --trial.
-    """
+    """Return the trials to simulate and the one to show, or raise all that is wrong with the options."""
     faults = []
     if out is None and figure is None:
         faults.append(Fault("dse simulate", 0, "needs --out FILE.npz, --figure PAGE.html, or both"))
@@ -221,11 +217,7 @@ def _data_section(scene: Scene, path: Path) -> str:
 
 
 def _draw(scene: Scene, k: int, path: Path) -> Path:
-    """Write the page of a trial and return the path.
-
-    Raises:
-        ConfigError: the disk refuses.
-    """
+    """Write the page of a trial and return the path."""
     from dse.dashboard.trial import write_trial_page
     from dse.figures.trial import gather_trial
     from dse.scene import simulate as simulating

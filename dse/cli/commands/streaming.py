@@ -75,11 +75,7 @@ def stream(
 def _windows(
     where: Literal["once", "restart", "onset"] | None, every: int | None, first: int
 ) -> Windows | None:
-    """Return where windows begin; None: as in training.
-
-    Raises:
-        RecordingError: options that exclude or need each other.
-    """
+    """Return where windows begin; None: as in training."""
     from dse.deploy.stream import Windows
     from dse.recordings import RecordingError
 

@@ -19,7 +19,7 @@ from dse.report import ReportError
 from dse.report.designs import StudyTask, described, sections_of, tasks_of
 from dse.report.rows import shown_causes
 from dse.study.results import Study
-from dse_papers.report.facts import Fact
+from dse_papers.report.facts import Fact, of_movement
 from dse_papers.report.ours import Measure, Ours, Side, missing
 from dse_papers.report.papers import Entry, Holds, Number, Publication, Redrawn, Value, publication
 from dse_papers.report.tables import TABLES
@@ -150,7 +150,7 @@ def _why_not(part: StudyTask, holds: Holds) -> str:
     if part.joint:
         return f"{part.task} is answered by a joint network"
     is_texture = any(word in column for column in part.target for word in _TEXTURE)
-    task = "movement" if part.of_movement else "texture" if is_texture else ""
+    task = "movement" if of_movement(part) else "texture" if is_texture else ""
     if len(part.target) > 1 or task not in holds.tasks:
         return f"it predicts {' and '.join(part.target)}, not {' or '.join(f'a {x}' for x in holds.tasks)}"
     first = int(part.table["trial"].iloc[0])

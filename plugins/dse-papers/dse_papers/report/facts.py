@@ -30,6 +30,12 @@ Fact = float | str | tuple[float, ...] | None
 Facts = dict[str, Fact]
 
 _WITHIN_PERCENT = 10
+_MOVEMENT = ("profile", "velocity", "speed", "motion")
+
+
+def of_movement(part: StudyTask) -> bool:
+    """Return whether a task is a movement, not a texture or an object."""
+    return any(word in column for column in part.target for word in _MOVEMENT)
 
 
 def facts_of(part: StudyTask, row: pandas.Series[Any]) -> Facts:
@@ -52,8 +58,8 @@ def facts_of(part: StudyTask, row: pandas.Series[Any]) -> Facts:
     facts: Facts = {
         **_settings(sections),
         **_counts(record(part.study.folder, trial).get("samples", {}), n_classes, sections),
-        "profiles" if part.of_movement else "textures": n_classes,
-        "chance": None if part.of_movement else 1 / n_classes,
+        "profiles" if of_movement(part) else "textures": n_classes,
+        "chance": None if of_movement(part) else 1 / n_classes,
         **_times(part, row, sections),
         **_layers(part, trial),
         **_model(sections, _channels(part, sections) if pools is None else pools.n_channels),

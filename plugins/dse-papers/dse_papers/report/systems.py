@@ -15,11 +15,12 @@ import numpy as np
 
 from dse.measure.objectives.accuracy import seeds_se
 from dse.report import Mark
-from dse.report.designs import Chosen, StudyTask, alike, best, best_of, sections_of
+from dse.report.designs import StudyTask, best, sections_of
 from dse.report.rows import Row, measured, number
 from dse.store import StoreError
 from dse_papers.report.correlation import spearman
 from dse_papers.report.ends import front_ends
+from dse_papers.report.facts import of_movement
 from dse_papers.report.papers import publication, publication_of, systems
 
 if TYPE_CHECKING:
@@ -37,6 +38,9 @@ _CHOICE = "spikes_per_inference_no_input"
 _TASKS = {"D": "texture", "E": "movement"}
 _PEAK = ("hidden", "true_rate")
 
+Chosen = tuple[StudyTask, "pandas.Series[Any]"]
+"""A design, with its study."""
+
 
 def rows_of(parts: Sequence[StudyTask]) -> tuple[list[Row], list[str]]:
     """Return the rows of every system beside some studies, in the order of the systems, and sentences."""
@@ -51,7 +55,7 @@ def rows_of(parts: Sequence[StudyTask]) -> tuple[list[Row], list[str]]:
         notes.append(
             "`published` is what a paper prints of its own recordings: shown for comparison, not reproduced"
         )
-    if any(part.of_movement for part in parts):
+    if any(of_movement(part) for part in parts):
         notes.append(
             "published figures are for textures, those of E for velocity profiles, independent of our task"
         )
@@ -70,7 +74,10 @@ def marks_of(parts: Sequence[StudyTask]) -> list[Mark]:
 def _items(parts: Sequence[StudyTask]) -> Items:
     walks: tuple[Callable[[Sequence[StudyTask]], Items], ...]
     walks = (_decision_maker, _rate_windows, _hots, _texture_velocity, _threshold, _receptors)
-    for group in alike(parts):
+    alike: dict[tuple[str, str], list[StudyTask]] = {}  # of one task on the same recordings
+    for part in parts:
+        alike.setdefault((part.data, part.task), []).append(part)
+    for group in alike.values():
         for walk in walks:
             yield from walk(group)
 
@@ -87,7 +94,7 @@ def _mark(system: str, part: StudyTask, which: str, values: Mapping[str, float],
     """
     paper = publication_of(system)
     title = ", ".join(filter(None, [systems()[system].title, which]))
-    other = "for textures, not for movements" if part.of_movement and system != "E" else ""
+    other = "for textures, not for movements" if of_movement(part) and system != "E" else ""
     about = [f"on recordings that {paper.recordings}; not reproduced here", other, more]
     caption = f"{title}: published ({paper.source}), {'; '.join(filter(None, about))}"
     return Mark(", ".join(filter(None, [system, which])), part.task, values, paper.source, caption)
@@ -101,7 +108,7 @@ def _decision_maker(parts: Sequence[StudyTask]) -> Items:
     """
     for part in parts:
         designs = part.of(systems()["A"].families)
-        if designs.empty or part.of_movement or part.joint:
+        if designs.empty or of_movement(part) or part.joint:
             continue
         lengths, printed_ms = designs["decision_latency_ms"], _lengths_ms()
         for length in sorted(lengths.unique()):
@@ -247,7 +254,7 @@ def _on_textures(
 def _texture_velocity(parts: Sequence[StudyTask]) -> Items:
     """Yield D or E: ends of the front, rank correlations, and accuracy by kind of profile."""
     for part in parts:
-        system = "E" if part.of_movement else "D"
+        system = "E" if of_movement(part) else "D"
         families = systems()[system].families
         if best(part.of(families)) is not None:
             for end in publication_of(system).table("accuracy", _TASKS[system]):
@@ -359,6 +366,8 @@ def _chosen(
         transductive: whether the designs have seen the labels.
         encoders: whether to include designs whose encoder reads labels: another leak than that of a split.
     """
+    import pandas
+
     several = [(part, part.of(families, transductive=transductive)) for part in parts]
     if not encoders:
         several = [
@@ -366,7 +375,9 @@ def _chosen(
             for part, rows in several
             if not rows.empty
         ]
-    return best_of(several)
+    tables = [rows.assign(place=place) for place, (_, rows) in enumerate(several) if not rows.empty]
+    row = best(pandas.concat(tables, ignore_index=True)) if tables else None
+    return None if row is None else (several[int(row["place"])][0], row.drop("place"))
 
 
 def _of_leak(

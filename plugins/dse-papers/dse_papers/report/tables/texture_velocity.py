@@ -13,7 +13,7 @@ from dse.report.designs import StudyTask, best, sections_of
 from dse.report.rows import number
 from dse_papers.report.correlation import spearman
 from dse_papers.report.ends import front_ends
-from dse_papers.report.facts import scene_of
+from dse_papers.report.facts import of_movement, scene_of
 from dse_papers.report.ours import (
     ACCURACY,
     SPREAD,
@@ -40,7 +40,7 @@ _COST = {"spikes": "spikes_total_no_input", "n_weights": "n_weights"}
 
 def labels(part: StudyTask) -> dict[str, str]:
     """Return what is predicted: a texture or a movement."""
-    return {"task": "movement" if part.of_movement else "texture"}
+    return {"task": "movement" if of_movement(part) else "texture"}
 
 
 def _designs(side: Side) -> pandas.DataFrame:
