@@ -70,8 +70,8 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     ]
     notes += [*of_readers(parts), *(text for part in parts for text in _leaks(part))]
     for study in studies:
-        notes += _failures(study)
-        notes += [f"{study.folder.name}: {text}" for text in health.faults(study.trials)]
+        said = [*health.failures(study.trials), *health.faults(study.trials)]
+        notes += [f"{study.folder.name}: {text}" for text in said]
         notes += _warnings(study)
     audits = {study.folder.name: audit for study in studies if (audit := study.audit) is not None}
     for name, audit in audits.items():
@@ -135,15 +135,4 @@ def _warnings(study: Study) -> list[str]:
     return [
         f"{study.folder.name}: warning: {first}" + (f" (and {len(more)} of the kind)" if more else "")
         for first, *more in kinds.values()
-    ]
-
-
-def _failures(study: Study) -> list[str]:
-    trials = study.trials
-    failed = trials[trials["status"] == "failed"]
-    if failed.empty:
-        return []
-    return [
-        f"{study.folder.name}: {len(failed)} of {len(trials)} designs failed; "
-        f"the first: {failed['reason'].iloc[0]}"
     ]

@@ -79,6 +79,14 @@ def faults(trials: pandas.DataFrame) -> list[str]:
     return sentences
 
 
+def failures(trials: pandas.DataFrame) -> list[str]:
+    """Return a sentence if designs failed, of those that were trained; `trials` as in `faults`."""
+    trained = trials[trials["status"] != "excluded"]
+    reasons = trained["reason"][trained["status"] == "failed"]
+    first = f"the first: {reasons.iloc[0]}" if len(reasons) else ""
+    return [f"{len(reasons)} of {len(trained)} designs failed; {first}"] if first else []
+
+
 def overflow(row: Mapping[str, Any] | pandas.Series[Any]) -> str:
     """Return by how much the states of a design leave 24 bits, and what follows; '' where they do not.
 

@@ -2,7 +2,7 @@
 
 import pandas
 
-from dse.study.health import faults
+from dse.study.health import failures, faults
 
 FINE = {"status": "finished", "collapsed_outputs": 0, "saturated_neurons": 0, "missed_initial_rates": 0}
 
@@ -23,6 +23,12 @@ def test_each_kind_of_fault_is_counted_once_and_names_what_to_change():
     assert "1 of 3 designs have neurons that fire in nearly every step (saturated_neurons > 0, " in saturated
     (missed,) = faults(trials.assign(collapsed_outputs=0, saturated_neurons=0, missed_initial_rates=1))
     assert "first in trial 0): compare initial_rate_hidden with model.initial_rate" in missed
+
+
+def test_designs_that_were_not_trained_did_not_fail():
+    rows = [FINE, *({"status": status, "reason": status} for status in ("excluded", "failed", "failed"))]
+    assert failures(pandas.DataFrame(rows)) == ["2 of 3 designs failed; the first: failed"]
+    assert failures(pandas.DataFrame(rows[:2])) == []
 
 
 def test_dropout_on_counts_that_move_together_is_named_with_what_to_change():

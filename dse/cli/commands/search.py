@@ -179,20 +179,17 @@ def run(
 
 
 def _notes_of_run(study: Study, space: SearchSpace) -> list[str]:
-    from dse.study.health import faults
+    from dse.study.health import failures, faults
     from dse.study.racing import saved
     from dse.study.tables import n_held
 
     notes = [*study.warnings, n_held(space, study.folder), _page(study)]
     trials = study.trials
-    failed, excluded = (trials[trials["status"] == status] for status in ("failed", "excluded"))
+    excluded = trials[trials["status"] == "excluded"]
     if len(excluded):
         n = f"{len(excluded)} design{'s' if len(excluded) > 1 else ''}"
         notes.append(f"{n} excluded before training; the first: {excluded['reason'].iloc[0]}")
-    if len(failed):
-        n_trained = len(trials) - len(excluded)
-        notes.append(f"{len(failed)} of {n_trained} designs failed; the first: {failed['reason'].iloc[0]}")
-    return [*notes, *saved(study.folder), *faults(trials)]
+    return [*notes, *failures(trials), *saved(study.folder), *faults(trials)]
 
 
 def _page(study: Study) -> str:
