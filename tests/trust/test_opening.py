@@ -275,13 +275,13 @@ def test_changed_c_is_named_and_neither_compiled_nor_run(tmp_path, capsys):
     assert row["verdict"] == "not verified" and row["reason"].startswith("src/more.c ")
 
 
-@pytest.mark.parametrize("name", sorted(set(registry.known("targets")) - {"xylo"}))
+@pytest.mark.parametrize("name", sorted({*registry.known("targets")} - {"xylo", "ice40", "ecp5"}))
 def test_a_target_is_written_the_same_again(tmp_path, name):
     target, net = target_named(name), small_bundle()
     if name == "torch":
         pytest.importorskip("torch")
     contents = []
-    for folder in (tmp_path / "one", tmp_path / "two"):
+    for folder in (tmp_path / "one", tmp_path / "two"):  # of circuits: test_fpga
         folder.mkdir()
         assert target.refusal(net) == ""
         target.write(net, folder)

@@ -20,7 +20,7 @@ ALIKE = {f"texture_profile_{name}.yaml" for name in ("contrasts_soft", "front", 
 PRINTED = sorted(
     {x.name for name in ("texture_profile", "realtime_texture") for x in SPACES.glob(f"{name}*.yaml")} - ALIKE
 )
-N_TRAIN, N_VALIDATION, EPOCHS = 8, 4, 12
+N_TRAIN, N_VALIDATION, EPOCHS = 4, 2, 24
 FARTHEST = 32.0
 """Weight that one Adam step of all inputs together may move; 6084 inputs times the printed 0.01 is 61."""
 
