@@ -16,11 +16,11 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from dse.audit import AuditRow, audit, record
 from dse.config import ConfigError, load_space
 from dse.config.locate import shipped_spaces
-from dse.dataset import cache
-from dse.recordings import RecordingError
+from dse.data.dataset import cache
+from dse.data.recordings import RecordingError
+from dse.study.audit import AuditRow, audit, record
 
 COLUMNS = ("chance", "counts", "total", "moved", "no twins", "unseen", "shortcuts")
 

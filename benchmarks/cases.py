@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dse.records import Arithmetic
+from dse.base.records import Arithmetic
 
 TRUE_RATE, FALSE_RATE = 0.2, 0.02
 DECAY_CURRENT, DECAY_VOLTAGE, THRESHOLD = 1024, 123, 80

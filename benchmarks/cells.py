@@ -22,12 +22,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from benchmarks.instructions import network
+from dse.data.encoders.quantised import Quantised
+from dse.data.encoders.send_on_delta import SendOnDelta
 from dse.deploy.form import Unsupported, send_on_delta_form, spiking_of
 from dse.deploy.targets.fpga import Ecp5, Fpga, Ice40
 from dse.deploy.verilog import circuit
 from dse.deploy.verilog.circuit import Circuit
-from dse.encoders.quantised import Quantised
-from dse.encoders.send_on_delta import SendOnDelta
 
 
 def main() -> None:

@@ -5,9 +5,10 @@ happen; a spike is then sent to one destination core after the other. Inputs are
 core receives beside that, one message after the other. A barrier ends the step.
 
 Without a network, a message is there at once and a step takes as long as the core that sends or receives
-longest: what `dse.hardware.kinds.mesh` has in closed form. With it, messages are routed along x, then y, and
-wait in queues: every link and every core's input takes one message at a time, in order of arrival, and holds
-so many; what finds no room stays where it is and holds up what is behind it, up to the neurons that send.
+longest: what `dse.measure.hardware.kinds.mesh` has in closed form. With it, messages are routed along x, then
+y, and wait in queues: every link and every core's input takes one message at a time, in order of arrival, and
+holds so many; what finds no room stays where it is and holds up what is behind it, up to the neurons that
+send.
 
 Source: SANA-FE's events and figures (REFERENCES.md); the network is a plain one of queues, not SANA-FE's.
 """
@@ -20,10 +21,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from dse.hardware.placement import neurons_per_core
-from dse.hardware.profile import Profile
-from dse.native.compiled import compiled
-from dse.records import Array, Floats, Ints, Workload
+from dse.base.native.compiled import compiled
+from dse.base.records import Array, Floats, Ints, Workload
+from dse.measure.hardware.placement import neurons_per_core
+from dse.measure.hardware.profile import Profile
 
 BUFFER = 16
 """Messages that a link or a core's input holds; SANA-FE's, for Loihi."""

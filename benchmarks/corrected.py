@@ -23,8 +23,8 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from dse.base.records import Array
 from dse.measure.objectives.accuracy import wilson_interval, wilson_se
-from dse.records import Array
 from dse.study import corrected, precision, resampling, results
 from dse.study.record import load_records
 

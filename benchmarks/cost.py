@@ -43,17 +43,18 @@ import dse
 from benchmarks import chip_simulation
 from benchmarks.mapped_cases import Case
 from benchmarks.worker import NotInstalled, Worker, pythons
-from dse import dataset, seeds
-from dse.hardware.cost import Cost, cost, cost_of_steps
-from dse.hardware.profile import Profile, load
+from dse.base import seeds
+from dse.base.records import Array, Dataset, Floats, Network, Response, Workload
+from dse.data import dataset
+from dse.engine.neurons.cuba_lif import CubaLif
+from dse.engine.neurons.fixed_point import quantise
+from dse.measure.hardware.cost import Cost, cost, cost_of_steps
+from dse.measure.hardware.profile import Profile, load
 from dse.measure.run import read_out
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond
 from dse.models.training import Training
-from dse.neurons.cuba_lif import CubaLif
-from dse.neurons.fixed_point import quantise
-from dse.records import Array, Dataset, Floats, Network, Response, Workload
 
 HARDWARE = "loihi1_silicon"
 STEP_MS, N_STEPS = 1.0, 100

@@ -98,9 +98,9 @@ def price(hardware: str, n_architectures: int, n_points: int) -> dict[str, float
 
     The peak is that of the process, Python and the points included; Linux starts it from the parent's.
     """
-    from dse.hardware.cost import cost
-    from dse.hardware.profile import load
-    from dse.records import Workload
+    from dse.base.records import Workload
+    from dse.measure.hardware.cost import cost
+    from dse.measure.hardware.profile import load
 
     def peak_gib() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

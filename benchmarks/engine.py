@@ -29,16 +29,17 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.recorded_touch import CASES, SETS
-from dse import dataset, seeds
+from dse.base import seeds
+from dse.base.records import Dataset, Spikes
+from dse.data import dataset
 from dse.engine.events import gather
 from dse.engine.network import gradients
+from dse.engine.neurons import fixed_point
+from dse.engine.neurons.cuba_lif import CubaLif
+from dse.engine.neurons.surrogate import exponential
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import deployed, initialise, populations_of
 from dse.models.training import Training
-from dse.neurons import fixed_point
-from dse.neurons.cuba_lif import CubaLif
-from dse.neurons.surrogate import exponential
-from dse.records import Dataset, Spikes
 
 # The default surrogate is three thresholds wide and is nowhere small; a tenth of that is worth cutting.
 NARROW = {"tau_grad": 0.003, "output_tau_grad": 0.03}

@@ -2,9 +2,9 @@
 
     python -m benchmarks.golden FILE
 
-Every case and mode runs by the definition (dse.neurons) and by the fast path (dse.engine). The table holds
-the worst error of each kind: states, with 8-bit weights among them, in weight units; spikes and outputs as
-wrong entries; rates; the loss, relative; gradients, relative to the largest entry of each.
+Every case and mode runs by the definition (dse.engine.neurons) and by the fast path (dse.engine). The table
+holds the worst error of each kind: states, with 8-bit weights among them, in weight units; spikes and outputs
+as wrong entries; rates; the loss, relative; gradients, relative to the largest entry of each.
 
 Exit code 0: all within tolerance; 1: something is out; 2: the file cannot be read or is laid out otherwise.
 """
@@ -26,13 +26,13 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.ours import rows_of
+from dse.base.records import Arithmetic
 from dse.engine.events import delayed, dense
 from dse.engine.goal import SPIKE_RATE, Goal
 from dse.engine.layers import prepare, weights
 from dse.engine.network import gradients
-from dse.neurons import cuba_lif, fixed_point
-from dse.neurons.surrogate import Exponential, exponential
-from dse.records import Arithmetic
+from dse.engine.neurons import cuba_lif, fixed_point
+from dse.engine.neurons.surrogate import Exponential, exponential
 
 MODES = ("quant", "slayerfloat", "ideal")
 """8-bit weights and integer states; integer states with weights as given; real numbers."""
@@ -132,7 +132,7 @@ class Found:
 
 
 def by_definition(case: Case) -> Found:
-    """Run a case by the equations of dse.neurons."""
+    """Run a case by the equations of dse.engine.neurons."""
     population, shifts = case.population, case.settings["delay_shift"]
     arithmetic: Arithmetic = "integer" if case.integer else "ideal"
     states, inputs, fired = {}, [case.given("x").astype(np.float64)], []

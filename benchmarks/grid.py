@@ -15,17 +15,18 @@ import numpy as np
 import dse
 from benchmarks.peer_training import Task, TaskDesign
 from benchmarks.peers import Population
-from dse import dataset, seeds
+from dse.base import seeds
+from dse.base.records import Dataset, Outcome
 from dse.config import SearchSpace
+from dse.data import dataset
+from dse.data.recordings import RecordingError
 from dse.engine.events import dense, gather
+from dse.engine.neurons.surrogate import exponential
 from dse.models.snn.cohort import PROBE_SAMPLES
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Generators
-from dse.neurons.surrogate import exponential
-from dse.recordings import RecordingError
-from dse.records import Dataset, Outcome
 from dse.search.space import design_at
 
 N_DESIGNS, N_RATES = 40, 5

@@ -27,9 +27,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from dse.recordings.event_files import EventFiles
-from dse.recordings.events import EventFile
-from dse.records import Array, Block
+from dse.base.records import Array, Block
+from dse.data.recordings.event_files import EventFiles
+from dse.data.recordings.events import EventFile
 from dse_papers.models.prototypes import clustered, drawn_surfaces
 from dse_papers.models.time_surfaces import Field, Memory, Stream, nearest, prepared, surface
 

@@ -6,7 +6,7 @@
 Every classifier is written as C (target `c99`), compiled for the core and executed in an emulator on two
 recordings of random spikes; all its decisions are checked. The cycles per kind of work, which profiles
 `mcu_*` quote, minimise the squared relative errors over the networks of the fit. What is work, and the
-prediction, are those of `dse.hardware.kinds.processor`.
+prediction, are those of `dse.measure.hardware.kinds.processor`.
 Networks are like those of search spaces: hidden neurons with decays of their own or resonators, outputs that
 share their decays, one to three hidden layers, recurrent or not, delayed inputs, delays of synapses, pruned,
 8 or 4 bits, both rules. Classifiers of spike counts take turns: nearest neighbours, naive Bayes, perceptrons,
@@ -32,6 +32,8 @@ import pandas as pd
 from scipy.optimize import nnls
 
 from benchmarks.gcc import by_gcc
+from dse.base.records import Array, Dataset, Layer, Network, Parameters, Workload
+from dse.base.registry import known, name_of
 from dse.config import Sections
 from dse.config.settings import Training
 from dse.deploy.bundle import Bundle, Input
@@ -39,8 +41,9 @@ from dse.deploy.reference import Reference, of_spikes
 from dse.deploy.targets.c99 import C99
 from dse.deploy.targets.emulated import Emulated
 from dse.deploy.targets.thumb import CORES
-from dse.hardware.kinds.processor import counts_of, network_work
-from dse.hardware.profile import load
+from dse.engine.neurons import cuba_lif, parameters_of, resonator
+from dse.measure.hardware.kinds.processor import counts_of, network_work
+from dse.measure.hardware.profile import load
 from dse.measure.run import load_of
 from dse.models.counts.elm import ELM
 from dse.models.counts.kernels import Kernels
@@ -51,9 +54,6 @@ from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.tcn import TCN
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import respond
-from dse.neurons import cuba_lif, parameters_of, resonator
-from dse.records import Array, Dataset, Layer, Network, Parameters, Workload
-from dse.registry import known, name_of
 from dse.testing.small import places, spikes_of
 
 STEP_MS = 5.0

@@ -52,24 +52,25 @@ from rich.table import Table
 
 import dse
 from benchmarks import hots
-from dse import dataset, seeds
+from dse.base import seeds
+from dse.base.native.compiled import compiled
+from dse.base.native.threads import single_threaded
+from dse.base.records import Arithmetic, Array, Block, Dataset, Signals, Spikes
 from dse.config.settings import Preprocessing
-from dse.encoders.receptors import Receptors, parameters
+from dse.data import dataset
+from dse.data.encoders.receptors import Receptors, parameters
+from dse.data.preprocessing import pool
+from dse.data.recordings.pooling import pooling
 from dse.engine.definition import DefinedLayer
 from dse.engine.events import Rows, dense, gather
 from dse.engine.layers import Weights, prepare, weights
+from dse.engine.neurons import cuba_lif, fixed_point, izhikevich, resonator
 from dse.measure import decision
 from dse.models.counts.elm import reduced, ridge_solutions
 from dse.models.counts.rate_windows import window_counts, window_edges
 from dse.models.snn.family import SNN
 from dse.models.snn.initialise import initialise, populations_of
 from dse.models.training import Training
-from dse.native.compiled import compiled
-from dse.native.threads import single_threaded
-from dse.neurons import cuba_lif, fixed_point, izhikevich, resonator
-from dse.preprocessing import pool
-from dse.recordings.pooling import pooling
-from dse.records import Arithmetic, Array, Block, Dataset, Signals, Spikes
 from dse_papers.models.time_surfaces import NEVER, Field, Memory, Stream
 
 MATCH_WITHIN = 5.0

@@ -26,8 +26,8 @@ from dse.engine.events import Rows, delayed
 from dse.engine.layers import Weights, prepare, weights
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
-from dse.neurons import Population, cuba_lif, resonator
-from dse.neurons.surrogate import exponential
+from dse.engine.neurons import Population, cuba_lif, resonator
+from dse.engine.neurons.surrogate import exponential
 
 SURROGATE = exponential(THRESHOLD / 64, TAU_GRAD, SCALE_GRAD)
 

@@ -23,8 +23,8 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from dse.dashboard.gather import gather_page
-from dse.dashboard.write import write_filled
+from dse.show.dashboard.gather import gather_page
+from dse.show.dashboard.write import write_filled
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min", "latency_ms": "min"}
 TASKS, CHIPS = ("texture", "profile"), ("loihi1_silicon", "mcu_cortex_m4f_nrf52840_64mhz")

@@ -19,8 +19,8 @@ import numpy as np
 import torch
 
 from benchmarks.cases import PERIOD, QUALITY, Variant
-from dse.neurons import resonator
-from dse.neurons.surrogate import Exponential
+from dse.engine.neurons import resonator
+from dse.engine.neurons.surrogate import Exponential
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import zlib
 from pathlib import Path
 from typing import NamedTuple
 
-from dse.dashboard.study import write_page
+from dse.show.dashboard.study import write_page
 from dse.study import results
 
 ROOT = Path(__file__).resolve().parent.parent

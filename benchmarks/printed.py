@@ -20,13 +20,14 @@ from unittest import mock
 
 import numpy as np
 
-from dse import dataset, seeds
+from dse.base import seeds
+from dse.base.records import Dataset, Outcome, Response
 from dse.config.load import load_space
-from dse.dataset.cache import opened_root
+from dse.data import dataset
+from dse.data.dataset.cache import opened_root
 from dse.engine.losses.spike_rate import SpikeRate
 from dse.models.snn import contrasts, outputs
 from dse.models.training import FitRequest
-from dse.records import Dataset, Outcome, Response
 
 SPACE = Path(__file__).resolve().parent.parent / "search_spaces" / "texture_profile_contrasts.yaml"
 JOINT = {"epochs": 8, "output_epochs": 0, "learning_rate": 0.01, "hidden_lr_factor": 0.05}

@@ -30,7 +30,7 @@ from rich.table import Table
 from dse import store
 from dse.config import SearchSpace, load_space
 from dse.config.search import Racing
-from dse.hardware.profile import load_all
+from dse.measure.hardware.profile import load_all
 from dse.skyline.pareto import hypervolume
 from dse.skyline.table import checked_goals, costs_of
 from dse.study import checkpoints, explore

@@ -30,11 +30,12 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 import dse
+import dse.base.records
 import dse.config
-import dse.records
-from dse import dataset, store
+from dse import store
+from dse.data import dataset
+from dse.data.recordings.windows import cut
 from dse.engine.events import dense, gather
-from dse.recordings.windows import cut
 
 CHIP = "mcu_m4"
 """A chip that runs every design below."""
@@ -360,7 +361,7 @@ def classifiers() -> dict[str, Any]:
     }
 
 
-def features(data: dse.records.Dataset, bins: int) -> np.ndarray:
+def features(data: dse.base.records.Dataset, bins: int) -> np.ndarray:
     """Return spikes per channel in equal time bins of the evaluated windows, (sample, bins * channel)."""
     n = len(data.target)
     rows = gather(data.spikes, np.arange(n), data.start, data.n_steps)
@@ -376,7 +377,7 @@ def spectra(space: dse.config.SearchSpace, n_steps: int) -> np.ndarray | None:
         return None
     recordings = sections.data.read(space.source.parent)
     signals = cut(recordings, sections.window.cut_steps, sections.window.every_steps)
-    assert isinstance(signals, dse.records.Signals)
+    assert isinstance(signals, dse.base.records.Signals)
     begins = signals.offsets[:-1] + (np.diff(signals.offsets) - n_steps) // 2
     windows = np.stack([signals.values[b : b + n_steps] for b in begins]).astype(float)
     magnitude = np.abs(np.fft.rfft(windows - windows.mean(axis=1, keepdims=True), axis=1))

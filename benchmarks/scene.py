@@ -37,11 +37,11 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import scene_reference as reference
-from dse import preprocessing
+from dse.base.records import Block
 from dse.config.settings import Preprocessing
-from dse.preprocessing import Pooling
-from dse.recordings.pooling import pooling
-from dse.records import Block
+from dse.data import preprocessing
+from dse.data.preprocessing import Pooling
+from dse.data.recordings.pooling import pooling
 from dse.scene import background, simulate
 from dse.scene.load import load_scene
 from dse.scene.scene import Method, Scene

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.native.compiled import compiled
-from dse.records import Block, Floats
+from dse.base.native.compiled import compiled
+from dse.base.records import Block, Floats
 from dse.scene import background, simulate
 from dse.scene.camera import phase
 from dse.scene.scene import Camera, Scene

@@ -32,9 +32,10 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from dse import registry, seeds, store
+from dse import store
+from dse.base import registry, seeds
+from dse.base.records import Bools, Floats
 from dse.config import SearchSpace, load_space
-from dse.records import Bools, Floats
 from dse.search.limits import Exclusion
 from dse.search.proposals import Sampler, limited
 from dse.skyline.constraints import matches

@@ -62,7 +62,7 @@ class _Peer:
 
         from benchmarks.peer_training import Learner, dense_inputs
         from benchmarks.peers import Population, peer
-        from dse.neurons.surrogate import exponential
+        from dse.engine.neurons.surrogate import exponential
 
         surrogate = exponential(THRESHOLD / 64, TAU_GRAD, SCALE_GRAD)
         populations = [

@@ -18,12 +18,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from dse.base.records import Array, Block, Dataset, Layer, Network, Spikes
 from dse.config import Sections
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.stream import Spiking, Stream, Windows
+from dse.engine.neurons import cuba_lif, parameters_of
 from dse.models.snn.respond import respond
-from dse.neurons import cuba_lif, parameters_of
-from dse.records import Array, Block, Dataset, Layer, Network, Spikes
 
 STEP_MS, N_STEPS, DISTINCT = 4.0, 250, 1000
 _NONE = np.zeros(0, np.int64)

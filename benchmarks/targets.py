@@ -35,6 +35,8 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.instructions import STEP_MS, network, work_of
+from dse.base.records import Array, Ints, Network
+from dse.base.registry import known
 from dse.deploy import bundle
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import replay
@@ -45,9 +47,7 @@ from dse.deploy.targets.fpga import Ecp5, Fpga, Ice40, run_of
 from dse.deploy.verdict import Verdict
 from dse.deploy.verilog import circuit, tools
 from dse.deploy.verilog.circuit import Circuit
-from dse.hardware.profile import load
-from dse.records import Array, Ints, Network
-from dse.registry import known
+from dse.measure.hardware.profile import load
 from dse.testing import check_target
 
 _STEPS = 40

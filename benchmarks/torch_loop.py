@@ -12,8 +12,8 @@ import torch
 
 from dse.engine.autograd import TorchCalculus, later, layer_spikes, loss_of, on_torch
 from dse.engine.goal import SPIKE_RATE, Goal
-from dse.neurons import resonator
-from dse.neurons.cuba_lif import Population
+from dse.engine.neurons import resonator
+from dse.engine.neurons.cuba_lif import Population
 
 if TYPE_CHECKING:
     from benchmarks import peers

@@ -18,11 +18,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from dse.native.extras import require_torch
-from dse.recordings import RecordingError
-from dse.recordings.prepare import Converted, folder
-from dse.records import Array
-from dse.registry import register
+from dse.base.native.extras import require_torch
+from dse.base.records import Array
+from dse.base.registry import register
+from dse.data.recordings import RecordingError
+from dse.data.recordings.prepare import Converted, folder
 
 FILES = ("data/braille_splitted/ds_val_0.pt to ds_val_9.pt",)
 LETTERS = ("Space", "A", "E", "I", "O", "U", "Y")

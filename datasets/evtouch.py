@@ -16,10 +16,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from dse.recordings import RecordingError
-from dse.recordings.prepare import Converted, folder
-from dse.records import Array
-from dse.registry import register
+from dse.base.records import Array
+from dse.base.registry import register
+from dse.data.recordings import RecordingError
+from dse.data.recordings.prepare import Converted, folder
 
 FILES = ("Ev-Objects/train/*.npy", "Ev-Objects/test/*.npy")
 _NAME = re.compile(r"(?:.*\D)?(\d+)_label_(\d+)\.npy")

@@ -15,10 +15,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from dse.recordings import RecordingError
-from dse.recordings.prepare import Converted, folder
-from dse.records import Array
-from dse.registry import register
+from dse.base.records import Array
+from dse.base.registry import register
+from dse.data.recordings import RecordingError
+from dse.data.recordings.prepare import Converted, folder
 
 FILES = ("temp_data/icub_test.npy", "temp_data/labels_test.npy")
 _PATCH = (6, 10, 75)

@@ -21,10 +21,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dse.recordings import RecordingError
-from dse.recordings.prepare import Converted, digest, folder
-from dse.records import Array
-from dse.registry import register
+from dse.base.records import Array
+from dse.base.registry import register
+from dse.data.recordings import RecordingError
+from dse.data.recordings.prepare import Converted, digest, folder
 
 FOLDER = "Raw Texture data/Rigid prosthetic finger raw texture data"
 FILES = (f"{FOLDER}/*_50_Bionic_touch_figure.fig",)

@@ -72,7 +72,7 @@ def designs_of(settings):
 
 
 def generator(seed, owner, purpose, *index):
-    """Return a counter-based generator whose key is a hash of the text of its arguments (dse/seeds.py)."""
+    """Return a counter-based generator; its key is a hash of the text of the arguments (base/seeds.py)."""
     of_owner = json.dumps(owner, sort_keys=True, separators=(",", ":"))
     text = "\x1f".join([str(seed), of_owner, purpose, *map(str, index)])
     key = np.frombuffer(hashlib.sha256(text.encode()).digest()[:16], np.uint64)
@@ -509,7 +509,7 @@ def events_of(scene, cell, surface):
     return events[np.lexsort((events[:, 3], events[:, 1], events[:, 2], events[:, 0]))]
 
 
-# ==== 4. Spikes: pools of pixels, bins of time (dse/preprocessing); parts of the split (dse/dataset) ====
+# ==== 4. Spikes (dse/data): pools of pixels, bins of time (preprocessing); parts of the split (dataset) ====
 
 
 def spikes_of(events, space, scene):
@@ -548,7 +548,7 @@ def inputs_of(spikes, delays):
     return np.concatenate([later(spikes, delay) for delay in delays], axis=2)
 
 
-# ==== 5. The network (dse/neurons/cuba_lif.py, dse/engine): a recurrent hidden layer, then the outputs ====
+# ==== 5. The network (dse/engine, neurons/cuba_lif.py in it): a recurrent hidden layer, then the outputs ====
 #     u[t] = trunc(u[t-1] (4096 - d_u) / 4096) + trunc(4096 z[t])         current; z: weighted spikes
 #     v[t] = trunc(v[t-1] (4096 - d_v) / 4096) + u[t]                     potential before the reset
 #     s[t] = v[t] > threshold;   v = 0 where it spikes                    u is not reset
@@ -907,7 +907,7 @@ def measure(space, design, data, bundle):
     return columns | cost(own["hardware"], sizes, np.stack([table[4] / step_ms, *table[5:]]), peak)
 
 
-# ==== 9. Cost on a chip, a mesh of cores such as Loihi (dse/hardware: kinds/mesh, placement, cost) ====
+# ==== 9. Cost on a chip, a mesh of cores such as Loihi (dse/measure/hardware: kinds/mesh, cost) ====
 #     energy = access N T + update U + spike S + event sum_l s_l f_l + message M + static power x time
 #     step   = barrier + max over cores of (access n + update u + spike s + message_out m) and of
 #              (messages received x (message_in + event n))
@@ -919,7 +919,7 @@ def cost(hardware, sizes, counts, peak):
     Sizes are those of inputs (copies included), hidden and output neurons; counts (6, point) are the steps of
     an inference, spikes of the three layers, updates of two; the peak is that of a state, in 1/4096.
     """
-    profile, (n_in, n, n_out) = read_yaml("dse/hardware/profiles", f"{hardware[0]}.yaml"), sizes
+    profile, (n_in, n, n_out) = read_yaml("dse/measure/hardware/profiles", f"{hardware[0]}.yaml"), sizes
     if profile["kind"] != "mesh" or len(hardware) > 1:
         refuse(f"hardware must be one mesh, got {hardware}")
     chip = SimpleNamespace(**{key: x["value"] for key, x in profile.items() if isinstance(x, dict)})

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dse import data as data
-    from dse import figures as figures
     from dse.api.classifier import Classifier as Classifier
     from dse.api.first import init as init
     from dse.api.study import Study as Study
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from dse.deploy.evaluate import evaluate as evaluate
     from dse.deploy.export import export as export
     from dse.deploy.verify import verify as verify
+    from dse.show import figures as figures
 
 __version__ = "0.1.0"
 
@@ -41,6 +41,8 @@ _home = {
     "run": "dse.api.study",
     "verify": "dse.deploy.verify",
 }
+
+_rooms = {"data": "dse.data", "figures": "dse.show.figures"}
 
 __all__ = [
     "Classifier",
@@ -65,8 +67,8 @@ def __getattr__(name: str) -> Any:
     Raises:
         AttributeError: the name is not public.
     """
-    if name in ("data", "figures"):
-        return importlib.import_module(f"dse.{name}")
+    if name in _rooms:
+        return importlib.import_module(_rooms[name])
     if name not in _home:
         raise AttributeError(f"module 'dse' has no attribute '{name}'; public names: {', '.join(__all__)}")
     return getattr(importlib.import_module(_home[name]), name)

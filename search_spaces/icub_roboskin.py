@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dse.recordings.time_series import TimeSeries
-from dse.records import Signals
-from dse.registry import register
+from dse.base.records import Signals
+from dse.base.registry import register
+from dse.data.recordings.time_series import TimeSeries
 
 
 @register("recordings", "icub_roboskin")

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from dse import registry, trust
+from dse.base import registry, trust
 from dse.config import yaml_lines
 from dse.store import book
 from dse.study import explore

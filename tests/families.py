@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Ints, Signals, Spikes
+from dse.base.registry import param
 from dse.config.contracts import Encoder
-from dse.records import Ints, Signals, Spikes
-from dse.registry import param
 
 SPACE = """\
 study: families

@@ -1,4 +1,4 @@
-"""A study in memory, as far as a figure's test needs one (`dse.figures.Results`)."""
+"""A study in memory, as far as a figure's test needs one (`dse.show.figures.Results`)."""
 
 from types import SimpleNamespace
 

@@ -4,7 +4,7 @@ import importlib.metadata
 
 import pytest
 
-from dse import registry
+from dse.base import registry
 
 PAPERS = any(
     entry.dist is not None and entry.dist.name == "dse-papers"

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dse.records import Dataset, Head, Spikes
+from dse.base.records import Dataset, Head, Spikes
 from tests.saved_data import in_a_row
 
 PAIRS = ((0, 0), (0, 1), (1, 0), (1, 1), (2, 0))

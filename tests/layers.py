@@ -1,6 +1,6 @@
 """Parameters of stored layers, as tests write them."""
 
-from dse.neurons import cuba_lif, parameters_of
+from dse.engine.neurons import cuba_lif, parameters_of
 
 
 def cuba_parameters(decay_current, decay_voltage, threshold):

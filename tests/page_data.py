@@ -7,8 +7,8 @@ import re
 
 import pandas as pd
 
-from dse.dashboard.gather import gather_page
-from dse.dashboard.write import write_filled
+from dse.show.dashboard.gather import gather_page
+from dse.show.dashboard.write import write_filled
 
 OBJECTIVES = {"accuracy": "max", "energy_uj": "min", "n_weights": "min"}
 

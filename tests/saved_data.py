@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from dse.dataset import cache
-from dse.dataset.files import Meta, write_dataset, write_spikes
-from dse.dataset.parts import Part, Rows
+from dse.data.dataset import cache
+from dse.data.dataset.files import Meta, write_dataset, write_spikes
+from dse.data.dataset.parts import Part, Rows
 from dse.store import heads_document
 
 

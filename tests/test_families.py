@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 import dse
-from dse.dashboard.gather import gather_page
-from dse.figures.front import FrontFigure
+from dse.show.dashboard.gather import gather_page
+from dse.show.figures.front import FrontFigure
 from dse.skyline import front
 from dse.study import explore
 from dse.study import trials as tables

@@ -35,11 +35,11 @@ def test_data_is_inside(wheel):
     } <= names
     for space in ROOT.glob("search_spaces/**/*.yaml"):
         assert f"dse/_{space.relative_to(ROOT)}" in names
-    for profile in ROOT.glob("dse/hardware/profiles/*.yaml"):
-        assert f"dse/hardware/profiles/{profile.name}" in names
+    for profile in ROOT.glob("dse/measure/hardware/profiles/*.yaml"):
+        assert f"dse/measure/hardware/profiles/{profile.name}" in names
     assert "dse/_search_spaces/fabric_texture.yaml" in names
     assert "dse/_search_spaces/scenes/quickstart.yaml" in names
-    assert "dse/hardware/profiles/loihi1_silicon.yaml" in names
+    assert "dse/measure/hardware/profiles/loihi1_silicon.yaml" in names
     assert {"dse/_datasets/icub.py", "dse/_datasets/braille.npy"} <= names
     assert {f"dse/_results/example/{name}" for name in ("study.sqlite", "points.parquet")} <= names
     assert {"dse/scene/sensors.yaml", "dse/scene/textures.yaml"} <= names

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Array, Dataset, Layer, Network, Outcome, Response
+from dse.base.registry import param
 from dse.config import load_space
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
-from dse.records import Array, Dataset, Layer, Network, Outcome, Response
-from dse.registry import param
 from dse.store import StoreError
 from dse.study import explore
 from tests.layers import cuba_parameters

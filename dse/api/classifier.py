@@ -20,14 +20,14 @@ from dse.api.first import init
 from dse.api.study import run
 from dse.config import ConfigError, load_space
 from dse.data.given import from_arrays
+from dse.data.recordings import RecordingError
 from dse.deploy.export import written
 from dse.deploy.predict import predicted
-from dse.recordings import RecordingError
 from dse.store import StoreError
 
 if TYPE_CHECKING:
+    from dse.base.records import Array, Floats
     from dse.deploy.bundle import Bundle
-    from dse.records import Array, Floats
 
 
 class Classifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc] # scikit-learn has no types

@@ -11,7 +11,7 @@ from dse.config import ConfigError, load_space
 from dse.data import look as looking
 from dse.data import starter
 from dse.data.look import Look, Options
-from dse.recordings import RecordingError
+from dse.data.recordings import RecordingError
 from dse.store import StoreError, write_text
 from dse.study.preview import preview
 

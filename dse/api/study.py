@@ -9,13 +9,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse import registry
 from dse.api.choice import Choice, choose
 from dse.api.front import front_of
+from dse.base import registry
+from dse.base.native.extras import MissingExtra
 from dse.config import SearchSpace, load_space
 from dse.config.faults import known_names
-from dse.figures import Results, draw
-from dse.native.extras import MissingExtra
+from dse.show.figures import Results, draw
 from dse.skyline import front
 from dse.skyline.front import Skyline
 from dse.study import results

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import anywidget
 import traitlets
 
-from dse.dashboard.study import PageRequest, load_definition, write_page
+from dse.show.dashboard.study import PageRequest, load_definition, write_page
 from dse.store import StoreError
 from dse.study.question import Question
 from dse.study.results import Study

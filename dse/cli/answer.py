@@ -15,14 +15,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from dse.base.text import json_line, lines, one_line
 from dse.config import ConfigError, Fault
 from dse.config.faults import did_you_mean, known_names
-from dse.text import json_line, lines, one_line
 
 if TYPE_CHECKING:
     import pandas
 
-    from dse.audit import Audit
+    from dse.study.audit import Audit
 
 Row = Mapping[str, object]
 FORMATS = ("table", "json", "csv", "parquet")
@@ -235,7 +235,7 @@ def _print_table(answer: Answer) -> None:
 
 def with_interval(row: Row, name: str, low: object, high: object) -> Row:
     """Return a row for a terminal: a number whose range is open is a text, and so is a corrected accuracy."""
-    from dse.hardware.interval import is_open
+    from dse.measure.hardware.interval import is_open
     from dse.store import plain_cell
 
     value, low, high = plain_cell(row.get(name)), plain_cell(low), plain_cell(high)

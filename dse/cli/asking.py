@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from dse.text import lines, one_line
+from dse.base.text import lines, one_line
 
 
 def is_person() -> bool:

@@ -8,7 +8,9 @@ import sys
 from collections.abc import Sequence
 
 import dse
-from dse import trust
+from dse.base import trust
+from dse.base.registry import left_out
+from dse.base.text import lines, one_line
 from dse.cli.answer import Answer, show
 from dse.cli.asking import trusts
 from dse.cli.commands import MODULE_OF, function_of
@@ -16,8 +18,6 @@ from dse.cli.signature import call, declare, summary
 from dse.cli.stopping import INTERRUPTED
 from dse.config import ConfigError
 from dse.config.faults import known_names
-from dse.registry import left_out
-from dse.text import lines, one_line
 
 EXIT_CODES = (
     "exit codes: 0 success; 1 nothing could be trained, or a study is damaged; 2 bad input, every fault on "
@@ -75,11 +75,11 @@ def _refused(text: str) -> int:
 
 def _users_mistakes() -> tuple[type[Exception], ...]:
     """Return the errors whose text is written for users; imported only after an error."""
-    from dse.dashboard.views import ViewError
+    from dse.base.native.extras import MissingExtra
+    from dse.data.recordings import RecordingError
     from dse.deploy.bundle import BundleError
-    from dse.native.extras import MissingExtra
-    from dse.recordings import RecordingError
-    from dse.report import ReportError
+    from dse.show.dashboard.views import ViewError
+    from dse.show.report import ReportError
     from dse.skyline.constraints import ExpressionError
     from dse.skyline.table import TableError
     from dse.store import StoreError

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dse import registry
+from dse.base import registry
 
 _OTHERS = {
     "trial": ("", "number of the trial, from 0"),

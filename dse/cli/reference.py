@@ -7,14 +7,14 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import rule_of
 from dse.cli import glossary
 from dse.config.bounds import BOUNDS
 from dse.config.locate import is_hardware_file, shipped_profiles
 from dse.config.parts import COMPONENTS, WITH_AXES
 from dse.config.resolved import SECTIONS, SETTINGS
 from dse.config.values import Key, bounds, echo, expected, keys_of
-from dse.registry import rule_of
 
 if TYPE_CHECKING:
     from dse.scene.presets import Preset
@@ -86,7 +86,7 @@ def names(section: str) -> list[Texts]:
             if x.known
         ]
     if section == "hardware":
-        from dse.hardware.profile import load
+        from dse.measure.hardware.profile import load
 
         return [{"name": name, "doc": load(name).doc} for name in shipped_profiles()]
     if section == "boards":
@@ -131,7 +131,7 @@ def _package(section: str) -> str | None:
 
 def _class(section: str) -> type:
     if section.startswith("page"):
-        from dse.dashboard.definition import Definition, FrontView
+        from dse.show.dashboard.definition import Definition, FrontView
 
         return Definition if section == "page" else FrontView
     if section in SETTINGS:
@@ -159,7 +159,7 @@ def remarks(section: str, name: str | None) -> list[str]:
         return [*extra, *predicted, f"use: {target.use}"]
     if section != "hardware" or name is None:
         return []
-    from dse.hardware.profile import kinds, load
+    from dse.measure.hardware.profile import kinds, load
 
     profile = load(name)
     kind, cls = next((kind, cls) for kind, cls in kinds().items() if type(profile) is cls)
@@ -171,7 +171,7 @@ def remarks(section: str, name: str | None) -> list[str]:
 
 def _figures(name: str) -> list[Row]:
     """Return the numbers of a hardware profile (name or file) as it states them."""
-    from dse.hardware.profile import load
+    from dse.measure.hardware.profile import load
 
     profile = load(name)
     return [

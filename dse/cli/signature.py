@@ -20,11 +20,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
+from dse.base.registry import Rule
 from dse.cli.answer import add_format
 from dse.config import ConfigError, Fault
 from dse.config.values import Key, is_list, keys_of, number_type, read
 from dse.config.yaml_lines import scalar
-from dse.registry import Rule
 
 _LINE = re.compile(r"^( *)(\w+)(?: \(([^)]*)\))?: (.*(?:\n\1 +\S.*)*)", re.MULTILINE)
 

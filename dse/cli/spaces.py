@@ -9,7 +9,7 @@ from dse.config import ConfigError, Fault, SearchSpace, load_space
 
 def load(space: str, replaced: Iterable[str], repair: bool) -> SearchSpace:
     """Return a search space with values KEY=VALUE; its data files and hardware profiles are checked too."""
-    from dse.hardware.profile import of_space
+    from dse.measure.hardware.profile import of_space
 
     overrides = overrides_of(replaced) | ({"data.repair": "true"} if repair else {})
     loaded = load_space(space, overrides, check_data=True)

@@ -1,6 +1,7 @@
 """Protocols of the components of sections data, encoder, model and search, which the rest of `dse` calls.
 
-A component is a frozen dataclass, registered in its section (`dse.registry`); its fields are its YAML keys.
+A component is a frozen dataclass, registered in its section (`dse.base.registry`); its fields are its YAML
+keys.
 """
 
 from __future__ import annotations
@@ -22,10 +23,8 @@ from typing import (
 
 import numpy as np
 
-from dse import registry
-from dse.config.parts import KeyFault, Part, Written
-from dse.config.settings import Training, missing_package
-from dse.records import (
+from dse.base import registry
+from dse.base.records import (
     Answers,
     Array,
     Block,
@@ -43,6 +42,8 @@ from dse.records import (
     Spikes,
     Workload,
 )
+from dse.config.parts import KeyFault, Part, Written
+from dse.config.settings import Training, missing_package
 
 PLACES = ("file", "folder", "labels", "scene")
 """Fields of a `Source` that name the place of recordings; the cache depends on their content, not on it."""
@@ -58,7 +59,7 @@ class EventSource(Protocol):
     """The section that turns the events into spikes."""
 
     simulated: ClassVar[bool] = False
-    """Whether the recordings are trials of a simulator (`dse.recordings.Simulated`)."""
+    """Whether the recordings are trials of a simulator (`dse.data.recordings.Simulated`)."""
 
     @property
     def width(self) -> int:
@@ -93,7 +94,7 @@ Recordings = Signals | Rasters | EventSource
 class Source(Protocol):
     """A component of section `data`: where recordings lie and how they are read.
 
-    A fault is a `ValueError` of one sentence (`dse.recordings.RecordingError`).
+    A fault is a `ValueError` of one sentence (`dse.data.recordings.RecordingError`).
     """
 
     @property

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from dse.text import one_line
+from dse.base.text import one_line
 
 
 @dataclass(frozen=True)

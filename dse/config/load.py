@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import Plugin, Rule
 from dse.config import names, parts, search
 from dse.config.contracts import Source
 from dse.config.faults import known_names
@@ -18,7 +19,6 @@ from dse.config.space import DecisionGrid, SearchSpace
 from dse.config.values import INVALID, Report, construct, echo, read
 from dse.config.yaml_lines import Document, Raw, override, plain_document, read_document
 from dse.config.yaml_lines import Path as Keys
-from dse.registry import Plugin, Rule
 
 REQUIRED = ("data", "task", "split", "model")
 _WITH_DEFAULTS = ("window", "training", "decision", "search", "execution")

@@ -52,7 +52,7 @@ def shipped_spaces() -> dict[str, Path]:
 
 def shipped_profiles() -> dict[str, Path]:
     """Return the hardware profiles of the package, by name."""
-    return yaml_files(_PACKAGE / "hardware" / "profiles")
+    return yaml_files(_PACKAGE / "measure" / "hardware" / "profiles")
 
 
 def names_a_file(name: str) -> bool:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import Rule
 from dse.config.axes import Axis
 from dse.config.expressions import ExpressionError, column_names, condition_fault, parse
 from dse.config.faults import known_names
@@ -13,7 +14,6 @@ from dse.config.locate import is_hardware_file, shipped_profiles
 from dse.config.parts import Part
 from dse.config.values import INVALID, Report, read
 from dse.config.yaml_lines import Raw
-from dse.registry import Rule
 
 OF_OBJECTIVES = ("evaluation", "schedule")
 """Sections that columns need (`Column.of_section`)."""

@@ -15,7 +15,8 @@ from functools import cached_property
 from pathlib import Path as Folder
 from typing import Any, NamedTuple
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import Rule, elsewhere, rule_of
 from dse.config.axes import Axis, is_axis, parse_axis
 from dse.config.faults import known_names
 from dse.config.locate import is_hardware_file, shipped_profiles
@@ -37,7 +38,6 @@ from dse.config.values import (
     read_object,
 )
 from dse.config.yaml_lines import Path, Raw, parse
-from dse.registry import Rule, elsewhere, rule_of
 
 COMPONENTS = {"data": "recordings", "encoder": "encoders", "model": "models"}
 """Section of a search space -> section of the registry whose components its `kind` names."""

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
+from dse.base.records import FrontEnd
 from dse.config import parts
 from dse.config.contracts import PLACES, Encoder, Family, Source
 from dse.config.faults import ConfigError, Fault
@@ -31,7 +32,6 @@ from dse.config.settings import (
 from dse.config.values import Report, Values, dotted, plain, read_object, refuse
 from dse.config.yaml_lines import Path as Keys
 from dse.config.yaml_lines import Raw
-from dse.records import FrontEnd
 
 SETTINGS: Mapping[str, type] = {
     "task": Task,

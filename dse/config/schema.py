@@ -12,14 +12,14 @@ import typing
 from collections.abc import Mapping
 from typing import Any, Literal, Union, get_args, get_origin
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import Rule
 from dse.config.load import REQUIRED
 from dse.config.locate import shipped_profiles
 from dse.config.parts import COMPONENTS, FAMILIES, WITH_AXES
 from dse.config.resolved import SECTIONS, SETTINGS
 from dse.config.search import AUTO
 from dse.config.values import Hint, is_list, keys_of
-from dse.registry import Rule
 
 Schema = dict[str, Any]
 _SCALARS: dict[object, str] = {

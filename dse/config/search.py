@@ -7,7 +7,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import param
 from dse.config.axes import Axis, n_combinations
 from dse.config.bounds import MOST_TRIALS
 from dse.config.contracts import SamplerSettings
@@ -15,7 +16,6 @@ from dse.config.parts import KeyFault, Part, Written
 from dse.config.settings import KFold
 from dse.config.values import plain
 from dse.config.yaml_lines import Raw
-from dse.registry import param
 
 AUTO = "auto"
 """The sampler that is chosen by the number of designs."""

@@ -1,6 +1,6 @@
 """The sections of a search space that name no component: one frozen dataclass each.
 
-Other packages apply the settings: windows and splits in `dse.recordings`, training in `dse.models`.
+Other packages apply the settings: windows and splits in `dse.data.recordings`, training in `dse.models`.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, Literal
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import fixed, param
 from dse.config.bounds import MOST_EPOCHS, MOST_SAMPLES
 from dse.config.faults import known_names
 from dse.config.parts import KeyFault, Part, Written, named, target_columns
 from dse.config.values import refuse
 from dse.config.yaml_lines import Raw
-from dse.registry import fixed, param
 
 DEVICES = ("cpu", "cuda")
 POLARITIES = ("split", "merge", "ignore_off", "ignore_on")

@@ -10,6 +10,7 @@ from typing import cast
 
 import numpy as np
 
+from dse.base.registry import Plugin
 from dse.config.axes import Axis, Branching, branchings, n_combinations
 from dse.config.contracts import Source
 from dse.config.parts import Part, target_name
@@ -18,7 +19,6 @@ from dse.config.search import Search
 from dse.config.settings import Evaluation, ExecutionSettings, Precision, Reach, Schedule, Split
 from dse.config.values import Values, echo, plain
 from dse.config.yaml_lines import Raw, dump
-from dse.registry import Plugin
 
 Design = dict[str, Raw]
 

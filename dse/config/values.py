@@ -18,10 +18,10 @@ from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
 import numpy as np
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import Rule, rule_of
 from dse.config.faults import known_names
 from dse.config.yaml_lines import Path, Raw
-from dse.registry import Rule, rule_of
 
 T = TypeVar("T")
 Values = dict[str, Any]

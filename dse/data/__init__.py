@@ -7,6 +7,27 @@ Each function returns section `data` of a search space. Workers, bundles and lat
 which is named by its contents unless a name is given.
 """
 
-from dse.data.given import from_arrays, from_dataset, from_events
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dse.data.given import from_arrays as from_arrays
+    from dse.data.given import from_dataset as from_dataset
+    from dse.data.given import from_events as from_events
 
 __all__ = ["from_arrays", "from_dataset", "from_events"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use: who reads spikes needs none of them.
+
+    Raises:
+        AttributeError: the name is not public.
+    """
+    if name not in __all__:
+        raise AttributeError(
+            f"module 'dse.data' has no attribute '{name}'; public names: {', '.join(__all__)}"
+        )
+    return getattr(importlib.import_module("dse.data.given"), name)

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from dse import store
-from dse.recordings import RecordingError
-from dse.recordings.arrays import cells_of
-from dse.recordings.events import event_faults
-from dse.recordings.formats.arrays import UNITS_US, USUAL
-from dse.recordings.source import label_columns
-from dse.recordings.time_series import USUAL_AXES, are_axes, of_cube
-from dse.records import Array, Ints
+from dse.base.records import Array, Ints
+from dse.data.recordings import RecordingError
+from dse.data.recordings.arrays import cells_of
+from dse.data.recordings.events import event_faults
+from dse.data.recordings.formats.arrays import UNITS_US, USUAL
+from dse.data.recordings.source import label_columns
+from dse.data.recordings.time_series import USUAL_AXES, are_axes, of_cube
 
 FOLDER = "recordings"
 """Where files go that are given no name, below the working folder."""

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.recordings import EventSource, RecordingError, arrays
-from dse.recordings.arrays import first_text, place, read_table
-from dse.recordings.event_files import EventFiles, folder_columns
-from dse.recordings.files import TABLES, files_below, tables_below
-from dse.recordings.formats.arrays import USUAL
-from dse.recordings.table import UNITS_MS, is_even, numbered
-from dse.recordings.time_series import sample_columns
-from dse.records import Array, Floats
+from dse.base.records import Array, Floats
+from dse.data.recordings import EventSource, RecordingError, arrays
+from dse.data.recordings.arrays import first_text, place, read_table
+from dse.data.recordings.event_files import EventFiles, folder_columns
+from dse.data.recordings.files import TABLES, files_below, tables_below
+from dse.data.recordings.formats.arrays import USUAL
+from dse.data.recordings.table import UNITS_MS, is_even, numbered
+from dse.data.recordings.time_series import sample_columns
 
 if TYPE_CHECKING:
     import pandas as pd

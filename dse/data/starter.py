@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Array, Bools, Rasters, Signals
 from dse.config.locate import shipped_folder
 from dse.config.yaml_lines import dump
 from dse.data.look import LABELS, Look
-from dse.recordings import RecordingError, Recordings, Source
-from dse.recordings.doubts import MOST, drawn, nearest_neighbours
-from dse.records import Array, Bools, Rasters, Signals
+from dse.data.recordings import RecordingError, Recordings, Source
+from dse.data.recordings.doubts import MOST, drawn, nearest_neighbours
 
 _GROUPS = re.compile(
     r"(?:session|subject|participant|person|user|day|date|hand|finger|device|group|block)(?:_?(?:id|no))?$",

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.neurons import cuba_lif, resonator, xylo_lif
-from dse.neurons.fixed_point import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
-from dse.records import Floats, Ints
+from dse.base.records import Floats, Ints
+from dse.engine.neurons import cuba_lif, resonator, xylo_lif
+from dse.engine.neurons.fixed_point import DECAY_SCALE, STATE_SCALE, WEIGHT_SCALE
 
 UNITS_PER_STEP = 2 * STATE_SCALE // WEIGHT_SCALE
 """Units of a state per step of an 8-bit weight."""

@@ -23,7 +23,11 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 import numpy as np
 
-from dse import registry, store
+from dse import store
+from dse.base import registry
+from dse.base.native.extras import require_torch
+from dse.base.records import Array, Network, Parameters
+from dse.base.registry import param
 from dse.config import ConfigError, Sections
 from dse.config.values import read_object, refuse
 from dse.deploy import checks
@@ -35,11 +39,8 @@ from dse.deploy.stream import Item, Stream, Windows
 from dse.deploy.verdict import Verdict
 from dse.deploy.window import Decision
 from dse.engine.checks import check_network
-from dse.native.extras import require_torch
-from dse.neurons import neuron_of
-from dse.neurons.fixed_point import quantise
-from dse.records import Array, Network, Parameters
-from dse.registry import param
+from dse.engine.neurons import neuron_of
+from dse.engine.neurons.fixed_point import quantise
 from dse.store import StoreError
 
 if TYPE_CHECKING:
@@ -202,7 +203,7 @@ class _Decision:
 
 @dataclass(frozen=True)
 class _Head:
-    """A part of a joint target (`dse.records.Head`)."""
+    """A part of a joint target (`dse.base.records.Head`)."""
 
     name: str
     classes: tuple[str, ...]
@@ -411,7 +412,7 @@ def _fitted_type(model: object) -> type:
 def weights(fitted: Network | Parameters) -> dict[str, Array]:
     """Return the trained parameters as arrays; a network has the 8-bit matrices of a chip in addition.
 
-    An 8-bit weight w8 in [-128, 127] stands for w8 / 32 (dse.neurons.fixed_point.quantise).
+    An 8-bit weight w8 in [-128, 127] stands for w8 / 32 (dse.engine.neurons.fixed_point.quantise).
     """
     return store.record_arrays(fitted) | _8_bit(fitted)
 

@@ -13,15 +13,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dse import registry, store
+from dse import store
+from dse.base import registry
+from dse.base.records import Network, Parameters
+from dse.base.text import markdown
 from dse.config.values import read_object, refuse
 from dse.deploy.c.text import filled
 from dse.deploy.classifier import Classifier
 from dse.deploy.prefix import prefixed
 from dse.deploy.verdict import Verdict, in_words
-from dse.neurons import neuron_of
-from dse.records import Network, Parameters
-from dse.text import markdown
+from dse.engine.neurons import neuron_of
 
 _MEASURED = {
     "accuracy_corrected": "accuracy, corrected for being the best of many",

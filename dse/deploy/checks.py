@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.lib import format as npy
 
-from dse.records import Head, Parameters
+from dse.base.records import Head, Parameters
 
 MOST_BYTES = 2**31
 """Most bytes that the arrays of a bundle may take."""

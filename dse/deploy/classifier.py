@@ -8,12 +8,12 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
+from dse.base.records import Array, Head, Ints, Network, Parameters
+from dse.base.registry import param
 from dse.config import Sections
 from dse.config.contracts import Encoder
 from dse.deploy.prefix import DEFAULT
 from dse.deploy.verdict import Verdict
-from dse.records import Array, Head, Ints, Network, Parameters
-from dse.registry import param
 
 
 class BundleError(ValueError):

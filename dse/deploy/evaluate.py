@@ -8,12 +8,12 @@ from typing import Protocol
 
 import numpy as np
 
+from dse.base.records import Answers, Bools, Floats, Ints, Response
 from dse.deploy.bundle import Bundle, read
 from dse.deploy.reference import answered, decided, prepared, source_at
-from dse.hardware.counter import MeasuredPower, measured_power
 from dse.measure.confusion import confusion
+from dse.measure.hardware.counter import MeasuredPower, measured_power
 from dse.measure.objectives.accuracy import wilson_se
-from dse.records import Answers, Bools, Floats, Ints, Response
 
 
 @dataclass(frozen=True)

@@ -10,18 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from dse import registry, store
+from dse import store
+from dse.base import registry
+from dse.base.records import Array, Network, Parameters
 from dse.config import ConfigError, Sections
 from dse.config.contracts import Source
+from dse.data.recordings import RecordingError
+from dse.data.recordings.files import locate
+from dse.data.recordings.prepare import CARD
 from dse.deploy.bundle import Bundle, BundleError, Input, check_unedited
 from dse.deploy.verify import publish
+from dse.engine.neurons import neuron_of
+from dse.engine.neurons.fixed_point import BITS
 from dse.models.snn.quantise import rounded
-from dse.neurons import neuron_of
-from dse.neurons.fixed_point import BITS
-from dse.recordings import RecordingError
-from dse.recordings.files import locate
-from dse.recordings.prepare import CARD
-from dse.records import Array, Network, Parameters
 from dse.store import StoreError
 from dse.study import precision
 from dse.study.record import RunRecord, load_records

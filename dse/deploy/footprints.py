@@ -7,14 +7,14 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from dse.base.records import Network
 from dse.deploy.bundle import BundleError
 from dse.deploy.export import bundle_of
 from dse.deploy.targets import Target
 from dse.deploy.verify import target_named
-from dse.hardware.kinds.gate_array import GateArray
-from dse.hardware.kinds.processor import Processor
-from dse.hardware.profile import load
-from dse.records import Network
+from dse.measure.hardware.kinds.gate_array import GateArray
+from dse.measure.hardware.kinds.processor import Processor
+from dse.measure.hardware.profile import load
 from dse.study import pricing
 from dse.study.results import Study
 

@@ -23,19 +23,19 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from dse.base.records import Arithmetic, Array, Bools, Floats, Ints, Layer, Network
 from dse.config.resolved import Sections
+from dse.data.encoders.receptors import Receptors, parameters
+from dse.data.encoders.send_on_delta import Deltas
+from dse.data.preprocessing import Pooling
+from dse.data.recordings.pooling import pooling
+from dse.data.recordings.raster import RasterFile
+from dse.data.recordings.scene import SceneTrials
 from dse.deploy.bounds import UNITS_PER_STEP, Bounds, bounds
 from dse.deploy.classifier import Classifier, Input
-from dse.encoders.receptors import Receptors, parameters
-from dse.encoders.send_on_delta import Deltas
+from dse.engine.neurons import Population, cuba_lif, population_of, resonator, xylo_lif
+from dse.engine.neurons.fixed_point import WEIGHT_SCALE, quantise
 from dse.measure.heads import joint_label
-from dse.neurons import Population, cuba_lif, population_of, resonator, xylo_lif
-from dse.neurons.fixed_point import WEIGHT_SCALE, quantise
-from dse.preprocessing import Pooling
-from dse.recordings.pooling import pooling
-from dse.recordings.raster import RasterFile
-from dse.recordings.scene import SceneTrials
-from dse.records import Arithmetic, Array, Bools, Floats, Ints, Layer, Network
 
 FrontEnd = Literal["samples", "events", "spikes"]
 _BOUNDED = (cuba_lif.Population, resonator.Population, xylo_lif.Population)
@@ -272,7 +272,7 @@ class SendOnDeltaForm:
     thresholds: as in the encoder.
     whole: the thresholds in 2^-shift, where whole samples are encoded in integers exactly; None: they need
         floating point.
-    rule: how the level moves (`dse.encoders.send_on_delta`). merged: ON and OFF share a channel.
+    rule: how the level moves (`dse.data.encoders.send_on_delta`). merged: ON and OFF share a channel.
     first: (sensor,) level that a recording begins at; empty: its first sample.
     """
 

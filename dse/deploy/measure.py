@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dse.base.records import Array, Floats, Ints, Network
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.counting import code_of
@@ -20,8 +21,7 @@ from dse.deploy.run import TargetError
 from dse.deploy.sources import Recording, by_step, recordings_of
 from dse.deploy.stream import Spiking, Stream, Windows
 from dse.deploy.targets.c99 import C99
-from dse.hardware.counter import measured_power
-from dse.records import Array, Floats, Ints, Network
+from dse.measure.hardware.counter import measured_power
 
 SPIKE_RATE = 0.02
 """Input spikes per channel and step of random windows."""

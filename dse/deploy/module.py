@@ -1,7 +1,7 @@
 """A network as a torch module: the spikes of the deployed one, bit for bit, on any device that runs torch.
 
 In integer arithmetic states are whole numbers in float64, and sums of 8-bit weights are exact in any order.
-The equations are those of dse.neurons, run on torch; a surrogate stands for ds/dv, as in training.
+The equations are those of dse.engine.neurons, run on torch; a surrogate stands for ds/dv, as in training.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import torch
 from torch import Tensor
 
 from dse import store
+from dse.base.records import Ints, Layer, Network, Spikes
 from dse.deploy.classifier import BundleError
 from dse.engine.autograd import TorchCalculus, first_drive, later, layer_spikes, on_torch, quantised
 from dse.engine.checks import check_network
 from dse.engine.events import Rows, gather
-from dse.neurons import population_of
-from dse.neurons.surrogate import exponential
-from dse.records import Ints, Layer, Network, Spikes
+from dse.engine.neurons import population_of
+from dse.engine.neurons.surrogate import exponential
 
 SCHEMA = "dse/module/1"
 

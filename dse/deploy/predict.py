@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.records import Answers, Dataset, Floats, Ints, Response
 from dse.data.given import from_arrays
+from dse.data.recordings.source import Sampled
+from dse.data.recordings.time_series import TimeSeries
 from dse.deploy.classifier import BundleError, Classifier
 from dse.deploy.reference import answered, decided, prepared, read_out_number
 from dse.measure.heads import softmax
 from dse.models.counts.readouts import Readouts
-from dse.recordings.source import Sampled
-from dse.recordings.time_series import TimeSeries
-from dse.records import Answers, Dataset, Floats, Ints, Response
 
 
 def predicted(bundle: Classifier, data: Any, axes: str | None = None) -> tuple[Ints, Floats]:

@@ -11,9 +11,27 @@ from typing import Any, Self
 
 import numpy as np
 
-from dse import dataset, registry
+from dse.base import registry
+from dse.base.records import (
+    Answers,
+    Array,
+    Bools,
+    Dataset,
+    Floats,
+    Head,
+    Ints,
+    Network,
+    Rasters,
+    Response,
+    Spikes,
+)
 from dse.config.contracts import Recordings, Source
-from dse.dataset.assemble import New
+from dse.data import dataset
+from dse.data.dataset.assemble import New
+from dse.data.recordings import RecordingError, arrays
+from dse.data.recordings.event_files import EventFiles
+from dse.data.recordings.events import EventFile
+from dse.data.recordings.scene import COLUMNS, SceneTrials
 from dse.deploy.classifier import BundleError, Classifier
 from dse.deploy.form import Net
 from dse.engine.events import Rows, gather
@@ -21,11 +39,6 @@ from dse.measure import decision
 from dse.measure.heads import head_answers, head_slices, joint_label
 from dse.measure.run import read_out
 from dse.models.snn.respond import spikes_of_layers
-from dse.recordings import RecordingError, arrays
-from dse.recordings.event_files import EventFiles
-from dse.recordings.events import EventFile
-from dse.recordings.scene import COLUMNS, SceneTrials
-from dse.records import Answers, Array, Bools, Dataset, Floats, Head, Ints, Network, Rasters, Response, Spikes
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,16 @@ from typing import Any, Literal
 import numpy as np
 
 from dse import store
+from dse.base.records import Array, Network
+from dse.base.registry import param
 from dse.config import Sections
 from dse.config.contracts import PLACES
 from dse.config.values import read_object, refuse
+from dse.data.recordings import RecordingError
 from dse.deploy.bundle import Bundle, BundleError, read, weights
 from dse.deploy.export import bundle_of
 from dse.deploy.statement import digest
 from dse.models.snn.quantise import rounded
-from dse.recordings import RecordingError
-from dse.records import Array, Network
-from dse.registry import param
 from dse.study.claim import describe
 from dse.study.jobs import trained_alone
 from dse.study.results import open as open_study

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from dse.base.records import Array, Ints, Network
 from dse.deploy.classifier import BundleError
 from dse.deploy.form import Net
 from dse.deploy.reference import Reference, Run
 from dse.deploy.verdict import KINDS, Verdict
-from dse.records import Array, Ints, Network
 
 
 class TargetError(BundleError):

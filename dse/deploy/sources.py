@@ -17,13 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dse.base.records import Block, Ints, Rasters, Signals
+from dse.data.recordings import RecordingError, Recordings, trials_of
 from dse.deploy.bundle import Bundle
 from dse.deploy.classifier import Input
 from dse.deploy.reference import prepared
 from dse.deploy.stream import Item, Passed, Stream, Windows
 from dse.deploy.window import Decision
-from dse.recordings import RecordingError, Recordings, trials_of
-from dse.records import Block, Ints, Rasters, Signals
 
 _CHUNK = 2**16
 _LONGEST_LINE = 2**22

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dse.records import Array
+from dse.base.records import Array
 
 _DISTRIBUTIONS = {"dse": "dse-spiking"}
 """What packages are called on the package index, where it is another name."""

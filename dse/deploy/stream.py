@@ -16,13 +16,13 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
+from dse.base.native.compiled import compiled
+from dse.base.records import Array, Block, Floats, Ints
+from dse.data.preprocessing.bins import Bin, Bins
+from dse.data.recordings import RecordingError
+from dse.data.recordings.pooling import pooling
 from dse.deploy.classifier import BundleError, Classifier, Input
 from dse.deploy.window import Decision, Window, opener_of
-from dse.native.compiled import compiled
-from dse.preprocessing.bins import Bin, Bins
-from dse.recordings import RecordingError
-from dse.recordings.pooling import pooling
-from dse.records import Array, Block, Floats, Ints
 
 Rule = Literal["once", "restart", "onset", "every"]
 RULES: tuple[Rule, ...] = get_args(Rule)

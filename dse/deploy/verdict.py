@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from dse.registry import param
+from dse.base.registry import param
 
 Kind = Literal["faithful", "equivalent", "approximate", "unsupported", "not verified"]
 """faithful: all decisions and spikes are equal on all recordings; equivalent: all decisions are, some spikes

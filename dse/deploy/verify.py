@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import dse
-from dse import registry
+from dse.base import registry
 from dse.config.faults import known_names
 from dse.deploy.boards import Board, write_projects
 from dse.deploy.bundle import Bundle, BundleError, read, target_files, write

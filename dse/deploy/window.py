@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dse.base.records import Answers, Dataset, Ints, Network, Response, Spikes
 from dse.deploy.classifier import BundleError, Classifier, Input
 from dse.deploy.form import rule_of
 from dse.deploy.reference import decided, windows_of
 from dse.engine.stepping import RunningStack
 from dse.measure.heads import head_slices
 from dse.models.snn.respond import layers_of
-from dse.records import Answers, Dataset, Ints, Network, Response, Spikes
 
 
 class Decision(NamedTuple):

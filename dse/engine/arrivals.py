@@ -12,11 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.engine import kernels
-from dse.engine.delays import SEGMENT, TILE_WORDS, WORD, difference, summands, words_of
-from dse.engine.layout import LANES, width_at
-from dse.native.compiled import compiled
-from dse.native.simd import (
+from dse.base.native.compiled import compiled
+from dse.base.native.simd import (
     LANES_2,
     LANES_4,
     LANES_64,
@@ -29,7 +26,10 @@ from dse.native.simd import (
     transpose,
     zeros,
 )
-from dse.records import Array
+from dse.base.records import Array
+from dse.engine import kernels
+from dse.engine.delays import SEGMENT, TILE_WORDS, WORD, difference, summands, words_of
+from dse.engine.layout import LANES, width_at
 
 _kernel = compiled()
 _part = compiled(forceinline=True)

@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from dse.native.compiled import compiled
-from dse.records import Array, Bools, Floats, Ints, Spikes
+from dse.base.native.compiled import compiled
+from dse.base.records import Array, Bools, Floats, Ints, Spikes
 
 
 @dataclass(frozen=True)

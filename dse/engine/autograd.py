@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dse.base.records import Arithmetic, Array, Floats, Ints
 from dse.engine.adam import adam
 from dse.engine.batch import DIFFERENTIATED_ROWS
 from dse.engine.events import Rows, pooled
@@ -35,12 +36,11 @@ from dse.engine.member import (
     as_part,
     of_part,
 )
+from dse.engine.neurons import Population
+from dse.engine.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, WEIGHT_SCALE
+from dse.engine.neurons.surrogate import OFFSET, Exponential
 from dse.engine.parameters import lengths, normed, whitened
 from dse.engine.shared import copies_of
-from dse.neurons import Population
-from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, WEIGHT_SCALE
-from dse.neurons.surrogate import OFFSET, Exponential
-from dse.records import Arithmetic, Array, Floats, Ints
 
 _CPU = torch.device("cpu")
 P = TypeVar("P", bound=Population[Any])
@@ -70,7 +70,7 @@ class Fire(torch.autograd.Function):
 
 @dataclass(frozen=True)
 class TorchCalculus:
-    """torch with automatic differentiation (dse.neurons.calculus.Calculus).
+    """torch with automatic differentiation (dse.engine.neurons.calculus.Calculus).
 
     Integer states are whole numbers in float64, exact up to 2**53; truncation is straight-through.
     """

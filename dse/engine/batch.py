@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.base.records import Array
 from dse.engine import kernels
 from dse.engine.events import Rows
-from dse.records import Array
 
 DIFFERENTIATED_ROWS = 2**14
 """Most rows (sample and step) that automatic differentiation goes through at a time."""

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.records import Arithmetic, Array, Layer, Network
 from dse.engine.delays import MOST
-from dse.neurons import neuron_of
-from dse.records import Arithmetic, Array, Layer, Network
+from dse.engine.neurons import neuron_of
 
 _MOST_STEPS_PER_SAMPLE, _MOST_DELAY = 1024, 2**20
 

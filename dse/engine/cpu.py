@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dse.base.records import Arithmetic, Array, Ints
 from dse.engine.batch import Batch, batch_of, chunk_samples
 from dse.engine.decays import Decays
 from dse.engine.delays import Delays
@@ -27,6 +28,8 @@ from dse.engine.member import (
     as_part,
     of_part,
 )
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.fixed_point import DECAY_SCALE, HIGHEST_WEIGHT, LOWEST_WEIGHT
 from dse.engine.parameters import (
     Form,
     Parameters,
@@ -38,9 +41,6 @@ from dse.engine.parameters import (
     round_to,
 )
 from dse.engine.shared import copies_of
-from dse.neurons import cuba_lif
-from dse.neurons.fixed_point import DECAY_SCALE, HIGHEST_WEIGHT, LOWEST_WEIGHT
-from dse.records import Arithmetic, Array, Ints
 
 _NOTHING = np.zeros(0, np.float32)
 _LOWEST, _HIGHEST = LOWEST_WEIGHT * GRID, HIGHEST_WEIGHT * GRID

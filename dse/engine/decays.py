@@ -1,6 +1,6 @@
 """Decays that are learnt: their gradients, and the whole numbers that they run as.
 
-With dL/dz = lu and lv of dse.neurons.cuba_lif.backward, which ignores the reset, and decays in 1:
+With dL/dz = lu and lv of dse.engine.neurons.cuba_lif.backward, which ignores the reset, and decays in 1:
 
     dL/dd_u = - sum over t of lu[t] u[t-1]
     dL/dd_v = - sum over t of lv[t] v_r[t-1],    lv[t] = lu[t] - (1 - d_u) lu[t+1]
@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.native.compiled import compiled
+from dse.base.records import Array, Floats, Ints
 from dse.engine.adam import adam
 from dse.engine.layout import width_at
-from dse.native.compiled import compiled
-from dse.neurons.cuba_lif import Population, round_decay
-from dse.neurons.fixed_point import DECAY_SCALE
-from dse.records import Array, Floats, Ints
+from dse.engine.neurons.cuba_lif import Population, round_decay
+from dse.engine.neurons.fixed_point import DECAY_SCALE
 
 _LEAST = 1 / DECAY_SCALE
 

@@ -13,13 +13,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from dse.base.records import Arithmetic, Array, Floats, Ints
 from dse.engine.batch import chunk_samples
 from dse.engine.events import Rows
 from dse.engine.layers import Forward, Weights, check_inputs
-from dse.neurons import Population
-from dse.neurons.calculus import NumpyCalculus
-from dse.neurons.fixed_point import STATE_SCALE
-from dse.records import Arithmetic, Array, Floats, Ints
+from dse.engine.neurons import Population
+from dse.engine.neurons.calculus import NumpyCalculus
+from dse.engine.neurons.fixed_point import STATE_SCALE
 
 P = TypeVar("P", bound=Population[Any])
 

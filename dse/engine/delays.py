@@ -31,11 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from dse.engine.layout import LANES, aligned, packed, width_at
-from dse.engine.parameters import Parameters, Tied
-from dse.engine.shared import copies_of
-from dse.native.compiled import compiled, overload
-from dse.native.simd import (
+from dse.base.native.compiled import compiled, overload
+from dse.base.native.simd import (
     LANES_8,
     LANES_64,
     as_type_of,
@@ -49,7 +46,10 @@ from dse.native.simd import (
     transpose,
     zeros,
 )
-from dse.records import Array
+from dse.base.records import Array
+from dse.engine.layout import LANES, aligned, packed, width_at
+from dse.engine.parameters import Parameters, Tied
+from dse.engine.shared import copies_of
 
 MOST = 62
 """Longest delay, network steps: what 6 bits hold on Loihi, whose 63 is taken."""

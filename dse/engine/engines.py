@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dse.base.native.extras import require_torch
 from dse.engine import cpu
 from dse.engine.layers import has_kernel
 from dse.engine.member import Engine, Member
-from dse.native.extras import require_torch
 
 
 def start(

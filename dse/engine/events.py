@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dse.native.compiled import compiled
-from dse.records import Array, Bools, Ints, Spikes
+from dse.base.native.compiled import compiled
+from dse.base.records import Array, Bools, Ints, Spikes
 
 ONCE = np.zeros(0, np.float32)
 """`Rows.times` where every entry is one spike."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from dse.base.records import Arithmetic
 from dse.engine import layers
 from dse.engine.definition import DefinedLayer
 from dse.engine.events import Rows
 from dse.engine.layers import Forward, Weights
-from dse.records import Arithmetic
 
 __all__ = ["Forward", "Prepared", "prepare"]
 

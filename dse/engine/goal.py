@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.records import Array
 from dse.engine.losses import Loss, Outputs
 from dse.engine.losses.spike_rate import SpikeRate
-from dse.records import Array
 
 SPIKE_RATE: Loss = SpikeRate()
 """The loss where none is named."""

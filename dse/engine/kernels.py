@@ -1,9 +1,9 @@
 """The loops of the CPU engine: sums of weight rows, state scans forward and backward, Adam.
 
 Every function works on flat arrays in the blocks of dse.engine.layout and on one block or one sample of them;
-the equations are those of dse.neurons.cuba_lif and, where there is a `cross`, dse.neurons.resonator, sixteen
-neurons at a time. Sums run over events in their order and never across neurons, so that a neuron's numbers do
-not depend on what is computed beside it.
+the equations are those of dse.engine.neurons.cuba_lif and, where there is a `cross`,
+dse.engine.neurons.resonator, sixteen neurons at a time. Sums run over events in their order and never across
+neurons, so that a neuron's numbers do not depend on what is computed beside it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from dse.engine.layout import LANES, width_at
-from dse.native.compiled import compiled, overload
-from dse.native.simd import (
+from dse.base.native.compiled import compiled, overload
+from dse.base.native.simd import (
     LANES_16,
     LANES_32,
     LANES_64,
@@ -41,7 +40,8 @@ from dse.native.simd import (
     widened,
     zeros,
 )
-from dse.records import Array
+from dse.base.records import Array
+from dse.engine.layout import LANES, width_at
 
 _kernel = compiled()
 _part = compiled(forceinline=True)
@@ -224,7 +224,7 @@ def _typed_flushed(x: Any) -> Any:
 
 @_part
 def _advance(u: Any, v: Any, z: Any, keep_u: Any, keep_v: Any, integer: bool, scale: float) -> Any:
-    """Return the current and the potential before reset one step on (dse.neurons.cuba_lif)."""
+    """Return the current and the potential before reset one step on (dse.engine.neurons.cuba_lif)."""
     if integer:
         u = trunc(u * keep_u) + trunc(z * splat(scale, u))
         return u, trunc(v * keep_v) + u
@@ -236,7 +236,7 @@ def _advance(u: Any, v: Any, z: Any, keep_u: Any, keep_v: Any, integer: bool, sc
 def _advance_across(
     u: Any, v: Any, z: Any, keep_u: Any, keep_v: Any, cross: Array, o: int, integer: bool, scale: float
 ) -> Any:
-    """Return both states before reset one step on (dse.neurons.resonator); without `cross`, as `_advance`."""
+    """Return both states before reset one step on (neurons.resonator); without `cross`, as `_advance`."""
     n = cross.size // 4
     v_to_u, u_to_v = load(cross, o, LANES_16), load(cross, n + o, LANES_16)
     now_to_v = load(cross, 2 * n + o, LANES_16)
@@ -301,7 +301,8 @@ def scan(
         place: where the block's first step of the sample lies.
         n_steps, width: of the block.
         keep_u, keep_v: (column,) factors of the states; they have the states' precision.
-        cross: (4 * column,) dse.neurons.resonator.Cross, one after the other; empty: CUBA-LIF neurons alone.
+        cross: (4 * column,) dse.engine.neurons.resonator.Cross, one after the other; empty: CUBA-LIF neurons
+            alone.
         column: the block's first column.
         threshold: in the states' units.
         scale: the states' units per weight unit.

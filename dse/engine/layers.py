@@ -13,15 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dse.base.native.compiled import compiled
+from dse.base.records import Arithmetic, Array, Floats, Ints
 from dse.engine import arrivals, delays, kernels
 from dse.engine.batch import chunk_samples
 from dse.engine.events import ONCE, Rows, pooled
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
-from dse.native.compiled import compiled
-from dse.neurons import Population, cuba_lif, resonator
-from dse.neurons.fixed_point import STATE_SCALE, WEIGHT_SCALE
-from dse.neurons.surrogate import Exponential
-from dse.records import Arithmetic, Array, Floats, Ints
+from dse.engine.neurons import Population, cuba_lif, resonator
+from dse.engine.neurons.fixed_point import STATE_SCALE, WEIGHT_SCALE
+from dse.engine.neurons.surrogate import Exponential
 
 GRID = WEIGHT_SCALE / 2
 """8-bit weights are whole numbers on a grid of 1/32."""
@@ -90,7 +90,8 @@ class KernelLayer(NamedTuple):
     table, ring: int8 or floating weights; `ring` is empty where there is none.
     table_unit, ring_unit: weight units per unit of the matrix.
     keep_u, keep_v: factors in the states' precision; back_u, back_v: in the gradients'.
-    cross, back_cross: (4 * n_columns,) dse.neurons.resonator.Cross likewise; empty: CUBA-LIF neurons alone.
+    cross, back_cross: (4 * n_columns,) dse.engine.neurons.resonator.Cross likewise; empty: CUBA-LIF neurons
+        alone.
     threshold, scale: of the states: units, and units per weight unit.
     surrogate: (centre, -log2(e) / width, height, exponent below which it is cut).
     n_neurons: without those that pad.

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from dse.native.compiled import compiled
-from dse.records import Array
+from dse.base.native.compiled import compiled
+from dse.base.records import Array
 
 LANES = 16
 WORD = 64

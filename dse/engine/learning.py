@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.native.compiled import compiled
+from dse.base.records import Array
 from dse.engine import arrivals, decays, delays, kernels
 from dse.engine.batch import Batch
 from dse.engine.events import ONCE
 from dse.engine.goal import Goal, by_spike, n_correct
 from dse.engine.layers import KernelLayer, run
 from dse.engine.layout import LANES, aligned, padded, width_at
-from dse.native.compiled import compiled
-from dse.records import Array
 
 _NO_UPDATES = np.zeros(0, np.int32)
 _NO_GAIN = np.zeros((0, 0), np.float32)
@@ -275,7 +275,7 @@ def learn(
 ) -> Pass:
     """Add the gradients of a batch's loss by every weight, before the gains' common factors.
 
-    The reset is ignored, rounding and truncation are straight-through (dse.neurons.cuba_lif.backward).
+    The reset is ignored, rounding and truncation are straight-through (dse.engine.neurons.cuba_lif.backward).
 
     Args:
         layers: input side first, with surrogates.

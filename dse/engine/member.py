@@ -11,12 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
+from dse.base.records import Arithmetic, Array, Floats, Ints
 from dse.engine.events import Rows
 from dse.engine.goal import SPIKE_RATE, Goal
 from dse.engine.losses import Loss
-from dse.neurons import Population
-from dse.neurons.surrogate import Exponential
-from dse.records import Arithmetic, Array, Floats, Ints
+from dse.engine.neurons import Population
+from dse.engine.neurons.surrogate import Exponential
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.base.records import Arithmetic, Array
 from dse.engine.batch import batch_of, chunk_samples
 from dse.engine.events import Rows, delayed, dense
 from dse.engine.forward import Prepared
@@ -15,8 +16,7 @@ from dse.engine.layers import Weights, check_inputs, laid_out, precision
 from dse.engine.layout import aligned, unpacked
 from dse.engine.learning import Workspace, common_factor, learn
 from dse.engine.losses import Loss
-from dse.neurons.surrogate import Exponential
-from dse.records import Arithmetic, Array
+from dse.engine.neurons.surrogate import Exponential
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from dse.base.native.compiled import compiled
+from dse.base.records import Array
 from dse.engine import kernels
 from dse.engine.adam import BETA_1, BETA_2, EPSILON
 from dse.engine.layout import WORD, aligned, blocks, packed, padded, width_at
 from dse.engine.shared import Copies
-from dse.native.compiled import compiled
-from dse.records import Array
 
 _LEAST_SQUARE = 1e-30
 """Added to |v|^2: a neuron without weights keeps W = 0 and a finite gradient."""

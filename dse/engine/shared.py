@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.records import Array, Floats, Ints
+from dse.base.records import Array, Floats, Ints
 
 
 @dataclass(frozen=True)

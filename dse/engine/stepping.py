@@ -13,14 +13,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from dse.base.records import Array, Ints
 from dse.engine import layers
 from dse.engine.definition import DefinedLayer, delayed_sum, in_type, rows_sum
 from dse.engine.events import ONCE, Rows, pooled
 from dse.engine.forward import Prepared
 from dse.engine.layers import CompiledLayer
 from dse.engine.layout import LANES, aligned
-from dse.neurons.calculus import NumpyCalculus
-from dse.records import Array, Ints
+from dse.engine.neurons.calculus import NumpyCalculus
 
 _NONE = np.zeros(0, np.int32)
 

@@ -28,8 +28,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dse.native.compiled import compiled
-from dse.records import Array, DecisionSurface
+from dse.base.native.compiled import compiled
+from dse.base.records import Array, DecisionSurface
 
 _CHUNK = 256  # samples per call of the kernel: bounds the memory that `work` takes as float64
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dse.records import Array, Dataset, Floats, Head
+from dse.base.records import Array, Dataset, Floats, Head
 
 
 def head_sizes(dataset: Dataset) -> tuple[int, ...]:

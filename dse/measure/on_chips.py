@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.hardware.cost import NotApplicable, drawn
-from dse.hardware.profile import Figures, Profile
+from dse.base.records import Array, Operations, Workload
+from dse.measure.hardware.cost import NotApplicable, drawn
+from dse.measure.hardware.profile import Figures, Profile
 from dse.measure.objectives import Priced, measured
 from dse.measure.objectives.on_chip import latency_of
-from dse.records import Array, Operations, Workload
 
 DRAWN = ("energy_uj", "energy_throttled_uj", "hardware_latency_ms", "latency_ms")
 """Columns that depend on a chip's uncertain numbers; `drawn_on` samples them."""

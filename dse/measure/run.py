@@ -18,20 +18,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dse import registry, store
-from dse.config.space import DecisionGrid
-from dse.hardware.cost import NotApplicable
-from dse.hardware.profile import Profile
-from dse.measure import decision
-from dse.measure.confusion import confusion
-from dse.measure.heads import head_answers, head_slices, joint_label
-from dse.measure.numbers import Numbers
-from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, measured
-from dse.measure.objectives.accuracy_unseen import unseen_name
-from dse.measure.on_chips import columns_on
-from dse.neurons import neuron_of
-from dse.neurons.cuba_lif import CubaLif
-from dse.records import (
+from dse import store
+from dse.base import registry
+from dse.base.records import (
     Answers,
     Array,
     Dataset,
@@ -47,6 +36,18 @@ from dse.records import (
     Workload,
     sum_of_products,
 )
+from dse.config.space import DecisionGrid
+from dse.engine.neurons import neuron_of
+from dse.engine.neurons.cuba_lif import CubaLif
+from dse.measure import decision
+from dse.measure.confusion import confusion
+from dse.measure.hardware.cost import NotApplicable
+from dse.measure.hardware.profile import Profile
+from dse.measure.heads import head_answers, head_slices, joint_label
+from dse.measure.numbers import Numbers
+from dse.measure.objectives import FullReadOut, Needs, Points, Priced, flat, measured
+from dse.measure.objectives.accuracy_unseen import unseen_name
+from dse.measure.on_chips import columns_on
 
 READ_OUTS = 20
 """Input lengths, evenly spaced, after which a spiking network is read out unless their distance is given."""

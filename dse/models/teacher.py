@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.records import Dataset, Floats
 from dse.config.contracts import FitRequest, Teacher, trains_in_cohorts
+from dse.data.recordings.windows import with_crops
 from dse.engine.goal import is_label
 from dse.measure.heads import head_sizes, head_slices, output_labels, softmax
 from dse.models.training import Generators, Training
-from dse.recordings.windows import with_crops
-from dse.records import Dataset, Floats
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.native.compiled import compiled
-from dse.records import Block
+from dse.base.native.compiled import compiled
+from dse.base.records import Block
 from dse.scene.scene import Scene
 from dse.scene.splitmix import splitmix, unit
 from dse.scene.trial import generator

@@ -24,9 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dse.native.compiled import compiled
-from dse.native.simd import LANES_16, bits, either, greater, load, lowest_bit, splat
-from dse.records import Block, Floats, Ints
+from dse.base.native.compiled import compiled
+from dse.base.native.simd import LANES_16, bits, either, greater, load, lowest_bit, splat
+from dse.base.records import Block, Floats, Ints
 from dse.scene.splitmix import splitmix, unit
 
 PAD = 32

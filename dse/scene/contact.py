@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.records import Floats
+from dse.base.records import Floats
 from dse.scene.scene import Sensor
 
 

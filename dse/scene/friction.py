@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dse.native.compiled import compiled
+from dse.base.native.compiled import compiled
 
 RELAXATION_S = 0.002
 LEAVES_AT = 0.15

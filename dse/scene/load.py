@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import fixed, param
 from dse.config.axes import Axis
 from dse.config.faults import known_names
 from dse.config.locate import find_file, shipped_folder, yaml_files
@@ -22,7 +23,6 @@ from dse.config.parts import read_fixed, read_or_axis
 from dse.config.values import INVALID, Report, dotted, echo, read_fields, read_object
 from dse.config.yaml_lines import Document, read_document
 from dse.config.yaml_lines import Path as Keys
-from dse.registry import fixed, param
 from dse.scene import checks, presets
 from dse.scene.scene import Camera, Method, Motion, Scene, Sensor, Texture, Variation
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dse.native.compiled import compiled
-from dse.records import Floats, Ints
+from dse.base.native.compiled import compiled
+from dse.base.records import Floats, Ints
 from dse.scene import camera
 
 _SETTLED_MM = 1e-6

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from dse.records import Floats
-from dse.registry import fixed, param
+from dse.base.records import Floats
+from dse.base.registry import fixed, param
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse import seeds
-from dse.records import Block, Floats, Ints
+from dse.base import seeds
+from dse.base.records import Block, Floats, Ints
 from dse.scene import background, camera, movement
 from dse.scene.scene import Scene, Sensor
 from dse.scene.tip import SPREAD, image_px, lines, pins_mm, skin_filter

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.native.compiled import compiled
+from dse.base.native.compiled import compiled
 
 
 @compiled(_nrt=False)

@@ -13,7 +13,7 @@ import functools
 
 import numpy as np
 
-from dse.records import Floats
+from dse.base.records import Floats
 from dse.scene.scene import Sensor
 
 SPREAD = 0.03

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse import seeds
-from dse.records import Floats
+from dse.base import seeds
+from dse.base.records import Floats
 from dse.scene.contact import Contact, contact
 from dse.scene.friction import Friction, travel
 from dse.scene.scene import Scene, Sensor, Texture

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
-from dse import seeds
+from dse.base import seeds
 from dse.config.axes import Axis
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw

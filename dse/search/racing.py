@@ -14,7 +14,7 @@ import heapq
 
 import numpy as np
 
-from dse.records import Floats, Ints
+from dse.base.records import Floats, Ints
 
 _REFERENCE = 1.01
 

@@ -13,8 +13,8 @@ from collections.abc import Set as AbstractSet
 import numpy as np
 import pandas as pd
 
-from dse import registry
-from dse.records import Bools, Ints
+from dse.base import registry
+from dse.base.records import Bools, Ints
 from dse.skyline.constraints import matches, named_columns
 from dse.skyline.table import group_numbers, numbers
 

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Array, Bools, Floats
 from dse.config.expressions import (
     OPERATORS,
     ExpressionError,
@@ -32,7 +33,6 @@ from dse.config.expressions import (
     parse,
 )
 from dse.config.faults import did_you_mean
-from dse.records import Array, Bools, Floats
 
 __all__ = ["Budget", "ExpressionError", "column", "matches", "named_columns", "split_budgets"]
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from dse.records import Bools, Floats, Ints
+from dse.base.records import Bools, Floats, Ints
 from dse.skyline.admissible import candidates, leave_out_unmeasured, meeting
 from dse.skyline.constraints import column, named_columns, split_budgets
 from dse.skyline.pareto import members_of, non_dominated, non_dominated_by_group

@@ -12,7 +12,7 @@ import moocore
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dse.records import Bools, Floats, Ints
+from dse.base.records import Bools, Floats, Ints
 
 _EXACT_INTEGERS = 2**53  # up to here float64 tells all integers apart
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from dse.records import Bools, Floats
+from dse.base.records import Bools, Floats
 from dse.skyline.admissible import candidates, leave_out_unmeasured, meeting
 from dse.skyline.constraints import Budget, named_columns, split_budgets
 from dse.skyline.front import Drawn, Draws, comparable, front_draws

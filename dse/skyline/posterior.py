@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.records import Floats, Ints
+from dse.base.records import Floats, Ints
 
 _LEVELS = (np.arange(1000) + 0.5) / 1000
 _STEPS = 20

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from dse.records import Bools, Floats
+from dse.base.records import Bools, Floats
 from dse.skyline.table import numbers
 
 _SURE, _EVEN = 0.9, 0.5

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from dse import store
-from dse.records import Floats, Ints
+from dse.base.records import Floats, Ints
 from dse.skyline.constraints import ExpressionError, column
 
 _PARQUET = (".parquet", ".pq")

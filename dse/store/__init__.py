@@ -10,7 +10,7 @@
         plugins/            copies of its plugins' files    hardware/   its hardware profiles
         coordinators/       who works on it now (dse.study.claim)
         checkpoints/        where unfinished trainings stand (dse.study.checkpoints)
-        bundles/<name>/     exported designs: the page shows their verdicts (dse.dashboard.verdicts)
+        bundles/<name>/     exported designs: the page shows their verdicts (dse.show.dashboard.verdicts)
         *.damaged           what `dse doctor --repair` has moved aside, laid out as it was
 
 The book has the SHA-256 of every other file, so that a change of any byte, or a file of another study, is

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from dse.records import Answers, Array, Ints, Layer, Network, Operations, Parameters, Response, Workload
+from dse.base.records import Answers, Array, Ints, Layer, Network, Operations, Parameters, Response, Workload
 from dse.store.errors import StoreError, check_kind, damaged, unreadable
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dse.records import Head
+from dse.base.records import Head
 
 
 def plain(value: Any) -> Any:

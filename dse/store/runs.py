@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import dse
-from dse.records import Array
+from dse.base.records import Array
 from dse.store.arrays import DAMAGED_ARCHIVE, RECORD, save_arrays
 from dse.store.book import Book
 from dse.store.errors import StoreError, check_kind, damaged, unreadable

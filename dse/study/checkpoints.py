@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from dse import store
+from dse.base.records import Array
 from dse.measure.numbers import Numbers
-from dse.records import Array
 from dse.store import Damaged
 from dse.study.record import RunRecord
 

@@ -27,7 +27,7 @@ import yaml
 import dse
 from dse import store
 from dse.config import ConfigError, Fault, SearchSpace, load_space
-from dse.recordings import PLACES
+from dse.data.recordings import PLACES
 from dse.store import Book, InUse
 from dse.study.held import LOADER, plain_space
 

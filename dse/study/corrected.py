@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from dse.records import Array, Bools, Floats
+from dse.base.records import Array, Bools, Floats
 
 if TYPE_CHECKING:
     import pandas

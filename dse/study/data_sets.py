@@ -13,15 +13,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dse import dataset, seeds, store
+from dse import store
+from dse.base import seeds
+from dse.base.records import Dataset
+from dse.base.registry import PluginError
 from dse.config.resolved import LeftOut, Sections
 from dse.config.yaml_lines import error_of
-from dse.dataset import cache
-from dse.dataset.files import read_meta
-from dse.dataset.shape import Shape
-from dse.recordings import RecordingError
-from dse.records import Dataset
-from dse.registry import PluginError
+from dse.data import dataset
+from dse.data.dataset import cache
+from dse.data.dataset.files import read_meta
+from dse.data.dataset.shape import Shape
+from dse.data.recordings import RecordingError
 from dse.store import Damaged, StoreError
 from dse.study.claim import Key
 from dse.study.executors.work import Failure

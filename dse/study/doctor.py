@@ -19,9 +19,10 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from dse import seeds, store
+from dse import store
+from dse.base import seeds
 from dse.config import ConfigError
-from dse.hardware.profile import load, names
+from dse.measure.hardware.profile import load, names
 from dse.store import StoreError
 from dse.study import held, mended, precision, pricing, tables
 from dse.study.held import plain_space

@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dse import store
-from dse.audit import record
 from dse.config import ConfigError, Fault, SearchSpace
 from dse.config.bounds import MOST_TRIALS
 from dse.config.settings import missing
-from dse.dataset import cache
-from dse.hardware.profile import of_space
-from dse.recordings import PLACES, RecordingError
-from dse.recordings.files import locate
+from dse.data.dataset import cache
+from dse.data.recordings import PLACES, RecordingError
+from dse.data.recordings.files import locate
+from dse.measure.hardware.profile import of_space
 from dse.study import health, pricing
 from dse.study import tables as both
+from dse.study.audit import record
 from dse.study.claim import Coordinator, claim, join, process_before
 from dse.study.data_sets import DataSets
 from dse.study.executors import loky

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dse.config.space import DecisionGrid
+from dse.engine.neurons.fixed_point import STATE_LIMIT
 from dse.measure.numbers import Numbers
-from dse.neurons.fixed_point import STATE_LIMIT
 from dse.study.record import RunRecord
 
 if TYPE_CHECKING:

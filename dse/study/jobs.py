@@ -14,7 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from dse import dataset, seeds, store
+from dse import store
+from dse.base import seeds
+from dse.base.records import (
+    Answers,
+    Array,
+    Dataset,
+    Ints,
+    Network,
+    Outcome,
+    Parameters,
+    Response,
+)
 from dse.config.contracts import (
     Family,
     FitRequest,
@@ -27,22 +38,13 @@ from dse.config.contracts import (
 )
 from dse.config.resolved import Sections
 from dse.config.space import DecisionGrid
-from dse.dataset.cache import usual_root
-from dse.hardware.profile import Profile
+from dse.data import dataset
+from dse.data.dataset.cache import usual_root
+from dse.data.recordings.windows import with_crops
+from dse.measure.hardware.profile import Profile
 from dse.measure.heads import head_sizes, head_slices
 from dse.measure.numbers import Numbers
 from dse.measure.run import Measurement, Moved, OfTargets, UnseenTargets, accuracies, measure
-from dse.recordings.windows import with_crops
-from dse.records import (
-    Answers,
-    Array,
-    Dataset,
-    Ints,
-    Network,
-    Outcome,
-    Parameters,
-    Response,
-)
 from dse.search.cohorts import Demand
 from dse.study import checkpoints
 from dse.study.checkpoints import Checkpoint

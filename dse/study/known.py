@@ -13,18 +13,18 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Operations
 from dse.config import SearchSpace
 from dse.config.contracts import LeastWork, placed, trains_in_cohorts
 from dse.config.expressions import named_columns
 from dse.config.resolved import Sections
 from dse.config.yaml_lines import Raw
-from dse.dataset.shape import Shape
-from dse.hardware.profile import Profile
+from dse.data.dataset.shape import Shape
+from dse.measure.hardware.profile import Profile
 from dse.measure.objectives.work import memory_bytes
 from dse.measure.on_chips import columns_on
 from dse.measure.run import read_out_steps
-from dse.records import Operations
 from dse.search.limits import MISSING, Exclusion, Known, Row, can_meet, exclusion
 from dse.study.record import RunRecord
 from dse.study.trials import summary

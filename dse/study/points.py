@@ -20,13 +20,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import dse
-from dse import registry, store
+from dse import store
+from dse.base import registry
+from dse.base.records import Array, Ints, Operations, Workload
 from dse.config import SearchSpace
-from dse.hardware.profile import Figures, Profile
+from dse.measure.hardware.profile import Figures, Profile
 from dse.measure.numbers import Numbers
 from dse.measure.objectives.accuracy_unseen import merged, unseen_columns, unseen_name
 from dse.measure.on_chips import columns_on, drawn_on
-from dse.records import Array, Ints, Operations, Workload
 from dse.study import corrected, held, precision
 from dse.study import trials as tables
 from dse.study.record import RunRecord

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.neurons.fixed_point import BITS
-from dse.records import Array
+from dse.base.records import Array
+from dse.engine.neurons.fixed_point import BITS
 from dse.study.record import RunRecord
 
 if TYPE_CHECKING:

@@ -12,7 +12,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from dse import dataset, registry
+from dse.base import registry
+from dse.base.records import Events, Ints, Rasters, Signals
+from dse.base.registry import Plugin
 from dse.config import SearchSpace
 from dse.config.contracts import check_channels, placed, trains_in_cohorts
 from dse.config.parts import chips, target_columns
@@ -20,16 +22,15 @@ from dse.config.resolved import LeftOut, Sections
 from dse.config.settings import Evaluation
 from dse.config.yaml_lines import Path as Keys
 from dse.config.yaml_lines import error_of
-from dse.dataset import cache
-from dse.dataset.shape import Shape, announced
-from dse.dataset.shifts import shifts_described
-from dse.recordings import RecordingError, Recordings, doubts
-from dse.recordings.files import locate
-from dse.recordings.splits import Labelled, in_turn, split
-from dse.recordings.targets import heads, in_use, target
-from dse.recordings.windows import chosen, cut, onset, place
-from dse.records import Events, Ints, Rasters, Signals
-from dse.registry import Plugin
+from dse.data import dataset
+from dse.data.dataset import cache
+from dse.data.dataset.shape import Shape, announced
+from dse.data.dataset.shifts import shifts_described
+from dse.data.recordings import RecordingError, Recordings, doubts
+from dse.data.recordings.files import locate
+from dse.data.recordings.splits import Labelled, in_turn, split
+from dse.data.recordings.targets import heads, in_use, target
+from dse.data.recordings.windows import chosen, cut, onset, place
 from dse.search.space import corners, design_at, n_designs_of_each
 from dse.study.workers import Workers
 
@@ -141,8 +142,8 @@ def _unpriced(space: SearchSpace) -> dict[str, object]:
 
 def _audited(space: SearchSpace) -> dict[str, object]:
     """Return what the last audit of the search space has found; nothing without an audit."""
-    from dse.audit import record
     from dse.store import StoreError
+    from dse.study.audit import record
 
     with contextlib.suppress(OSError, RuntimeError, RecordingError, StoreError):
         if (audit := record.last(space, cache.usual_root())) is not None:
@@ -201,8 +202,8 @@ def _without_spikes(
     space: SearchSpace, recordings: Recordings, positions: Ints | None, train: Ints
 ) -> list[str]:
     """Return a sentence for each encoder that makes no spikes of some training recordings."""
-    from dse.audit.gather import values_of
-    from dse.dataset.parts import placed as windows_of
+    from dse.data.dataset.parts import placed as windows_of
+    from dse.study.audit.gather import values_of
 
     if not isinstance(recordings, Signals):
         return []
@@ -231,7 +232,7 @@ def _excluded(space: SearchSpace, announced: Callable[[Sections], Shape | None])
     if not space.limits or total is None:
         return {}
 
-    from dse.hardware.profile import of_space
+    from dse.measure.hardware.profile import of_space
     from dse.study.known import KnownBefore
 
     shapes: dict[str, Shape | None] = {}

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from dse import registry, store
+from dse import store
+from dse.base import registry
+from dse.base.records import Floats, Ints, Workload
 from dse.config import ConfigError, Fault
 from dse.config.settings import Schedule
-from dse.hardware.cost import cost
-from dse.hardware.duty import on_schedule
-from dse.hardware.profile import End, Profile, load, read
-from dse.records import Floats, Ints, Workload
+from dse.measure.hardware.cost import cost
+from dse.measure.hardware.duty import on_schedule
+from dse.measure.hardware.profile import End, Profile, load, read
 from dse.skyline.table import read as read_table
 from dse.store import StoreError
 from dse.study import held

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.text import one_line
+from dse.base.text import one_line
 
 if TYPE_CHECKING:
     import rich.progress

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from dse.base.registry import Rule, param
 from dse.config.values import read, read_object
-from dse.registry import Rule, param
 
 if TYPE_CHECKING:
     import pandas

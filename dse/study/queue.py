@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from dse.base.seeds import design_key
 from dse.config import SearchSpace
 from dse.config.axes import Axis
 from dse.config.faults import known_names
 from dse.config.space import Design
 from dse.config.values import echo, plain
 from dse.config.yaml_lines import Document, Raw, read_document
-from dse.seeds import design_key
 from dse.store import Book, back_up, explained
 
 

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 from dse import store
+from dse.base.records import Floats
 from dse.measure.numbers import Numbers
-from dse.records import Floats
 from dse.search.racing import best
 from dse.study import trials as tables
 from dse.study.ledger import Entry

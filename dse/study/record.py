@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from dse import store
+from dse.base.records import Head
 from dse.measure.numbers import Numbers, check_kinds
-from dse.records import Head
 from dse.store import StoreError
 
 STOPPED = "stopped"

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
+from dse.base.native.threads import single_threaded
+from dse.base.records import Array, Bools, Floats, Ints
+from dse.base.seeds import generator
 from dse.measure import decision
 from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.on_chips import DRAWN
-from dse.native.threads import single_threaded
-from dse.records import Array, Bools, Floats, Ints
-from dse.seeds import generator
 from dse.skyline.front import Draws, front_share
 from dse.skyline.posterior import posterior_samples
 from dse.skyline.table import group_numbers, numbers

@@ -9,19 +9,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse import registry, store
+from dse import store
+from dse.base import registry
 from dse.study import held
 from dse.study.record import RunRecord, load_records, plain_records
 
 if TYPE_CHECKING:
     import pandas
 
-    from dse.audit import Audit
+    from dse.base.records import Array, Dataset
     from dse.config import Sections
-    from dse.hardware.profile import Profile
-    from dse.preprocessing.stages import Stages
-    from dse.records import Array, Dataset
+    from dse.data.preprocessing.stages import Stages
+    from dse.measure.hardware.profile import Profile
     from dse.skyline.table import Goal
+    from dse.study.audit import Audit
 
 
 EARLIER = ("journal.log", "environment.json", "artefacts")
@@ -53,7 +54,7 @@ class Study:
         return held.without_lost(self.folder, held.read(self.folder / held.TRIALS))
 
     def load_plugins(self) -> None:
-        """Load those plugins of the search space that the user trusts already (`dse.registry.load_trusted`).
+        """Load those plugins of the search space that the user trusts already (`registry.load_trusted`).
 
         Raises:
             StoreError: the search space is damaged.
@@ -130,8 +131,8 @@ class Study:
             RecordingError: the recordings are not events, are not found, or have no such number.
             StoreError: as in `dataset`, which has the length of windows that the search space leaves open.
         """
-        from dse import dataset
         from dse.config import Sections
+        from dse.data import dataset
 
         sections = Sections.from_plain(self.sections(trial), str(self.folder))
         if sections.window.n_steps is None:
@@ -145,9 +146,9 @@ class Study:
         Raises:
             StoreError: as in `runs`, or its recordings are not found, or cannot be read.
         """
-        from dse import dataset
-        from dse.dataset import cache
-        from dse.recordings import RecordingError
+        from dse.data import dataset
+        from dse.data.dataset import cache
+        from dse.data.recordings import RecordingError
 
         root, record = cache.usual_root(), load_records(self.folder, trial)[0]
         data = dataset.find(root, record.data)
@@ -171,7 +172,7 @@ class Study:
     @property
     def audit(self) -> Audit | None:
         """The audit of the study's recordings and split; None where `dse audit` had not run before."""
-        from dse.audit import record
+        from dse.study.audit import record
 
         document = store.document(self.folder, record.DOCUMENT)
         return None if document is None else record.of_plain(document)
@@ -182,9 +183,9 @@ def sections_found(folder: Path, record: RunRecord) -> Iterator[tuple[Sections, 
 
     The key is `record.data` where the recordings are what the run was trained on.
     """
-    from dse import dataset
     from dse.config import ConfigError, load_space
-    from dse.recordings import RecordingError
+    from dse.data import dataset
+    from dse.data.recordings import RecordingError
 
     try:
         space = load_space(folder / store.SPACE)
@@ -204,7 +205,7 @@ def trained_on(folder: Path, record: RunRecord) -> tuple[Sections, Path]:
     Raises:
         RecordingError: they are not found, or have changed.
     """
-    from dse.recordings import RecordingError
+    from dse.data.recordings import RecordingError
 
     for sections, base, key in sections_found(folder, record):
         if key == record.data:

@@ -10,8 +10,8 @@ import numpy as np
 import pandas
 
 from dse.config.expressions import named_columns
-from dse.hardware.duty import contacts_per_ms
-from dse.hardware.interval import is_open
+from dse.measure.hardware.duty import contacts_per_ms
+from dse.measure.hardware.interval import is_open
 from dse.search.racing import best
 from dse.skyline import rivals
 from dse.skyline.admissible import COST, fitting, honest, meeting
@@ -23,7 +23,7 @@ from dse.study.question import DRAWS, Question
 from dse.study.results import Study
 
 if TYPE_CHECKING:
-    from dse.records import Floats
+    from dse.base.records import Floats
 
 _ACCURACIES = ("accuracy", "accuracy_shifted", "accuracy_unseen")
 _UNITS = {"energy_uj": "uJ", "power_mw": "mW", "n_weights": "weights"}

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from dse import store
+from dse.base.records import Network, Outcome, Response
+from dse.engine.neurons.fixed_point import STATE_LIMIT
 from dse.models.snn.quantise import rounded
-from dse.neurons.fixed_point import STATE_LIMIT
-from dse.records import Network, Outcome, Response
 from dse.study import precision
 from dse.study.claim import Key
 from dse.study.data_sets import DataSets, Loaded, stop_if_blameless

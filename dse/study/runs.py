@@ -13,7 +13,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from dse import seeds, store
+from dse import store
+from dse.base import seeds
 from dse.config import ConfigError, Fault
 from dse.store import Damaged, StoreError
 from dse.study import checkpoints

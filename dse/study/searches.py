@@ -14,12 +14,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from dse.base.seeds import design_key
 from dse.config import SearchSpace
 from dse.config.space import Design
 from dse.search.limits import Exclusion
 from dse.search.proposals import Limited, Sampler, limited
 from dse.search.space import design_at
-from dse.seeds import design_key
 from dse.study import trials as tables
 from dse.study.data_sets import DataSets
 from dse.study.known import KnownBefore

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dse.config import SearchSpace
-from dse.hardware.profile import Profile
+from dse.measure.hardware.profile import Profile
 from dse.store import Book
 from dse.study.progress import Progress
 from dse.study.workers import Workers

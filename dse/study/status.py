@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.base.records import Floats
 from dse.config import ConfigError, load_space
-from dse.records import Floats
 from dse.skyline.admissible import COST
 from dse.store import StoreError, is_held, read_record, run_file, runs_in, verify
 from dse.study import claim, held

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from dse import store
+from dse.base.seeds import design_key
 from dse.config import SearchSpace, load_space
-from dse.hardware.profile import of_space
-from dse.seeds import design_key
+from dse.measure.hardware.profile import of_space
 from dse.study import held, pricing
 from dse.study import trials as of_trials
 from dse.study.held import plain_space

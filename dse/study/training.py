@@ -13,11 +13,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from dse import dataset, store
+from dse import store
+from dse.base.records import Dataset
 from dse.config.contracts import has_rungs
+from dse.data import dataset
+from dse.data.recordings import RecordingError
 from dse.measure.objectives import need_no_decisions
-from dse.recordings import RecordingError
-from dse.records import Dataset
 from dse.search import cohorts
 from dse.study import checkpoints, jobs
 from dse.study.claim import Coordinator, Key

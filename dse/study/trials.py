@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse import registry
+from dse.base import registry
 from dse.config import Axis, SearchSpace
 from dse.measure.numbers import Numbers
 from dse.measure.objectives import flat
@@ -25,7 +25,7 @@ from dse.study.record import STOPPED, RunRecord
 if TYPE_CHECKING:
     import pandas
 
-    from dse.records import Array
+    from dse.base.records import Array
 
 _LAST = ("status", "reason")
 

@@ -6,10 +6,10 @@
 
 Every check takes a component, makes the small data that it needs, and raises an `AssertionError` with one
 sentence that says what is violated. The contracts are Protocols: of sources, encoders and families in
-`dse.config.contracts`, of losses in `dse.engine.losses`, of neurons in `dse.neurons`, of samplers in
+`dse.config.contracts`, of losses in `dse.engine.losses`, of neurons in `dse.engine.neurons`, of samplers in
 `dse.search.proposals`, of objectives in `dse.measure.objectives`, of kinds of hardware in
-`dse.hardware.profile`, of figures in `dse.figures`, of targets in `dse.deploy.targets`, of views in
-`dse.dashboard.views`.
+`dse.measure.hardware.profile`, of figures in `dse.show.figures`, of targets in `dse.deploy.targets`, of views
+in `dse.show.dashboard.views`.
 """
 
 from dse.testing.chips import check_chip_kind as check_chip_kind

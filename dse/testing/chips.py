@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from dse.hardware.cost import NotApplicable, cost, drawn
-from dse.hardware.profile import Profile
-from dse.records import Floats, Operations, Workload
+from dse.base.records import Floats, Operations, Workload
+from dse.measure.hardware.cost import NotApplicable, cost, drawn
+from dse.measure.hardware.profile import Profile
 from dse.testing.expect import expect, same
 
 _GROWTH = 3.0

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
+from dse.base.records import Array, Signals, Spikes
 from dse.config.contracts import Encoder
-from dse.records import Array, Signals, Spikes
 from dse.testing import small
 from dse.testing.expect import expect, expect_component, pure, same
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dse.registry import rule_of
+from dse.base.registry import rule_of
 
 T = TypeVar("T")
 

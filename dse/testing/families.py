@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dse import store
+from dse.base.records import Answers, Dataset, Ints, Network, Outcome, Response
 from dse.config.contracts import (
     CohortFamily,
     Family,
@@ -24,7 +25,6 @@ from dse.config.contracts import (
 )
 from dse.config.settings import Training
 from dse.measure.heads import head_sizes
-from dse.records import Answers, Dataset, Ints, Network, Outcome, Response
 from dse.testing import small
 from dse.testing.expect import expect, expect_component, same, unchanged
 

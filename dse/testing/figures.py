@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dse.figures import Figure, Results
+from dse.show.figures import Figure, Results
 from dse.testing.expect import expect, expect_component, same, unchanged
 from dse.testing.small import SmallStudy
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dse.base.records import Floats, Ints
 from dse.engine.goal import Goal
 from dse.engine.losses import Loss
-from dse.records import Floats, Ints
 from dse.testing.expect import expect, expect_component, pure
 
 _STEP = 1e-5

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from dse.neurons import LayerSpec, Neuron, Population, parameters_of
-from dse.neurons.calculus import NumpyCalculus
-from dse.records import Arithmetic
+from dse.base.records import Arithmetic
+from dse.engine.neurons import LayerSpec, Neuron, Population, parameters_of
+from dse.engine.neurons.calculus import NumpyCalculus
 from dse.testing.expect import expect, expect_component, pure, same
 
 _LAYER = LayerSpec(n_neurons=4, is_output=False, steps_per_sample=1, step_ms=5.0)

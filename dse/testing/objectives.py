@@ -6,8 +6,8 @@ from typing import Any, get_args
 
 import numpy as np
 
+from dse.base.registry import Column
 from dse.measure.objectives import Needs, Objective, Points, Priced
-from dse.registry import Column
 from dse.testing.expect import expect, expect_component, pure
 from dse.testing.small import records
 

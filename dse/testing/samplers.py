@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, cast
 
-from dse import seeds
+from dse.base import seeds
 from dse.config import Design, SearchSpace, load_space
 from dse.search.proposals import Sampler
 from dse.testing import small

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dse import seeds
+from dse.base import seeds
+from dse.base.records import Array, Dataset, Ints, Signals, Spikes
 from dse.config import load_space
 from dse.config.contracts import Generators
 from dse.config.space import DecisionGrid
-from dse.hardware.profile import load
+from dse.measure.hardware.profile import load
 from dse.measure.objectives import FullReadOut, Points, Priced
 from dse.measure.run import records_for_objectives
-from dse.records import Array, Dataset, Ints, Signals, Spikes
 from dse.study import explore
 from dse.study.results import Study
 
@@ -152,7 +152,7 @@ def _trained() -> Path:
 
 @dataclass(frozen=True)
 class SmallStudy(Study):
-    """A finished study of small networks: `dse.figures.Results`."""
+    """A finished study of small networks: `dse.show.figures.Results`."""
 
     folder: Path = field(default_factory=_trained)
 

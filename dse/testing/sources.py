@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from dse.base.records import Rasters, Signals
 from dse.config.contracts import Recordings, Source
 from dse.config.resolved import front_end
-from dse.records import Rasters, Signals
 from dse.testing.expect import expect, expect_component
 
 

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.records import Floats, Layer, Network
 from dse.config import Sections
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.reference import Reference, of_recordings
 from dse.deploy.targets import Target, TargetError, Verdict
-from dse.neurons import cuba_lif, parameters_of
-from dse.records import Floats, Layer, Network
+from dse.engine.neurons import cuba_lif, parameters_of
 from dse.store import checksum
 from dse.testing.expect import expect, expect_component
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from dse.dashboard.views import ViewError, source_of
+from dse.show.dashboard.views import ViewError, source_of
 from dse.testing.expect import expect
 
 

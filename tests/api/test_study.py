@@ -149,8 +149,8 @@ def test_a_class_of_the_notebook_is_a_component_in_the_workers(tmp_path):
             import dataclasses
             import dse
             from dse.config.contracts import Encoder
-            from dse.encoders.send_on_delta import SendOnDelta
-            from dse.registry import param, register
+            from dse.data.encoders.send_on_delta import SendOnDelta
+            from dse.base.registry import param, register
             from tests.api.test_study import SPACE, waves
 
             @register("encoders", "louder")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import dse
-from dse.native.extras import MissingExtra
+from dse.base.native.extras import MissingExtra
 from dse.store import StoreError
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "results" / "example"

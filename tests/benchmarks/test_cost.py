@@ -11,9 +11,9 @@ from benchmarks import cost as benchmark
 from benchmarks.chip_simulation import HOP_NS, layout, simulate
 from benchmarks.cost import loads
 from benchmarks.mapped_cases import Case
-from dse.hardware.cost import cost, cost_of_steps
-from dse.hardware.profile import load
-from dse.records import Workload
+from dse.base.records import Workload
+from dse.measure.hardware.cost import cost, cost_of_steps
+from dse.measure.hardware.profile import load
 
 PROFILE = load("loihi1_silicon")
 BARRIER_NS = 600.0

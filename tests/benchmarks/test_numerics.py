@@ -6,7 +6,7 @@ import pytest
 from benchmarks import hots, numerics
 from benchmarks.numerics import Match, match
 from dse.engine.layers import prepare, weights
-from dse.neurons import cuba_lif, lif
+from dse.engine.neurons import cuba_lif, lif
 from dse_papers.models.time_surfaces import Memory, Stream, nearest
 
 

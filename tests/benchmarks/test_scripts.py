@@ -12,10 +12,10 @@ from benchmarks.scene import pooled, van_rossum
 from benchmarks.step_contender import contender
 from benchmarks.train_step import EXACT, error, exact_gradients
 from benchmarks.worker import NotInstalled, Worker
-from dse.audit import probe
+from dse.base.records import Block
 from dse.models.snn.train import train
-from dse.records import Block
-from tests.audit import planted
+from dse.study.audit import probe
+from tests.study.audit import planted
 
 
 def test_a_line_holds_the_worst_of_moved_windows_and_unseen_groups():

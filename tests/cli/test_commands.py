@@ -13,7 +13,7 @@ import pytest
 from dse.cli import main
 from dse.cli.commands import MODULE_OF
 from dse.config.resolved import SECTIONS
-from dse.hardware.counter import MeasuredPower
+from dse.measure.hardware.counter import MeasuredPower
 from dse.study import explore
 from dse.study.results import Study
 from tests.command import document
@@ -103,7 +103,7 @@ def test_a_page_that_cannot_be_written_fails_no_run(tmp_path, capsys, monkeypatc
     def broken(*_, **__):
         raise KeyError("hardware")
 
-    monkeypatch.setattr("dse.dashboard.study.write_page", broken)
+    monkeypatch.setattr("dse.show.dashboard.study.write_page", broken)
     space = str(write_space(tmp_path, *ONE))
     arguments = ["run", space, "--results", str(tmp_path / "r"), "--quiet"]
     found = document(capsys, *arguments)

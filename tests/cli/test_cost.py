@@ -8,14 +8,14 @@ from typing import get_args
 import pytest
 import yaml
 
-import dse.hardware
+import dse.measure.hardware
 from dse.cli import main
-from dse.hardware.cost import cost
-from dse.hardware.profile import Evidence, load, names
-from dse.hardware.workload import load_inference
+from dse.measure.hardware.cost import cost
+from dse.measure.hardware.profile import Evidence, load, names
+from dse.measure.hardware.workload import load_inference
 from tests.command import document
 
-PROFILES = Path(dse.hardware.__file__).parent / "profiles"
+PROFILES = Path(dse.measure.hardware.__file__).parent / "profiles"
 LOIHI = (PROFILES / "loihi1_silicon.yaml").read_text()
 NET = "layers: [24, 50, 7]\nn_steps: 100\nmean_rate: [0.02, 0.02, 0]\nupdates: [50, 7]\n"
 OPERATIONS = "macs: 12000\nadditions: 300\nn_weights: 5000\nduration_ms: 250\nnumber_bits: 8\n"

@@ -14,16 +14,17 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from dse import registry, store
+from dse import store
+from dse.base import registry
 from dse.cli import main
-from dse.dashboard.serve import Server
-from dse.dashboard.study import write_page
-from dse.report.gather import gather_marks
+from dse.show.dashboard.serve import Server
+from dse.show.dashboard.study import write_page
+from dse.show.report.gather import gather_marks
 from dse.study import results
 from tests import tiny_study
 from tests.installed import PAPERS
 from tests.page_data import held
-from tests.report.made import write
+from tests.show.report.made import write
 from tests.waiting import PATIENCE_MS, PATIENCE_S, until
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -245,7 +246,7 @@ def test_a_page_of_another_definition_and_published_designs(tmp_path, monkeypatc
 VIEW = """
 from dataclasses import dataclass
 from typing import ClassVar
-from dse.registry import register
+from dse.base.registry import register
 
 @register("views", "blank")
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import pytest
 
 import dse
 from dse.cli import main
-from dse.recordings import RecordingError
+from dse.data.recordings import RecordingError
 from dse.store import StoreError
 from tests.command import document
 

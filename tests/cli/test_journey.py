@@ -8,7 +8,7 @@ import zipfile
 import pytest
 
 from dse.cli import main
-from dse.dashboard.site import page_server
+from dse.show.dashboard.site import page_server
 from dse.study.results import open as open_study
 from tests.command import document
 from tests.serving import served

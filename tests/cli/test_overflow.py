@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dse
-from dse.neurons.fixed_point import STATE_LIMIT
+from dse.engine.neurons.fixed_point import STATE_LIMIT
 from dse.study import results
 from tests.command import document
 from tests.page_data import held

@@ -8,16 +8,16 @@ import pytest
 import yaml
 
 import dse
-import dse.hardware
+import dse.measure.hardware
 from dse.cli import glossary, main, reference
-from dse.dashboard.definition import Definition, FrontView
-from dse.hardware import profile
+from dse.measure.hardware import profile
 from dse.scene import presets
 from dse.scene.load import SceneFile
 from dse.scene.scene import Camera, Method, Sensor, Variation
+from dse.show.dashboard.definition import Definition, FrontView
 from tests.command import document
 
-PROFILES = Path(dse.hardware.__file__).parent / "profiles"
+PROFILES = Path(dse.measure.hardware.__file__).parent / "profiles"
 
 
 @pytest.mark.parametrize(

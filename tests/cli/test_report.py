@@ -14,7 +14,7 @@ from dse.study import explore, pricing
 from dse.study.results import open as open_study
 from tests.command import document
 from tests.installed import needs_papers
-from tests.report.made import write
+from tests.show.report.made import write
 from tests.spaces import write_space
 
 COLUMNS = [

@@ -12,11 +12,11 @@ import pytest
 import yaml
 
 from dse.cli import main
-from dse.dashboard import trial as dashboard
-from dse.recordings.events import EventFile
-from dse.recordings.scene import COLUMNS, Trials
+from dse.data.recordings.events import EventFile
+from dse.data.recordings.scene import COLUMNS, Trials
 from dse.scene import simulate
 from dse.scene.load import load_scene
+from dse.show.dashboard import trial as dashboard
 from tests.command import document
 from tests.spaces import FINGERTIP, SPACE
 from tests.waiting import PATIENCE_S

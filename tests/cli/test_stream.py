@@ -11,12 +11,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.records import Block
 from dse.cli import main
 from dse.deploy import bundle, sources
 from dse.deploy.bundle import Input
 from dse.deploy.evaluate import evaluate
 from dse.deploy.stream import Passed, Stream, Windows
-from dse.records import Block
 from tests.deploy.bundles import bundle as bundle_of
 from tests.deploy.bundles import network
 from tests.spaces import sections

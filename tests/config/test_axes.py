@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dse.base.registry import Rule
 from dse.config.axes import Axis, stepped
 from dse.config.parts import read_or_axis
 from dse.config.values import INVALID
-from dse.registry import Rule
 
 PATH = ("model", "key")
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import param
 from dse.config import ConfigError, Sections, load_space
 from dse.config.values import dotted, plain, read_object
-from dse.registry import param
 from dse.search.space import corners
 from tests.spaces import grid, write_space
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import yaml
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Events, Rasters, Signals
+from dse.base.registry import param, register
 from dse.config import ConfigError, SearchSpace, Sections, load_space, shipped_spaces
 from dse.config.resolved import front_end
 from dse.config.settings import Task, Training
-from dse.recordings import EventSource
-from dse.recordings.scene import Trials
-from dse.records import Events, Rasters, Signals
-from dse.registry import param, register
+from dse.data.recordings import EventSource
+from dse.data.recordings.scene import Trials
 from tests.installed import needs_papers
 from tests.spaces import SPACE, faults_of, write_space
 

@@ -2,14 +2,14 @@
 
 import pytest
 
-from dse import registry
+from dse.base import registry
 from dse.config import ConfigError, Sections, load_space
 from dse.study.preview import preview
 from tests.spaces import SPACE, write_space
 
 FAMILY = '''
 from dataclasses import dataclass
-from dse.registry import param, register
+from dse.base.registry import param, register
 
 @register("models", "plugged_of_a_test")
 @dataclass(frozen=True)

@@ -2,12 +2,12 @@ import dataclasses
 import itertools
 import json
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import rule_of
 from dse.config.locate import shipped_folder, shipped_spaces
 from dse.config.parts import COMPONENTS, FAMILIES, WITH_AXES
 from dse.config.resolved import SECTIONS, SETTINGS
 from dse.config.schema import json_schema
-from dse.registry import rule_of
 from tests.installed import needs_papers
 
 

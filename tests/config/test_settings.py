@@ -2,11 +2,11 @@ import dataclasses
 
 import pytest
 
+from dse.base.registry import rule_of
 from dse.config import parts
 from dse.config.schema import json_schema
 from dse.config.settings import Preprocessing, Training
 from dse.config.values import dotted
-from dse.registry import rule_of
 
 
 def read(raw):

@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 import pytest
 
+from dse.base.registry import Rule, param
 from dse.config.values import bounds, dotted, expected, read_fields
-from dse.registry import Rule, param
 
 
 @dataclass(frozen=True)

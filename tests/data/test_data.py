@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import dse
-from dse import registry
-from dse.recordings import RecordingError
+from dse.base import registry
+from dse.data.recordings import RecordingError
 
 CUBE = np.arange(24, dtype=np.float32).reshape(2, 4, 3)
 EVENTS = np.array([(5, 1, 0, 1), (9, 3, 2, -1)], [("t", "i8"), ("x", "i2"), ("y", "i2"), ("p", "i1")])

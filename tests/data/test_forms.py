@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 
 import dse
+from dse.base.records import Rasters, Signals, Spikes
 from dse.config.settings import Window
-from dse.recordings import RecordingError
-from dse.recordings.windows import cut
-from dse.records import Rasters, Signals, Spikes
+from dse.data.recordings import RecordingError
+from dse.data.recordings.windows import cut
 
 LENGTHS = [60 + 7 * (k % 4) for k in range(24)]
 LABELS = np.array(["denim", "silk"] * 12)
@@ -92,7 +92,7 @@ def test_what_of_these_forms_is_refused(tmp_path):
 
 def test_groups_of_hdf5_that_are_no_recordings_stay_apart(tmp_path):
     h5py = pytest.importorskip("h5py")
-    from dse.recordings import arrays
+    from dse.data.recordings import arrays
 
     with h5py.File(tmp_path / "parts.h5", "w") as file:
         for part in ("train", "test"):

@@ -5,11 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from dse.base.records import Layer, Network
 from dse.config import load_space
 from dse.deploy.bundle import Bundle, sealed
 from dse.deploy.reference import of_recordings
-from dse.neurons import cuba_lif, parameters_of, resonator
-from dse.records import Layer, Network
+from dse.engine.neurons import cuba_lif, parameters_of, resonator
 from dse.study import explore
 from tests import tiny_study
 from tests.spaces import RASTER, sections

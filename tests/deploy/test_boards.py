@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.registry import known
 from dse.cli import main
 from dse.deploy import boards, bundle
 from dse.deploy.boards import BOARDS
 from dse.deploy.bundle import Input, read
 from dse.deploy.verify import target_named
-from dse.registry import known
 from dse.testing.targets import small_bundle, small_recordings
 from tests.deploy import bundles
 from tests.deploy.c import nets

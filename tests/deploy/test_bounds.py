@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dse.deploy.bounds import bounds
-from dse.neurons import cuba_lif, resonator
-from dse.neurons.calculus import NumpyCalculus
+from dse.engine.neurons import cuba_lif, resonator
+from dse.engine.neurons.calculus import NumpyCalculus
 
 
 def peaks(weights, population, inputs):

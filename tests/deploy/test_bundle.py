@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Head, Layer, Network, Parameters
 from dse.deploy.bundle import Bundle, BundleError, read, weights, write
-from dse.neurons.fixed_point import quantise
-from dse.records import Head, Layer, Network, Parameters
+from dse.engine.neurons.fixed_point import quantise
 from tests.deploy.bundles import document
 from tests.layers import cuba_parameters
 from tests.spaces import RASTER, sections
@@ -147,7 +147,7 @@ def test_a_net_that_is_read_out_early_says_when(made, tmp_path):
 
 
 PLUGIN = """from dataclasses import dataclass
-from dse.registry import register
+from dse.base.registry import register
 @register("encoders", "of_a_bundle")
 @dataclass(frozen=True)
 class OfABundle:

@@ -8,11 +8,16 @@ import pandas as pd
 import pytest
 
 import dse
-from dse import dataset, seeds, store
+from dse import store
+from dse.base import seeds
+from dse.base.records import Network, Parameters
 from dse.cli import main
 from dse.config import load_space
-from dse.dataset import load
-from dse.dataset.cache import usual_root
+from dse.data import dataset
+from dse.data.dataset import load
+from dse.data.dataset.cache import usual_root
+from dse.data.recordings import RecordingError
+from dse.data.recordings.scene import Trials
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
 from dse.deploy.evaluate import evaluate
@@ -21,9 +26,6 @@ from dse.measure import decision
 from dse.measure.run import read_out
 from dse.models.snn import respond
 from dse.models.snn.quantise import rounded
-from dse.recordings import RecordingError
-from dse.recordings.scene import Trials
-from dse.records import Network, Parameters
 from dse.scene.load import load_scene
 from dse.study import explore, results
 from tests import tiny_study
@@ -405,7 +407,7 @@ def test_what_was_repaired_is_said(real, exported, monkeypatch):
 
 
 def test_a_missing_path_is_one_line_and_no_folder_is_searched(on_scene, monkeypatch, capsys):
-    monkeypatch.setattr("dse.recordings.files.os.scandir", lambda _: pytest.fail("searched"))
+    monkeypatch.setattr("dse.data.recordings.files.os.scandir", lambda _: pytest.fail("searched"))
     for command in ("evaluate", "stream"):
         assert main([command, str(on_scene / "bundle"), "--data", "/missing.aedat4"]) == 2
         assert capsys.readouterr().err == "/missing.aedat4: no such file or folder\n"

@@ -9,7 +9,7 @@ from dse.cli import main
 from dse.deploy import bundle, measure
 from dse.deploy.bundle import Input
 from dse.deploy.evaluate import evaluate
-from dse.hardware.counter import MeasuredPower
+from dse.measure.hardware.counter import MeasuredPower
 from tests.deploy.bundles import bundle as bundle_of
 from tests.deploy.bundles import network
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.records import Layer, Network, Parameters
+from dse.base.registry import known
 from dse.deploy.bundle import BundleError
+from dse.engine.neurons import LayerSpec, name_of_population, parameters_of
 from dse.models.snn.quantise import rounded
 from dse.models.snn.respond import spikes_of_layers
-from dse.neurons import LayerSpec, name_of_population, parameters_of
-from dse.records import Layer, Network, Parameters
-from dse.registry import known
 from tests.deploy import bundles
 
 pytestmark = pytest.mark.usefixtures("torch")

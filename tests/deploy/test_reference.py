@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from dse.base.records import Response, Signals
 from dse.config import load_space
 from dse.deploy import bundle
 from dse.deploy.evaluate import evaluate
 from dse.deploy.export import export
 from dse.deploy.reference import answered, of_recordings, prepared
-from dse.neurons import cuba_lif, population_of
-from dse.neurons.fixed_point import quantise
-from dse.records import Response, Signals
+from dse.engine.neurons import cuba_lif, population_of
+from dse.engine.neurons.fixed_point import quantise
 from dse.study import explore
 from tests import tiny_study
 from tests.deploy.bundles import explored

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from dse.cli import main
+from dse.data.recordings import RecordingError
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
 from dse.deploy.export import bundle_of, export
 from dse.deploy.reproduce import reproduce
 from dse.deploy.statement import digest
-from dse.recordings import RecordingError
 from dse.store import StoreError
 from tests import tiny_study
 from tests.deploy.bundles import FAMILIES, explored

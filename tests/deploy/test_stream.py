@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dse.base.records import Block, Network, Rasters, Signals
+from dse.data.recordings import RecordingError
 from dse.deploy.bundle import Bundle, BundleError, Input
 from dse.deploy.reference import answered, decided, prepared
 from dse.deploy.stream import Passed, Spiking, Stream, Windows
 from dse.deploy.window import Decision
 from dse.models.counts.knn import KNN
 from dse.models.training import Training
-from dse.recordings import RecordingError
-from dse.records import Block, Network, Rasters, Signals
 from dse.testing import small
 from tests.deploy import bundles
 from tests.deploy.c import nets

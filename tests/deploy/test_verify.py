@@ -9,14 +9,14 @@ import pytest
 
 import dse
 from dse import store
+from dse.base.records import Parameters
 from dse.cli import main
+from dse.data.recordings import RecordingError
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
 from dse.deploy.c import replay
 from dse.deploy.verdict import Verdict
 from dse.deploy.verify import Verified, export_targets, verify
-from dse.recordings import RecordingError
-from dse.records import Parameters
 from dse.testing.targets import small_bundle, small_recordings
 from tests.command import document
 from tests.deploy import bundles

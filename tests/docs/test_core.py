@@ -12,10 +12,11 @@ import pytest
 import yaml
 
 import dse
-from dse import dataset, preprocessing, store
-from dse.dataset.cache import usual_root
-from dse.neurons.fixed_point import quantise
-from dse.recordings.pooling import pooling
+from dse import store
+from dse.data import dataset, preprocessing
+from dse.data.dataset.cache import usual_root
+from dse.data.recordings.pooling import pooling
+from dse.engine.neurons.fixed_point import quantise
 from dse.scene import simulate
 from dse.scene.load import load_scene
 from dse.search.space import design_at

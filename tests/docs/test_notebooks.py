@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from dse import registry
-from dse.figures.image import static_image
+from dse.base import registry
+from dse.show.figures.image import static_image
 from tests.docs import pages
 
 ROOT = Path(__file__).resolve().parent.parent.parent

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from dse import registry
+from dse.base import registry
 from dse.cli.handbook import markdown
 from tests.docs import pages
 from tests.installed import needs_papers

@@ -12,8 +12,8 @@ from dse.engine.layers import weights
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.member import Masters, Member, TrainedLayer, Turn
 from dse.engine.network import gradients
-from dse.neurons import cuba_lif, fixed_point
-from dse.neurons.surrogate import exponential
+from dse.engine.neurons import cuba_lif, fixed_point
+from dse.engine.neurons.surrogate import exponential
 
 
 def drawn(rng, n_in, n_out, ring=False):

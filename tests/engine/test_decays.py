@@ -10,10 +10,10 @@ from dse.engine import cpu, engines
 from dse.engine.layers import weights
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
-from dse.neurons import cuba_lif
-from dse.neurons.calculus import NumpyCalculus
-from dse.neurons.fixed_point import quantise
-from dse.neurons.surrogate import exponential
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.calculus import NumpyCalculus
+from dse.engine.neurons.fixed_point import quantise
+from dse.engine.neurons.surrogate import exponential
 
 N_IN, N_HIDDEN, N_OUT = 12, 20, 4
 SURROGATE = exponential(80 / 64, 0.03, 3.0)

@@ -10,10 +10,10 @@ from dse.engine.engines import start
 from dse.engine.events import dense
 from dse.engine.layers import prepare, weights
 from dse.engine.member import Masters, Member, TrainedLayer, Turn
-from dse.neurons import cuba_lif
-from dse.neurons.fixed_point import quantise
-from dse.neurons.lif import Lif
-from dse.neurons.surrogate import exponential
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.fixed_point import quantise
+from dse.engine.neurons.lif import Lif
+from dse.engine.neurons.surrogate import exponential
 
 N_IN, N_HIDDEN, N_OUT = 12, 9, 4
 
@@ -128,7 +128,7 @@ def test_neurons_without_a_kernel_need_torch(monkeypatch):
         surrogate=exponential(1.0, 0.03, 3.0),
         unit=np.ones(2, np.float32),
     )
-    monkeypatch.setattr("dse.native.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("dse.base.native.extras.find_spec", lambda name: None)
     message = r"training neurons without a kernel needs torch: pip install 'dse-spiking\[torch\]'"
     with pytest.raises(RuntimeError, match=message):
         start([Member((layer,), 0.6, 0.05, "ideal")], 1, 1)

@@ -12,11 +12,11 @@ from dse.engine.layers import prepare, weights
 from dse.engine.layout import packed, padded, unpacked
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
-from dse.neurons import LayerSpec, cuba_lif
-from dse.neurons.fixed_point import quantise
-from dse.neurons.resonator import Population as Resonators
-from dse.neurons.resonator import Resonator
-from dse.neurons.surrogate import exponential
+from dse.engine.neurons import LayerSpec, cuba_lif
+from dse.engine.neurons.fixed_point import quantise
+from dse.engine.neurons.resonator import Population as Resonators
+from dse.engine.neurons.resonator import Resonator
+from dse.engine.neurons.surrogate import exponential
 
 N_IN, N_HIDDEN, N_OUT = 12, 20, 4
 AT_ONCE = cuba_lif.Population(np.int32(4096), np.int32(4096), 2**20)

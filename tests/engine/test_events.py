@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.ours import rows_of
+from dse.base.records import Spikes
 from dse.engine.events import delayed, dense, gather, without
-from dse.records import Spikes
 
 
 def stored(x):

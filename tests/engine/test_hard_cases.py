@@ -1,4 +1,4 @@
-"""States and spikes at the limits, bit for bit against the equations of dse.neurons."""
+"""States and spikes at the limits, bit for bit against the equations of dse.engine.neurons."""
 
 import numpy as np
 import pytest
@@ -9,14 +9,14 @@ from benchmarks.ours import rows_of
 from dse.engine.events import dense
 from dse.engine.layers import prepare, weights
 from dse.engine.network import answer, gradients
-from dse.neurons import cuba_lif, fixed_point
-from dse.neurons.surrogate import exponential
+from dse.engine.neurons import cuba_lif, fixed_point
+from dse.engine.neurons.surrogate import exponential
 
 LOWEST, HIGHEST = np.float32(-4), np.float32(254 / 64)
 
 
 def assert_defined(x, layer, arithmetic):
-    """Check potentials and spikes against dse.neurons; return the potentials in weight units."""
+    """Check potentials and spikes against dse.engine.neurons; return the potentials in weight units."""
     z = x.astype(np.float64) @ layer.feed_forward.astype(np.float64)
     _, voltage, spikes = cuba_lif.run(z, layer.population, arithmetic)
     found = prepare(layer, arithmetic).forward(rows_of(x), keep_voltage=True)

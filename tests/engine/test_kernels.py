@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.ours import rows_of
+from dse.base.native.compiled import _sources
 from dse.engine import kernels
 from dse.engine.adam import adam
 from dse.engine.batch import batch_of
 from dse.engine.layers import laid_out, prepare, run, weights
 from dse.engine.layout import LANES, aligned, packed, padded, unpacked, width_at
-from dse.native.compiled import _sources
-from dse.neurons import cuba_lif
-from dse.neurons.surrogate import exponential
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.surrogate import exponential
 
 
 def gathered(rows, table, kind, out_kind):

@@ -1,4 +1,4 @@
-"""The engine against golden vectors and against the equations of dse.neurons."""
+"""The engine against golden vectors and against the equations of dse.engine.neurons."""
 
 from itertools import pairwise
 
@@ -11,9 +11,9 @@ from dse.engine.layers import prepare, weights
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.losses.spike_rate import SpikeRate
 from dse.engine.network import answer, gradients
-from dse.neurons import cuba_lif, fixed_point
-from dse.neurons.calculus import NumpyCalculus
-from dse.neurons.surrogate import exponential
+from dse.engine.neurons import cuba_lif, fixed_point
+from dse.engine.neurons.calculus import NumpyCalculus
+from dse.engine.neurons.surrogate import exponential
 from tests.golden import cases
 
 

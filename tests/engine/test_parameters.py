@@ -13,10 +13,10 @@ from dse.engine.layout import blocks, packed, unpacked
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
+from dse.engine.neurons import cuba_lif, fixed_point
+from dse.engine.neurons.surrogate import exponential
 from dse.engine.parameters import Tied, WeightNorm, Whitened, lengths, normed, whitened
 from dse.engine.shared import copies_of, distinct, expanded
-from dse.neurons import cuba_lif, fixed_point
-from dse.neurons.surrogate import exponential
 
 N_IN, N_HIDDEN, N_OUT, RATE = 20, 70, 4, 0.02
 ARITHMETICS = ("integer", "float32", "ideal")

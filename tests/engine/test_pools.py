@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.ours import rows_of
+from dse.base.records import Spikes
 from dse.engine import cpu
 from dse.engine.events import gather, pooled
 from dse.engine.member import Member, TrainedLayer, Turn
-from dse.neurons import cuba_lif
-from dse.neurons.surrogate import exponential
-from dse.records import Spikes
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.surrogate import exponential
 
 POOL = np.array([0, 2, 1, 0, 0, 2, 2, 1, 0, 0, 1, 2])
 

@@ -10,10 +10,10 @@ from dse.engine.events import dense
 from dse.engine.layers import prepare, weights
 from dse.engine.member import Member, TrainedLayer, Turn
 from dse.engine.network import gradients
-from dse.neurons import LayerSpec, cuba_lif
-from dse.neurons.fixed_point import quantise
-from dse.neurons.resonator import Population, Resonator
-from dse.neurons.surrogate import exponential
+from dse.engine.neurons import LayerSpec, cuba_lif
+from dse.engine.neurons.fixed_point import quantise
+from dse.engine.neurons.resonator import Population, Resonator
+from dse.engine.neurons.surrogate import exponential
 
 N_IN, N_HIDDEN, N_OUT = 12, 20, 4
 

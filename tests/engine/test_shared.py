@@ -8,9 +8,9 @@ import pytest
 from benchmarks.ours import rows_of
 from dse.engine import cpu
 from dse.engine.member import Member, TrainedLayer, Turn
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.surrogate import exponential
 from dse.engine.shared import copies_of, distinct, expanded
-from dse.neurons import cuba_lif
-from dse.neurons.surrogate import exponential
 
 NUMBER = np.array([[0, -1, 2], [1, 0, -1], [2, 2, 1]], np.int32)
 

@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
+from dse.base.records import Spikes
 from dse.engine.events import delayed, gather
 from dse.engine.forward import prepare
 from dse.engine.layers import weights
 from dse.engine.network import layer_spikes
+from dse.engine.neurons import cuba_lif, lif, resonator, xylo_lif
+from dse.engine.neurons.fixed_point import quantise
 from dse.engine.stepping import RunningStack
-from dse.neurons import cuba_lif, lif, resonator, xylo_lif
-from dse.neurons.fixed_point import quantise
-from dse.records import Spikes
 
 N_STEPS = 24
 

@@ -31,25 +31,25 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
 from dse import store
+from dse.base.registry import known
 from dse.config import ConfigError
 from dse.config.faults import Fault
+from dse.data.recordings import RecordingError
+from dse.data.recordings.event_files import EventFiles
+from dse.data.recordings.raster import RasterFile
 from dse.deploy import bundle
 from dse.deploy.bundle import BundleError
 from dse.deploy.reference import of_recordings
-from dse.recordings import RecordingError
-from dse.recordings.event_files import EventFiles
-from dse.recordings.raster import RasterFile
-from dse.registry import known
 from dse.study import doctor, explore, tables, workers
 from dse.study.ledger import read_entries
 from dse.study.mended import opened
 from dse.study.results import Study
 from dse.testing.targets import small_bundle, small_recordings
 from tests import tiny_study
+from tests.data.recordings import rectangles
+from tests.data.recordings.formats import test_contract
+from tests.data.recordings.formats.reading import MARKS, RECORDED, a_reader_that_hangs_fails
 from tests.in_process import InProcess
-from tests.recordings import rectangles
-from tests.recordings.formats import test_contract
-from tests.recordings.formats.reading import MARKS, RECORDED, a_reader_that_hangs_fails
 
 MORE_BYTES = 1 << 30
 ROUND = 60  # inputs of one seed

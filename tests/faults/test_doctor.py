@@ -15,13 +15,14 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 import dse
-from dse import store, trust
-from dse.audit import record as audit
-from dse.audit.audit import Audit
+from dse import store
+from dse.base import trust
+from dse.base.records import Array, Dataset, Network, Response
 from dse.cli import main
 from dse.config import load_space
-from dse.records import Array, Dataset, Network, Response
 from dse.study import explore, held, queue, tables
+from dse.study.audit import record as audit
+from dse.study.audit.audit import Audit
 from dse.study.ledger import read_entries
 from dse.study.results import Study
 from dse.study.workers import Workers
@@ -32,7 +33,7 @@ from tests.study.test_racing import in_process
 
 PLUGIN = '''
 from dataclasses import dataclass
-from dse.registry import register
+from dse.base.registry import register
 
 @register("encoders", "encoder_of_planted_faults")
 @dataclass(frozen=True)

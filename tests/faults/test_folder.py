@@ -13,9 +13,10 @@ import pandas as pd
 import pytest
 from pandas.testing import assert_frame_equal
 
-from dse import dataset, store
+from dse import store
 from dse.config import ConfigError, load_space
-from dse.dataset import cache
+from dse.data import dataset
+from dse.data.dataset import cache
 from dse.study import explore, results
 from dse.study.doctor import examine, repair
 from dse.study.ledger import Ledger, read_entries

@@ -15,7 +15,7 @@ from dse.config import load_space
 from dse.engine import kernels
 from dse.engine.layers import laid_out, weights
 from dse.engine.layout import LANES, aligned
-from dse.neurons import cuba_lif
+from dse.engine.neurons import cuba_lif
 from dse.study import explore
 from tests import tiny_study
 from tests.golden import FILE

@@ -10,9 +10,17 @@ import numpy as np
 import pytest
 from numpy.lib import format as npy
 
-from dse.recordings import RecordingError
-from tests.dataset.plain import prepare
-from tests.recordings.formats.encoders import evt2_event, evt2_high, evt3_high, evt3_low, evt3_x, evt3_y, raw
+from dse.data.recordings import RecordingError
+from tests.data.dataset.plain import prepare
+from tests.data.recordings.formats.encoders import (
+    evt2_event,
+    evt2_high,
+    evt3_high,
+    evt3_low,
+    evt3_x,
+    evt3_y,
+    raw,
+)
 from tests.spaces import sections
 
 MOST_BYTES = 1 << 29

@@ -2,9 +2,9 @@
 
 import random
 
-from dse.dashboard.gather import gather_page
-from dse.dashboard.live import Live
-from dse.dashboard.serve import Server
+from dse.show.dashboard.gather import gather_page
+from dse.show.dashboard.live import Live
+from dse.show.dashboard.serve import Server
 from tests.page_data import OBJECTIVES, points
 from tests.serving import answer_to, ask, served
 

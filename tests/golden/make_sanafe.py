@@ -3,7 +3,7 @@
     pip install sanafe==2.2.9 numpy && python tests/golden/make_sanafe.py
 
 sanafe.json: totals. Inputs share core 0 with the first neurons (they cost nothing there but their messages),
-as `dse.hardware.placement` has it.
+as `dse.measure.hardware.placement` has it.
 sanafe_steps.json: counts and time of every step. Inputs have cores of their own, so that no core sends for
 inputs and for neurons.
 Weights are random; only counts and totals are kept.

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from dse import store
+from dse.base.records import Answers, Dataset, Head, Layer, Network, Outcome, Parameters, Response, Spikes
 from dse.config.space import DecisionGrid
-from dse.hardware.profile import load
+from dse.measure.hardware.profile import load
 from dse.measure.objectives.accuracy import wilson_se
 from dse.measure.objectives.recognition import itr_bits
 from dse.measure.on_chips import columns_on
 from dse.measure.run import measure, read_out
-from dse.records import Answers, Dataset, Head, Layer, Network, Outcome, Parameters, Response, Spikes
 from tests.layers import cuba_parameters
 from tests.saved_data import in_a_row
 

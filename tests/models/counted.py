@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dse import seeds
-from dse.records import Dataset
+from dse.base import seeds
+from dse.base.records import Dataset
 from dse.testing.small import spikes_of
 
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dse.neurons import LayerSpec, Neuron, Step
-from dse.neurons.calculus import Calculus
-from dse.records import Array, Floats
-from dse.registry import param, register
+from dse.base.records import Array, Floats
+from dse.base.registry import param, register
+from dse.engine.neurons import LayerSpec, Neuron, Step
+from dse.engine.neurons.calculus import Calculus
 
 
 class State(NamedTuple):

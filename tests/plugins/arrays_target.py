@@ -10,12 +10,12 @@ from typing import ClassVar
 import numpy as np
 
 from dse import store
+from dse.base.records import Network, Response
 from dse.deploy.bundle import Bundle, BundleError
 from dse.deploy.reference import Reference, decided
 from dse.deploy.targets import Run, TargetError, Verdict, compare
-from dse.neurons import cuba_lif, population_of
-from dse.neurons.fixed_point import quantise
-from dse.records import Network, Response
+from dse.engine.neurons import cuba_lif, population_of
+from dse.engine.neurons.fixed_point import quantise
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Targets of tests/plugins/arrays_target.py for the time of a test."""
 
-from dse import registry
+from dse.base import registry
 from tests.plugins.arrays_target import Arrays, Locked, Stubborn, Unread
 
 

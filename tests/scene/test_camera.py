@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks import scene_reference as reference
-from dse.records import Block
+from dse.base.records import Block
 from dse.scene import camera
 from dse.scene.camera import DROPPED, EVENTS, LOOKS, LOST
 from dse.scene.scene import Camera

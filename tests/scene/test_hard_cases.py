@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks import scene_reference as reference
-from dse import preprocessing
 from dse.config.settings import Preprocessing
-from dse.recordings.pooling import pooling
+from dse.data import preprocessing
+from dse.data.recordings.pooling import pooling
 from dse.scene import background, checks, simulate
 from dse.scene.scene import Method, Sensor, Variation
 from dse.scene.tip import pins_mm

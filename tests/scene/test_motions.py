@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse import registry
+from dse.base import registry
 from dse.scene.motions.accelerating import Accelerating
 from dse.scene.motions.constant import Constant
 from dse.scene.motions.table import Table

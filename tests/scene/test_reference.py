@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks import scene_reference as reference
-from dse.records import Block
+from dse.base.records import Block
 from dse.scene import background, simulate
 from dse.scene.scene import Camera
 from dse.scene.tip import image_px, pins_mm

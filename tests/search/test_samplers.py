@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from dse import registry, seeds
+from dse.base import registry, seeds
 from dse.config import load_space
 from dse.search import proposals
 from dse.search.limits import Exclusion

@@ -13,7 +13,17 @@ import pytest
 from typing_extensions import TypeAliasType
 
 from dse import store
-from dse.records import Answers, Array, Floats, Layer, Network, Operations, Parameters, Response, Workload
+from dse.base.records import (
+    Answers,
+    Array,
+    Floats,
+    Layer,
+    Network,
+    Operations,
+    Parameters,
+    Response,
+    Workload,
+)
 from tests.layers import cuba_parameters
 
 Scalar = TypeVar("Scalar", bound=np.generic)

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from dse import store
-from dse.records import Head
+from dse.base.records import Head
 
 
 def test_numbers_of_numpy_become_pythons_own():

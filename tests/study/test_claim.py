@@ -4,7 +4,8 @@ import re
 
 import pytest
 
-from dse import registry, store
+from dse import store
+from dse.base import registry
 from dse.config import ConfigError, load_space
 from dse.config.yaml_lines import dump
 from dse.store import Book, read_text
@@ -14,7 +15,7 @@ from tests.spaces import write_space
 
 PLUGIN = '''
 from dataclasses import dataclass
-from dse.registry import register
+from dse.base.registry import register
 
 @register("encoders", "encoder_of_a_claim")
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from dse import store
+from dse.base.records import Dataset, Head, Spikes
 from dse.config.space import DecisionGrid
-from dse.hardware.profile import load
+from dse.measure.hardware.profile import load
 from dse.measure.on_chips import columns_on
 from dse.models.counts.knn import KNN
 from dse.models.snn.family import SNN
 from dse.models.training import Training
-from dse.records import Dataset, Head, Spikes
 from dse.study import jobs
 from dse.study.workers import Workers
 from tests.joint_data import joint

@@ -7,9 +7,9 @@ import yaml
 
 import dse
 from dse.config import load_space
-from dse.dataset import assemble, cache, dataset_key
-from dse.dataset.shape import Shape, announced
-from dse.hardware.profile import load_all
+from dse.data.dataset import assemble, cache, dataset_key
+from dse.data.dataset.shape import Shape, announced
+from dse.measure.hardware.profile import load_all
 from dse.measure.numbers import Numbers
 from dse.search.space import design_at
 from dse.study import explore

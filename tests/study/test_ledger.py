@@ -5,10 +5,10 @@ import random
 import pytest
 
 from dse import store
+from dse.base.seeds import design_key
 from dse.config import load_space
 from dse.search.limits import Exclusion
 from dse.search.space import design_at
-from dse.seeds import design_key
 from dse.store import BOOK, Book
 from dse.study.ledger import Ledger, read_entries
 from dse.study.mended import fault, opened

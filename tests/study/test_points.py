@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 from dse import store
+from dse.base.records import Operations, Workload
 from dse.config import ConfigError
-from dse.hardware.profile import load
+from dse.measure.hardware.profile import load
 from dse.measure.numbers import Numbers
-from dse.records import Operations, Workload
 from dse.study import held, points, precision, pricing
 from dse.study.record import RunRecord, load_record, load_records
 from tests import tiny_study

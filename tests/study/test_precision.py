@@ -11,6 +11,7 @@ import pytest
 
 import dse
 from dse import store
+from dse.base.records import Outcome
 from dse.config import load_space
 from dse.config.space import DecisionGrid
 from dse.measure.run import measure
@@ -18,7 +19,6 @@ from dse.models.counts.knn import KNN
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import rounded
 from dse.models.training import Training
-from dse.records import Outcome
 from dse.study import explore, jobs, precision, rounding
 from dse.study.precision import AS_TRAINED, common, evaluations, fronts, missing, near, refusal
 from dse.study.rounding import Rounding, evaluate

@@ -5,9 +5,9 @@ import pytest
 import yaml
 
 from dse.config import load_space
-from dse.recordings import RecordingError
-from dse.recordings.event_files import FolderEvents
-from dse.recordings.scene import Trials
+from dse.data.recordings import RecordingError
+from dse.data.recordings.event_files import FolderEvents
+from dse.data.recordings.scene import Trials
 from dse.scene import simulate
 from dse.scene.load import load_scene
 from dse.study.preview import preview

@@ -9,7 +9,7 @@ import pytest
 import dse
 from dse import store
 from dse.cli import main
-from dse.hardware.profile import load
+from dse.measure.hardware.profile import load
 from dse.study import pricing, resampling
 from dse.study.record import load_records
 from dse.study.results import open as open_study

@@ -4,10 +4,10 @@ import pytest
 
 from dse import store
 from dse.config import ConfigError
-from dse.dataset import load
-from dse.dataset.cache import usual_root
-from dse.dataset.files import read_meta
-from dse.recordings import RecordingError
+from dse.data.dataset import load
+from dse.data.dataset.cache import usual_root
+from dse.data.dataset.files import read_meta
+from dse.data.recordings import RecordingError
 from dse.study import explore
 from tests.tiny_study import make_space
 

@@ -12,11 +12,11 @@ from pandas.testing import assert_frame_equal
 import dse
 from dse import store
 from dse.config import ConfigError, load_space
-from dse.dataset import load
-from dse.dataset.cache import usual_root
+from dse.data.dataset import load
+from dse.data.dataset.cache import usual_root
+from dse.data.recordings import RecordingError
 from dse.measure import decision
 from dse.measure.run import read_out
-from dse.recordings import RecordingError
 from dse.study import claim, data_sets, explore, results, runs, training
 from dse.study import jobs as study_jobs
 from dse.study.executors.work import Failure

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from joblib.externals.loky.process_executor import _ExecutorManagerThread
 
-from dse import registry
+from dse.base import registry
 from dse.study.executors import loky
 from dse.study.executors.work import THREADS, Failure, pack
 from dse.study.workers import OutOfTime, Workers
@@ -266,7 +266,7 @@ def test_a_worker_loads_the_plugins_that_its_job_needs(tmp_path, monkeypatch):
     path = tmp_path / "mine.py"
     path.write_text(
         "from dataclasses import dataclass\n"
-        "from dse.registry import register\n"
+        "from dse.base.registry import register\n"
         "@register('encoders', 'of_a_worker')\n"
         "@dataclass(frozen=True)\n"
         "class OfAWorker:\n"

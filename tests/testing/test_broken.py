@@ -10,20 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import pytest
 
-from dse.config.contracts import Encoder, Generators, Recordings
-from dse.config.settings import Training
-from dse.encoders.send_on_delta import SendOnDelta
-from dse.engine.losses import Outputs
-from dse.engine.losses.spike_rate import SpikeRate
-from dse.figures.confusion import Confusion, ConfusionFigure
-from dse.hardware.kinds.linear import CountedOperations
-from dse.hardware.plan import Plan, energy_only
-from dse.hardware.profile import Figures, load
-from dse.measure.objectives import FullReadOut, Points
-from dse.models.counts.knn import KNN
-from dse.neurons.lif import Lif
-from dse.recordings.time_series import TimeSeries
-from dse.records import (
+from dse.base.records import (
     Answers,
     Array,
     Dataset,
@@ -35,8 +22,21 @@ from dse.records import (
     Spikes,
     Workload,
 )
-from dse.registry import Column, param
+from dse.base.registry import Column, param
+from dse.config.contracts import Encoder, Generators, Recordings
+from dse.config.settings import Training
+from dse.data.encoders.send_on_delta import SendOnDelta
+from dse.data.recordings.time_series import TimeSeries
+from dse.engine.losses import Outputs
+from dse.engine.losses.spike_rate import SpikeRate
+from dse.engine.neurons.lif import Lif
+from dse.measure.hardware.kinds.linear import CountedOperations
+from dse.measure.hardware.plan import Plan, energy_only
+from dse.measure.hardware.profile import Figures, load
+from dse.measure.objectives import FullReadOut, Points
+from dse.models.counts.knn import KNN
 from dse.search.samplers.random import Random
+from dse.show.figures.confusion import Confusion, ConfusionFigure
 from dse.testing import (
     check_chip_kind,
     check_encoder,
@@ -140,7 +140,7 @@ class CountingPopulation:
         return Impure(calculus.zeros(shape))
 
     def step(self, state: Impure, drive: Array, calculus: Any) -> Any:
-        from dse.neurons import Step
+        from dse.engine.neurons import Step
 
         state.v[...] += drive
         return Step(state, state.v, calculus.fire(state.v, self.threshold))

@@ -6,12 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dse import registry, store
+from dse import store
+from dse.base import registry
+from dse.base.records import Array, Parameters
 from dse.config.locate import shipped_folder
+from dse.data.encoders.threshold import Threshold
 from dse.deploy.verilog import tools
-from dse.encoders.threshold import Threshold
-from dse.hardware import profile
-from dse.records import Array, Parameters
+from dse.measure.hardware import profile
 from dse.testing import (
     check_chip_kind,
     check_encoder,

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from dse import registry
+from dse.base import registry
 from dse.cli import main
 from dse.cli.commands.drawing import size_px
-from dse.figures import image
+from dse.show.figures import image
 from dse.testing import check_figure, check_objective
 from tests.command import document
 from tests.spaces import write_space
@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 import plotly.graph_objects as go
 
-from dse.figures import Results
+from dse.show.figures import Results
 from dse.measure.objectives import FullReadOut, Points
-from dse.registry import Column, param, register
+from dse.base.registry import Column, param, register
 
 
 @register("objectives", "recall_worst")

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from dse import registry
+from dse.base import registry
+from dse.base.registry import param
 from dse.deploy.bundle import Bundle
 from dse.deploy.reference import Reference
 from dse.deploy.targets import Verdict, compare
-from dse.registry import param
 from dse.testing import check_target
 from tests.plugins import with_targets
 from tests.plugins.arrays_target import Arrays

@@ -9,12 +9,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from dse.base.registry import Rule
+from dse.base.text import one_line
 from dse.cli.answer import Answer, listing, wrapped
 from dse.cli.asking import answered, is_person
 from dse.cli.signature import Amount, number
-from dse.recordings.table import UNITS_MS
-from dse.registry import Rule
-from dse.text import one_line
+from dse.data.recordings.table import UNITS_MS
 
 if TYPE_CHECKING:
     from dse.data.look import Look
@@ -109,8 +109,8 @@ def prepare(set: str | None = None, source: Path | None = None, *, out: Path | N
         source: folder with the authors' files.
         out (DIR): folder of recordings, where search spaces look files up (default: $DSE_DATA).
     """
-    from dse.recordings import RecordingError
-    from dse.recordings import prepare as preparing
+    from dse.data.recordings import RecordingError
+    from dse.data.recordings import prepare as preparing
 
     if set is None:
         rows = [

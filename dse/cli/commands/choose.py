@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+from dse.base.registry import Rule
 from dse.cli.answer import Answer
 from dse.cli.signature import Texts, Without
 from dse.config import ConfigError, Fault
-from dse.registry import Rule
 from dse.study.question import MOST_DRAWS, Question
 
 _NOTHING_FEASIBLE = 3
@@ -36,7 +36,7 @@ def dashboard(
         host (NAME): address to listen on (default: 127.0.0.1, this machine only); readers need the token in
             the printed URL.
     """
-    from dse.dashboard.study import PageRequest, load_definition, write_page
+    from dse.show.dashboard.study import PageRequest, load_definition, write_page
 
     faults = []
     if html:
@@ -56,8 +56,8 @@ def dashboard(
         path = write_page(studies.open(results), html, request)
         return Answer([{"page": str(path)}], text=str(path))
 
-    from dse.dashboard.serve import LOOPBACK, PORT
-    from dse.dashboard.site import page_server
+    from dse.show.dashboard.serve import LOOPBACK, PORT
+    from dse.show.dashboard.site import page_server
 
     with page_server(Path(results), host or LOOPBACK, PORT if port is None else port, request) as server:
         print(f"{server.url}  (stop with Ctrl-C)", flush=True)

@@ -7,16 +7,16 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from dse.base.registry import Rule
 from dse.cli.answer import Answer, cell
 from dse.cli.signature import Amount, Texts
 from dse.config import ConfigError, Fault
-from dse.registry import Rule
 from dse.study.question import MOST_DRAWS
 
 if TYPE_CHECKING:
-    from dse.hardware.inference import Inference
-    from dse.hardware.profile import Profile
-    from dse.hardware.table import CostRow
+    from dse.measure.hardware.inference import Inference
+    from dse.measure.hardware.profile import Profile
+    from dse.measure.hardware.table import CostRow
 
 _DEFAULT = "loihi1_silicon"
 
@@ -39,9 +39,9 @@ def cost(
         draws: sample the profile's uncertain numbers N times.
     """
     from dse.config.settings import Schedule
-    from dse.hardware.profile import load_all
-    from dse.hardware.table import cost_row
-    from dse.hardware.workload import load_inference
+    from dse.measure.hardware.profile import load_all
+    from dse.measure.hardware.table import cost_row
+    from dse.measure.hardware.workload import load_inference
 
     faults = []
     if battery_mwh is not None and contacts_per_hour is None:
@@ -148,7 +148,7 @@ def _lines(row: CostRow) -> Iterator[tuple[str, str, list[str]]]:
 
 def _inference_text(inference: Inference) -> str:
     """Return the workload in one line."""
-    from dse.records import Workload
+    from dse.base.records import Workload
 
     load = inference.load
     if not isinstance(load, Workload):

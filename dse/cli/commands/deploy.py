@@ -6,9 +6,9 @@ import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
+from dse.base.registry import Rule
 from dse.cli.answer import Answer
 from dse.cli.signature import Texts
-from dse.registry import Rule
 
 if TYPE_CHECKING:
     from dse.deploy.evaluate import Evaluation

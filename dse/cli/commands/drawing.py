@@ -7,15 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dse import registry
+from dse.base import registry
 from dse.cli.answer import Answer
 from dse.cli.signature import Texts
 from dse.config import ConfigError, Fault
 from dse.config.yaml_lines import Document, override
 
 if TYPE_CHECKING:
-    from dse.figures import Figure
-    from dse.figures.labels import Drawing
+    from dse.show.figures import Figure
+    from dse.show.figures.labels import Drawing
 
 SUFFIXES = (".pdf", ".svg", ".png", ".html", ".json")
 _SIZE = re.compile(r"([0-9]+)x([0-9]+)(mm)?")
@@ -65,7 +65,7 @@ def figure(
 
 def size_px(text: str | None) -> tuple[int, int] | None:
     """Return width and height in pixels of `--size`."""
-    from dse.figures.image import PX_PER_MM
+    from dse.show.figures.image import PX_PER_MM
 
     if text is None:
         return None
@@ -79,8 +79,8 @@ def size_px(text: str | None) -> tuple[int, int] | None:
 
 
 def _write(drawn: Drawing, out: Path, size_px: tuple[int, int] | None, name: str) -> None:
-    from dse.figures.image import on_white, static_image
-    from dse.native.extras import MissingExtra
+    from dse.base.native.extras import MissingExtra
+    from dse.show.figures.image import on_white, static_image
     from dse.store import published, write_text
 
     if out.suffix == ".json":
@@ -99,7 +99,7 @@ def _write(drawn: Drawing, out: Path, size_px: tuple[int, int] | None, name: str
 
 def _figure(name: str, settings: Mapping[str, str]) -> Figure[Any]:
     """Return the named figure with the keys of `--set`."""
-    from dse import figures
+    from dse.show import figures
 
     document = override(Document({}, {}), settings)
     faults = list(document.faults)

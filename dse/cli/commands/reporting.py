@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from dse import registry
+from dse.base import registry
 from dse.cli.answer import Answer, audit_answer, with_interval
 from dse.cli.signature import Texts
 
@@ -55,7 +55,7 @@ def report(
         published: components of section `reports`, an option each.
     """
     from dse.measure.on_chips import DRAWN
-    from dse.report import gather
+    from dse.show.report import gather
     from dse.skyline.constraints import ExpressionError
 
     either = " or ".join(f"--{name}" for name in published)
@@ -103,7 +103,7 @@ def report(
 
 def _of_published(name: str, asked: str, studies: list[Study], out: Path | None) -> Answer:
     """Return a report of section `reports`."""
-    from dse.report.gather import published
+    from dse.show.report.gather import published
     from dse.skyline.constraints import ExpressionError
 
     if missing := registry.elsewhere("reports", name):

@@ -27,9 +27,9 @@ def audit(space: str, *, set: Texts = (), repair: bool = False, shifts: tuple[in
             length, both ways).
     """
     loaded = load(space, set, repair)
-    from dse import audit as auditing
-    from dse.audit import record
-    from dse.dataset import cache
+    from dse.data.dataset import cache
+    from dse.study import audit as auditing
+    from dse.study.audit import record
     from dse.study.progress import Lines
 
     with tempfile.TemporaryDirectory() as instead:
@@ -195,7 +195,7 @@ def _notes_of_run(study: Study, space: SearchSpace) -> list[str]:
 def _page(study: Study) -> str:
     """Write the page of a study and return a note about it; an error leaves the study finished."""
     try:
-        from dse.dashboard.study import write_page
+        from dse.show.dashboard.study import write_page
 
         return f"page: {write_page(study, plays=False)}"
     except Exception as error:  # a page gathers every table and figure; no error of theirs may fail the run

@@ -16,7 +16,7 @@ from dse.cli.signature import Count, Texts
 from dse.config import ConfigError, Fault
 
 if TYPE_CHECKING:
-    from dse.records import Block
+    from dse.base.records import Block
     from dse.scene.scene import Scene
     from dse.scene.simulate import Flags
     from dse.study.progress import Progress
@@ -135,9 +135,9 @@ def _span(text: str | None, n: int) -> range | None:
 
 def _write(scene: Scene, trials: range, path: Path, jobs: int, meter: Progress) -> list[_Summary]:
     """Simulate the trials into a file, in order."""
-    from dse.dataset.parts import in_order
-    from dse.recordings.events import event_archive
-    from dse.recordings.scene import Trials
+    from dse.data.dataset.parts import in_order
+    from dse.data.recordings.events import event_archive
+    from dse.data.recordings.scene import Trials
 
     recordings = Trials(scene)
     columns = {name: values[trials.start : trials.stop] for name, values in recordings.columns.items()}
@@ -201,7 +201,7 @@ def _data_section(scene: Scene, path: Path) -> str:
     """Return the line that reads the file in a search space."""
     import yaml
 
-    from dse.recordings.scene import COLUMNS
+    from dse.data.recordings.scene import COLUMNS
 
     width, height = scene.sensor.frame_px
     keys = {
@@ -218,10 +218,10 @@ def _data_section(scene: Scene, path: Path) -> str:
 
 def _draw(scene: Scene, k: int, path: Path) -> Path:
     """Write the page of a trial and return the path."""
-    from dse.dashboard.trial import write_trial_page
-    from dse.figures.trial import gather_trial
     from dse.scene import simulate as simulating
     from dse.scene.trial import mean_force
+    from dse.show.dashboard.trial import write_trial_page
+    from dse.show.figures.trial import gather_trial
 
     texture, motion, _, repetition = scene.cell(k)
     name = (

@@ -10,9 +10,9 @@ from contextlib import ExitStack
 from json import dumps
 from typing import TYPE_CHECKING, Literal
 
+from dse.base.text import json_line, one_line
 from dse.cli.answer import Answer
 from dse.cli.signature import Count
-from dse.text import json_line, one_line
 
 if TYPE_CHECKING:
     from dse.deploy.bundle import Bundle
@@ -49,9 +49,9 @@ def stream(
         first: step of the first window (default: 0).
         json: print a JSON object per line (default: CSV).
     """
+    from dse.data.recordings import RecordingError
     from dse.deploy.bundle import read
     from dse.deploy.sources import End
-    from dse.recordings import RecordingError
 
     if file and data:
         raise RecordingError("a stream must have one source, got file and data")
@@ -76,8 +76,8 @@ def _windows(
     where: Literal["once", "restart", "onset"] | None, every: int | None, first: int
 ) -> Windows | None:
     """Return where windows begin; None: as in training."""
+    from dse.data.recordings import RecordingError
     from dse.deploy.stream import Windows
-    from dse.recordings import RecordingError
 
     if every and where:
         raise RecordingError("--every is a rule of its own and excludes --window")

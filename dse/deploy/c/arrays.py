@@ -16,9 +16,9 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 
+from dse.base.records import Array, Ints
 from dse.deploy.c.text import filled, wrapped
 from dse.deploy.form import common_exponent
-from dse.records import Array, Ints
 
 _OTHERS = {"double": "float64", "float": "float32", "dse_level_t": "int32"}
 

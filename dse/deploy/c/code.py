@@ -9,12 +9,12 @@ from collections.abc import Collection
 from functools import cached_property
 from typing import Any, ClassVar
 
+from dse.data.encoders.receptors import KINDS
+from dse.data.preprocessing import END_OF_TIME_US, Pooling
 from dse.deploy.c.arrays import Member, Table, index, members_of, struct_bytes
 from dse.deploy.c.text import NAMES, TITLE, filled, real, wrapped
 from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
-from dse.encoders.receptors import KINDS
-from dse.neurons.izhikevich import FLOOR_MV, PEAK_MV, A, B, C
-from dse.preprocessing import END_OF_TIME_US, Pooling
+from dse.engine.neurons.izhikevich import FLOOR_MV, PEAK_MV, A, B, C
 
 _ALL_CHANNELS = 2**16
 
@@ -178,7 +178,7 @@ def _send_on_delta(encoder: SendOnDeltaForm) -> str:
 
 
 def _receptors(plan: ReceptorsForm) -> str:
-    """Return the C of the encoder `receptors`: every operation in the order of dse.encoders.receptors."""
+    """Return the C of the encoder `receptors`: all operations in the order of dse.data.encoders.receptors."""
     encoder, kinds = plan.encoder, plan.kinds
     solver_steps = encoder.solver_steps(plan.step_ms)
     h = plan.step_ms / solver_steps

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dse.base.records import Array, Floats, Ints, Network, Parameters
 from dse.deploy.bundle import Bundle
 from dse.deploy.c.arrays import Member, Table, index, members_of
 from dse.deploy.c.code import Code
@@ -27,7 +28,6 @@ from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.rate_windows import RateClassifier, input_lengths, most_spikes, window_edges
 from dse.models.counts.readouts import Readouts, layers_of
 from dse.models.counts.tcn import HIGHEST, LOWEST, TCN
-from dse.records import Array, Floats, Ints, Network, Parameters
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.text import c_comment, markdown
 from dse.deploy.c.arrays import laid_out, struct_bytes
 from dse.deploy.c.code import Code
 from dse.deploy.c.selftest import Window
 from dse.deploy.c.text import NAMES, TITLE, filled, real, strings
 from dse.deploy.c.weights import beside
 from dse.deploy.prefix import DEFAULT, prefixed
-from dse.text import c_comment, markdown
 
 
 def write(

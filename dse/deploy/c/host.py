@@ -15,10 +15,10 @@ from typing import Literal
 
 import numpy as np
 
+from dse.base.records import Floats, Ints
 from dse.deploy.c import replay
 from dse.deploy.prefix import prefixed
 from dse.deploy.run import TargetError
-from dse.records import Floats, Ints
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 

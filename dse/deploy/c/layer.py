@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.base.records import Array
 from dse.deploy.bounds import Bounds
 from dse.deploy.c.arrays import Matrix, Table, stored
 from dse.deploy.c.text import filled, indented
 from dse.deploy.form import LayerForm
-from dse.neurons import cuba_lif, resonator, xylo_lif
-from dse.neurons.fixed_point import DECAY_SCALE
-from dse.records import Array
+from dse.engine.neurons import cuba_lif, resonator, xylo_lif
+from dse.engine.neurons.fixed_point import DECAY_SCALE
 
 Population = cuba_lif.Population | resonator.Population | xylo_lif.Population
 _SHORT_ROW = 16

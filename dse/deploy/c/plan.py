@@ -15,7 +15,7 @@ from dse.deploy.c.layer import LayerPlan, Population
 from dse.deploy.c.text import filled, indented
 from dse.deploy.classifier import Classifier
 from dse.deploy.form import Spiking, Unsupported, spiking_of
-from dse.neurons import resonator, xylo_lif
+from dse.engine.neurons import resonator, xylo_lif
 
 _MOST_CHANNELS = 2**16
 

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dse.base.records import Bools, Floats, Ints, Rasters, Signals
+from dse.data.recordings import EventSource, trials_of
 from dse.deploy.c.plan import Plan
 from dse.deploy.form import Frame, ReceptorsForm, SendOnDeltaForm
 from dse.deploy.reference import Reference, Run
-from dse.recordings import EventSource, trials_of
-from dse.records import Bools, Floats, Ints, Rasters, Signals
 
 INIT, RESET, STEP, SPIKE, SAMPLE, START, EVENT, ANSWER = range(8)
 

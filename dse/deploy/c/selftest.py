@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dse.base.records import Bools, Ints, Network
 from dse.deploy.classifier import Classifier
 from dse.deploy.form import Frame
 from dse.deploy.reference import Reference, of_spikes
-from dse.records import Bools, Ints, Network
 
 _TRIED, _KEPT = 24, 3
 

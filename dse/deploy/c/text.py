@@ -9,7 +9,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from dse.text import c_characters
+from dse.base.text import c_characters
 
 TITLE, NAMES = "@TITLE@", "@NAMES@"
 """What stands for the title and the names of classes while names in C get their prefix."""

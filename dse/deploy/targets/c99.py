@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import dse
+from dse.base.registry import register
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, files, host, replay
 from dse.deploy.c.code import Code
@@ -18,7 +19,6 @@ from dse.deploy.c.replay import Executed, Recorded
 from dse.deploy.c.selftest import windows
 from dse.deploy.reference import Reference
 from dse.deploy.targets import BackEnd, Engine, TargetError
-from dse.registry import register
 
 
 class InC(BackEnd[Code]):

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
+from dse.base.records import Network, Workload
 from dse.deploy.classifier import Classifier
 from dse.deploy.form import Net
-from dse.hardware import profile
-from dse.hardware.cost import NotApplicable
-from dse.neurons import neuron_of
-from dse.neurons.fixed_point import BITS
-from dse.records import Network, Workload
+from dse.engine.neurons import neuron_of
+from dse.engine.neurons.fixed_point import BITS
+from dse.measure.hardware import profile
+from dse.measure.hardware.cost import NotApplicable
 
 
 def misfit(bundle: Classifier, chip: str) -> str:

@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from dse.base.records import Array, Ints
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import code_size, host, replay
 from dse.deploy.c.arrays import Matrix
@@ -27,8 +28,7 @@ from dse.deploy.reference import Reference
 from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import InC
 from dse.deploy.targets.emulator import MOST_FLASH_BYTES, Core, Machine, Program, compiled
-from dse.hardware.profile import load
-from dse.records import Array, Ints
+from dse.measure.hardware.profile import load
 
 MEMORY = Path(__file__).parent / "memory"
 _APART = 16

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.records import Ints
 from dse.deploy.run import TargetError
-from dse.records import Ints
 
 FLAGS = ("-std=c99", "-O2")
 """Options of the compiler, which `instructions` of a profile rest on too."""

@@ -20,6 +20,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from dse.base.records import Ints, Signals
+from dse.base.registry import register
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import replay
 from dse.deploy.form import Unsupported, network_in, spiking_of
@@ -28,8 +30,6 @@ from dse.deploy.targets import BackEnd, Engine
 from dse.deploy.verilog import circuit, tools
 from dse.deploy.verilog.circuit import Circuit
 from dse.deploy.verilog.tools import Board
-from dse.records import Ints, Signals
-from dse.registry import register
 
 _REPORT = "report.json"
 _COUNTED = "cells", "memory_blocks", "multipliers"

@@ -37,16 +37,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dse.base.records import Ints
+from dse.base.registry import register
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import Net, Unsupported, net_of, network_in
 from dse.deploy.reference import Reference
 from dse.deploy.run import interpreter, of_script, require
 from dse.deploy.targets import BackEnd, Engine, Run
 from dse.deploy.targets.chips import decision_of, inputs_of, misfit
-from dse.neurons import cuba_lif
-from dse.neurons.fixed_point import DECAY_SCALE
-from dse.records import Ints
-from dse.registry import register
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.fixed_point import DECAY_SCALE
 
 CHIP = "loihi1_silicon"
 MOST_THRESHOLD = 2**17 - 1

@@ -8,11 +8,11 @@ r = tau_mem/dt and v_leak = 0 it is
 
     I = a I + W s,    v = b v + I,    s = 1 and v = 0 where v > v_threshold
 
-which is a CUBA-LIF neuron (dse.neurons.cuba_lif) of a = (4096 - d_u) / 4096 and b = (4096 - d_v) / 4096. Time
-constants are float64 and weights are those that run, so that a, b and W are exact. A decay of 0, whose time
-constant is infinite, is written as 2**-40. dt is 1e-4, which snnTorch takes for granted: it stands for a
-network step of any duration. Other readers may integrate otherwise and run another network: Rockpool 3.1
-decays exponentially, by a dt of its own. A verdict is of the readers that it names.
+which is a CUBA-LIF neuron (dse.engine.neurons.cuba_lif) of a = (4096 - d_u) / 4096 and b = (4096 - d_v) /
+4096. Time constants are float64 and weights are those that run, so that a, b and W are exact. A decay of 0,
+whose time constant is infinite, is written as 2**-40. dt is 1e-4, which snnTorch takes for granted: it stands
+for a network step of any duration. Other readers may integrate otherwise and run another network: Rockpool
+3.1 decays exponentially, by a dt of its own. A verdict is of the readers that it names.
 
 What NIR has no word for is in the graph's metadata:
 
@@ -44,6 +44,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dse.base.records import Array, Dataset, Floats, Ints, Network, Spikes
+from dse.base.registry import register
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import Net, Unsupported, net_of, network_in
 from dse.deploy.reference import Reference, windows_of
@@ -51,11 +53,9 @@ from dse.deploy.run import interpreter, of_script, require
 from dse.deploy.targets import BackEnd, Engine, Run
 from dse.deploy.targets.chips import decision_of
 from dse.engine.events import gather
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.fixed_point import DECAY_SCALE, STATE_SCALE
 from dse.models.snn.respond import spikes_of_layers
-from dse.neurons import cuba_lif
-from dse.neurons.fixed_point import DECAY_SCALE, STATE_SCALE
-from dse.records import Array, Dataset, Floats, Ints, Network, Spikes
-from dse.registry import register
 
 DT = 1e-4
 """Duration of a step in the time unit of the graph, as snnTorch assumes it."""

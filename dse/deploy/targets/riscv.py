@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dse.base.registry import register
 from dse.deploy.targets.emulated import target_of
 from dse.deploy.targets.emulator import Core, InstructionSet
-from dse.registry import register
 
 _LOAD, _STORE, _REGISTERS = 0b0000011, 0b0100011, 0b0110011  # opcodes: loads, stores, two registers
 _PRODUCT, _LONG_PRODUCT, _QUOTIENT = 2, 3, 36  # cycles beyond the first

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.registry import register
 from dse.deploy.c.code_size import CORTEX_M, CORTEX_M0_PLUS
 from dse.deploy.targets.emulated import target_of
 from dse.deploy.targets.emulator import Core, InstructionSet
-from dse.registry import register
 
 
 def block(code: bytes) -> tuple[int, int, int, int, int]:

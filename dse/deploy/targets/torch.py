@@ -15,13 +15,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from dse.base.records import Ints, Network
+from dse.base.registry import register
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import network_in
 from dse.deploy.reference import Reference
 from dse.deploy.run import require
 from dse.deploy.targets import BackEnd, Engine, Run
-from dse.records import Ints, Network
-from dse.registry import register
 
 _FILE = "module.pt"
 _MOST_NUMBERS = 2**25  # of inputs in the steps of a batch

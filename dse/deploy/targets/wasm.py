@@ -11,6 +11,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dse.base.records import Ints
+from dse.base.registry import register
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.code import Code
@@ -20,8 +22,6 @@ from dse.deploy.run import TargetError
 from dse.deploy.targets.c99 import InC
 from dse.deploy.targets.emulated import MEMORY, in_memory
 from dse.deploy.targets.emulator import built, check, versions
-from dse.records import Ints
-from dse.registry import register
 
 _CALLED = 16
 """Windows whose spikes are given to the module itself; a program that tells every spike has all of them."""

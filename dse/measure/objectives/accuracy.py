@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dse.base.records import Floats
+from dse.base.registry import Column, register
 from dse.measure.objectives import Points
-from dse.records import Floats
-from dse.registry import Column, register
 
 
 @register("objectives", "accuracy")

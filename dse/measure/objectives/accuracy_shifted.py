@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.base.records import Array
+from dse.base.registry import Column, register
 from dse.measure.objectives import Points
 from dse.measure.objectives.accuracy import wilson_se
-from dse.records import Array
-from dse.registry import Column, register
 
 _ERROR = "Standard error of {}: over seeds, Wilson for a single run."
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.base.records import Floats
+from dse.base.registry import Column, register
 from dse.measure.objectives import FullReadOut, flat
 from dse.measure.objectives.accuracy import seeds_se
-from dse.records import Floats
-from dse.registry import Column, register
 
 Unseen = Mapping[str, Mapping[str, float]]
 """Label column -> fold of its values -> accuracy of a net that was trained without the fold."""

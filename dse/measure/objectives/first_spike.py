@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.base.records import Array, Floats, Ints, Response
+from dse.base.registry import Column, register
 from dse.measure.objectives import FullReadOut
-from dse.records import Array, Floats, Ints, Response
-from dse.registry import Column, register
 
 
 @register("objectives", "first_spike")

@@ -1,4 +1,4 @@
-"""What an answer costs on a chip: energy, power, time and cores (`dse.hardware.cost`)."""
+"""What an answer costs on a chip: energy, power, time and cores (`dse.measure.hardware.cost`)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from dse.hardware.duty import latency_ms, on_schedule
-from dse.hardware.interval import column_names
+from dse.base.records import Array, Floats, Operations, Workload
+from dse.base.registry import Column, register
+from dse.measure.hardware.duty import latency_ms, on_schedule
+from dse.measure.hardware.interval import column_names
 from dse.measure.objectives import Number, Priced
-from dse.records import Array, Floats, Operations, Workload
-from dse.registry import Column, register
 
 
 def _interval(name: str, unit: str, doc: str, known: Literal["", "bound"]) -> tuple[Column, ...]:

@@ -12,9 +12,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from dse.base.registry import Column, register
 from dse.measure import decision
 from dse.measure.objectives import FullReadOut
-from dse.registry import Column, register
 
 
 def _of_test(name: str, doc: str) -> Column:

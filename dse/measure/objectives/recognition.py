@@ -25,8 +25,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dse.base.registry import Column, register
 from dse.measure.objectives import FullReadOut
-from dse.registry import Column, register
 
 
 class Macro(NamedTuple):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from dse.base.registry import Column, register
 from dse.measure.objectives import FullReadOut
-from dse.registry import Column, register
 
 
 @register("objectives", "train_s")

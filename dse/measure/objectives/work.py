@@ -27,9 +27,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.base.records import Array, Floats, Ints
+from dse.base.registry import Column, register
 from dse.measure.objectives import Points
-from dse.records import Array, Floats, Ints
-from dse.registry import Column, register
 
 
 @register("objectives", "work")

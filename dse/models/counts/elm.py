@@ -52,11 +52,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from dse.base.native.threads import single_threaded
+from dse.base.records import Answers, Array, Dataset, Outcome, Parameters
+from dse.base.registry import fixed, param, register
 from dse.models.counts.rate_windows import input_lengths, tallied, window_counts
 from dse.models.training import Generators, Training
-from dse.native.threads import single_threaded
-from dse.records import Answers, Array, Dataset, Outcome, Parameters
-from dse.registry import fixed, param, register
 
 RIDGES = (0.0, *(10.0 ** (x / 2) for x in range(-28, 3)))
 """lambda / s_1^2, rising."""

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.records import Array, Floats, Ints
+from dse.base.records import Array, Floats, Ints
 
 MOST_WEIGHT, MOST_UNIT, MOST_SUM = 127, 255, 2**31 - 1
 _SAMPLES = 1000

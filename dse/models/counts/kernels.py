@@ -32,12 +32,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from dse.base.records import Array, Dataset, Ints, Parameters
+from dse.base.registry import fixed, param, register
 from dse.models.counts.levels import is_wired, wiring
 from dse.models.counts.linear import Regressed
 from dse.models.counts.rate_windows import Learnt, window_edges
 from dse.models.training import Generators
-from dse.records import Array, Dataset, Ints, Parameters
-from dse.registry import fixed, param, register
 
 TAPS = 9
 MOST_LEVEL = 2**15 - 1

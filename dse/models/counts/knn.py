@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from dse.base.records import Array
+from dse.base.registry import param, register
 from dse.models.counts.rate_windows import Learnt, RateClassifier, as_features
 from dse.models.training import Generators
-from dse.records import Array
-from dse.registry import param, register
 
 _BATCH = 256
 

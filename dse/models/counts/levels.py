@@ -17,11 +17,11 @@ from typing import Literal
 
 import numpy as np
 
+from dse.base.native.compiled import compiled
+from dse.base.records import Answers, Array, Dataset, Ints, Parameters
+from dse.base.registry import param
 from dse.config.parts import KeyFault, Part, Written
 from dse.models.counts.rate_windows import RateClassifier, window_edges
-from dse.native.compiled import compiled
-from dse.records import Answers, Array, Dataset, Ints, Parameters
-from dse.registry import param
 
 HELD = 4095
 """Largest magnitude of a mean or a movement: 12 bits and a sign."""

@@ -8,14 +8,14 @@ from typing import Literal
 
 import numpy as np
 
+from dse.base.records import Array, Floats
+from dse.base.registry import fixed, param, register
 from dse.models.counts.integers import rounded
 from dse.models.counts.levels import LevelReader
 from dse.models.counts.rate_windows import Channels, Learnt
 from dse.models.counts.readouts import Readouts, scaling, unscaled
 from dse.models.counts.ridge import ridge
 from dse.models.training import Generators
-from dse.records import Array, Floats
-from dse.registry import fixed, param, register
 
 
 @dataclass(frozen=True)

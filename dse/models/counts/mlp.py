@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dse.base.records import Array
+from dse.base.registry import fixed, param, register
 from dse.models.counts.integers import rounded
 from dse.models.counts.levels import LevelReader
 from dse.models.counts.rate_windows import Learnt, as_features
 from dse.models.counts.readouts import Readouts, scaling, unscaled
 from dse.models.training import Generators, TrainingDiverged
-from dse.records import Array
-from dse.registry import fixed, param, register
 
 
 @register("models", "mlp")

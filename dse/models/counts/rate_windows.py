@@ -20,11 +20,11 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from dse.base.native.compiled import compiled
+from dse.base.native.threads import single_threaded
+from dse.base.records import Answers, Array, Dataset, Ints, Outcome, Parameters, Spikes
+from dse.base.registry import fixed, param
 from dse.models.training import Generators, Training
-from dse.native.compiled import compiled
-from dse.native.threads import single_threaded
-from dse.records import Answers, Array, Dataset, Ints, Outcome, Parameters, Spikes
-from dse.registry import fixed, param
 
 Channels = Literal["sum", "each"]
 
@@ -221,7 +221,8 @@ class Windowed(ABC):
     ) -> Mapping[str, Array | list[float]]:
         """Return how often its C does each kind of work, (k,) means over samples; empty if there is no C.
 
-        Arguments as of `label`; kinds are those of `dse.hardware.kinds.processor`, but for counting itself.
+        Arguments as of `label`; kinds are those of `dse.measure.hardware.kinds.processor`, but for counting
+        itself.
         """
         return {}
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.native.threads import single_threaded
+from dse.base.records import Array, Dataset, Floats, Network, Parameters
 from dse.measure.heads import head_scores
 from dse.models.counts.integers import IntegerLayers
 from dse.models.counts.rate_windows import Windowed, as_features
-from dse.native.threads import single_threaded
-from dse.records import Array, Dataset, Floats, Network, Parameters
 
 
 class Readouts(Windowed):

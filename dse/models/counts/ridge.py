@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dse.base.records import Array, Floats
 from dse.models.counts.readouts import scaling, unscaled
-from dse.records import Array, Floats
 
 _ALPHAS = np.logspace(-3, 3, 10)
 _SCALES = np.logspace(-1, 2, 31)

@@ -26,6 +26,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from dse.base.native.extras import require_torch
+from dse.base.records import Array, Dataset, Floats, Ints, Parameters
+from dse.base.registry import fixed, param, register
 from dse.config.parts import KeyFault, Part, Written
 from dse.config.settings import missing_package
 from dse.models.counts.integers import MOST_WEIGHT, rounded
@@ -34,9 +37,6 @@ from dse.models.counts.levels import is_wired
 from dse.models.counts.rate_windows import Learnt
 from dse.models.counts.readouts import scaling, unscaled
 from dse.models.training import Generators, TrainingDiverged
-from dse.native.extras import require_torch
-from dse.records import Array, Dataset, Floats, Ints, Parameters
-from dse.registry import fixed, param, register
 
 LOWEST, HIGHEST = -128, 127
 _BATCH = 32

@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
+from dse.base.records import Dataset, Floats, Ints, Spikes
 from dse.engine.augment import Shifts, Windows, changed, shifts_of
 from dse.models.training import Generators, Training
-from dse.records import Dataset, Floats, Ints, Spikes
 
 
 class Augmentation:

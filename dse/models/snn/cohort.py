@@ -7,21 +7,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dse.base.records import Array, Bools, Dataset, Floats, Ints, Spikes
+from dse.base.seeds import position
 from dse.engine.events import Rows, gather, without
 from dse.engine.forward import prepare
 from dse.engine.goal import is_label
 from dse.engine.layers import weights as layer_weights
 from dse.engine.member import State
+from dse.engine.neurons import Population
+from dse.engine.neurons.fixed_point import quantise
 from dse.measure.heads import head_sizes, output_labels
 from dse.models.snn import contrasts, whiten
 from dse.models.snn.augment import Augmentation
 from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import Trainee
 from dse.models.training import FitRequest, Generators
-from dse.neurons import Population
-from dse.neurons.fixed_point import quantise
-from dse.records import Array, Bools, Dataset, Floats, Ints, Spikes
-from dse.seeds import position
 
 PROBE_SAMPLES = 64
 

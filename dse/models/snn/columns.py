@@ -22,11 +22,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from dse.base.records import Ints
+from dse.base.registry import param, register
 from dse.models.snn.family import SNN, OwnFirstLayer
 from dse.models.snn.settings import Stack
 from dse.models.training import Training
-from dse.records import Ints
-from dse.registry import param, register
 
 # The numbers of a matrix's weights, at the start, in training and as copies in the engine.
 _SHARED_BYTES = 24

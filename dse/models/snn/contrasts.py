@@ -27,13 +27,13 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from dse.base.native.compiled import compiled
+from dse.base.records import Array, Bools, Floats, Ints
 from dse.engine.events import Rows
 from dse.engine.forward import Prepared
+from dse.engine.neurons import Population, taken
+from dse.engine.neurons.response import dc_gain, response_norm
 from dse.models.snn.whiten import covariance, inverse
-from dse.native.compiled import compiled
-from dse.neurons import Population, taken
-from dse.neurons.response import dc_gain, response_norm
-from dse.records import Array, Bools, Floats, Ints
 
 NO_DRIVE = 1e-35
 """Weight of an input that does not drive a neuron: 0 would be no weight. Its square is 0 in float32."""

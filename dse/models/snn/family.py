@@ -8,15 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dse.config.contracts import LeastWork
-from dse.engine.batch import DIFFERENTIATED_ROWS, chunk_samples
-from dse.engine.layout import padded
-from dse.models.snn import respond, train
-from dse.models.snn.settings import Stack
-from dse.models.snn.whiten import SAMPLES
-from dse.models.training import FitRequest, Generators, Rung, Span, Training, TrainingDiverged
-from dse.neurons import Neuron
-from dse.records import (
+from dse.base.records import (
     Array,
     Dataset,
     Floats,
@@ -27,7 +19,15 @@ from dse.records import (
     Response,
     Workload,
 )
-from dse.registry import register
+from dse.base.registry import register
+from dse.config.contracts import LeastWork
+from dse.engine.batch import DIFFERENTIATED_ROWS, chunk_samples
+from dse.engine.layout import padded
+from dse.engine.neurons import Neuron
+from dse.models.snn import respond, train
+from dse.models.snn.settings import Stack
+from dse.models.snn.whiten import SAMPLES
+from dse.models.training import FitRequest, Generators, Rung, Span, Training, TrainingDiverged
 
 # Nanoseconds per summed weight, per neuron and step, per weight and batch, and per batch: measured on one
 # core of a 2023 server CPU (benchmarks/train_step.py). Only their ratios matter.

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.records import Arithmetic, Array, Floats, Ints, sum_of_products
 from dse.engine import layers
 from dse.engine.delays import running
 from dse.engine.events import Rows, delayed
 from dse.engine.forward import Forward, prepare
+from dse.engine.neurons import LayerSpec, Population, tiled
+from dse.engine.neurons.fixed_point import quantise, within_range
+from dse.engine.neurons.response import response_norm
 from dse.engine.shared import copies_of, expanded
 from dse.models.snn.contrasts import Choice, Drives, first_layer
 from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
-from dse.neurons import LayerSpec, Population, tiled
-from dse.neurons.fixed_point import quantise, within_range
-from dse.neurons.response import response_norm
-from dse.records import Arithmetic, Array, Floats, Ints, sum_of_products
 
 _GAIN_RANGE = 16.0
 _BURSTS = 3.0  # of how much mean potentials are exceeded by bursts

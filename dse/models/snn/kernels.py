@@ -22,12 +22,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from dse.base.records import Array, Dataset, Floats, Ints
+from dse.base.registry import param, register
 from dse.models.counts import levels
 from dse.models.snn.contrasts import SHARES, Candidates, Drives
 from dse.models.snn.family import OwnFirstLayer
 from dse.models.training import Training
-from dse.records import Array, Dataset, Floats, Ints
-from dse.registry import param, register
 
 _PLACES = 4
 _LARGEST_SEED = 2**31

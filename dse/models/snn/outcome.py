@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.records import Array, Dataset, Ints, Layer, Network, Outcome, Response
 from dse.engine.member import Masters
+from dse.engine.neurons import Population, cuba_lif, name_of_population, parameters_of
+from dse.engine.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
 from dse.engine.shared import distinct
 from dse.measure.heads import head_answers, head_targets
 from dse.models.snn import whiten
 from dse.models.snn.quantise import FINEST, dithered, finer, finest, remaining
 from dse.models.snn.respond import batches_of, layers_of, respond_and_count
 from dse.models.snn.trainee import SATURATED, Trainee
-from dse.neurons import Population, cuba_lif, name_of_population, parameters_of
-from dse.neurons.fixed_point import HIGHEST_WEIGHT, LOWEST_WEIGHT, STATE_LIMIT, STATE_SCALE, quantise
-from dse.records import Array, Dataset, Ints, Layer, Network, Outcome, Response
 
 _FEW_DIRECTIONS = 0.5  # per output: what tells so many classes apart is then in small differences
 COLLAPSED = 0.99

@@ -18,12 +18,16 @@ from typing import Any
 
 import numpy as np
 
+from dse.base.records import Arithmetic, Array, Dataset, Floats, Ints, Layer, Network, Spikes
 from dse.engine import engines
 from dse.engine.adam import adam
 from dse.engine.events import Rows, delayed, gather, without
 from dse.engine.forward import prepare
 from dse.engine.goal import is_label
 from dse.engine.network import layer_spikes
+from dse.engine.neurons import Population, parameters_of, population_of
+from dse.engine.neurons.fixed_point import within_range
+from dse.engine.neurons.response import constant_response, response_norm
 from dse.engine.parameters import product
 from dse.measure.heads import head_sizes, output_labels, softmax
 from dse.models.snn.contrasts import mean_counts
@@ -32,10 +36,6 @@ from dse.models.snn.quantise import FINEST, closest, compensated
 from dse.models.snn.respond import batches_of, layers_of, validated
 from dse.models.snn.trainee import Trainee
 from dse.models.snn.whiten import basis, inverse
-from dse.neurons import Population, parameters_of, population_of
-from dse.neurons.fixed_point import within_range
-from dse.neurons.response import constant_response, response_norm
-from dse.records import Arithmetic, Array, Dataset, Floats, Ints, Layer, Network, Spikes
 
 _BATCH = 1024  # samples whose hidden spikes are read at once
 _PEAK_BATCH = 64  # samples whose potentials are held at once

@@ -23,12 +23,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from dse.base.native.compiled import compiled
+from dse.base.records import Arithmetic, Array, Floats, Ints, Layer, Network
 from dse.engine.member import Masters
+from dse.engine.neurons import Population
+from dse.engine.neurons.fixed_point import BITS, HIGHEST_WEIGHT, WEIGHT_SCALE, quantise
 from dse.models.snn.whiten import inverse
-from dse.native.compiled import compiled
-from dse.neurons import Population
-from dse.neurons.fixed_point import BITS, HIGHEST_WEIGHT, WEIGHT_SCALE, quantise
-from dse.records import Arithmetic, Array, Floats, Ints, Layer, Network
 
 FINEST = 8
 """Largest exponent of a layer's thresholds and weights."""

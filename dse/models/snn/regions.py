@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.records import Ints
+from dse.base.records import Ints
 
 RINGS = 3
 _ENDS = np.array([1 / 16, 1 / 4])

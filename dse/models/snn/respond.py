@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from dse.base.records import Array, Dataset, Ints, Network, Response
 from dse.engine.events import Rows, gather
 from dse.engine.forward import Prepared, prepare
 from dse.engine.network import Answer, answer, layer_spikes
+from dse.engine.neurons import population_of
+from dse.engine.neurons.fixed_point import STATE_SCALE
 from dse.measure.heads import head_answers, head_targets
 from dse.models.snn.initialise import deployed
-from dse.neurons import population_of
-from dse.neurons.fixed_point import STATE_SCALE
-from dse.records import Array, Dataset, Ints, Network, Response
 
 _BATCH = 128
 

@@ -11,20 +11,20 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from dse.base.records import Arithmetic, Array, Dataset, Floats, Ints
+from dse.base.registry import name_of, param
 from dse.config.parts import KeyFault, Part, Written
 from dse.engine.delays import MOST
 from dse.engine.layers import has_kernel
 from dse.engine.losses import Loss
+from dse.engine.neurons import LayerSpec, Neuron, cuba_lif
+from dse.engine.neurons.fixed_point import STATE_LIMIT, STATE_SCALE
+from dse.engine.neurons.response import dc_gain
+from dse.engine.neurons.surrogate import Exponential, exponential
 from dse.models.snn.contrasts import Candidates, Contrasts
 from dse.models.snn.quantise import FINEST
 from dse.models.snn.regions import RINGS, regions_of
 from dse.models.training import Training
-from dse.neurons import LayerSpec, Neuron, cuba_lif
-from dse.neurons.fixed_point import STATE_LIMIT, STATE_SCALE
-from dse.neurons.response import dc_gain
-from dse.neurons.surrogate import Exponential, exponential
-from dse.records import Arithmetic, Array, Dataset, Floats, Ints
-from dse.registry import name_of, param
 
 _USUAL = 3  # that of dithered layers for which it is chosen after the training
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Iterator, Sequence
 
+from dse.base.records import Array, Dataset, Outcome
+from dse.base.seeds import move_to
 from dse.engine import engines
 from dse.engine.member import Engine, as_part, of_part
 from dse.measure.heads import output_labels
@@ -22,8 +24,6 @@ from dse.models.snn.settings import Stack
 from dse.models.snn.trainee import Trainee
 from dse.models.teacher import Teachers
 from dse.models.training import FitRequest, Generators, Rung, Span, TrainingDiverged
-from dse.records import Array, Dataset, Outcome
-from dse.seeds import move_to
 
 Ended = tuple[int, Outcome | Rung | TrainingDiverged]
 """Number of a design, and how its training has ended or pauses."""

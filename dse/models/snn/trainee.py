@@ -8,9 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dse.base.records import Array, Floats, Ints
+from dse.base.seeds import move_to, position
 from dse.engine.delays import running
 from dse.engine.events import Rows, pooled
 from dse.engine.member import Masters, Member, Report, State, TrainedLayer, Turn, as_part, of_part
+from dse.engine.neurons.fixed_point import STATE_LIMIT, WEIGHT_SCALE
 from dse.engine.parameters import lengths
 from dse.engine.shared import copies_of, distinct
 from dse.models.snn.contrasts import Choice
@@ -18,9 +21,6 @@ from dse.models.snn.initialise import initialise, populations_of
 from dse.models.snn.quantise import finer
 from dse.models.snn.settings import Stack
 from dse.models.training import FitRequest, Training
-from dse.neurons.fixed_point import STATE_LIMIT, WEIGHT_SCALE
-from dse.records import Array, Floats, Ints
-from dse.seeds import move_to, position
 
 SATURATED = 0.95
 """Share of the steps in which a neuron fires that counts as always."""

@@ -23,8 +23,8 @@ import math
 
 import numpy as np
 
-from dse.native.compiled import compiled
-from dse.records import Array, Floats, Ints
+from dse.base.native.compiled import compiled
+from dse.base.records import Array, Floats, Ints
 
 SAMPLES = 2048
 """Training samples that the counts are of, at most."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse.records import Floats
-from dse.registry import fixed, param, register
+from dse.base.records import Floats
+from dse.base.registry import fixed, param, register
 
 
 @register("scene.motions", "accelerating")

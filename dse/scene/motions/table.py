@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from dse.records import Floats
-from dse.registry import fixed, register
+from dse.base.records import Floats
+from dse.base.registry import fixed, register
 
 
 @register("scene.motions", "table")

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+from dse.base.registry import fixed, register
 from dse.config.contracts import SamplerSettings
 from dse.config.space import SearchSpace
-from dse.registry import fixed, register
 from dse.search.proposals import OptunaSampler, Sampler
 
 

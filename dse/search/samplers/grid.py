@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from dse.base.registry import register
 from dse.config.contracts import SamplerSettings
 from dse.config.parts import KeyFault, Part, Written
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
-from dse.registry import register
 from dse.search.proposals import Limited, Sampler, Values
 from dse.search.space import design_at, index_of
 

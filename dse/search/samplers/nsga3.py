@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from dse.base.registry import fixed, register
 from dse.config.contracts import SamplerSettings
 from dse.config.space import SearchSpace
-from dse.registry import fixed, register
 from dse.search.proposals import OptunaSampler, Sampler
 
 

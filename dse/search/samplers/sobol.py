@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dse import seeds
+from dse.base import seeds
+from dse.base.registry import register
 from dse.config.contracts import SamplerSettings
 from dse.config.space import Design, SearchSpace
 from dse.config.yaml_lines import Raw
-from dse.registry import register
 from dse.search.proposals import Limited, Sampler, Values
 from dse.search.space import at, design_at
 

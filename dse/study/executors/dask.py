@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import dse
-from dse.native.extras import MissingExtra
+from dse.base.native.extras import MissingExtra
 from dse.store import StoreError
 from dse.study.executors.loky import memory_bytes, without_ctrl_c
 from dse.study.executors.work import THREADS, Failure, perform, stdout_to_stderr

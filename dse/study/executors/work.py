@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from dse import registry
+from dse.base import registry
 from dse.store import StoreError
 
 Job = TypeVar("Job")

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dse.base.records import Head, Layer, Network
+from dse.data.recordings.pooling import pooling
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c import host
 from dse.deploy.targets import TargetError
+from dse.engine.neurons import cuba_lif, parameters_of, resonator, xylo_lif
 from dse.models.snn.quantise import rounded
-from dse.neurons import cuba_lif, parameters_of, resonator, xylo_lif
-from dse.recordings.pooling import pooling
-from dse.records import Head, Layer, Network
 from tests.deploy import bundles
 from tests.spaces import RASTER, sections
 

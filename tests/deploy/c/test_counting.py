@@ -6,18 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Operations
 from dse.config.settings import Training
-from dse.dataset.assemble import New
+from dse.data.dataset.assemble import New
 from dse.deploy.bundle import Bundle, Input
 from dse.deploy.c.counting import counting_plan_of
 from dse.deploy.reference import of_new
 from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.verify import target_named
-from dse.hardware.cost import cost
-from dse.hardware.kinds.processor import Processor
-from dse.hardware.profile import load as profile_named
+from dse.measure.hardware.cost import cost
+from dse.measure.hardware.kinds.processor import Processor
+from dse.measure.hardware.profile import load as profile_named
 from dse.models.counts.elm import ELM
 from dse.models.counts.kernels import Kernels
 from dse.models.counts.knn import KNN
@@ -25,7 +26,6 @@ from dse.models.counts.linear import Linear
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
 from dse.models.counts.tcn import TCN
-from dse.records import Operations
 from dse.testing.small import dataset, generators
 from tests.deploy.c import nets
 from tests.installed import needs_papers

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.data.recordings import RecordingError
 from dse.deploy.bundle import Bundle
 from dse.deploy.c import host, replay
 from dse.deploy.c.plan import plan_of
@@ -18,7 +19,6 @@ from dse.models.counts.elm import ELM
 from dse.models.counts.knn import KNN
 from dse.models.counts.mlp import MLP
 from dse.models.counts.naive_bayes import NaiveBayes
-from dse.recordings import RecordingError
 from tests.deploy.c import nets
 from tests.deploy.c.test_counting import fitted
 from tests.deploy.c.test_sketch import of, touches

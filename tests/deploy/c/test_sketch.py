@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dse.base.records import Array, Block
 from dse.deploy import bundle
 from dse.deploy.boards import BOARDS
 from dse.deploy.bundle import Input
@@ -20,7 +21,6 @@ from dse.deploy.evaluate import evaluate
 from dse.deploy.stream import Stream
 from dse.deploy.targets.c99 import C99
 from dse.deploy.verify import target_named
-from dse.records import Array, Block
 from tests.deploy.c import nets
 from tests.deploy.targets.test_c99 import EVENTS, SAMPLES, network, run
 from tests.spaces import sections

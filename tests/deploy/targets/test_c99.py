@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from dse.base.records import Layer, Network
+from dse.data.encoders.receptors import Receptors
 from dse.deploy import bundle
 from dse.deploy.bundle import Input
 from dse.deploy.c import host, replay
@@ -19,9 +21,7 @@ from dse.deploy.reference import of_recordings
 from dse.deploy.targets import TargetError, c99, compare, emulator
 from dse.deploy.targets.c99 import C99
 from dse.deploy.verify import target_named
-from dse.encoders.receptors import Receptors
-from dse.neurons import parameters_of
-from dse.records import Layer, Network
+from dse.engine.neurons import parameters_of
 from tests.deploy.c import nets
 from tests.spaces import FINGERTIP, sections
 

@@ -9,8 +9,8 @@ from dse.deploy.targets import loihi, nir
 from dse.deploy.targets.c99 import C99
 from dse.deploy.targets.loihi import Loihi
 from dse.deploy.targets.nir import Nir
+from dse.engine.neurons.fixed_point import quantise
 from dse.models.snn.family import SNN
-from dse.neurons.fixed_point import quantise
 from tests.deploy.c import nets
 from tests.models.snn.test_rounding import LEVELS, TRAINING, touched
 from tests.models.snn.toy import rngs

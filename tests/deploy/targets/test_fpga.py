@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dse.base.records import Head, Layer, Network
 from dse.deploy.c import host, replay
 from dse.deploy.form import spiking_of
 from dse.deploy.reference import of_recordings
 from dse.deploy.run import TargetError
 from dse.deploy.targets.fpga import Ecp5, Ice40
 from dse.deploy.verilog import circuit, tools
-from dse.hardware.cost import cost
+from dse.engine.neurons import cuba_lif, parameters_of
+from dse.measure.hardware.cost import cost
 from dse.measure.run import load_of
 from dse.models.snn.respond import respond
-from dse.neurons import cuba_lif, parameters_of
-from dse.records import Head, Layer, Network
 from tests.deploy.c import nets
 from tests.deploy.targets import test_c99
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.records import Layer, Parameters
 from dse.deploy.bundle import BundleError, Input
 from dse.deploy.run import interpreter
 from dse.deploy.targets import TargetError, Verdict
 from dse.deploy.verify import target_named
-from dse.neurons import lif, parameters_of
-from dse.records import Layer, Parameters
+from dse.engine.neurons import lif, parameters_of
 from tests.deploy import bundles
 from tests.deploy.targets import test_loihi, test_xylo
 

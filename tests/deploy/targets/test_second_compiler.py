@@ -12,7 +12,7 @@ import pytest
 from benchmarks.gcc import GCC, by_gcc, linked
 from benchmarks.instructions import counted, made_network, made_of_counts
 from dse.deploy.verify import target_named
-from dse.hardware.profile import load
+from dse.measure.hardware.profile import load
 from tests.deploy.c import nets
 
 QEMU = shutil.which("qemu-system-arm")

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dse.base.records import Layer, Network
 from dse.deploy.form import net_of
 from dse.deploy.targets import xylo
 from dse.deploy.targets.xylo import Xylo
-from dse.neurons import LayerSpec, parameters_of
-from dse.neurons.xylo_lif import XyloLif
-from dse.records import Layer, Network
+from dse.engine.neurons import LayerSpec, parameters_of
+from dse.engine.neurons.xylo_lif import XyloLif
 from tests.deploy import bundles
 
 needs_xylosim = pytest.mark.skipif(

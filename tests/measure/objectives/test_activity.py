@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from dse.hardware.duty import latency_ms
+from dse.base.records import Layer, Network, Workload
+from dse.measure.hardware.duty import latency_ms
 from dse.measure.objectives import Points
 from dse.measure.objectives.work import Work, memory_bytes
-from dse.records import Layer, Network, Workload
 from tests.layers import cuba_parameters
 
 

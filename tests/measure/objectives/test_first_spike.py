@@ -2,9 +2,9 @@ import dataclasses
 
 import numpy as np
 
+from dse.base.records import Outcome, Response
 from dse.measure.confusion import confusion
 from dse.measure.objectives.first_spike import FirstSpike, by_class, first_spike, first_spike_ms
-from dse.records import Outcome, Response
 from dse.testing import small
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from dse import registry
+from dse.base import registry
+from dse.base.records import Operations
+from dse.base.registry import Column, register
 from dse.measure.objectives import Points, measured
-from dse.records import Operations
-from dse.registry import Column, register
 
 
 @pytest.fixture(autouse=True)

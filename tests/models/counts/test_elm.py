@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse import seeds
+from dse.base import seeds
+from dse.base.records import Answers, Dataset, Spikes
 from dse.models.counts.elm import (
     ELM,
     RIDGES,
@@ -19,7 +20,6 @@ from dse.models.counts.elm import (
     ridge_solutions,
 )
 from dse.models.training import Training
-from dse.records import Answers, Dataset, Spikes
 from tests.saved_data import in_a_row
 
 

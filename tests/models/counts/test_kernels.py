@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.records import Parameters
 from dse.models.counts.kernels import Kernels, begins
 from dse.models.training import Training
-from dse.records import Parameters
 from dse.testing.small import spikes_of
 from tests.models.counted import rngs, textures
 

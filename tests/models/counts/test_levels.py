@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.records import Parameters
 from dse.models.counts.levels import HELD
 from dse.models.counts.linear import Linear
 from dse.models.training import Training
-from dse.records import Parameters
 from tests.models.counted import rngs, textures
 
 FAMILY = Linear(window_ms=150.0, reads="levels", read_outs=2)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dse.base.records import Parameters, Spikes
 from dse.models.counts.knn import KNN
 from dse.models.counts.linear import Linear
 from dse.models.counts.mlp import MLP
@@ -19,7 +20,6 @@ from dse.models.counts.rate_windows import (
     window_edges,
 )
 from dse.models.training import Training
-from dse.records import Parameters, Spikes
 from dse.testing.expect import same
 from dse.testing.small import spikes_of
 from tests.models.counted import data_of, rngs, textures

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.records import Parameters
 from dse.config import settings
 from dse.models.counts.linear import Linear
 from dse.models.counts.tcn import TCN
 from dse.models.training import Training, TrainingDiverged
-from dse.records import Parameters
 from dse.testing.expect import same
 from tests.models.counted import data_of, rngs, textures
 from tests.spaces import SPACE, faults_of, write_space

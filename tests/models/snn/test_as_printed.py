@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.engine.neurons.cuba_lif import CubaLif
+from dse.engine.neurons.lif import Lif
+from dse.engine.neurons.resonator import Resonator
 from dse.models.snn import train
 from dse.models.snn.family import SNN
 from dse.models.training import FitRequest, Rung, Span, Training
-from dse.neurons.cuba_lif import CubaLif
-from dse.neurons.lif import Lif
-from dse.neurons.resonator import Resonator
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
 PRINTED = {"max_axonal_delay": 20, "delay_learning_rate": 1.0, "learnt_decays": "neuron"}

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.records import Layer
 from dse.config.contracts import placed
+from dse.engine.neurons.resonator import Resonator
 from dse.models.snn.columns import Columns, nearest, of_columns, of_features, repeated, taxels
 from dse.models.snn.respond import respond
-from dse.neurons.resonator import Resonator
-from dse.records import Layer
 from tests.models.snn.toy import SHORT, rngs, toy
 
 GRID = np.array([(x, y, p) for p in (0, 1) for y in (0, 1) for x in (0, 1, 2)], np.int32)
@@ -120,7 +120,7 @@ def test_copies_are_equal_and_the_network_is_the_one_written_out_by_hand(model):
 
 def test_a_neuron_without_kernel_trains_its_columns_as_well():
     pytest.importorskip("torch")
-    from dse.neurons.lif import Lif
+    from dse.engine.neurons.lif import Lif
 
     model = Columns(features=3, neighbours=1, neuron=Lif(), arithmetic="float32")
     network = model.fit(data(), replace(SHORT, epochs=1), rngs()).network

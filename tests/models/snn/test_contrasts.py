@@ -9,11 +9,11 @@ from benchmarks.ours import rows_of
 from dse.engine.events import pooled
 from dse.engine.forward import prepare
 from dse.engine.layers import weights
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.cuba_lif import CubaLif
+from dse.engine.neurons.response import dc_gain, response_norm
 from dse.models.snn import contrasts
 from dse.models.snn.family import SNN
-from dse.neurons import cuba_lif
-from dse.neurons.cuba_lif import CubaLif
-from dse.neurons.response import dc_gain, response_norm
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
 NEURONS = cuba_lif.rounded(0.25, 0.03, 1.25)

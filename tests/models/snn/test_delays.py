@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.records import Network
+from dse.engine.neurons.cuba_lif import CubaLif
+from dse.engine.neurons.lif import Lif
 from dse.models.snn.family import SNN
 from dse.models.training import Training
-from dse.neurons.cuba_lif import CubaLif
-from dse.neurons.lif import Lif
-from dse.records import Network
 from dse.testing.small import spikes_of
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 

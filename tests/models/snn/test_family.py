@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.base.records import Spikes
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
+from dse.engine.neurons.cuba_lif import CubaLif
+from dse.engine.neurons.lif import Lif
+from dse.engine.neurons.resonator import Resonator
 from dse.measure import heads
 from dse.models.snn.columns import Columns
 from dse.models.snn.family import SNN
 from dse.models.training import Training, TrainingDiverged
-from dse.neurons.cuba_lif import CubaLif
-from dse.neurons.lif import Lif
-from dse.neurons.resonator import Resonator
-from dse.records import Spikes
 from dse.testing import check_family
 from tests.joint_data import joint
 from tests.models.snn.toy import accuracy, fit, rngs, toy

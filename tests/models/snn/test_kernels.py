@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
-from dse import registry
+from dse.base import registry
 from dse.engine.forward import prepare
 from dse.engine.layers import weights
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.cuba_lif import CubaLif
 from dse.models.snn import kernels
 from dse.models.snn.contrasts import Drives
-from dse.neurons import cuba_lif
-from dse.neurons.cuba_lif import CubaLif
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
 LEVELS = cuba_lif.rounded(0.03, 1.0, 5.0)  # neurons that hold a level in their current

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from array_api_compat import array_namespace
 
-from dse.registry import param, register
+from dse.base.registry import param, register
 
 
 @register("losses", "squared_counts")

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dse import dataset
 from dse.config import load_space
+from dse.data import dataset
+from dse.engine.neurons.fixed_point import STATE_LIMIT
 from dse.models.snn import contrasts
 from dse.models.snn.train import train
 from dse.models.training import FitRequest
-from dse.neurons.fixed_point import STATE_LIMIT
 from dse.search.space import corners
 
 SPACES = Path(__file__).parents[3] / "search_spaces"

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from dse.base.records import Spikes
+from dse.engine.neurons import fixed_point
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import largest, remaining
 from dse.models.snn.respond import fan_outs, respond_and_count
 from dse.models.training import Training
-from dse.neurons import fixed_point
-from dse.records import Spikes
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 
 

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from dse.base.records import Layer, Network
+from dse.engine.neurons.fixed_point import quantise
 from dse.measure.objectives.work import memory_bytes
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import exponent, rounded
 from dse.models.snn.respond import respond
-from dse.neurons.fixed_point import quantise
-from dse.records import Layer, Network
 from tests.layers import cuba_parameters
 from tests.models.snn.toy import SHORT, fit, rngs, toy
 

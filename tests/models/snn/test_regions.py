@@ -12,14 +12,14 @@ from dse.engine.events import pooled
 from dse.engine.forward import prepare
 from dse.engine.layers import CompiledLayer, has_kernel, laid_out, weights
 from dse.engine.network import gradients
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.lif import Lif
+from dse.engine.neurons.resonator import Resonator
+from dse.engine.neurons.surrogate import exponential
+from dse.engine.neurons.xylo_lif import XyloLif
 from dse.engine.stepping import RunningStack
 from dse.models.snn.family import SNN
 from dse.models.snn.regions import regions_of
-from dse.neurons import cuba_lif
-from dse.neurons.lif import Lif
-from dse.neurons.resonator import Resonator
-from dse.neurons.surrogate import exponential
-from dse.neurons.xylo_lif import XyloLif
 from tests.models.snn.toy import SHORT, rngs, toy
 
 

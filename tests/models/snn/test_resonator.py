@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dse.engine.neurons.cuba_lif import CubaLif
+from dse.engine.neurons.resonator import Resonator
 from dse.models.snn.family import SNN
 from dse.models.training import Training
-from dse.neurons.cuba_lif import CubaLif
-from dse.neurons.resonator import Resonator
 from dse.testing.small import spikes_of
 from tests.models.snn.toy import SHORT, accuracy, fit, rngs, toy
 

@@ -8,18 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
+from dse.base.records import Dataset
 from dse.engine.forward import prepare
 from dse.engine.layers import weights
+from dse.engine.neurons import cuba_lif
+from dse.engine.neurons.fixed_point import STATE_LIMIT, quantise
+from dse.engine.neurons.lif import Lif
+from dse.engine.neurons.resonator import Resonator
 from dse.models.snn import contrasts
 from dse.models.snn.family import SNN
 from dse.models.snn.quantise import dithered, finer, finest
 from dse.models.snn.respond import respond
 from dse.models.training import Training
-from dse.neurons import cuba_lif
-from dse.neurons.fixed_point import STATE_LIMIT, quantise
-from dse.neurons.lif import Lif
-from dse.neurons.resonator import Resonator
-from dse.records import Dataset
 from dse.testing.small import spikes_of
 from tests.models.snn.test_regions import array
 from tests.models.snn.toy import accuracy, rngs, toy
@@ -75,7 +75,7 @@ def test_thresholds_and_weights_of_a_finer_grid_are_the_same_network(kind, expon
     matrix = rng.normal(0, 0.3, (20, 9)).astype(np.float32)
     neurons = cuba_lif.rounded(0.25, 0.03, 1.25)
     if kind == "resonator":
-        from dse.neurons import LayerSpec
+        from dse.engine.neurons import LayerSpec
 
         neurons = Resonator().population(LayerSpec(9, False, 1, 1.0), rng)
     plain = prepare(weights(matrix, None, neurons), arithmetic).forward(rows)

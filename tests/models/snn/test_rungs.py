@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from dse import store
+from dse.base.records import Outcome
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
+from dse.engine.neurons.lif import Lif
+from dse.engine.neurons.resonator import Resonator
+from dse.engine.neurons.xylo_lif import XyloLif
 from dse.models.snn.columns import Columns
 from dse.models.snn.family import SNN
 from dse.models.training import FitRequest, Rung, Span, Training
-from dse.neurons.lif import Lif
-from dse.neurons.resonator import Resonator
-from dse.neurons.xylo_lif import XyloLif
-from dse.records import Outcome
 from tests.models.snn.test_train import SHARED, assert_same, own, settled
 from tests.models.snn.toy import toy
 

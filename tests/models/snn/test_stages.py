@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.ours import rows_of
+from dse.base.records import Layer, Outcome
 from dse.cli import main
 from dse.engine.events import delayed, gather
 from dse.engine.forward import prepare
@@ -16,6 +17,11 @@ from dse.engine.goal import is_label
 from dse.engine.layers import weights as layer_weights
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
 from dse.engine.network import layer_spikes
+from dse.engine.neurons import cuba_lif, parameters_of
+from dse.engine.neurons.cuba_lif import CubaLif
+from dse.engine.neurons.lif import Lif
+from dse.engine.neurons.response import constant_response
+from dse.engine.neurons.xylo_lif import XyloLif
 from dse.engine.parameters import lengths
 from dse.measure import heads
 from dse.models.snn import outputs
@@ -25,12 +31,6 @@ from dse.models.snn.quantise import closest, compensated
 from dse.models.snn.respond import batches_of, layers_of
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Span, Training
-from dse.neurons import cuba_lif, parameters_of
-from dse.neurons.cuba_lif import CubaLif
-from dse.neurons.lif import Lif
-from dse.neurons.response import constant_response
-from dse.neurons.xylo_lif import XyloLif
-from dse.records import Layer, Outcome
 from dse.testing.small import spikes_of
 from tests.joint_data import joint
 from tests.models.snn.test_train import SHARED, alone, assert_same, own, settled, together

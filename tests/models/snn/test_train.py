@@ -7,16 +7,16 @@ from functools import partial
 import numpy as np
 import pytest
 
-from dse import seeds
+from dse.base import seeds
+from dse.base.records import Outcome, Spikes
 from dse.engine.losses.count_cross_entropy import CountCrossEntropy
+from dse.engine.neurons import fixed_point
+from dse.engine.neurons.resonator import Resonator
 from dse.models.snn.augment import Augmentation
 from dse.models.snn.columns import Columns
 from dse.models.snn.family import SNN
 from dse.models.snn.train import train
 from dse.models.training import FitRequest, Training, TrainingDiverged
-from dse.neurons import fixed_point
-from dse.neurons.resonator import Resonator
-from dse.records import Outcome, Spikes
 from dse.testing.expect import same
 from dse.testing.small import spikes_of
 from tests.models.snn.toy import toy

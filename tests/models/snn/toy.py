@@ -4,9 +4,9 @@ from functools import partial
 
 import numpy as np
 
-from dse import seeds
+from dse.base import seeds
+from dse.base.records import Dataset
 from dse.models.training import Training
-from dse.records import Dataset
 from dse.testing.small import spikes_of
 from tests.saved_data import in_a_row
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from dse import store
+from dse.base.records import Network, Response, Spikes
 from dse.engine.events import dense, gather
 from dse.measure import heads
 from dse.models.snn.respond import respond
 from dse.models.training import Training
-from dse.records import Network, Response, Spikes
 from dse_papers.models.cascade import Cascade, beside, cut
 from tests.joint_data import joint
 from tests.models.snn.toy import rngs

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from dse.recordings.scene import SceneTrials
-from dse.report import ReportError
+from dse.data.recordings.scene import SceneTrials
+from dse.show.report import ReportError
 from dse_papers.report.compare import agrees, gap_of, paper_report, rounds_to
 from dse_papers.report.papers import key_of, publication, publications
 from dse_papers.report.tables import TABLES
-from tests.report.made import write
+from tests.show.report.made import write
 
 SAMPLES = {"train": 1008, "validation": 432, "test": 432}
 

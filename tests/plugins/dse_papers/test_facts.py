@@ -8,7 +8,7 @@ import yaml
 from dse.config import load_space, shipped_spaces
 from dse.study.results import Study
 from dse_papers.report.compare import paper_report
-from tests.report.made import write
+from tests.show.report.made import write
 
 GRID = {"task.target": "texture", "model.hidden": 425, "model.true_rate": 0.9}
 LENGTH = {"window.n_steps": 5000, "model.hidden": 450}

@@ -7,7 +7,7 @@ import pytest
 
 from dse.cli import main
 from dse.study.held import plain_space
-from tests.report.made import write
+from tests.show.report.made import write
 
 SECTIONS = {
     "data": {"kind": "time_series", "file": "ridges.npz", "step_ms": 10},

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dse import registry
+from dse.base import registry
 from dse.testing.small import SmallStudy
 from dse_papers.figures.histograms import draw_histograms, gather_histograms
 

@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from dse import seeds
+from dse.base import seeds
+from dse.base.records import Dataset, Spikes
 from dse.models.training import Training
-from dse.records import Dataset, Spikes
 from dse_papers.models.hots import HOTS, histograms, read_out_steps
 from dse_papers.models.time_surfaces import Field, Stream, nearest, surface
 

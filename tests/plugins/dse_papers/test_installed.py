@@ -1,6 +1,6 @@
 """The core knows by name what this plugin holds, to say where it is if the plugin is not installed."""
 
-from dse import registry
+from dse.base import registry
 
 
 def test_what_the_core_names_is_what_the_plugin_registers():

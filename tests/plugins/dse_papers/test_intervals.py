@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dse.records import Dataset, Spikes
+from dse.base.records import Dataset, Spikes
 from dse_papers.figures.intervals import (
     DistancesFigure,
     IntervalsFigure,

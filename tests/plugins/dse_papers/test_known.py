@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from dse import store
-from dse.audit import Audit, AuditRow, record
-from dse.recordings.scene import SceneTrials
+from dse.data.recordings.scene import SceneTrials
+from dse.study.audit import Audit, AuditRow, record
 from dse_papers.report.compare import paper_report
-from tests.report.made import write
+from tests.show.report.made import write
 
 KEY = "of the data set"
 

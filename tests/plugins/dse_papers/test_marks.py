@@ -6,10 +6,10 @@ import pytest
 import yaml
 
 from dse.config import shipped_spaces
-from dse.report.gather import gather_marks, report
+from dse.show.report.gather import gather_marks, report
 from dse_papers.report.papers import systems as published
 from tests import tiny_study
-from tests.report.made import write
+from tests.show.report.made import write
 
 # What the report calls the printed figure of each column.
 FIGURES = {

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dse.preprocessing.stages import Stages
-from dse.records import Block
+from dse.base.records import Block
+from dse.data.preprocessing.stages import Stages
 from dse.testing.small import SmallStudy
 from dse_papers.figures import preprocessing
 from dse_papers.figures.preprocessing import InputsFigure, draw_rasters, gather_pooled, gather_stages

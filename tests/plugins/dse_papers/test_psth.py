@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dse.records import Dataset, Head
+from dse.base.records import Dataset, Head
 from dse.testing.small import spikes_of
 from dse_papers.figures.psth import PsthFigure, gather_psth
 from tests.saved_data import in_a_row

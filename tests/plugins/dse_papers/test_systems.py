@@ -7,14 +7,14 @@ import pytest
 
 from dse import store
 from dse.measure.objectives.accuracy import wilson_se
-from dse.report.gather import report
+from dse.show.report.gather import report
 from dse_papers.report.papers import publication, publication_of, systems
-from tests.report.made import noted, rows_of, write
 from tests.rewriting import damage_part
+from tests.show.report.made import noted, rows_of, write
 
 
 def test_every_printed_system_has_a_title_a_source_and_families():
-    from dse import registry
+    from dse.base import registry
 
     references = (Path(__file__).resolve().parents[3] / "REFERENCES.md").read_text(encoding="utf-8")
     assert list(systems()) == list("ABCDEFG")

@@ -5,17 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dse.base.records import Dataset, Network, Response
 from dse.config.space import DecisionGrid
+from dse.data.encoders.threshold import Threshold
+from dse.data.recordings.raster import sparse
+from dse.data.recordings.time_series import TimeSeries
 from dse.deploy import bundle
-from dse.encoders.threshold import Threshold
+from dse.engine.neurons import lif
 from dse.measure.objectives.first_spike import first_spike_ms
 from dse.measure.run import measure
 from dse.models.snn.respond import respond
 from dse.models.training import Training
-from dse.neurons import lif
-from dse.recordings.raster import sparse
-from dse.recordings.time_series import TimeSeries
-from dse.records import Dataset, Network, Response
 from dse_papers.models.threshold_lif import ThresholdLIF, mean_spikes, ridge_weights, structural_weights
 from tests.joint_data import joint
 from tests.spaces import RASTER, sections

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, of_task
-from dse.figures.front import numbers
-from dse.figures.labels import axis_title, safe, short
-from dse.records import Array
-from dse.registry import fixed, register
+from dse.base.records import Array
+from dse.base.registry import fixed, register
+from dse.show.figures import Results, of_task
+from dse.show.figures.front import numbers
+from dse.show.figures.labels import axis_title, safe, short
 
 if TYPE_CHECKING:
     import pandas

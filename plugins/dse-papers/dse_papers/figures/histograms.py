@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dse import store
-from dse.figures import Results, recorded, trial_key
-from dse.figures.labels import OKABE_ITO_LIGHT
-from dse.records import Array, Parameters
-from dse.registry import fixed, register
+from dse.base.records import Array, Parameters
+from dse.base.registry import fixed, register
+from dse.show.figures import Results, recorded, trial_key
+from dse.show.figures.labels import OKABE_ITO_LIGHT
 from dse_papers.figures.panels import MOST_COLUMNS, chosen_classes, class_panels
 
 if TYPE_CHECKING:

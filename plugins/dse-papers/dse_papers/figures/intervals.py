@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.encoders.receptors import FA_FALLING, FA_RISING, KINDS
-from dse.figures import Results, trial_key, trial_of
-from dse.figures.labels import OKABE_ITO_LIGHT, safe
-from dse.records import Array, Dataset, Floats, Ints
-from dse.registry import fixed, register
+from dse.base.records import Array, Dataset, Floats, Ints
+from dse.base.registry import fixed, register
+from dse.data.encoders.receptors import FA_FALLING, FA_RISING, KINDS
+from dse.show.figures import Results, trial_key, trial_of
+from dse.show.figures.labels import OKABE_ITO_LIGHT, safe
 from dse_papers.figures.panels import chosen_classes
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, recorded
-from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title
-from dse.records import Array
-from dse.registry import register
+from dse.base.records import Array
+from dse.base.registry import register
+from dse.show.figures import Results, recorded
+from dse.show.figures.front import interval, numbers
+from dse.show.figures.labels import OKABE_ITO_LIGHT, axis_title
 
 if TYPE_CHECKING:
     import pandas

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures.labels import safe
-from dse.records import Dataset, Ints
+from dse.base.records import Dataset, Ints
+from dse.show.figures.labels import safe
 
 if TYPE_CHECKING:
     import plotly.graph_objects

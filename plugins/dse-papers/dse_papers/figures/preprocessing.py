@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, trial_key, trial_of
-from dse.figures.labels import OKABE_ITO_LIGHT, safe
-from dse.preprocessing.stages import Stages
-from dse.records import Floats, Ints
-from dse.registry import fixed, register
+from dse.base.records import Floats, Ints
+from dse.base.registry import fixed, register
+from dse.data.preprocessing.stages import Stages
+from dse.show.figures import Results, trial_key, trial_of
+from dse.show.figures.labels import OKABE_ITO_LIGHT, safe
 
 if TYPE_CHECKING:
     import plotly.graph_objects

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, trial_key, trial_of
-from dse.figures.labels import OKABE_ITO_LIGHT
-from dse.records import Array, Dataset
-from dse.registry import fixed, register
+from dse.base.records import Array, Dataset
+from dse.base.registry import fixed, register
+from dse.show.figures import Results, trial_key, trial_of
+from dse.show.figures.labels import OKABE_ITO_LIGHT
 from dse_papers.figures.panels import chosen_classes, class_panels, task_labels
 
 if TYPE_CHECKING:

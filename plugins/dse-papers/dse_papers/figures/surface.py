@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, recorded, trial_key
-from dse.figures.labels import axis_title
-from dse.records import Array
-from dse.registry import fixed, register
+from dse.base.records import Array
+from dse.base.registry import fixed, register
+from dse.show.figures import Results, recorded, trial_key
+from dse.show.figures.labels import axis_title
 
 if TYPE_CHECKING:
     import plotly.graph_objects

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dse.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
-from dse.figures.front import interval, numbers
-from dse.figures.labels import OKABE_ITO_LIGHT, axis_title, colour_of, interval_bars, safe, short
-from dse.records import Array, Floats
-from dse.registry import fixed, register
+from dse.base.records import Array, Floats
+from dse.base.registry import fixed, register
+from dse.show.figures import Results, full_read_outs, hardware_key, on_one_chip, with_value
+from dse.show.figures.front import interval, numbers
+from dse.show.figures.labels import OKABE_ITO_LIGHT, axis_title, colour_of, interval_bars, safe, short
 
 if TYPE_CHECKING:
     import pandas

@@ -22,15 +22,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dse import store
+from dse.base.records import Array, Dataset, Ints, Network, Outcome, Parameters, Response, Spikes
+from dse.base.registry import param, register
 from dse.engine.checks import check_network
+from dse.engine.neurons import neuron_of
 from dse.measure.heads import head_answers, head_sizes, head_targets
 from dse.models.snn.family import SNN
 from dse.models.snn.respond import fan_outs, respond, respond_and_count
 from dse.models.snn.settings import Stack
 from dse.models.training import Generators, Training
-from dse.neurons import neuron_of
-from dse.records import Array, Dataset, Ints, Network, Outcome, Parameters, Response, Spikes
-from dse.registry import param, register
 
 _ADDED = (
     *("dead_neurons", "saturated_neurons", "saturated_outputs", "collapsed_outputs"),

@@ -11,9 +11,9 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from dse.base.records import Answers, Array, Dataset, Outcome, Parameters
+from dse.base.registry import fixed, param, register
 from dse.models.training import Generators, Training
-from dse.records import Answers, Array, Dataset, Outcome, Parameters
-from dse.registry import fixed, param, register
 from dse_papers.models.prototypes import clustered, drawn_surfaces, learnt_online
 from dse_papers.models.time_surfaces import Field, Memory, Prepared, Stream, neighbours, prepared
 
@@ -320,7 +320,7 @@ def _places(positions: Array) -> _Places:
 
 @dataclass(frozen=True)
 class _Inputs:
-    """The events of a data set's evaluated windows, in the order of the spikes (`dse.records.Spikes`)."""
+    """The events of a data set's evaluated windows, in the order of the spikes (`records.Spikes`)."""
 
     dataset: Dataset
     places: _Places

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dse.records import Array
+from dse.base.records import Array
 from dse_papers.models.time_surfaces import Field, Memory, Stream, prepared
 
 # Numbers of all surfaces that are clustered together: 32 MiB of float32, seconds of k-means.

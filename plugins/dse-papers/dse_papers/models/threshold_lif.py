@@ -1,7 +1,7 @@
 """One layer of LIF outputs behind relay neurons: the classifier of threshold encoding.
 
 The relay ("hidden") neurons are the encoder's spike trains, layer 0 of the network: they carry no weights and
-their spikes are the input spikes. An output is the LIF neuron of dse.neurons.lif with u_rest = 0 and
+their spikes are the input spikes. An output is the LIF neuron of dse.engine.neurons.lif with u_rest = 0 and
 (1 - k) R_m = 1, so that a spike of weight w moves it by w; as a record it is a CUBA-LIF layer whose current
 decays within the step, which is what makes decisions, energy and export those of any other network.
 
@@ -23,14 +23,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dse.base.records import Arithmetic, Array, Dataset, Layer, Network, Outcome, Response
+from dse.base.registry import param, register
 from dse.engine.events import gather
+from dse.engine.neurons import cuba_lif, lif, parameters_of
+from dse.engine.neurons.fixed_point import DECAY_SCALE, STATE_LIMIT, STATE_SCALE, WEIGHT_SCALE
 from dse.measure.heads import head_answers, head_sizes, head_targets, output_labels
 from dse.models.snn import respond
 from dse.models.training import Generators, Training
-from dse.neurons import cuba_lif, lif, parameters_of
-from dse.neurons.fixed_point import DECAY_SCALE, STATE_LIMIT, STATE_SCALE, WEIGHT_SCALE
-from dse.records import Arithmetic, Array, Dataset, Layer, Network, Outcome, Response
-from dse.registry import param, register
 
 _LARGEST_WEIGHT = 254 / WEIGHT_SCALE
 # In weights: half of what a 24-bit state holds, so that the input of a step fits above it.

@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dse.native.compiled import compiled
-from dse.records import Array
+from dse.base.native.compiled import compiled
+from dse.base.records import Array
 
 NEVER = np.iinfo(np.int64).min
 """Time of the last event where there was none."""

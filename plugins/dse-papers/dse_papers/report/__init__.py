@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from dse.registry import register
-from dse.report import Mark, ReportError, System, Table
+from dse.base.registry import register
+from dse.show.report import Mark, ReportError, System, Table
 
 if TYPE_CHECKING:
-    from dse.report.designs import StudyTask
-    from dse.report.rows import Row
+    from dse.show.report.designs import StudyTask
+    from dse.show.report.rows import Row
     from dse.study.results import Study
 
 _SHOWN = (

@@ -1,6 +1,7 @@
 """One paper: every number that it prints beside ours, how large ours was run, and how the set-ups differ.
 
-How set-ups differ need not be why a result differs: `dse.report.rows` has the causes that measurements show.
+How set-ups differ need not be why a result differs: `dse.show.report.rows` has the causes that measurements
+show.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from dse.config.resolved import front_end
-from dse.recordings.scene import SceneTrials
-from dse.report import ReportError
-from dse.report.designs import StudyTask, described, sections_of, tasks_of
-from dse.report.rows import shown_causes
+from dse.data.recordings.scene import SceneTrials
+from dse.show.report import ReportError
+from dse.show.report.designs import StudyTask, described, sections_of, tasks_of
+from dse.show.report.rows import shown_causes
 from dse.study.results import Study
 from dse_papers.report.facts import Fact, of_movement
 from dse_papers.report.ours import Measure, Ours, Side, missing

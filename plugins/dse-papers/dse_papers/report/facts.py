@@ -14,14 +14,14 @@ import numpy as np
 from dse.config import Sections
 from dse.config.faults import ConfigError
 from dse.config.values import plain
+from dse.data.recordings import RecordingError
+from dse.data.recordings.pooling import pooling
+from dse.data.recordings.scene import SceneTrials, Trials
+from dse.engine.neurons import izhikevich
 from dse.measure.decision import HUMAN_ACCURACY
-from dse.neurons import izhikevich
-from dse.recordings import RecordingError
-from dse.recordings.pooling import pooling
-from dse.recordings.scene import SceneTrials, Trials
-from dse.report.designs import StudyTask, record, sections_of
 from dse.scene.scene import Scene
 from dse.scene.surface import PRINTED_HEIGHT_MM
+from dse.show.report.designs import StudyTask, record, sections_of
 
 if TYPE_CHECKING:
     import pandas

@@ -19,16 +19,17 @@ from typing import Any
 
 import numpy as np
 
-from dse import registry, store
+from dse import store
+from dse.base import registry
+from dse.base.text import markdown
 from dse.config.yaml_lines import dump
-from dse.figures import draw
-from dse.figures.image import static_image
-from dse.recordings.scene import SceneTrials
-from dse.report.designs import best, sections_of
-from dse.report.rows import number
+from dse.data.recordings.scene import SceneTrials
+from dse.show.figures import draw
+from dse.show.figures.image import static_image
+from dse.show.report.designs import best, sections_of
+from dse.show.report.rows import number
 from dse.study.held import plain_space
 from dse.study.results import Study
-from dse.text import markdown
 from dse_papers.report.compare import PaperReport, fits, paper_report, sides_of
 from dse_papers.report.ours import Side
 from dse_papers.report.papers import Redrawn, publication

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dse.base.records import Array
 from dse.measure.objectives.accuracy import seeds_se, wilson_se
-from dse.records import Array
-from dse.report.designs import StudyTask, best, record
-from dse.report.rows import number
+from dse.show.report.designs import StudyTask, best, record
+from dse.show.report.rows import number
 from dse_papers.report.facts import Fact, Facts, facts_of
 from dse_papers.report.papers import Number
 

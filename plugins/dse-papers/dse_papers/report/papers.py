@@ -8,10 +8,10 @@ from functools import cache
 from importlib import resources
 from typing import Any, Literal, TypeVar
 
+from dse.base.registry import param
 from dse.config.values import read_object
 from dse.config.yaml_lines import Document, parse
-from dse.registry import param
-from dse.report import System
+from dse.show.report import System
 
 _FILE = "published.yaml"
 T = TypeVar("T")

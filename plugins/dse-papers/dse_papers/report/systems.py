@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse.measure.objectives.accuracy import seeds_se
-from dse.report import Mark
-from dse.report.designs import StudyTask, best, sections_of
-from dse.report.rows import Row, measured, number
+from dse.show.report import Mark
+from dse.show.report.designs import StudyTask, best, sections_of
+from dse.show.report.rows import Row, measured, number
 from dse.store import StoreError
 from dse_papers.report.correlation import spearman
 from dse_papers.report.ends import front_ends

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.report.designs import sections_of
+from dse.show.report.designs import sections_of
 from dse_papers.report.ours import (
     ACCURACY,
     SPREAD,

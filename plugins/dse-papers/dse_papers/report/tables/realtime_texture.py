@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dse.measure.decision import HUMAN_ACCURACY
-from dse.report.designs import best, full_read_outs
-from dse.report.rows import number
+from dse.show.report.designs import best, full_read_outs
+from dse.show.report.rows import number
 from dse_papers.report.ours import VALIDATION, Measure, Ours, Side, missing, of_column, over_runs
 from dse_papers.report.papers import publication
 

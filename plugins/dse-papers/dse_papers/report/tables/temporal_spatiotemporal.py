@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from dse.report.designs import StudyTask, best, sections_of
+from dse.show.report.designs import StudyTask, best, sections_of
 from dse_papers.report.facts import is_artificial, scene_of
 from dse_papers.report.ours import ACCURACY, Measure, Ours, Side, missing, of_column, over_runs
 

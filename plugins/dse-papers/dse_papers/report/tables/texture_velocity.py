@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dse.report.designs import StudyTask, best, sections_of
-from dse.report.rows import number
+from dse.show.report.designs import StudyTask, best, sections_of
+from dse.show.report.rows import number
 from dse_papers.report.correlation import spearman
 from dse_papers.report.ends import front_ends
 from dse_papers.report.facts import of_movement, scene_of
