@@ -23,6 +23,12 @@ Ints = NDArray[np.integer[Any]]
 Bools = NDArray[np.bool_]
 
 
+def ranges(first: Ints, length: Ints) -> Ints:
+    """Return first[0], first[0] + 1, ... of the given lengths, one range after the other."""
+    before = np.cumsum(length) - length
+    return np.asarray(np.repeat(first - before, length) + np.arange(int(length.sum())), dtype=np.int64)
+
+
 def sum_of_products(x: Array, y: Array) -> Floats:
     """Return the sum over the last axis of x times y, broadcast together, one term after the other.
 
@@ -156,6 +162,19 @@ class Spikes:
     @property
     def n_samples(self) -> int:
         return (len(self.row_offsets) - 1) // self.n_steps if self.n_steps else 0
+
+    def pieces(self, samples: Ints, first: Ints, n_steps: int) -> Self:
+        """Return steps first[k] .. first[k] + n_steps - 1 of sample samples[k] as samples."""
+        row = samples * self.n_steps + first
+        counts = np.diff(self.row_offsets)[ranges(row, np.full(len(row), n_steps))]
+        begin, end = self.row_offsets[row], self.row_offsets[row + n_steps]
+        index = ranges(begin, end - begin)
+        t_us = None
+        if self.t_us is not None:
+            since = np.repeat(np.rint(first * self.step_ms * 1000).astype(np.int64), end - begin)
+            t_us = (self.t_us[index] - since).astype(self.t_us.dtype)
+        offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        return replace(self, row_offsets=offsets, channel=self.channel[index], n_steps=n_steps, t_us=t_us)
 
 
 @dataclass(frozen=True)

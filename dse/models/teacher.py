@@ -20,9 +20,9 @@ import numpy as np
 
 from dse.base.records import Dataset, Floats
 from dse.config.contracts import FitRequest, Teacher, trains_in_cohorts
-from dse.data.recordings.windows import with_crops
 from dse.engine.goal import is_label
 from dse.measure.heads import head_sizes, head_slices, output_labels, softmax
+from dse.models.crops import fit_alone
 from dse.models.training import Generators, Training
 
 
@@ -89,7 +89,6 @@ class Teachers:
             if isinstance(outcome, Exception):
                 raise outcome
         else:
-            crops = 1 if getattr(teacher, "draws_crops", False) else training.crops
-            outcome = teacher.fit(with_crops(data, crops), training, rngs)
+            outcome = fit_alone(teacher, data, training, rngs)
         scores = teacher.scores(outcome.network, data, data.train)
         return scores, time.perf_counter() - began

@@ -40,11 +40,11 @@ from dse.config.resolved import Sections
 from dse.config.space import DecisionGrid
 from dse.data import dataset
 from dse.data.dataset.cache import usual_root
-from dse.data.recordings.windows import with_crops
 from dse.measure.hardware.profile import Profile
 from dse.measure.heads import head_sizes, head_slices
 from dse.measure.numbers import Numbers
 from dse.measure.run import Measurement, Moved, OfTargets, UnseenTargets, accuracies, measure
+from dse.models.crops import fit_alone
 from dse.search.cohorts import Demand
 from dse.study import checkpoints
 from dse.study.checkpoints import Checkpoint
@@ -303,7 +303,7 @@ def _outcomes(
     family = first.sections.model
     if not trains_in_cohorts(family):
         return (
-            (number, _alone(run.sections, data, _generators(run, prefix)))
+            (number, fit_alone(run.sections.model, data, run.sections.training, _generators(run, prefix)))
             for number, run in enumerate(job.runs)
         )
 
@@ -316,13 +316,6 @@ def _outcomes(
     if span is not None and has_rungs(family):
         return family.fit_span(data, designs, shared, job.device, job.threads, span)
     return family.fit_cohort(data, designs, shared, job.device, job.threads)
-
-
-def _alone(sections: Sections, data: Dataset, rngs: Generators) -> Outcome:
-    """Train a design alone, on crops as samples of their own unless its family draws crops."""
-    model, training = sections.model, sections.training
-    crops = 1 if getattr(model, "draws_crops", False) else training.crops
-    return model.fit(with_crops(data, crops), training, rngs)
 
 
 def fitted_again(folder: Path, record: RunRecord, parts: Sequence[str]) -> Network | Parameters:

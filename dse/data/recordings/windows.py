@@ -1,6 +1,6 @@
-"""Which steps of recordings a classifier sees: windows of one length, cut from long ones or padded; crops.
+"""Which steps of recordings a classifier sees: windows of one length, cut from long ones or padded.
 
-A window may move in training. For families that draw no crops, crops are samples of their own.
+A window may move in training.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import dataclasses
 
 import numpy as np
 
-from dse.base.records import Bools, Dataset, Floats, Ints, Rasters, Signals, Spikes
+from dse.base.records import Bools, Floats, Ints, Rasters, Signals, ranges
 from dse.config.settings import Window
 from dse.data.recordings import RecordingError, Recordings
 from dse.data.recordings.splits import NUMBER, ORIGINAL
@@ -134,7 +134,7 @@ def cut(recordings: Recordings, window: Window) -> Recordings:
     numbers = {ORIGINAL: original, NUMBER: number}
     columns = {name: values[original] for name, values in recordings.columns.items()} | numbers
     if isinstance(recordings, Rasters):
-        spikes = _pieces_of_spikes(recordings.spikes, original, number * every, cut_steps)
+        spikes = recordings.spikes.pieces(original, number * every, cut_steps)
         return dataclasses.replace(recordings, spikes=spikes, columns=columns)
     windows = _pieces(recordings, original, number * every, np.full(len(original), cut_steps))
     return dataclasses.replace(windows, columns=columns)
@@ -145,7 +145,7 @@ def _padded(recordings: Recordings, n_steps: int) -> Signals:
     if not isinstance(recordings, Signals):
         raise RecordingError("window.pad is for sampled signals")
     before, lengths = recordings.lengths, np.maximum(recordings.lengths, n_steps)
-    step = _ranges(np.zeros(len(lengths), np.int64), lengths)
+    step = ranges(np.zeros(len(lengths), np.int64), lengths)
     places = np.repeat(recordings.offsets[:-1], lengths) + np.minimum(step, np.repeat(before, lengths) - 1)
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     return dataclasses.replace(recordings, values=recordings.values[places], offsets=offsets)
@@ -161,66 +161,7 @@ def _windows(lengths: Ints, cut_steps: int, every: int) -> tuple[Ints, Ints]:
         )
     n_windows = (lengths - cut_steps) // every + 1
     original = np.repeat(np.arange(len(lengths)), n_windows)
-    return original, _ranges(np.zeros(len(lengths), dtype=np.int64), n_windows)
-
-
-def _ranges(first: Ints, length: Ints) -> Ints:
-    """Return first[0], first[0] + 1, ... of the given lengths, one range after the other."""
-    before = np.cumsum(length) - length
-    return np.asarray(np.repeat(first - before, length) + np.arange(int(length.sum())), dtype=np.int64)
-
-
-# ---- crops
-
-
-def crop_starts(low: int, high: int, n: int) -> Ints:
-    """Return at most n first steps, evenly spaced from the lowest to the highest, rising and distinct."""
-    return np.unique(np.rint(np.linspace(low, high, n)).astype(np.int64))
-
-
-def with_crops(data: Dataset, n: int) -> Dataset:
-    """Return a data set that trains on up to n windows of each training recording, as samples of their own.
-
-    The windows are evenly spaced over the range of training windows, fewer where it has fewer steps, and are
-    appended to the samples, those of a recording one after the other. With n = 1 the data set is as it was.
-    """
-    if n == 1:
-        return data
-    starts = [crop_starts(int(data.start_low[i]), int(data.start_high[i]), n) for i in data.train]
-    source = np.repeat(data.train, [len(x) for x in starts])
-    begin = np.concatenate([np.zeros(0, np.int64), *starts])
-    more = len(source)
-    names = ("start", "start_low", "start_high", "room_low", "room_high")
-    placed = {name: getattr(data, name) for name in names}
-    zeros = np.zeros(more, np.int32)
-    placed = {name: np.concatenate([x, zeros]) for name, x in placed.items() if x is not None}
-    return dataclasses.replace(
-        data,
-        spikes=_appended(data.spikes, source, begin, data.n_steps),
-        target=np.concatenate([data.target, data.target[source]]),
-        train=len(data.target) + np.arange(more),
-        **placed,
-    )
-
-
-def _appended(spikes: Spikes, samples: Ints, first: Ints, n_steps: int) -> Spikes:
-    """Return spikes with windows of some samples as further samples, whose remaining steps are empty.
-
-    samples, first: (m,) sample and first step of each window.
-    """
-    more = _pieces_of_spikes(spikes, samples, first, n_steps)
-    counts = np.zeros((len(samples), spikes.n_steps), np.int64)
-    counts[:, :n_steps] = np.diff(more.row_offsets).reshape(len(samples), n_steps)
-    ends = spikes.row_offsets[-1] + np.cumsum(counts)
-    t_us = None
-    if spikes.t_us is not None and more.t_us is not None:
-        t_us = np.concatenate([spikes.t_us, more.t_us])
-    return dataclasses.replace(
-        spikes,
-        row_offsets=np.concatenate([spikes.row_offsets, ends]),
-        channel=np.concatenate([spikes.channel, more.channel]),
-        t_us=t_us,
-    )
+    return original, ranges(np.zeros(len(lengths), dtype=np.int64), n_windows)
 
 
 # ---- pieces of recordings
@@ -230,23 +171,7 @@ def _pieces(signals: Signals, samples: Ints, first: Ints, lengths: Ints) -> Sign
     """Return steps first[k] .. first[k] + lengths[k] - 1 of recording samples[k] as recordings."""
     return dataclasses.replace(
         signals,
-        values=signals.values[_ranges(signals.offsets[samples] + first, lengths)],
+        values=signals.values[ranges(signals.offsets[samples] + first, lengths)],
         offsets=np.concatenate([[0], np.cumsum(lengths)]),
         columns={name: values[samples] for name, values in signals.columns.items()},
-    )
-
-
-def _pieces_of_spikes(spikes: Spikes, samples: Ints, first: Ints, n_steps: int) -> Spikes:
-    """Return steps first[k] .. first[k] + n_steps - 1 of sample samples[k] as samples."""
-    row = samples * spikes.n_steps + first
-    counts = np.diff(spikes.row_offsets)[_ranges(row, np.full(len(row), n_steps))]
-    begin, end = spikes.row_offsets[row], spikes.row_offsets[row + n_steps]
-    index = _ranges(begin, end - begin)
-    t_us = None
-    if spikes.t_us is not None:
-        since = np.repeat(np.rint(first * spikes.step_ms * 1000).astype(np.int64), end - begin)
-        t_us = (spikes.t_us[index] - since).astype(spikes.t_us.dtype)
-    offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    return dataclasses.replace(
-        spikes, row_offsets=offsets, channel=spikes.channel[index], n_steps=n_steps, t_us=t_us
     )
