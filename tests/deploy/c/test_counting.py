@@ -78,6 +78,18 @@ def test_answers_are_those_of_the_engine(model, read_out_ms, tmp_path):
     assert verdict.compiler.endswith("-Os")
 
 
+def test_where_nothing_varied_in_training_the_most_frequent_class_answers(tmp_path):
+    made, reference = fitted(NaiveBayes(), 101.0)
+    arrays = dict(made.fitted.arrays)
+    arrays |= {name: np.zeros_like(arrays[name]) for name in ("variance", "smoothing")}
+    arrays["log_prior"] = np.log(np.arange(1.0, 1.0 + len(made.classes)) / 10)
+    made = replace(made, fitted=replace(made.fitted, arrays=arrays))
+    data = reference.dataset
+    again = of_new(made, New(data, [], None, np.zeros(len(data.target), np.int64)), "made up")
+    assert set(again.label.tolist()) == {len(made.classes) - 1}
+    nets.faithful(C99(), made, again, tmp_path)
+
+
 @pytest.mark.parametrize(
     "model",
     [
