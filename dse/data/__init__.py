@@ -5,6 +5,9 @@
 
 Each function returns section `data` of a search space. Workers, bundles and later sessions read the file,
 which is named by its contents unless a name is given.
+
+The room: files become recordings (`recordings`), recordings spikes (`preprocessing`, `encoders`), and those
+data sets that are prepared once (`dataset`); `look` and `starter` guess what files hold, for `dse init`.
 """
 
 from __future__ import annotations
