@@ -411,8 +411,7 @@ class Answers:
     input_spikes: (n, k) int64 input spikes until then.
     event_macs, event_additions: (k,) the same work where each input spike adds the weights that it meets;
         None of a family without such a reading.
-    program: (k,) mean times of each kind of work of its C (`dse.measure.hardware.kinds.processor`); empty: no
-        C.
+    program: (k,) mean times of each kind of work of its C (`hardware.kinds.processor`); empty: no C.
     stored_bits: bits that its C takes per stored number; None: there is no C.
     """
 
@@ -445,9 +444,8 @@ class Workload:
     cores: per layer after the input, the number of cores that it occupies; None: as few as possible.
     pipeline_steps: steps from n_steps until the decision has passed through the layers; decision times of
         trained networks include them.
-    resonators: per layer after the input, how many of its neurons resonate (dse.engine.neurons.resonator):
-        four multiplications per update, where others have two, by two 12-bit factors of their own; None:
-        none.
+    resonators: per layer after the input, how many of its neurons resonate (neurons.resonator): four
+        multiplications per update, where others have two, by two 12-bit factors of their own; None: none.
     awake: (..., layer - 1) steps in which any neuron of a layer is updated; None: as many as its updates, at
         most all.
     copies: delayed copies of the input channels among the inputs, the undelayed ones included.
@@ -634,8 +632,7 @@ class Operations:
     number_bits: bits per stored number and per operand, as measured.
     event_macs, event_additions: as `macs` and `additions` where each input spike is processed on its own;
         both None of a classifier without such a reading.
-    program: (...) times of each kind of work of its C (`dse.measure.hardware.kinds.processor`); empty: there
-        is none.
+    program: (...) times of each kind of work of its C (`hardware.kinds.processor`); empty: there is none.
     stored_bits: bits that its C takes per stored number; None: there is none, or it is not known.
     """
 

@@ -301,8 +301,7 @@ def scan(
         place: where the block's first step of the sample lies.
         n_steps, width: of the block.
         keep_u, keep_v: (column,) factors of the states; they have the states' precision.
-        cross: (4 * column,) dse.engine.neurons.resonator.Cross, one after the other; empty: CUBA-LIF neurons
-            alone.
+        cross: (4 * column,) neurons.resonator.Cross, one after the other; empty: CUBA-LIF neurons alone.
         column: the block's first column.
         threshold: in the states' units.
         scale: the states' units per weight unit.

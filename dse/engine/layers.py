@@ -90,8 +90,7 @@ class KernelLayer(NamedTuple):
     table, ring: int8 or floating weights; `ring` is empty where there is none.
     table_unit, ring_unit: weight units per unit of the matrix.
     keep_u, keep_v: factors in the states' precision; back_u, back_v: in the gradients'.
-    cross, back_cross: (4 * n_columns,) dse.engine.neurons.resonator.Cross likewise; empty: CUBA-LIF neurons
-        alone.
+    cross, back_cross: (4 * n_columns,) neurons.resonator.Cross likewise; empty: CUBA-LIF neurons alone.
     threshold, scale: of the states: units, and units per weight unit.
     surrogate: (centre, -log2(e) / width, height, exponent below which it is cut).
     n_neurons: without those that pad.

@@ -149,7 +149,7 @@ def rotate(state: State, cosine: Ints, sine: Ints, calculus: Calculus) -> State:
 @register("neurons", "resonator")
 @dataclass(frozen=True)
 class Resonator(cuba_lif.CubaLif):
-    """Resonators and, beside them and as outputs, CUBA-LIF neurons (equations: at the top of this file)."""
+    """Resonators; other neurons and the outputs are CUBA-LIF (equations: dse.engine.neurons.resonator)."""
 
     Populations = Population
     label = "resonating"

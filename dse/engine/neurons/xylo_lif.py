@@ -121,7 +121,7 @@ def _decayed(x: Array, shift: Ints, calculus: Calculus) -> Array:
 @register("neurons", "xylo_lif")
 @dataclass(frozen=True)
 class XyloLif(Neuron):
-    """Integrate-and-fire as on SynSense Xylo: decay by bit shifts (equations: at the top of this file)."""
+    """Integrate-and-fire as on SynSense Xylo: decays by shifts (equations: dse.engine.neurons.xylo_lif)."""
 
     Populations: ClassVar[type[Any]] = Population
     label = "bit-shift integrate-and-fire"

@@ -70,8 +70,8 @@ def report(studies: Sequence[Study], hardware: Sequence[str] = ()) -> Report:
     ]
     notes += [*of_readers(parts), *(text for part in parts for text in _leaks(part))]
     for study in studies:
-        said = [*health.failures(study.trials), *health.faults(study.trials)]
-        notes += [f"{study.folder.name}: {text}" for text in said]
+        sentences = [*health.failures(study.trials), *health.faults(study.trials)]
+        notes += [f"{study.folder.name}: {text}" for text in sentences]
         notes += _warnings(study)
     audits = {study.folder.name: audit for study in studies if (audit := study.audit) is not None}
     for name, audit in audits.items():
