@@ -16,7 +16,7 @@ from dse.data.recordings.arrays import cells_of
 from dse.data.recordings.events import event_faults
 from dse.data.recordings.formats.arrays import UNITS_US, USUAL
 from dse.data.recordings.source import label_columns
-from dse.data.recordings.time_series import USUAL_AXES, are_axes, of_cube
+from dse.data.recordings.time_series import FRAMES, USUAL_AXES, are_axes, of_cube
 
 FOLDER = "recordings"
 """Where files go that are given no name, below the working folder."""
@@ -37,9 +37,9 @@ def from_arrays(
     """Return section `data` for sampled recordings, which are written to an .npz file.
 
     Args:
-        signals: (recording, step, channel), (recording, step) of one channel such as scikit-learn's X, or a
-            list of recordings of different lengths, (step, channel) or (step,) each; also tensors and data
-            frames.
+        signals: (recording, step, channel), (recording, step) of one channel such as scikit-learn's X,
+            (recording, step, row, column), or a list of recordings of different lengths, (step, channel) or
+            (step,) each; also tensors and data frames.
         labels: (recording,) numbers or texts, which become the label column `label`, or a mapping from the
             names of label columns to these.
         step_ms: sampling period.
@@ -62,7 +62,7 @@ def from_arrays(
             raise RecordingError("signals must hold at least one recording, got none")
         cube, axes = cells_of([_recording(np.asarray(x), axes, i) for i, x in enumerate(cube)]), None
     else:
-        axes = axes or " ".join(USUAL_AXES[: cube.ndim])
+        axes = axes or " ".join(FRAMES if cube.ndim == len(FRAMES) else USUAL_AXES[: cube.ndim])
         if not are_axes(axes.split()) or len(axes.split()) != cube.ndim:
             raise RecordingError(
                 f"signals must be ({', '.join(axes.split())}), with axes recording, step and perhaps "

@@ -5,6 +5,7 @@ A guess is made from names, types and shapes; each one is stated, so that it can
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -50,6 +51,9 @@ _FEWEST_SAMPLES = 4
 """Sample columns that make a table a wide one."""
 _JITTER = 0.1  # share of a step by which times may differ without a word
 _STRAY = 0.1  # share of cells without a number that a column of numbers may have by mistake
+_SOME = 32  # recordings that tell which axis has the steps
+_CLEARLY = 0.2  # by which the neighbours on an axis of steps correlate more, where these are not the most
+_POLARITIES = 2
 _WIDEST = 1 << 15  # addresses of a frame that is not known yet
 
 
@@ -434,11 +438,11 @@ class _Looking:
             self.assumed.append(
                 f"'{signal}' holds {n} recordings of {shape[2]} channels, of different lengths"
             )
-        elif len(shape) in (2, 3):
-            axes = _axes(shape, set(names.values()))
+        elif len(shape) in (2, 3, 4):
+            samples = arrays.load(path, [signal])[signal]
+            axes = _axes(samples, set(names.values()))
             n = shape[axes.index("recording")]
             sizes = ", ".join(f"{size} {name}s" for name, size in zip(axes, shape, strict=True))
-            samples = arrays.load(path, [signal])[signal]
             if samples.dtype.kind in "bu" and samples.max(initial=0) <= 1:
                 named = " ".join("sample" if name == "recording" else name for name in axes)
                 data = {"kind": "raster", **data, "array": signal, "axes": named}
@@ -448,7 +452,7 @@ class _Looking:
                 data = series | ({} if usual else {"axes": " ".join(axes)})
             self.assumed.append(f"'{signal}' is ({sizes})")
         else:
-            raise self._refuse(f"'{signal}' must have 2 or 3 axes, got shape {shape}; --signal NAME")
+            raise self._refuse(f"'{signal}' must have 2 to 4 axes, got shape {shape}; --signal NAME")
         candidates = [name for name, length in names.items() if length == n]
         values = {name: labels[name] for name in candidates} if labels else arrays.load(path, candidates)
         guess = self._with_labels(data | beside, values, n, {} if label_file else vectors)
@@ -475,16 +479,14 @@ class _Looking:
         it, else the longest.
         """
         sizes = shapes[signal]
-        recording, step, others = _recording_and_step(sizes, n_labels)
+        recording, others = _recording_axis(sizes, n_labels)
+        step = max(others, key=lambda k: sizes[k])
         full = [size * (8 if k == step else 1) for k, size in enumerate(sizes)]
         of_shape = (x for x, shape in shapes.items() if shape == (len(sizes),) and "shape" in x.lower())
         if (name := next(of_shape, None)) is not None:
             full = arrays.load(self.path, [name])[name].tolist()
             step = next((k for k in others if full[k] != sizes[k]), step)
-        rest = [k for k in others if k != step]
-        named = {k: "polarity" if sizes[k] == 2 else "taxel" if k == rest[0] else f"axis_{k}" for k in rest}
-        named |= {recording: "sample", step: "step"} | ({rest[0]: "channel"} if len(rest) == 1 else {})
-        axes = " ".join(named[k] for k in range(len(sizes)))
+        axes = " ".join(_names_of(sizes, {recording: "sample", step: "step"}))
         self.assumed.append(
             f"'{signal}' is ({axes}) = {tuple(full)} of spikes, packed as bits along its steps"
         )
@@ -614,10 +616,10 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _largest(shapes: arrays.Shapes) -> str | None:
-    """Return the array of packed bits, or that with most values among those of two or three axes."""
+    """Return the array of packed bits, or that with most values among those of two to four axes."""
     if packed := next((name for name, x in shapes.items() if "packed" in name.lower() and len(x) > 1), None):
         return packed
-    sizes = {name: abs(int(np.prod(shape))) for name, shape in shapes.items() if len(shape) in (2, 3)}
+    sizes = {name: abs(int(np.prod(shape))) for name, shape in shapes.items() if len(shape) in (2, 3, 4)}
     ragged = [name for name, shape in shapes.items() if -1 in shape]
     return ragged[0] if ragged else max(sizes, key=lambda name: sizes[name], default=None)
 
@@ -628,17 +630,45 @@ def _are_borders(path: Path, name: str, n_rows: int) -> bool:
     return bool(ends and (np.diff(borders.astype(np.int64)) > 0).all())
 
 
-def _axes(shape: tuple[int, ...], n_labels: set[int]) -> list[str]:
-    """Return names of axes: recordings are as many as labels, and steps are more than channels."""
-    recording, step, _ = _recording_and_step(shape, n_labels)
-    return ["recording" if k == recording else "step" if k == step else "channel" for k in range(len(shape))]
+def _axes(samples: Array, n_labels: set[int]) -> list[str]:
+    """Return names of axes: recordings are as many as labels; steps are those of frames, smooth or many."""
+    recording, others = _recording_axis(samples.shape, n_labels)
+    n = samples.shape[recording]
+    some = np.take(samples, np.arange(0, n, max(1, n // _SOME)), recording)
+    places = [k for k in others if samples.shape[k] != _POLARITIES] or others
+    if len(places) == 3:  # rows and columns are neighbours, and more alike than either is like steps
+        before, between, after = (math.log(max(1, samples.shape[k])) for k in places)
+        step = places[0] if abs(between - after) <= abs(before - between) else places[2]
+    else:
+        step = max(places, key=lambda k: samples.shape[k])
+        step = max(places, key=lambda k: _smoothness(some, k) + (_CLEARLY if k == step else 0.0))
+    return _names_of(samples.shape, {recording: "recording", step: "step"})
 
 
-def _recording_and_step(shape: tuple[int, ...], n_labels: set[int]) -> tuple[int, int, list[int]]:
-    """Return the axes of recordings, as many as labels, and of steps, the longest other; and all others."""
-    recording = next((k for k, size in enumerate(shape) if size in n_labels), 0)
-    others = [k for k in range(len(shape)) if k != recording]
-    return recording, max(others, key=lambda k: shape[k]), others
+def _smoothness(samples: Array, axis: int) -> float:
+    """Return the correlation of neighbours on an axis, without what is constant along it."""
+    if samples.dtype.kind not in "biuf":
+        return 0.0
+    values = np.moveaxis(np.where(np.isfinite(samples), samples, 0).astype(float), axis, 0)
+    values -= values.mean(axis=0)
+    return float((values[1:] * values[:-1]).sum() / max((values**2).sum(), np.finfo(float).tiny))
+
+
+def _recording_axis(sizes: tuple[int, ...], n_labels: set[int]) -> tuple[int, list[int]]:
+    """Return the axis of recordings, as many as labels, and the others."""
+    recording = next((k for k, size in enumerate(sizes) if size in n_labels), 0)
+    return recording, [k for k in range(len(sizes)) if k != recording]
+
+
+def _names_of(sizes: tuple[int, ...], known: Mapping[int, str]) -> list[str]:
+    """Return the names of all axes; of several others, one of two is polarity."""
+    rest = [k for k in range(len(sizes)) if k not in known]
+    planes = [k for k in rest if sizes[k] == _POLARITIES][: len(rest) > 1]
+    places = [k for k in rest if k not in planes]
+    usual = {1: ["taxel" if planes else "channel"], 2: ["row", "column"]}
+    names = {**known, **dict.fromkeys(planes, "polarity")}
+    names |= zip(places, usual.get(len(places), [f"axis_{k}" for k in places]), strict=True)
+    return [names[k] for k in range(len(sizes))]
 
 
 def _class_names(path: Path, vectors: Mapping[str, int], labels: Mapping[str, Array]) -> dict[str, str]:

@@ -180,6 +180,38 @@ def test_packed_bits_are_read(capsys, axis):
     assert answered(capsys, "check", "spikes.yaml")[0]["classes"] == ["0", "1"]
 
 
+@pytest.mark.parametrize(
+    ("shape", "axes"),
+    [
+        ((30, 40, 6), None),
+        ((30, 6, 40), "recording channel step"),
+        ((30, 40, 90), None),  # neighbouring samples are alike
+        ((90, 40, 30), "channel step recording"),
+        ((30, 40, 4, 4), "recording step row column"),
+        ((30, 20, 32, 32), "recording step row column"),
+        ((30, 5, 6, 40), "recording row column step"),
+        ((30, 40), "recording step"),
+    ],
+)
+def test_the_axis_of_steps_is_found_by_the_signal(shape, axes):
+    rng = np.random.default_rng(4)
+    step = (axes or "recording step channel").split().index("step")
+    signal = rng.normal(size=shape).cumsum(axis=step)
+    np.savez("touch.npz", signal=signal, label=np.arange(30) % 3)
+    space = dse.load_space(dse.init("touch.npz", "touch.yaml", step_ms=4))
+    assert space.data.axes == axes
+    signals = space.data.read(Path())
+    assert (np.diff(signals.offsets) == shape[step]).all()
+    assert signals.n_channels == signal.size // 30 // shape[step]
+
+
+def test_the_longer_axis_has_the_steps_where_the_signal_does_not_tell():
+    rng = np.random.default_rng(4)
+    signal = rng.normal(size=(30, 40, 12)) + 5 * rng.normal(size=(30, 40, 1))  # what all channels share
+    np.savez("touch.npz", signal=signal, label=np.arange(30) % 3)
+    assert dse.load_space(dse.init("touch.npz", "touch.yaml", step_ms=4)).data.axes is None
+
+
 @pytest.fixture
 def space():
     """A search space, `x.yaml`, for the arrays of `x.npz`."""

@@ -282,6 +282,23 @@ def test_a_finite_space_of_several_kinds_is_asked_to_its_end(name, tmp_path, kno
     assert sorted(map(seeds.design_key, designs)) == sorted(map(seeds.design_key, grid(space)))
 
 
+def test_where_time_may_end_the_search_families_take_turns_first(tmp_path, known):
+    search = "sampler: grid, batch: 4"
+    with_time = load_space(
+        write_space(tmp_path, (search, f"{search}, stop: {{minutes: 9}}"), text=families.SPACE)
+    )
+    space = dataclasses.replace(with_time, search=dataclasses.replace(with_time.search, stop=None))
+    sampler, whole = start("grid", with_time), grid(space)
+    told = whole[::5]
+    sampler.tell(told, measured(told))
+    designs = sampler.ask(9999)
+    kinds = [space.axes["model.kind"].values.index(design["model.kind"]) for design in designs]
+    assert kinds == sorted(kinds) and len({*kinds}) == 3
+    assert len({design["encoder.kind"] for design in designs if design["model.kind"] == "snn"}) == 2
+    assert sorted(map(seeds.design_key, designs + told)) == sorted(map(seeds.design_key, whole))
+    assert all(design in whole and [*design] == [*whole[whole.index(design)]] for design in designs)
+
+
 @pytest.mark.parametrize("name", OPEN)
 def test_a_kind_without_axes_does_not_end_an_open_search(name, tmp_path, known):
     """What a sampler likes best may be used up long before the space is."""

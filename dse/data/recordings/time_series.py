@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ from dse.data.recordings import RecordingError, arrays
 from dse.data.recordings.source import Sampled, class_names_key, end_to_end, in_a_row, unpadded
 
 USUAL_AXES = ("recording", "step", "channel")
+FRAMES = ("recording", "step", "row", "column")
 
 
 @register("recordings", "time_series")
@@ -23,8 +25,8 @@ class TimeSeries(Sampled):
     """Sampled recordings of an .npz, .npy, .mat or .h5 file.
 
     `signal` is (sum of lengths, channel) with `offsets`, recording i being signal[offsets[i]:offsets[i+1]],
-    or (recording, sample, channel) without. The array of an .npy file is named `array`; a cell of matrices in
-    an .mat file holds recordings of different lengths.
+    or (recording, sample, channel) without; `axes` names other orders. The array of an .npy file is named
+    `array`; a cell of matrices in an .mat file holds recordings of different lengths.
     """
 
     signal: str = fixed("signal", doc="name of the array of samples")
@@ -36,8 +38,8 @@ class TimeSeries(Sampled):
     class_names: Mapping[str, str] = class_names_key()
     axes: str | None = fixed(
         None,
-        doc="order of the axes of a cube, e.g. 'step channel recording'; 'recording step': one channel "
-        "(default: recording step channel)",
+        doc="order of the axes of a cube, e.g. 'step channel recording' or 'recording step row column'; "
+        "those beside recording and step are flattened into channels (default: recording step channel)",
     )
 
     def __post_init__(self) -> None:
@@ -46,7 +48,7 @@ class TimeSeries(Sampled):
             raise RecordingError("data.axes must be absent where data.offsets is given")
         if self.axes is not None and not are_axes(self.axes.split()):
             raise RecordingError(
-                f"data.axes must name recording, step and perhaps channel, each once, got '{self.axes}'"
+                f"data.axes must name each axis once, among them recording and step, got '{self.axes}'"
             )
 
     def _names(self) -> list[str]:
@@ -62,7 +64,9 @@ class TimeSeries(Sampled):
         names = self.axes.split() if self.axes is not None else names
         if len(shape) != len(names):
             return {"recording": shape[0]} if shape else {}
-        return {"channel": 1} | dict(zip(names, shape, strict=True))
+        sizes = dict(zip(names, shape, strict=True))
+        n_channels = math.prod(size for name, size in sizes.items() if name not in USUAL_AXES[:2])
+        return {"recording": sizes["recording"], "channel": n_channels}
 
     def _count(self, shapes: arrays.Shapes) -> int | None:
         return self._sizes(shapes).get("recording")
@@ -85,7 +89,7 @@ class TimeSeries(Sampled):
 
 def are_axes(names: Sequence[str]) -> bool:
     """Return whether these are the axes of a cube, in any order; one channel needs no axis."""
-    return sorted(names) in (["channel", "recording", "step"], ["recording", "step"])
+    return len({*names}) == len(names) and {*USUAL_AXES[:2]} <= {*names}
 
 
 def of_cube(signal: Array, axes: str | None, where: str, hint: str = "") -> tuple[Array, Ints]:
@@ -111,9 +115,8 @@ def of_cube(signal: Array, axes: str | None, where: str, hint: str = "") -> tupl
         raise RecordingError(
             f"{where} must be ({', '.join(names)}) without offsets, got shape {signal.shape}{hint}"
         )
-    if "channel" not in names:
-        signal, names = signal[..., None], [*names, "channel"]
-    return end_to_end(signal.transpose([names.index(name) for name in USUAL_AXES]), None, where)
+    signal = np.moveaxis(signal, [names.index(name) for name in USUAL_AXES[:2]], [0, 1])
+    return end_to_end(signal.reshape(*signal.shape[:2], math.prod(signal.shape[2:])), None, where)
 
 
 @register("recordings", "wide_table")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from dse.base.registry import register
 from dse.config.contracts import SamplerSettings
@@ -15,9 +15,13 @@ from dse.search.space import design_at, index_of
 
 
 @register("search.samplers", "grid")
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Grid(SamplerSettings):
-    """Every combination of the axes' values, in order; ranges need a step."""
+    """Every combination of the axes' values, in order; ranges need a step.
+
+    Where time may end the search, families take turns first: what is cheap to train, such as the classifiers
+    that `dse init` puts before networks, is then in the tables with every encoder.
+    """
 
     @classmethod
     def faults(cls, part: Part, space: Written) -> Iterator[KeyFault]:
@@ -44,7 +48,10 @@ class _GridSampler(Limited):
             raise ValueError(
                 "the grid sampler needs axes with a choice or a step, got a range without a step"
             )
-        self._space = space
+        self._space, self._names = space, [*space.axes]
+        if space.search.stop is not None:
+            axes = dict(sorted(space.axes.items(), key=lambda item: item[1].place[0] != "model"))
+            self._space = dataclasses.replace(space, axes=axes)
         self._total = total
         self._next = 0
         self._proposed: set[int] = set()
@@ -55,7 +62,8 @@ class _GridSampler(Limited):
         while len(designs) < n and self._next < self._total:
             if self._next not in self._proposed:
                 self._proposed.add(self._next)
-                design = design_at(self._space, self._next)
+                found = design_at(self._space, self._next)
+                design = {name: found[name] for name in self._names if name in found}
                 if not self._refuses(design):
                     designs.append(design)
             self._next += 1

@@ -84,11 +84,22 @@ def test_one_channel_needs_no_axis_of_its_own(tmp_path):
     signals = TimeSeries("x.npy", 4, "array", axes="recording step").read(tmp_path)
     assert signals.values.ravel().tolist() == CUBE[..., 0].ravel().tolist()
     for keys, message in (
-        ({"axes": "recording time"}, "must name recording, step and perhaps channel, each once"),
+        ({"axes": "recording time"}, "must name each axis once, among them recording and step"),
+        ({"axes": "recording step step"}, "must name each axis once"),
         ({"axes": "recording step", "offsets": "o"}, "data.axes must be absent where data.offsets is given"),
     ):
         with pytest.raises(RecordingError, match=message):
             TimeSeries("x.npy", 4, "array", **keys)
+
+
+@pytest.mark.parametrize("axes", ["recording step row column", "row column step recording"])
+def test_frames_of_an_array_of_taxels_are_channels_in_the_order_of_the_file(tmp_path, axes):
+    frames = np.arange(2 * 5 * 3 * 4).reshape(2, 5, 3, 4)
+    usual = ("recording", "step", "row", "column")
+    np.save(tmp_path / "x.npy", frames.transpose([usual.index(name) for name in axes.split()]))
+    source = TimeSeries("x.npy", 4, "array", axes=axes)
+    assert source.check(tmp_path) == [] and len(source.channel_positions(tmp_path)) == 12
+    assert source.read(tmp_path).values.tolist() == frames.reshape(10, 12).tolist()
 
 
 def test_faults_name_the_file_and_what_is_wrong(tmp_path):
