@@ -45,7 +45,7 @@ COLUMNS = [
 
 
 def compared(first: Any, longer: Any) -> list[tuple[Any, ...]]:
-    """Return a row per budget: the picks of both, and whether their families, and their kinds, are the same."""
+    """Return a row per budget: the picks of both, and whether their families and kinds are the same."""
     energies = first.points().query(f"hardware == '{CHIP}'")["energy_uj"]
     rows: list[tuple[Any, ...]] = []
     for share in SHARES:
